@@ -8,11 +8,11 @@
 # make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
 #              commit gives the same bytes in any folder
 # make lib     build/lib and build/include: librastercov for C, without Python; docs/c.md
-# make wasm    rastercov/viewer/page/{engine,lens}.wasm: the engine of pages that compute, by Zig's compiler;
+# make wasm    rastercov/page/web/{engine,lens,readers}.wasm: the engine of pages that compute, by Zig's compiler;
 #              a wheel has it. A checkout without it writes pages with recorded figures
 # make sanitize  tests of the loops with checked indices, under address, undefined and thread
 #              sanitizers; TESTS=tests/mesh takes some
-# make stubs   rastercov/native/*.pyi, types of the loops for mypy and editors, as `make lint` does
+# make stubs   rastercov/engine/*.pyi, types of the loops for mypy and editors, as `make lint` does
 # make docs    the documentation as a site, docs/_build/html, without a network
 # make bench   all figures of the documentation, side by side with a ray tracer, to build/bench; under
 #              an hour. MESHES=DIR measures the mesh files there, too
@@ -43,8 +43,8 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
 APT := $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get -qq
 HAS_EGL = $(BIN)/python -c 'import ctypes; ctypes.CDLL("libEGL.so.1")'
 INSTALL_MESA = $(APT) update; $(APT) install -y --no-install-recommends $(MESA)
-HAS_OPENGL = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context().release()'
-HAS_OSMESA = $(BIN)/python -c 'from rastercov.raster.gl.context import open_context; open_context("osmesa").release()'
+HAS_OPENGL = $(BIN)/python -c 'from rastercov.gl.context import open_context; open_context().release()'
+HAS_OSMESA = $(BIN)/python -c 'from rastercov.gl.context import open_context; open_context("osmesa").release()'
 OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-9]'
 # One thread of Mesa and of numpy a process: tests run in two processes. Those that they start find
 # the modules compiled, wherever the environment forbids Python to keep them.
@@ -54,11 +54,11 @@ TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS
 BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=2.1' cmake ninja
 NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
-CONFIGURED = -G Ninja -S rastercov/native -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $(CACHE) $$(cat $(VENV)/compiler)
-C_CONFIGURED = -G Ninja -S rastercov/native/c -DRASTERCOV_TESTS=ON -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
-CPP := $(wildcard tests/native/cpp/*.?pp rastercov/native/c/without_python/*.?pp \
-	rastercov/native/c/wasm/*.?pp rastercov/native/c/wasm/*/*.?pp rastercov/native/*.?pp rastercov/native/*/*.?pp \
-	rastercov/native/*/*.h rastercov/native/c/without_python/*/*/*.h examples/c/*.c benchmarks/*.cpp)
+CONFIGURED = -G Ninja -S rastercov/engine -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $(CACHE) $$(cat $(VENV)/compiler)
+C_CONFIGURED = -G Ninja -S rastercov/engine/c -DRASTERCOV_TESTS=ON -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
+CPP := $(wildcard tests/native/cpp/*.?pp rastercov/engine/c/without_python/*.?pp \
+	rastercov/engine/c/wasm/*.?pp rastercov/engine/c/wasm/*/*.?pp rastercov/engine/*.?pp rastercov/engine/*/*.?pp \
+	rastercov/engine/*/*.h rastercov/engine/c/without_python/*/*/*.h examples/c/*.c benchmarks/*.cpp)
 # ON: a warning of the compiler ends the build, as in CI; not that of a user.
 WERROR ?= OFF
 # The target of CMake: the processor's own level, all that it can run, or all known ones.
@@ -69,11 +69,12 @@ ARCHS ?= $(shell uname -m)
 TESTS ?= tests
 # Sources that changed since clang-tidy last found nothing, all where a header did, with the flags of
 # what compiles them.
-TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/native -name '*.h*' -newer build/native/tidied),,-newer build/native/tidied))
-TIDY = sh -c 'find rastercov/native -mindepth 2 -name "*.cpp" ! -path "*/wasm/*" $(TIDIED) \
+TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/engine -name '*.h*' -newer build/native/tidied),,-newer build/native/tidied))
+TIDY = sh -c 'find rastercov/engine -mindepth 2 -name "*.cpp" ! -path "*/wasm/*" $(TIDIED) \
 	-printf "%P\n" | sed -E "s,^c/.*,build/c &,; t; s,^,$(NATIVE) ," \
-	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/native/\$$1"'
-# What wasm-opt may use: what browsers of 2021 have.
+	| xargs -r -L 1 -P $$(nproc) sh -c "$(BIN)/clang-tidy --quiet -p \$$0 rastercov/engine/\$$1"'
+# Modules of the page, and what wasm-opt may use: what browsers of 2021 have.
+MODULES := engine lens readers
 WASM := $(patsubst %,--enable-%,simd bulk-memory nontrapping-float-to-int sign-ext mutable-globals)
 BIOME := .ci/javascript/node_modules
 # The target `native` compiles the loops, and shows how far it is.
@@ -111,6 +112,7 @@ lint: stubs build/c/build.ninja
 	$(BIN)/ruff check
 	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
+	@$(BIN)/python .ci/functions.py
 	$(BIN)/mypy
 	$(BIN)/mypy --config-file .ci/benchmarks.ini
 	@if command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(BIOME); then $(BIOME)/.bin/biome lint --error-on-warnings; \
@@ -144,18 +146,20 @@ lib: build/c/build.ninja
 
 # Of one thread, for any browser of 2021 or later. Equal bytes in any folder.
 wasm: $(VENV)/tools $(VENV)/compiler-dist
-	@$(STEP) "configuring the engine for pages" $(CMAKE) -B build/wasm -G Ninja -S rastercov/native/c \
+	@$(STEP) "configuring the engine for pages" $(CMAKE) -B build/wasm -G Ninja -S rastercov/engine/c \
 	$$(cat $(VENV)/compiler-dist) -DCMAKE_CXX_COMPILER_TARGET=wasm32-wasi -DRASTERCOV_WASM=ON \
 	-DCMAKE_SYSTEM_NAME=Generic -DCMAKE_TRY_COMPILE_TARGET_TYPE=STATIC_LIBRARY \
 	-DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python && \
 	step "compiling it, about two minutes at first" $(CMAKE) --build build/wasm && \
-	cp build/wasm/engine.wasm build/wasm/lens.wasm rastercov/viewer/page
+	cp $(MODULES:%=build/wasm/%.wasm) rastercov/page/web
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
-	for module in engine lens; do $(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $(WASM) build/wasm/$$module.wasm \
-	-o rastercov/viewer/page/$$module.wasm || exit 2; done; } || \
+	for module in $(MODULES); do \
+	[ $$module = lens ] && more="--flatten --rereloop --code-folding -Os" || more=; \
+	$(STEP) "shrinking $$module.wasm, some seconds" \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions -Os $$more $(WASM) build/wasm/$$module.wasm \
+	-o rastercov/page/web/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
-	@sha256sum rastercov/viewer/page/engine.wasm rastercov/viewer/page/lens.wasm
+	@sha256sum $(MODULES:%=rastercov/page/web/%.wasm)
 
 # Binaryen's wasm-opt of one release, from npm.
 $(VENV)/binaryen:

@@ -109,11 +109,11 @@ class Page:
 
 def without(paths: list[Path], names: re.Pattern[str], pages: set[str]) -> list[str]:
     """Delete from pages what is lost with a feature; the sentences that go."""
-    found = []
+    items = []
     for path in paths:
         page = Page(path.read_text(encoding="utf-8"), names, pages)
         text = page.without()
         if text != page.text:
             path.write_text(text, encoding="utf-8")
-        found += page.sentences
-    return found
+        items += page.sentences
+    return items

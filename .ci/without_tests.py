@@ -71,18 +71,18 @@ def without(folder: Path, lost: Lost) -> dict[str, list[str]]:
                 lost.files |= names_of(file.name)
             elif lost.modules.get(stem, 0) is not None:
                 lost.modules[stem] = file.lost
-    found: dict[str, list[str]] = {"gone": [], "parts": [], "programs": []}
+    texts_by_key: dict[str, list[str]] = {"gone": [], "parts": [], "programs": []}
     for file in files:
         file.write()
-        found["gone"] += [
+        texts_by_key["gone"] += [
             f"{file.name}::{each}: {file.why.get(each, '')[:60]}"
             for each in sorted(file.lost)
             if is_test(each)
         ]
-        found["parts"] += [f"{file.name}::{each}" for each in sorted(file.cut - file.lost)]
+        texts_by_key["parts"] += [f"{file.name}::{each}" for each in sorted(file.cut - file.lost)]
         if file.is_gone() and not file.name.startswith("tests/"):
-            found["programs"].append(file.name)
-    return found
+            texts_by_key["programs"].append(file.name)
+    return texts_by_key
 
 
 def names_of(file: str) -> set[str]:
@@ -358,17 +358,17 @@ def tables_of(node: ast.stmt) -> Iterator[tuple[Table, list[ast.expr]]]:
     """Tables of a statement, with ids: its value; parameters, loops and lists of a test."""
     targets = getattr(node, "targets", ())
     is_record = any(isinstance(each, ast.Tuple | ast.List) for each in targets)
-    found = [] if is_record else [(getattr(node, "value", None), None)]
+    items = [] if is_record else [(getattr(node, "value", None), None)]
     if isinstance(node, ast.FunctionDef) and is_test(node.name):
         for call in (each for each in node.decorator_list if isinstance(each, ast.Call)):
             if ast.unparse(call.func).endswith("parametrize") and len(call.args) > 1:
                 ids = [each.value for each in call.keywords if each.arg == "ids"]
-                found.append((call.args[1], (ids or [None])[0]))
+                items.append((call.args[1], (ids or [None])[0]))
         inner = list(ast.walk(node))
-        found += [(each.iter, None) for each in inner if isinstance(each, ast.For)]
+        items += [(each.iter, None) for each in inner if isinstance(each, ast.For)]
         values = (each.value for each in inner if isinstance(each, ast.Assign))
-        found += [(each, None) for each in values if isinstance(each, ast.List)]
-    for table, ids in found:
+        items += [(each, None) for each in values if isinstance(each, ast.List)]
+    for table, ids in items:
         many = isinstance(table, ast.Dict) or len(getattr(table, "elts", ())) > 1
         if isinstance(table, Table) and many:
             yield table, getattr(ids, "elts", [])
@@ -409,16 +409,16 @@ def code_of(node: ast.AST) -> str:
 def reads(node: ast.AST) -> set[str]:
     """Names of the module that a node reads, and fixtures."""
     every = list(ast.walk(node))
-    found = {each.id for each in every if isinstance(each, ast.Name) and is_read(each)}
+    items = {each.id for each in every if isinstance(each, ast.Name) and is_read(each)}
     arguments = {each.arg for each in every if isinstance(each, ast.arg)}
     own = arguments | of_loops(every)
     if not isinstance(node, ast.FunctionDef):
-        return found - own
+        return items - own
     own |= stored(ast.Module(node.body, []))
     decorators = "\n".join(map(ast.unparse, node.decorator_list))
     is_of_pytest = is_test(node.name) or "fixture" in decorators
     given = {each for each in arguments if not re.search(rf"['\", ]{each}['\",]", decorators)}
-    return (found - own) | (given if is_of_pytest else set())
+    return (items - own) | (given if is_of_pytest else set())
 
 
 def of_loops(nodes: list[ast.AST]) -> set[str]:
@@ -437,30 +437,30 @@ def stored(node: ast.AST) -> set[str]:
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         return {node.name}
     every = list(ast.walk(node))
-    found = {each.id for each in every if isinstance(each, ast.Name) and not is_read(each)}
+    items = {each.id for each in every if isinstance(each, ast.Name) and not is_read(each)}
     imports = [each for each in every if isinstance(each, ast.ImportFrom | ast.Import)]
-    found |= {name.asname or name.name for each in imports for name in each.names}
-    return (found | {each.name for each in every if isinstance(each, ast.FunctionDef)}) - of_loops(
+    items |= {name.asname or name.name for each in imports for name in each.names}
+    return (items | {each.name for each in every if isinstance(each, ast.FunctionDef)}) - of_loops(
         every
     )
 
 
 def orelse(node: ast.stmt) -> list[ast.stmt]:
     """What a statement does otherwise."""
-    found: list[ast.stmt] = getattr(node, "orelse", [])
-    return found
+    items: list[ast.stmt] = getattr(node, "orelse", [])
+    return items
 
 
 def roots(node: ast.AST) -> set[str]:
     """Names whose entries or attributes a statement sets, and of lists that it adds to."""
-    found = set()
+    members = set()
     for each in ast.walk(node):
         if isinstance(each, ast.Call) and isinstance(each.func, ast.Attribute):
             of_list = each.func.attr in ("append", "extend", "update", "insert")
-            found |= reads(each.func.value) if of_list else set()
+            members |= reads(each.func.value) if of_list else set()
         if isinstance(each, ast.Subscript | ast.Attribute) and not isinstance(each.ctx, ast.Load):
             inner: ast.AST = each
             while isinstance(inner, ast.Subscript | ast.Attribute):
                 inner = inner.value
-            found |= {inner.id} if isinstance(inner, ast.Name) else set()
-    return found
+            members |= {inner.id} if isinstance(inner, ast.Name) else set()
+    return members

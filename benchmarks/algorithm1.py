@@ -11,7 +11,7 @@ import shapely
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.reference.algorithm1 import image_triangles, occlusion, self_occluding
 from rastercov.reference.polygons import visible_area
 

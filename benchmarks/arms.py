@@ -11,7 +11,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh.kinematics import pose_error
+from rastercov.robots.kinematics import pose_error
 
 ARM = Path(__file__).parents[1] / "examples" / "arm.urdf"
 
@@ -57,15 +57,16 @@ def inverse(report: Report, name: str, robot: rc.Robot, rng: np.random.Generator
     link = robot.links[-1]
     goals = robot.frames(configurations(robot, 200, rng))[link]
     start = time.thread_time()
-    found = robot.solve(goals, link)
+    solution = robot.solve(goals, link)
     report.add(f"{name}: inverse", (time.thread_time() - start) * 5, "ms a pose")
-    error = pose_error(robot.frames(found.joints)[link], goals[found.pose])
+    error = pose_error(robot.frames(solution.joints)[link], goals[solution.pose])
     report.check(f"{name}: solutions meet their poses", np.linalg.norm(error, axis=1).max() <= 1e-6)
     low, high = robot.limits.T
     report.check(
-        f"{name}: and their limits", bool(((found.joints >= low) & (found.joints <= high)).all())
+        f"{name}: and their limits",
+        bool(((solution.joints >= low) & (solution.joints <= high)).all()),
     )
-    share = len(set(found.pose.tolist())) / len(goals)
+    share = len(set(solution.pose.tolist())) / len(goals)
     report.add(f"{name}: poses solved", 100 * share, "%", must=99)
 
 

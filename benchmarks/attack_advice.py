@@ -15,9 +15,9 @@ from attack_reasons import scene
 from rows import Report
 
 import rastercov as rc
-from rastercov.coverage.area.failures import first_failures
-from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.reasons import Reason
+from rastercov.core.area.failures import first_failures
+from rastercov.core.area.frames import rows_at
+from rastercov.core.coverage.reasons import Reason
 from rastercov.reference.regions import covers_points, points_on
 
 SCENES, POINTS, POSES = 80, 4_000, 1_000
@@ -74,12 +74,12 @@ def carry_out(seed: int, score: Score) -> None:
     mesh, camera, poses, task = scene(rng)
     if isinstance(camera, rc.Rig):
         camera = camera.cameras[0]
-    found = rc.evaluate(mesh, camera, poses, task, by="area", fields=())
-    zones, said = found.areas.zones(camera, poses), found.summary()["dead_zones"]
+    result = rc.evaluate(mesh, camera, poses, task, by="area", fields=())
+    zones, said = result.areas.zones(camera, poses), result.summary()["dead_zones"]
     points, face = points_on(mesh, POINTS, seed)
     n = sum(zone["percent"] >= LEAST_PERCENT for zone in said)
     rows = rows_at(zones, np.minimum(zones.zone, n).astype(np.int32), n + 1, face, points)
-    before = float(found.covered.area[0][mesh.task_mask].sum())
+    before = float(result.covered.area[0][mesh.task_mask].sum())
     for row, zone in enumerate(said[:n]):
         own = np.flatnonzero(rows[:, row])
         if len(own) < 20:
@@ -106,7 +106,7 @@ def carry_out(seed: int, score: Score) -> None:
             parts += [rc.regions(mesh, camera, kept, task)] if len(kept) else []
             after = rc.unite(parts)
             loss = before - float(after.area[0][mesh.task_mask].sum())
-            if loss > found.covered.bound.sum() + after.bound.sum() + 1e-9 * before:
+            if loss > result.covered.bound.sum() + after.bound.sum() + 1e-9 * before:
                 score.fell.append((seed, row))
 
 

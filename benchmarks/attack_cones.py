@@ -12,7 +12,7 @@ from cone_cases import area_in_cone, cone_camera, image_in_cone, triangle_case
 from rows import Report
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.lenses.of_camera import lens_of
 
 LENSES, FACES = 60, 40
 FOCAL = 300.0
@@ -42,10 +42,10 @@ def attack(report: Report, effort: float) -> None:
             corners, eye, pose = triangle_case(rng)
             mesh = rc.Mesh(corners, [(0, 1, 2)])
             size = float(np.linalg.norm(np.ptp(corners, axis=0)))
-            found = rc.regions(mesh, cone, pose, rc.Task())
+            regions = rc.regions(mesh, cone, pose, rc.Task())
             true = area_in_cone(corners, eye, pose[0, :3, 2], angle)
-            bound = float(found.bound.sum())
-            wrong += abs(float(found.area.sum()) - true) > bound + ROUNDING * size**2
+            bound = float(regions.bound.sum())
+            wrong += abs(float(regions.area.sum()) - true) > bound + ROUNDING * size**2
             wide += bound > 4 * WIDTH_REL * size**2
             n += 1
             own = (corners - eye) @ pose[0, :3, :3]

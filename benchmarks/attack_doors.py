@@ -24,8 +24,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.camera.formats import write_views
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
+from rastercov.formats.cameras import write_views
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.shards import Workers
 
@@ -58,7 +58,7 @@ def attack(report: Report, effort: float) -> None:
 
 def ports(report: Report, folder: Path, looks: int) -> None:
     """Look at the processes of a run again and again, from its start on."""
-    found: set[str] = set()
+    texts: set[str] = set()
     n_processes = 0
     with _started(folder, "ports") as head:
         while looks > 0 and head.poll() is None:
@@ -66,14 +66,14 @@ def ports(report: Report, folder: Path, looks: int) -> None:
             pids = family(head.pid)
             n_processes = max(n_processes, len(pids))
             looks -= n_processes >= 3  # the workers are there
-            found |= set(listening(pids))
+            texts |= set(listening(pids))
             if os.geteuid() == 0:
-                found |= set(opened_by_others(pids))
+                texts |= set(opened_by_others(pids))
         head.kill()
-    print("\n".join(sorted(found)), end="", file=sys.stderr)
+    print("\n".join(sorted(texts)), end="", file=sys.stderr)
     report.add("processes of a run", n_processes, "processes", must=3)
-    report.add("doors of a run that others find open", len(found), "doors", at_most=0)
-    report.check("nothing of a run by workers is open to other users", not found)
+    report.add("doors of a run that others find open", len(texts), "doors", at_most=0)
+    report.check("nothing of a run by workers is open to other users", not texts)
 
 
 def modules(report: Report, folder: Path, commands: tuple[str, ...]) -> None:
@@ -155,14 +155,14 @@ def _fault(folder: Path, view: tuple[rc.Mesh, rc.Camera], plain: VisibilityMatri
     return "" if _is_right(again, plain) else "built again, and wrong"
 
 
-def _is_right(found: VisibilityMatrix, plain: VisibilityMatrix) -> bool:
+def _is_right(visibility_matrix: VisibilityMatrix, plain: VisibilityMatrix) -> bool:
     """True if each pose has its pairs, or none and a note."""
     for pose in range(plain.n_poses):
-        rows, others = (slice(*each.indptr[pose : pose + 2]) for each in (found, plain))
-        wanted = plain.face[others] if pose not in found.quarantined else []
-        if not np.array_equal(found.face[rows], wanted):
+        rows, others = (slice(*each.indptr[pose : pose + 2]) for each in (visibility_matrix, plain))
+        wanted = plain.face[others] if pose not in visibility_matrix.quarantined else []
+        if not np.array_equal(visibility_matrix.face[rows], wanted):
             return False
-    return set(found.quarantined) <= {killing_shards.POISONED}
+    return set(visibility_matrix.quarantined) <= {killing_shards.POISONED}
 
 
 def _started(folder: Path, out: str, **environment: str) -> "subprocess.Popen[bytes]":

@@ -1,10 +1,11 @@
-"""Doubling: the exponent of CPU time and memory by size, of kinds of geometry and of files.
+"""Doubling: the exponent of CPU time and memory by size, of geometry, files and scenes.
 
 Each kind is made in sizes that double. The exponent is that of the last doubling that took more
 than `LEAST_SECONDS`; above `MOST` it is listed as a finding. Each size runs in a process of its own
 that is ended after `MOST_SECONDS` of CPU time.
 """
 
+import io
 import json
 import multiprocessing
 import resource
@@ -12,21 +13,25 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from doubling_scenes import SCENES
 from numpy.typing import NDArray
 from rows import Report
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.cli import main
+from rastercov.core.mesh import shapes
 
 Geometry = tuple[NDArray[np.float64], NDArray[np.int64]]
 MOST = 1.5
 LEAST_SECONDS = 0.5
 MOST_SECONDS = 60
+MOST_S_A_GROUP = 1e-3
+"""CPU seconds of a group of 10,000 with `--table groups`, at most."""
 SURE = 4000
 """Size up to which all end in that time: of needles that all cross, the work is their square."""
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200, cx=640, cy=480)
@@ -300,7 +305,18 @@ FILES: dict[str, tuple[str, Callable[[int], bytes]]] = {
 
 def _work(kind: str, n: int, how: str, results: Any) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_SECONDS, MOST_SECONDS))
-    if how == "file":
+    if how == "command":
+        with tempfile.TemporaryDirectory() as folder:
+            sys.argv = ["rastercov", *SCENES[kind].command(n, Path(folder))]
+            started = time.process_time()
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
+                try:
+                    main()
+                except SystemExit as end:
+                    if end.code not in (None, 0):
+                        results.send(said.getvalue().splitlines()[-1])
+                        return
+    elif how == "file":
         suffix, content = FILES[kind]
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"file{suffix}"
@@ -334,9 +350,17 @@ READERS: dict[str, Callable[[Path], object]] = {
 """Functions that read files by their suffix; meshes apart."""
 
 
-LOADED = ["rastercov.coverage.observer", "rastercov.coverage.exact_pass", "rastercov.mesh.shapes"]
-LOADED += ["rastercov.mesh.formats.gltf", "rastercov.mesh.robot", "rastercov.mesh.motion_file"]
-LOADED += ["rastercov.camera.formats", "rastercov.camera.lamp_file"]
+LOADED = [
+    "rastercov.core.coverage.observer",
+    "rastercov.core.coverage.exact_pass",
+    "rastercov.core.mesh.shapes",
+]
+LOADED += [
+    "rastercov.formats.meshes.gltf",
+    "rastercov.robots.robot",
+    "rastercov.motion.motion_file",
+]
+LOADED += ["rastercov.formats.cameras", "rastercov.light.lamp_file"]
 """Modules of what is measured, in the process that is forked."""
 
 
@@ -348,32 +372,35 @@ def measured(kind: str, n: int, how: str) -> tuple[float, int] | str | None:
     process = context.Process(target=_work, args=(kind, n, how, its))
     process.start()
     its.close()
-    found = None
+    recv = None
     with suppress(EOFError):
-        found = ours.recv()
+        recv = ours.recv()
     process.join()
-    return found
+    return recv
 
 
 def attack(report: Report, effort: float) -> None:
     """Sizes from `FIRST` on, doubled five times; fewer and smaller ones at less effort."""
     doublings = max(1, round(DOUBLINGS + np.log2(min(effort, 1.0))))
     first = FIRST if doublings > 1 else FIRST // 4
-    jobs = [(kind, how) for kind in GEOMETRIES for how in ("certified", "exact")]
-    jobs += [(kind, "file") for kind in FILES]
+    jobs = [(kind, how, first, doublings) for kind in GEOMETRIES for how in ("certified", "exact")]
+    jobs += [(kind, "file", first, doublings) for kind in FILES]
+    for kind, scene in SCENES.items():
+        most = scene.doublings if effort >= 1 else 1
+        jobs.append((kind, "command", scene.first, min(scene.doublings, most)))
     steep: list[str] = []
     failed: list[tuple[int, str]] = []
-    for kind, how in jobs:
+    for kind, how, first, doublings in jobs:
         rows: list[tuple[float, int]] = []
         for step in range(doublings + 1):
-            found = measured(kind, first << step, how)
-            if isinstance(found, str):  # a limit of the format, in one line
-                print(f"{kind}, n = {first << step}: refused: {found}", file=sys.stderr)
+            measures = measured(kind, first << step, how)
+            if isinstance(measures, str):  # a limit of the format, in one line
+                print(f"{kind}, n = {first << step}: refused: {measures}", file=sys.stderr)
                 break
-            if found is None:
+            if measures is None:
                 failed.append((first << step, f"{kind}, {how}, n = {first << step}"))
                 break
-            rows.append(found)
+            rows.append(measures)
         if not rows:
             continue
         seconds = np.array([row[0] for row in rows])
@@ -382,11 +409,15 @@ def attack(report: Report, effort: float) -> None:
         report.add(f"doubling: {name}", float(seconds[-1]), "s")
         report.add(f"doubling: {name}: exponent", slope, "")
         report.add(f"doubling: {name}: memory by that of n = {first}", rows[-1][1] / rows[0][1], "")
+        if kind == "groups, --table":
+            a_group = float(seconds[-1]) / (first << (len(rows) - 1))
+            report.add(f"doubling: {kind}: of a group", a_group, "s", at_most=MOST_S_A_GROUP)
         if seconds[-1] > LEAST_SECONDS and slope > MOST:
             steep.append(f"{name}: exponent {slope:.2f} at {seconds[-1]:.2f} s")
     print(*(f"{each}: no end" for _, each in failed), *steep, sep="\n", file=sys.stderr)
     report.add("doubling: kinds of geometry", len(GEOMETRIES), "kinds", must=33)
     report.add("doubling: kinds of files", len(FILES), "kinds", must=20)
+    report.add("doubling: kinds of scenes", len(SCENES), "kinds", must=14)
     report.add(f"doubling: exponents above {MOST}", len(steep), "kinds")
     report.add("doubling: sizes that did not end", len(failed), "sizes")
     early = [each for n, each in failed if n <= SURE]

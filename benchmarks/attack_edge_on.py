@@ -18,7 +18,7 @@ from rows import Report
 from scenes import joined
 
 import rastercov as rc
-from rastercov.raster.observation import BoundKind
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 1_500, 6
@@ -73,10 +73,10 @@ def compare(seed: int, score: Score) -> list[str]:
     for method in ("certified", "exact"):
         with rc.open_observer(mesh, camera, method, threads=1) as observer:
             seen = observer.observe(poses)
-        found = rc.regions(mesh, camera, poses, method=method, threads=1)
-        areas, bounds = found.areas(), found.bounds()
+        regions = rc.regions(mesh, camera, poses, method=method, threads=1)
+        areas, bounds = regions.areas(), regions.bounds()
         excess = np.zeros_like(bounds)
-        excess[found.pair_pose, found.pair_face] = found.excess
+        excess[regions.pair_pose, regions.pair_face] = regions.excess
         for row, (by_index, by_depth, image, side) in enumerate(truths):
             own = seen.visible_pixels[row]
             is_by_depth = np.abs(own - by_depth) < np.abs(own - by_index)

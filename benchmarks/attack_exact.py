@@ -12,8 +12,8 @@ from rows import Report
 from scenes import joined
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.mesh import shapes
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 5_000, 12
@@ -55,7 +55,7 @@ def compare(seed: int, score: Score) -> list[str]:
     mesh = kind(rng)
     camera = random_camera(rng)
     poses = np.array([_pose(mesh, number, rng) for number in range(VIEWS)])
-    found = []
+    comparison = []
     for method in ("certified", "exact"):
         with rc.open_observer(mesh, camera, method, threads=1) as observer:
             seen = observer.observe(poses)
@@ -83,18 +83,18 @@ def compare(seed: int, score: Score) -> list[str]:
             share = (both / (bound + LEAST_SEEN))[~certified & (seen.drawn_pixels[row, faces] > 0)]
             score.worst = max(score.worst, float(share.max(initial=0)))
             for f in np.flatnonzero(wrong | exceeded):
-                found.append(
+                comparison.append(
                     f"{kind.__name__} seed {seed} view {row} face {faces[f]} {method}: "
                     f"off {both[f]:.3g} bound {seen.area_error[row, faces[f]]:.3g} "
                     f"{'certified' if certified[f] else 'computed'} area {area[f]:.3g} "
                     f"visible {visible[f]:.3g} got {seen.visible_pixels[row, faces[f]]:.3g}"
                 )
-    return found
+    return comparison
 
 
-def is_partial(found, visible, area):
+def is_partial(result, visible, area):
     """(F,) true where a face with something visible is not wholly visible, or one without is."""
-    doubt = np.abs(visible - np.where(found > 0, area, 0.0))
+    doubt = np.abs(visible - np.where(result > 0, area, 0.0))
     return doubt > LEAST_SEEN + 1e-12 * area
 
 

@@ -19,8 +19,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import RastercovError
-from rastercov.coverage import shards
-from rastercov.mesh import shapes
+from rastercov.core.coverage import shards
+from rastercov.core.mesh import shapes
 
 FRAMES, DAMAGED, SHARED = 8, 400, 12
 """Frames of a motion, damaged folders and pairs of runs of the whole campaign."""
@@ -41,7 +41,7 @@ def exchanged(folder: Path, other: Path, rng: np.random.Generator) -> str:
 def foreign(folder: Path, other: Path, rng: np.random.Generator) -> str:
     """A file of another motion, every other time with its checksum."""
     own, theirs = (  # the shards of frames, of which there are more than of poses
-        max(each.iterdir(), key=lambda found: len(damage.files_of(found)))
+        max(each.iterdir(), key=lambda result: len(damage.files_of(result)))
         for each in (folder, other)
     )
     path = rng.choice([each for each in damage.files_of(own) if each.suffix != ".sha256"])
@@ -82,13 +82,13 @@ def run(folder: Path | str | None = None, shift: float = 0.0, workers: int = 0) 
     motion = rc.Motion(mesh, {"ball": rc.conveyor(FRAMES, direction=(0, 1, 0), distance=1.5)})
     staff = rc.Workers(workers) if workers else None
     with mock.patch.object(shards, "PAIRS_A_SHARD", 1):
-        found = rc.evaluate(mesh, CAMERA, EYES, motion=motion, fields=(), shards=(folder, staff))
-        return found.over_time
+        result = rc.evaluate(mesh, CAMERA, EYES, motion=motion, fields=(), shards=(folder, staff))
+        return result.over_time
 
 
-def bits(found: rc.OverTime) -> str:
+def bits(over_time: rc.OverTime) -> str:
     """Hash of all arrays of the regions."""
-    arrays = (getattr(found.regions, name) for name in shards.OF_REGIONS)
+    arrays = (getattr(over_time.regions, name) for name in shards.OF_REGIONS)
     return hashlib.sha256(b"".join(np.asarray(each).tobytes() for each in arrays)).hexdigest()
 
 

@@ -331,11 +331,11 @@ def fault_of_command(line: str) -> str:
     is printed where a machine is slow.
     """
     shutil.rmtree("out", ignore_errors=True)
-    found: list[tuple[int, str]] = []
-    fault = fault_of(lambda: found.append(command(line)))
-    if fault or not found:
+    numbers: list[tuple[int, str]] = []
+    fault = fault_of(lambda: numbers.append(command(line)))
+    if fault or not numbers:
         return fault or "no end"
-    code, said = found[0]
+    code, said = numbers[0]
     errors = [each for each in said.splitlines() if each.startswith("error: ")]
     expected = "(error|warning): |.* (elapsed|left)$" + "|the page shows static results: " * (
         code == 0
@@ -444,7 +444,7 @@ def names(report: Report) -> None:
     word, text = EVIL.replace(" ", ""), json.dumps(EVIL)
     Path("part.obj").write_text(PART.replace("lid", word).replace("rest", f"{word}2"))
     Path("arm.urdf").write_text(
-        re.sub('"(hand|pan|upper|arm)"', lambda found: f'"{found[1]} {html.escape(EVIL)}"', URDF)
+        re.sub('"(hand|pan|upper|arm)"', lambda result: f'"{result[1]} {html.escape(EVIL)}"', URDF)
     )
     Path("path.csv").write_text(PATH.replace("pan", '"pan ' + EVIL.replace('"', '""') + '"'))
     hand = json.dumps(f"arm/hand {EVIL}")

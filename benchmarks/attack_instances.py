@@ -17,8 +17,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import ResourceError
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh
 
 SIZE = 4_000
 """Repetitions and instances of a whole campaign."""
@@ -67,12 +67,12 @@ def attack(report: Report, effort: float) -> None:
             path = Path(folder) / name
             # Elements of a chain are nested calls, of which Python has a thousand or so.
             n = min(size, 400) if any(word in part for word in CHAINS) else size
-            found = []
+            items = []
             for k in (1, 2):
                 path.write_bytes(make(k * n))
                 read(path)
-                found.append(cost(read, path))
-            (first, least), (second, most) = found
+                items.append(cost(read, path))
+            (first, least), (second, most) = items
             is_slow = second > MOST_GROWTH * first + FREE_SECONDS
             is_large = most > MOST_GROWTH * least + FREE_BYTES
             n_slow, n_large = n_slow + is_slow, n_large + is_large

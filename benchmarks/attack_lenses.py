@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rows import Report
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 SCENES, LENSES, PIXELS = 24, 4, 400
 EDGE_PX = 4e-3
@@ -131,18 +131,18 @@ def attack(report: Report, effort: float) -> None:
             camera = random_lens(rng, kind)
             at = rng.integers(0, (camera.width, camera.height), (PIXELS, 2))
             with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
-                found = rasterizer.render(poses[0]).face[at[:, 1], at[:, 0]]
+                face = rasterizer.render(poses[0]).face[at[:, 1], at[:, 0]]
             own = rays_of(camera, at + 0.5)
             known = np.isfinite(own).all(axis=1)
-            at, found = at[known], found[known]
+            at, face = at[known], face[known]
             eye, rotation = poses[0, :3, 3], poses[0, :3, :3]
-            other = found != first_faces(corners, eye, own[known] @ rotation.T)
+            other = face != first_faces(corners, eye, own[known] @ rotation.T)
             is_near = np.zeros(other.sum(), bool)
             for shift in SHIFTS:
                 beside = rays_of(camera, at[other] + 0.5 + shift) @ rotation.T
-                is_near |= found[other] == first_faces(corners, eye, beside)
+                is_near |= face[other] == first_faces(corners, eye, beside)
             n += len(at)
-            shown += int((found >= 0).sum())
+            shown += int((face >= 0).sum())
             moved += int(is_near.sum())
             wrong += int((~is_near).sum())
     report.add("lenses: pixels against their own rays", n, "pixels")

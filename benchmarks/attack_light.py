@@ -15,7 +15,7 @@ from scenes import joined
 from surface_cases import hostile_scene, in_regions
 
 import rastercov as rc
-from rastercov.camera.near_plane import near_limit
+from rastercov.core.camera.near_plane import near_limit
 from rastercov.reference.regions import points_on
 
 FloatArray = NDArray[np.float64]
@@ -91,36 +91,36 @@ def compare(seed: int, score: Score) -> None:
     task = task_of(plain, points, face, seed, rng)
     judge = Judge(mesh, camera, pose, task, lamps)
     truth, doubt, lost = judge.covers(points, face)
-    found = rc.regions(mesh, camera, pose, task, lamps=on_rig, threads=1)
-    off = in_regions(found, 0, points, face) != truth
+    regions = rc.regions(mesh, camera, pose, task, lamps=on_rig, threads=1)
+    off = in_regions(regions, 0, points, face) != truth
     near = off & (doubt | judge.is_near_border(points, face, truth, EDGE_REL * size, off))
     of_area = np.arange(len(points)) < POINTS
     total = mesh.areas.sum()
-    explained = found.bound.sum() / total * POINTS
+    explained = regions.bound.sum() / total * POINTS
     score.points += len(points)
     score.covered += int(truth.sum())
     score.doubtful += int(doubt.sum())
-    near |= off & is_undecided(found, face, off & ~near, size)
+    near |= off & is_undecided(regions, face, off & ~near, size)
     score.wrong += [seed] * int((off & ~near).sum())
     score.near += int((near & of_area).sum())
     score.explained += explained
     count = int((off & of_area).sum()) - int((doubt & off & of_area).sum())
     score.most_near = max(score.most_near, count - 2 - explained - 6 * np.sqrt(explained))
-    share = found.area.sum() / total
+    share = regions.area.sum() / total
     deviation = np.sqrt(max(share * (1 - share), 1 / POINTS) / POINTS)
-    undecided = found.bound.sum() / total + (doubt & of_area).mean()
+    undecided = regions.bound.sum() / total + (doubt & of_area).mean()
     away = max(abs(share - truth[of_area].mean()) - undecided, 0.0)
     score.most_off = max(score.most_off, away / deviation)
     for name, mask in lost.items():
         score.kinds[name] = score.kinds.get(name, 0) + int(mask.sum())
 
 
-def is_undecided(found: rc.Regions, face: IntArray, off: BoolArray, size: float) -> BoolArray:
+def is_undecided(regions: rc.Regions, face: IntArray, off: BoolArray, size: float) -> BoolArray:
     """Mask of points of slivers, narrower than `EDGE_REL`, whose own bounds explain all `off`."""
-    mesh, n = found.mesh, found.mesh.n_faces
+    mesh, n = regions.mesh, regions.mesh.n_faces
     corners = mesh.vertices[mesh.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    explained = np.bincount(face, minlength=n) * found.bounds()[0]
+    explained = np.bincount(face, minlength=n) * regions.bounds()[0]
     explained /= np.maximum(mesh.areas, 1e-300)
     is_sliver = mesh.areas <= EDGE_REL * size * longest
     count = np.bincount(face[off], minlength=n)
@@ -298,7 +298,7 @@ class Judge:
         self, points: FloatArray, face: IntArray, truth: BoolArray, away: float, asked: BoolArray
     ) -> BoolArray:
         """Of the points that are asked for, those with another answer within a distance, (N,)."""
-        found = np.zeros(len(points), bool)
+        mask = np.zeros(len(points), bool)
         at = np.flatnonzero(asked)
         sides = self.corners[face[at], 1] - self.corners[face[at], 0]
         first = _unit(sides)
@@ -307,8 +307,8 @@ class Judge:
             for radius in (away / 3, away):
                 moved = points[at] + radius * (np.cos(turn) * first + np.sin(turn) * second)
                 other, doubt, _ = self.covers(moved, face[at])
-                found[at] |= doubt | (other != truth[at])
-        return found
+                mask[at] |= doubt | (other != truth[at])
+        return mask
 
     def _seen(self, points: FloatArray, face: IntArray) -> tuple[BoolArray, BoolArray]:
         """Points that the camera sees within its image and angle of incidence."""
@@ -318,15 +318,15 @@ class Judge:
         x, y, z = local.T
         with np.errstate(all="ignore"):
             u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
-        found = (z >= near) & (z >= z_near) & (z <= z_far) & (u >= 0) & (v >= 0)
-        found &= (u <= camera.width) & (v <= camera.height)
+        values = (z >= near) & (z >= z_near) & (z <= z_far) & (u >= 0) & (v >= 0)
+        values &= (u <= camera.width) & (v <= camera.height)
         eye = self.pose[0, :3, 3]
         height = np.einsum("ni,ni->n", eye - points, self.mesh.normals[face])
         facing = np.where(self.mesh.two_sided_mask[face], np.abs(height), height)
         limit = np.cos(np.radians(self.task.max_incidence_deg))
-        found &= self.mesh.task_mask[face] & (facing >= limit * np.linalg.norm(local, axis=1))
+        values &= self.mesh.task_mask[face] & (facing >= limit * np.linalg.norm(local, axis=1))
         hidden, doubt = self._hidden(eye, points, face, near, z)
-        return found & ~hidden, doubt
+        return values & ~hidden, doubt
 
     def _lit(
         self, points: FloatArray, face: IntArray

@@ -23,7 +23,7 @@ from set_cover_cases import (
 )
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import BestCoverage, Problem, problem_of_matrix
@@ -83,16 +83,16 @@ def limits(report: Report, effort: float) -> None:
         sign = 1 if isinstance(problem.goal, BestCoverage) else -1
         for limit in seconds:
             started = time.perf_counter()
-            found = select_integer(problem, time_limit=limit)
+            selection = select_integer(problem, time_limit=limit)
             beyond = time.perf_counter() - started - 1.1 * limit
             report.add(
                 f"{name}, limit {limit:g} s: beyond 1.1 times it", beyond, "s", at_most=ALLOWANCE
             )
             report.check(
                 f"{name}, limit {limit:g} s: not worse than plain greedy, within its bound",
-                sign * plain.objective <= sign * found.objective <= sign * found.bound,
+                sign * plain.objective <= sign * selection.objective <= sign * selection.bound,
             )
     for name in ("scp41", "scp42"):
-        found = select_integer(problems[name](), time_limit=1.0)
-        proved = found.objective == found.bound == OPTIMA[name]
+        selection = select_integer(problems[name](), time_limit=1.0)
+        proved = selection.objective == selection.bound == OPTIMA[name]
         report.check(f"{name}: proved within 1 s, HiGHS alone takes 0.02 s", proved)

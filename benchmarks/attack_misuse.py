@@ -12,7 +12,7 @@ from misuse_values import VALUES
 from rows import Report
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 SPOILED = 4_000
 """Calls with wrong arguments of a whole campaign."""

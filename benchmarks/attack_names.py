@@ -31,8 +31,8 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.base.errors import RastercovError
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh, shapes
 
 N_FLIPS = 60_000
 """Flipped bits of a whole campaign."""
@@ -45,13 +45,13 @@ Outcome = tuple[str, int, frozenset[str]]
 
 def meshes() -> list[tuple[np.ndarray, np.ndarray]]:
     """Vertices and faces of parts of several meshes."""
-    found = [shapes.teapot(), shapes.torus(), shapes.icosahedron()]
+    items = [shapes.teapot(), shapes.torus(), shapes.icosahedron()]
     if folder := os.environ.get("ATTACK_MESHES"):
         suffixes = (".stl", ".ply", ".obj")
         paths = sorted(p for p in Path(folder).iterdir() if p.suffix.lower() in suffixes)
-        found += [Mesh.load(path) for path in paths]
+        items += [Mesh.load(path) for path in paths]
     parts = []
-    for mesh in found:
+    for mesh in items:
         used, faces = np.unique(mesh.faces[:MOST_FACES], return_inverse=True)
         parts.append((mesh.vertices[used], faces.reshape(-1, 3)))
     return parts
@@ -192,8 +192,8 @@ def places(name: str, data: bytes) -> np.ndarray:
     """Bytes of a file whose bits are flipped."""
     if name.endswith(".glb"):
         return np.arange(20, 20 + struct.unpack_from("<I", data, 12)[0])
-    found = [m.span() for m in re.finditer(NAMED[Path(name).suffix], data)]
-    return np.concatenate([np.arange(a, b) for a, b in found])
+    spans = [m.span() for m in re.finditer(NAMED[Path(name).suffix], data)]
+    return np.concatenate([np.arange(a, b) for a, b in spans])
 
 
 def outcome(path: Path, data: bytes) -> Outcome:

@@ -218,12 +218,12 @@ def commands() -> dict[str, str]:
 
 def replaced() -> list[tuple[str, int, str]]:
     """All files with one number replaced: name, place of the number, its new text."""
-    found = []
+    items = []
     for name in commands():
         for at, _ in enumerate(NUMBER.finditer(Path(name).read_bytes())):
             values = [IN_JSON.get(v, v) for v in NUMBERS] if name.endswith(".json") else NUMBERS
-            found += [(name, at, value) for value in values]
-    return found
+            items += [(name, at, value) for value in values]
+    return items
 
 
 def fault_with(name: str, at: int, value: str) -> str:

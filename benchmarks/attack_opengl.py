@@ -18,12 +18,12 @@ from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples
 from rows import Report
 
 from rastercov.base.errors import RastercovError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer
-from rastercov.raster.gl.context import HeadlessContext, open_context
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer
+from rastercov.gl.context import HeadlessContext, open_context
 from rastercov.reference import samples
 
 SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300
@@ -107,14 +107,14 @@ def attack(report: Report, effort: float) -> None:
     with open_context("surfaceless") as context:
         wrong = [wrong_on_overlaps(seed, context) for seed in range(n_scenes)]
         for plan in (*WAYS, "cpu"):
-            total = sum(found[plan] for found in wrong)
+            total = sum(item[plan] for item in wrong)
             what = f"{n_scenes} coplanar assemblies, {plan}"
             report.add(f"{what}: wrong samples", total, "samples", at_most=0)
             report.check(f"{what}: the lowest face is seen", total == 0)
 
-        found = [wrong_through_camera(seed, context) for seed in range(n_cameras)]
+        wrongs = [wrong_through_camera(seed, context) for seed in range(n_cameras)]
         for plan in WAYS:
-            answers = [one[plan] for one in found]
+            answers = [one[plan] for one in wrongs]
             what = f"{n_cameras} extreme cameras, plan {plan}"
             report.add(f"{what}: refused in one line", answers.count(-1), "cameras")
             right = all(answer in (0, -1) for answer in answers)

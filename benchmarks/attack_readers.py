@@ -18,7 +18,7 @@ import trimesh
 from rows import Report
 
 from rastercov.base.errors import RastercovError
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 N_MUTATED = 100_000
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.25, 1], [12, 10, 3]])

@@ -215,9 +215,9 @@ def state(folder: Path, command: Command, old: dict[str, bytes]) -> str:
         return "torn"
 
 
-def _but(found: str, is_fresh: bool) -> str:
+def _but(text: str, is_fresh: bool) -> str:
     """The same; an unfinished report is allowed only in an empty folder."""
-    return "torn" if found == "unfinished" and not is_fresh else found
+    return "torn" if text == "unfinished" and not is_fresh else text
 
 
 def _evaluation(here: dict[str, bytes], told: dict[str, object]) -> str:
@@ -321,11 +321,11 @@ def full(report: Report, command: Command, before: Path, base: Path, n_disks: in
                 _fill(disk, free)
             limit = None if disk is not None else max(1, free // 8)
             code = _ended(_started(command.new, folder, errors, limit))
-            found = _but(state(folder, command, old), False)
-            states[found] += 1
+            but = _but(state(folder, command, old), False)
+            states[but] += 1
             said = errors.read_text(encoding="utf-8").splitlines()
             is_named = len(said) == 1 and said[0].startswith(f"error: {folder}/")
-            lines += code in (0, 1) if found == "new" else code == 2 and is_named
+            lines += code in (0, 1) if but == "new" else code == 2 and is_named
             left += (folder / STAGING).exists() or any(folder.rglob("*.part"))
     what = f"{command.name}, full disk"
     report.add(f"{what}: folders found old", states["old"], "folders")
@@ -388,14 +388,14 @@ def each_operation(report: Report, folder: Path) -> None:
     done = subprocess.run(
         [sys.executable, script, folder], env=environment, capture_output=True, check=True
     )
-    found = json.loads(done.stdout)
-    report.add("operations on files of a report", found["kills"], "operations")
-    for name, count in found["killed"].items():
+    content = json.loads(done.stdout)
+    report.add("operations on files of a report", content["kills"], "operations")
+    for name, count in content["killed"].items():
         report.add(f"killed before one of them: folders found {name}", count, "folders")
-    report.check("killed before one of them: no report is torn", "torn" not in found["killed"])
+    report.check("killed before one of them: no report is torn", "torn" not in content["killed"])
     report.check(
         "killed before one of them: whole once the next run opens the folder",
-        found["after"].keys() <= {"old", "new"},
+        content["after"].keys() <= {"old", "new"},
     )
 
 

@@ -187,12 +187,12 @@ def signalled(
 
 def waits(pids: set[int]) -> dict[str, float]:
     """Seconds that each thread of processes was ready, and had no processor, since it began."""
-    found = {}
+    table = {}
     for pid in pids:
         for path in Path(f"/proc/{pid}/task").glob("*/schedstat"):
             with suppress(OSError):
-                found[str(path)] = int(path.read_text().split()[1]) / 1e9
-    return found
+                table[str(path)] = int(path.read_text().split()[1]) / 1e9
+    return table
 
 
 def is_running(pid: int) -> bool:

@@ -24,9 +24,9 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
+from rastercov.gl import WAYS
 from rastercov.placement.matrix import build_matrix
-from rastercov.raster.gl import WAYS
 from rastercov.reference.models import scott, zhang
 from rastercov.reference.models.line_of_sight import LineOfSight
 
@@ -89,13 +89,13 @@ def in_a_process(
         told, code, said = done.stdout, done.returncode, done.stderr
     except subprocess.TimeoutExpired as error:
         told, code, said = (error.stdout or b"").decode(), None, "it hangs"
-    found = [Run(**json.loads(line)) for line in told.splitlines()]
-    missing = runs - len(found) if code == 0 else max(1, runs - len(found))
+    items = [Run(**json.loads(line)) for line in told.splitlines()]
+    missing = runs - len(items) if code == 0 else max(1, runs - len(items))
     if code != 0:
         how = f"signal {signal.Signals(-code).name}" if code and code < 0 else f"exit code {code}"
         said = f"{how}: {said}"
         print(f"{' '.join(part)}: {said}", file=sys.stderr)
-    return found, missing, said
+    return items, missing, said
 
 
 # --- parts: each of them a process ----------------------------------------------------------------
@@ -140,21 +140,21 @@ def first_use(runs: int) -> Iterator[Run]:
     expected: list[Answer] = []
     for _ in range(runs):
         mesh, camera = rc.Mesh(known.vertices, known.faces), rc.Camera(**asdict(CAMERA))
-        found: dict[int, Answer] = {}
+        answers: dict[int, Answer] = {}
 
         def call(
             caller: int,
             mesh: rc.Mesh = mesh,
             camera: rc.Camera = camera,
-            found: dict[int, Answer] = found,
+            answers: dict[int, Answer] = answers,
         ) -> Iterator[bool]:
-            found[caller] = work[caller](mesh, camera, poses)
+            answers[caller] = work[caller](mesh, camera, poses)
             yield True
 
         run = _in_threads(call, len(work))
         # Only now, so that in a new process the threads are the first to need the loops.
         expected = expected or [of(known, CAMERA, poses) for of in work]
-        run.wrong = sum(not _same(answer, expected[caller]) for caller, answer in found.items())
+        run.wrong = sum(not _same(answer, expected[caller]) for caller, answer in answers.items())
         yield run
 
 
@@ -329,8 +329,8 @@ def _asked(thing: Any, poses: Any, at: int) -> Answer:
     return [seen.visible_pixels, seen.drawn_pixels, seen.kind, seen.area_error, seen.clipped]
 
 
-def _figures(found: rc.Evaluation) -> Answer:
-    return [getattr(found, name) for name in FRACTION]
+def _figures(evaluation: rc.Evaluation) -> Answer:
+    return [getattr(evaluation, name) for name in FRACTION]
 
 
 def _counts(mesh: rc.Mesh, camera: rc.Camera, poses: Any) -> Answer:

@@ -27,16 +27,24 @@ INTERRUPTS = 40
 SOON = 2.0
 """Seconds within which the owner is served."""
 OWN = {"x-rastercov-token": TOKEN}
-ACTIONS = (
-    {"do": "none"},
-    {"do": "rename", "station": 0, "name": "a"},
-    {"do": "use", "station": 0, "camera": "eye"},
-    {"do": "camera", "camera": "eye", "changes": {"fx": 300.0}},
-    {"do": "new_camera", "name": "b", "source": "khepra"},
-    {"do": "task", "changes": {"focus_rule": "vertices"}},
-    {"do": "restore", "rig": {"stations": [], "cameras": {"a": {"plain": {}}}, "task": {}}},
+RIG = {
+    "stations": [{"id": 0, "name": "a", "camera": "a", "is_on": True, "pose": [0.0] * 16}],
+    "cameras": {"a": {"plain": {"preset": "khepra"}, "task": {"views": 1}}},
+    "task": {"focus_rule": "vertices"},
+    "devices": [{"id": "lamps 0", "pose": None}],
+}
+QUESTIONS = (
+    {"question": "frame", "mode": "segments", "options": {"alpha_deg": 30.0}},
+    {"question": "frame", "rig": RIG, "at": [0.0], "goal": "a"},
+    {"question": "why", "face": 0},
+    {"question": "image", "station": 0, "side": 100},
+    {"question": "camera", "name": "khepra"},
+    {"question": "settled", "pose": [0.0] * 16, "before": [0.0] * 16},
+    {"revision": 0, "keep": 0, "steps": [[{}, "edit"]], "rest": {"at": 0}},
+    {"what": "rig", "rig": RIG},
+    {"cameras": 1},
 )
-PATHS = ("api/ping", "api/scene", "api/state", "static/main.js", "")
+PATHS = ("api/ping", "api/open", "api/load", "static/main.js", "")
 
 
 def attack(report: Report, effort: float) -> None:
@@ -84,10 +92,10 @@ def _long(url: str, number: int, report: Report) -> None:
     rng, wrong = random.Random(0), 0
     with httpx.Client(headers=OWN, timeout=60) as client:
         for _ in range(number):
-            action = json.loads(json.dumps(rng.choice(ACTIONS)))
-            body = {"revision": 0, "mode": "reason", "options": {}, "action": action}
+            body = json.loads(json.dumps(rng.choice(QUESTIONS)))
             _lengthened(body, rng)
-            answer = client.post(f"{url}api/{rng.choice(['act', 'job', 'save'])}", json=body)
+            path = rng.choice(["ask", "store", "job", "save", "download"])
+            answer = client.post(f"{url}api/{path}", json=body)
             text = answer.json().get("error", "") if answer.status_code != 200 else ""
             bad = answer.status_code >= 500 or len(text) > 300 or text.count("long") > 20
             if bad or "\n" in text:
@@ -113,12 +121,12 @@ def _lengthened(entries: dict, rng: random.Random) -> None:
 def _closed(port: int, number: int, report: Report) -> None:
     """Pages that close after any byte of a request."""
     rng = random.Random(1)
-    text = '{"revision": 0, "mode": "reason", "action": {"do": "none"}}'
+    text = '{"question": "frame"}'
     for _ in range(number):
         head = f"Host: 127.0.0.1:{port}\r\nX-Rastercov-Token: {TOKEN}\r\n"
         whole = rng.choice([
             f"GET /{rng.choice(PATHS)} HTTP/1.1\r\n{head}\r\n",
-            f"POST /api/act HTTP/1.1\r\n{head}Content-Type: application/json\r\n"
+            f"POST /api/ask HTTP/1.1\r\n{head}Content-Type: application/json\r\n"
             f"Content-Length: {len(text)}\r\n\r\n{text}",
         ])  # fmt: skip
         with socket.create_connection(("127.0.0.1", port)) as line:

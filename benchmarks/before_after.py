@@ -50,8 +50,8 @@ def main() -> None:
     rounds = []
     for number in range(args.rounds + 1):
         order = [here, args.other.resolve()]
-        found = {root: _run(root) for root in (order if number % 2 else order[::-1])}
-        rounds.append((found[order[0]], found[order[1]]))
+        table = {root: _run(root) for root in (order if number % 2 else order[::-1])}
+        rounds.append((table[order[0]], table[order[1]]))
         print(f"round {number} of {args.rounds}", file=sys.stderr, flush=True)
     report = Report()
     for cell in rounds[0][0]:
@@ -79,7 +79,7 @@ def _measure() -> dict[str, tuple[float, tuple[float, str]]]:
     # An editable install finds its own tree before PYTHONPATH.
     sys.meta_path[:] = [each for each in sys.meta_path if "editable" not in type(each).__module__]
     import rastercov as rc
-    from rastercov.mesh import shapes
+    from rastercov.core.mesh import shapes
 
     figures = {}
     teapot = shapes.teapot(12)

@@ -25,7 +25,7 @@ import psutil
 from rows import SUPPORT, Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import build_matrix
 from rastercov.shards import Made, Workers, make_shards
 

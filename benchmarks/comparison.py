@@ -34,7 +34,7 @@ from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
 import rastercov as rc
-from rastercov.mesh.formats import READERS
+from rastercov.formats.meshes import READERS
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.criteria import measured_geometry as face_geometry
@@ -113,10 +113,10 @@ def scene_of(cell: Cell, n_poses: int) -> Scene:
     mesh, camera = cell.mesh(), cell.camera
     poses = cell.poses(mesh, n_poses)
     with rc.open_observer(mesh, camera, "exact", threads=THREADS) as observer:
-        found = observer.observe(poses)
+        observation = observer.observe(poses)
     front = np.array([face_geometry(mesh, camera, pose).is_front for pose in poses])
-    visible, area = found.visible_pixels, found.drawn_pixels
-    return Scene(mesh, camera, poses, visible, area, found.area_error, front & (area > 1e-6))
+    visible, area = observation.visible_pixels, observation.drawn_pixels
+    return Scene(mesh, camera, poses, visible, area, observation.area_error, front & (area > 1e-6))
 
 
 def ours(scene: Scene, name: str, method: str, stack: ExitStack) -> Contestant:
@@ -174,9 +174,9 @@ def by_points(
         own = np.broadcast_to(np.flatnonzero(facing)[:, None], inside.shape)
         meets = np.zeros(inside.shape, bool)
         meets[inside] = first(eye, rays[inside]) == own[inside]
-        found = np.zeros(scene.mesh.n_faces)
-        found[facing] = share(meets.sum(1).astype(float), inside.sum(1).astype(float))
-        return found
+        result = np.zeros(scene.mesh.n_faces)
+        result[facing] = share(meets.sum(1).astype(float), inside.sum(1).astype(float))
+        return result
 
     rows = range(len(scene.poses))
     kind = f"rays to {side * side} points per face" if side > 1 else "one ray to the centroid"
@@ -186,7 +186,7 @@ def by_points(
 def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> list[Contestant]:
     """All that can run here, ours first."""
     mesh, camera, poses = scene.mesh, scene.camera, scene.poses
-    found = [
+    items = [
         ours(scene, "**certified**", "certified", stack),
         replace(ours(scene, "**exact**", "exact", stack), kind=REFERENCE),
         ours(scene, "**sampled**", "sampled:cpu", stack),
@@ -197,7 +197,7 @@ def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> l
         try:
             if missing := what_is_missing(packages):
                 raise ImportError(missing)
-            found.extend(make())
+            items.extend(make())
         except Exception as error:  # whatever a library raises where it cannot run
             reason = str(error).partition("\n")[0]
             say(f"left out: {', '.join(packages)}: {reason}")
@@ -245,7 +245,7 @@ def contestants(scene: Scene, stack: ExitStack, say: Callable[[str], None]) -> l
     add((), models)
     if mesh.n_faces <= ALGORITHM_1:
         add(("shapely",), of_thesis)
-    return found
+    return items
 
 
 def check(report: Report, name: str, scene: Scene, entered: list[Contestant]) -> None:
@@ -274,15 +274,15 @@ def check(report: Report, name: str, scene: Scene, entered: list[Contestant]) ->
 
 def errors(scene: Scene, contestant: Contestant) -> Figures:
     """Errors of the fraction over the judged faces of all poses, and faces called wrongly."""
-    found = np.array([contestant.fractions(row) for row in range(len(scene.poses))])
-    found, true, area = (part[scene.judged] for part in (found, scene.fraction, scene.area))
-    off = np.abs(found - true)
+    values = np.array([contestant.fractions(row) for row in range(len(scene.poses))])
+    values, true, area = (part[scene.judged] for part in (values, scene.fraction, scene.area))
+    off = np.abs(values - true)
     return {
         "mean": float(off.mean()),
         "mean by area": float((off * area).sum() / area.sum()),
         "largest": float(off.max()),
-        "missed": int(((found == 0) & (true > SEEN)).sum()),
-        "false": int(((found > HIDDEN) & (true <= HIDDEN)).sum()),
+        "missed": int(((values == 0) & (true > SEEN)).sum()),
+        "false": int(((values > HIDDEN) & (true <= HIDDEN)).sum()),
         "faces": len(off),
     }
 
@@ -310,34 +310,34 @@ def measure(report: Report, name: str, cell: Cell, args, say) -> dict[str, Figur
     with ExitStack() as stack:
         entered = contestants(scene, stack, say)
         check(report, name, scene, entered)
-        found = {each.name: {"kind": each.kind} | errors(scene, each) for each in entered}
+        table = {each.name: {"kind": each.kind} | errors(scene, each) for each in entered}
         for each in entered:
             first = next(other for other in entered if other.kind == each.kind)
-            near = abs(found[each.name]["mean"] - found[first.name]["mean"]) <= ALIKE
+            near = abs(table[each.name]["mean"] - table[first.name]["mean"]) <= ALIKE
             if first is not each:
                 report.check(f"{name}: {each.name}: the errors of {first.name}", bool(near))
         race(entered, args.poses, args.rounds)
         base = next((each for each in entered if each.name.startswith("Embree")), entered[0])
         for each in entered:
             pairs = zip(base.seconds, each.seconds, strict=False)
-            found[each.name] |= {
+            table[each.name] |= {
                 "ms": 1e3 * statistics.median(each.seconds),
                 "ratio": statistics.median(theirs / its for theirs, its in pairs),
             }
             for what in ("mean", "largest", "ms"):
-                report.add(f"{name}: {each.name}: {what}", found[each.name][what], "")
+                report.add(f"{name}: {each.name}: {what}", table[each.name][what], "")
     if name in AS_PRINTED:
         _, (seconds, *_), _ = thesis_table_4_2.PRINTED[AS_PRINTED[name]]
-        found["Khepra, as printed"] = {"ms": 1e3 * seconds}
-    return found
+        table["Khepra, as printed"] = {"ms": 1e3 * seconds}
+    return table
 
 
 def tables(scenes: dict[str, dict[str, Figures]]) -> list[str]:
     """Errors and times of all scenes, as Markdown."""
     kinds: dict[str, str] = {}
     names: dict[str, str] = {}
-    for found in scenes.values():
-        for name, figures in found.items():
+    for scene in scenes.values():
+        for name, figures in scene.items():
             names[name] = name
             if figures.get("kind", REFERENCE) != REFERENCE:
                 kinds.setdefault(figures["kind"], name)
@@ -350,7 +350,7 @@ def table(
     """A column a scene; a row has a title and the contestant whose figures it shows."""
     lines = [f"| | {' | '.join(scenes)} |", "|---" * (len(scenes) + 1) + "|"]
     for title, name in rows.items():
-        cells = (words(found.get(name, {})) for found in scenes.values())
+        cells = (words(scene.get(name, {})) for scene in scenes.values())
         lines.append(f"| {title} | {' | '.join(cells)} |")
     return lines
 

@@ -20,8 +20,8 @@ from peers import VTK, Embreex, Open3D, Ours, Runner
 
 import rastercov as rc
 from rastercov.base.threads import thread_count
-from rastercov.mesh import shapes
-from rastercov.raster.gl import WAYS
+from rastercov.core.mesh import shapes
+from rastercov.gl import WAYS
 
 WORKERS = 2
 SOFTWARE = "surfaceless"

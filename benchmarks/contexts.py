@@ -86,7 +86,7 @@ def moderngl_on_egl() -> None:
 
 
 def our_context(device: str = "surfaceless") -> None:
-    from rastercov.raster.gl.context import open_context
+    from rastercov.gl.context import open_context
 
     open_context(device).release()
 
@@ -97,7 +97,7 @@ def our_osmesa() -> None:
 
 def our_rasteriser() -> None:
     import rastercov as rc
-    from rastercov.mesh import shapes
+    from rastercov.core.mesh import shapes
 
     mesh, camera = shapes.box(), rc.Camera(width=64, height=48, fx=50, fy=50)
     with rc.open_rasterizer(mesh, camera, "gl", device="surfaceless") as rasterizer:
@@ -135,8 +135,8 @@ def growth_in_a_process(kind: str, rounds: int) -> dict[str, float] | str:
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     if run.returncode:
         return (run.stderr.strip().splitlines() or ["no answer"])[-1]
-    found: dict[str, float] = json.loads(run.stdout.splitlines()[-1])
-    return found
+    growth: dict[str, float] = json.loads(run.stdout.splitlines()[-1])
+    return growth
 
 
 class _Mallinfo(ctypes.Structure):
@@ -166,15 +166,15 @@ def main() -> None:
         return
     report = Report()
     for kind, (what, _) in KINDS.items():
-        found = growth_in_a_process(kind, args.rounds)
-        if isinstance(found, str):
-            print(f"{what} is left out: {found}", file=sys.stderr)
+        result = growth_in_a_process(kind, args.rounds)
+        if isinstance(result, str):
+            print(f"{what} is left out: {result}", file=sys.stderr)
             continue
         must = MOST_KIB if kind in OURS else None
-        report.add(f"{what}: resident memory a context", found["resident"], "KiB", at_most=must)
-        report.add(f"{what}: memory of malloc a context", found["malloc"], "KiB")
+        report.add(f"{what}: resident memory a context", result["resident"], "KiB", at_most=must)
+        report.add(f"{what}: memory of malloc a context", result["malloc"], "KiB")
         if must is not None:
-            report.check(f"{what}: what stays is below {must:g} KiB", found["resident"] <= must)
+            report.check(f"{what}: what stays is below {must:g} KiB", result["resident"] <= must)
     report.finish(args.json)
 
 

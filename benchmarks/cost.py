@@ -50,9 +50,9 @@ def evaluations(report: Report, rounds: int) -> None:
             line, at_answer, in_all = ran([*COMMAND, *EVALUATE, str(out)])
             answers.append(at_answer)
             wholes.append(in_all)
-        found = {path.name for path in out.iterdir()}
+        items = {path.name for path in out.iterdir()}
     report.check("evaluate: the answer is its first line", line.startswith("covered: "))
-    report.check("evaluate: the files of a report, and no table", not_hidden(found) == FILES)
+    report.check("evaluate: the files of a report, and no table", not_hidden(items) == FILES)
     what = "evaluate, 12 poses of the teapot: CPU"
     report.add(f"{what} until the answer", min(answers[1:]), "s", at_most=ANSWER_S)
     report.add(f"{what} in all", min(wholes[1:]), "s", at_most=EVALUATE_S)

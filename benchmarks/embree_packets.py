@@ -47,8 +47,8 @@ class _IntersectArguments(ctypes.Structure):
 
 def library() -> Path | None:
     """Embree's shared library in the wheel of embreex, None where the wheel has none."""
-    found = [path for path in files("embreex") or () if path.name.startswith("libembree4")]
-    return Path(str(found[0].locate())) if found else None
+    items = [path for path in files("embreex") or () if path.name.startswith("libembree4")]
+    return Path(str(items[0].locate())) if items else None
 
 
 def _open_library() -> ctypes.CDLL:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rows import Report, arguments, machine
 
-from rastercov import native
+from rastercov import engine
 
 HERE = Path(__file__).parent
 LEVELS = ("v3", "v4")
@@ -66,8 +66,8 @@ def main() -> None:
                 continue
             words = words[: words.index("MESHES") - 1]
         words = [str(args.meshes) if word == "MESHES" else word for word in words]
-        for level in LEVELS if name in BOTH_LEVELS else [native.LEVEL]:
-            if level not in native.runnable():
+        for level in LEVELS if name in BOTH_LEVELS else [engine.LEVEL]:
+            if level not in engine.runnable():
                 continue
             ended = measured(args.out / f"{name}_{level}.txt", words, level)
             report.check(f"{name}, {level}: exit 0", ended)

@@ -20,13 +20,13 @@ from sampled_bound import SUPERSAMPLES, compare, generic, machined, truth
 from tracer import Tracer, need_open3d
 
 import rastercov as rc
-from rastercov.camera.near_plane import near_limit
 from rastercov.cli.inputs import poses_around
-from rastercov.coverage.observer import ROLL
-from rastercov.exact.cameras import engine_camera
-from rastercov.exact.surface import surface_of
-from rastercov.mesh import shapes
-from rastercov.native.engine_visibility import Solver
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.coverage.observer import ROLL
+from rastercov.core.exact.cameras import engine_camera
+from rastercov.core.exact.surface import surface_of
+from rastercov.core.mesh import shapes
+from rastercov.engine.solver_visibility import Solver
 from rastercov.reference import rational
 from rastercov.reference.criteria import measured_geometry as face_geometry
 

@@ -20,7 +20,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement import matrix_folder as bit_file
 from rastercov.placement.bits import CoveredBits, n_words, spread_out
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
@@ -109,9 +109,9 @@ def generated(report: Report, n_candidates: int, n_faces: int) -> None:
     report.add(f"{name}: pairs", n_pairs, "pairs")
     report.add(f"{name}: covered", 100 * n_pairs / n_candidates / n_faces, "% of the faces")
     report.add(f"{name}: bits", size / 2**20, "MiB")
-    found = json.loads(done.stdout)
-    report.add(f"{name}: memory of the process at most", found["peak"], "MiB", at_most=2048)
-    for goal, figures in found["goals"].items():
+    content = json.loads(done.stdout)
+    report.add(f"{name}: memory of the process at most", content["peak"], "MiB", at_most=2048)
+    for goal, figures in content["goals"].items():
         report.check(f"{goal}: the bound holds", figures.pop("holds"))
         for what, (value, unit) in figures.items():
             report.add(f"{goal}: {what}", value, unit)
@@ -148,10 +148,10 @@ def _steps(problem: Problem) -> dict[str, object]:
 
     def step(name, function):
         started, cpu = time.perf_counter(), time.process_time()
-        found = function()
+        result = function()
         seconds[name] = [time.perf_counter() - started, "s"]
         seconds[f"{name}, CPU"] = [time.process_time() - cpu, "s"]
-        return found
+        return result
 
     step("reachable faces, 1 pass", lambda: problem.reachable)
     large = step("presolve, 2 passes", lambda: presolve(problem))
@@ -165,7 +165,7 @@ def _steps(problem: Problem) -> dict[str, object]:
     better = step("local search", lambda: improve(better, bound, EFFORT, 0))
     plain = large.candidates[state.ranked()]
     chosen = core.candidates[better.ranked()]
-    plain, found = (finish("greedy", problem, each, bound, 0.0) for each in (plain, chosen))
+    plain, result = (finish("greedy", problem, each, bound, 0.0) for each in (plain, chosen))
     is_best = isinstance(problem.goal, BestCoverage)
     return seconds | {
         "cameras": [len(plain.chosen), "cameras"],
@@ -177,12 +177,12 @@ def _steps(problem: Problem) -> dict[str, object]:
         "passes of the bound": [passes, "passes"],
         "core": [len(rows), "candidates"],
         "rule": [plain.objective, "of the weight" if is_best else "cameras"],
-        "after local search": [found.objective, "of the weight" if is_best else "cameras"],
-        "bound of all candidates": [found.bound, ""],
+        "after local search": [result.objective, "of the weight" if is_best else "cameras"],
+        "bound of all candidates": [result.bound, ""],
         "holds": bool(
-            max(plain.objective, found.objective) <= bound + 1e-12
+            max(plain.objective, result.objective) <= bound + 1e-12
             if is_best
-            else min(plain.objective, found.objective) >= bound - 1e-12
+            else min(plain.objective, result.objective) >= bound - 1e-12
         ),
     }
 
@@ -203,10 +203,10 @@ def small(report: Report) -> None:
         plain = [select_greedy(lists, effort=0, core_pairs=n).chosen for n in (None, core)]
         name = f"4,000 x 6,000, {goal}, views {views}"
         report.check(f"{name}: the same rule", plain[0].tolist() == plain[1].tolist())
-        for what, found in (("lists", one), ("bits, core of a tenth", other)):
-            report.add(f"  {what}", found.objective, "")
-            report.add(f"  {what}: bound", found.bound, "")
-            report.add(f"  {what}: time", found.seconds, "s")
+        for what, item in (("lists", one), ("bits, core of a tenth", other)):
+            report.add(f"  {what}", item.objective, "")
+            report.add(f"  {what}: bound", item.bound, "")
+            report.add(f"  {what}: time", item.seconds, "s")
 
 
 # --- a plan ---------------------------------------------------------------------------------------
@@ -244,15 +244,15 @@ def placed(report: Report, count: int, workers: int) -> None:
         seconds = time.perf_counter() - started
         process.returncode = os.waitstatus_to_exitcode(status)
         report.check("plan: the command succeeds", process.returncode == 0)
-        found = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
-        passes = _passes(Path(folder, "plan", "matrix"), found["matrix"]["held_as"])
+        content = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
+        passes = _passes(Path(folder, "plan", "matrix"), content["matrix"]["held_as"])
         n_bytes = sum(path.stat().st_size for path in Path(folder).rglob("pairs-*.npz"))
-    selection, n_pairs = found["selection"], found["matrix"]["pairs"]
-    name = f"{count:,} x {found['network']['faces']:,}"
+    selection, n_pairs = content["selection"], content["matrix"]["pairs"]
+    name = f"{count:,} x {content['network']['faces']:,}"
     report.check(f"{name}: coverage lies below its bound", selection["share"] <= selection["bound"])
-    report.check(f"{name}: held as bits", found["matrix"]["held_as"] == "bits")
+    report.check(f"{name}: held as bits", content["matrix"]["held_as"] == "bits")
     report.add(f"{name}: pairs", n_pairs, "pairs")
-    for step, took in found["seconds"]["steps"].items():
+    for step, took in content["seconds"]["steps"].items():
         report.add(f"{name}: {step}", took, "s")
     report.add(f"{name}: Parquet", n_bytes / 2**20, "MiB")
     report.add("  a pair", n_bytes / n_pairs, "B")

@@ -40,10 +40,10 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.camera.lenses.of_camera import planes_of, polygon_areas
-from rastercov.camera.viewpoints import enclosing_distance
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.mesh import shapes
+from rastercov.core.camera.lenses.of_camera import planes_of, polygon_areas
+from rastercov.core.camera.viewpoints import enclosing_distance
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.mesh import shapes
 from rastercov.reference.lenses import project
 
 MOST_RAD, MOST_PX2 = 1e-11, 1e-6
@@ -69,9 +69,9 @@ def add_models(report: Report, n_rays: int, rounds: int) -> None:
     """Rays there and back, sums of areas, and the cost of rays and edges."""
     lenses = of_all_kinds()
     for name, lens in lenses.items():
-        found = lens.unproject(pixels(n_rays))
-        again = lens.unproject(lens.project(found))
-        report.add(f"{name}: ray to pixel to ray", np.abs(again - found).max(), "",
+        rays = lens.unproject(pixels(n_rays))
+        again = lens.unproject(lens.project(rays))
+        report.add(f"{name}: ray to pixel to ray", np.abs(again - rays).max(), "",
                    at_most=MOST_RAD)  # fmt: skip
         total = sum(
             polygon_areas(each, on_plane(each.plane, room(3))).inside.sum() for each in lens.proved
@@ -100,14 +100,14 @@ def folded_share() -> float:
 
 def add_cost(report: Report, name: str, lens: object, rounds: int) -> None:
     where = pixels(200_000)
-    found = lens.unproject(where)
+    rays = lens.unproject(where)
     proved = lens.proved[0]
     rng = np.random.default_rng(0)
     middle = rng.uniform(-0.5, 0.5, (10_000, 1, 2))
     corners = middle + rng.normal(size=(10_000, 3, 2)) * 5 / proved.camera.fx
     faces = list(corners)
     for what, count, call in (
-        ("pixel of a ray", len(found), lambda: lens.project(found)),
+        ("pixel of a ray", len(rays), lambda: lens.project(rays)),
         ("ray of a pixel", len(where), lambda: lens.unproject(where)),
         ("edge of 10 px", 30_000, lambda: polygon_areas(proved, faces)),
     ):
@@ -239,20 +239,20 @@ def evaluations(
     stack: ExitStack, mesh: Mesh, cameras: Iterable[Camera], poses: NDArray[np.float64]
 ) -> dict[str, list[Callable[[], object]]]:
     """Calls that find all figures, and the coverage alone, of open observers of the cameras."""
-    found: dict[str, list[Callable[[], object]]] = {}
+    functions_by_key: dict[str, list[Callable[[], object]]] = {}
     for method in ("certified", "sampled:cpu"):
         observers = [
             stack.enter_context(open_observer(mesh, camera, method, threads=1))
             for camera in cameras
         ]
         for what, fields in (("all figures", None), ("coverage", ["coverage"])):
-            found[f"{what}, {method.partition(':')[0]}"] = [
+            functions_by_key[f"{what}, {method.partition(':')[0]}"] = [
                 lambda observer=observer, fields=fields: list(
                     evaluate_batches(observer, poses, fields=fields)
                 )
                 for observer in observers
             ]
-    return found
+    return functions_by_key
 
 
 def call_all(calls: Sequence[Callable[[], object]]) -> None:

@@ -11,8 +11,8 @@ from rows import Report, arguments, seconds
 from swept_arm import CAMERAS, cell, frames, sweep
 
 import rastercov as rc
-from rastercov.camera.lamps import points_of
-from rastercov.coverage.area.motion import Sights
+from rastercov.light.lamps import points_of
+from rastercov.motion.regions import Sights
 
 LAMPS = rc.Lamps(
     [rc.Lamp.point(intensity=100), rc.Lamp.spot(30, intensity=60)],

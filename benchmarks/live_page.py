@@ -21,8 +21,8 @@ from firefox import FIREFOX, XVFB, firefox
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.camera.rig import Cameras
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.live import Asked, engine, view_of, why_recorded
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)

@@ -33,11 +33,11 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov.base.threads import thread_count
 from rastercov.cli import inputs
-from rastercov.coverage.coverage import FIGURES, batch_size
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import ROLL
-from rastercov.mesh import shapes
-from rastercov.mesh.formats import READERS
+from rastercov.core.coverage.coverage import FIGURES, batch_size
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import ROLL
+from rastercov.core.mesh import shapes
+from rastercov.formats.meshes import READERS
 from rastercov.reference.coverage import figures_of_pose, rows_of
 from rastercov.report.coverage import Options, run
 
@@ -249,16 +249,16 @@ def is_same_as_twin(judged, poses, seen) -> bool:
 
 def is_same_network(mesh, poses, judged) -> bool:
     """True if `judge` gives what adding the figures gives, bit for bit."""
-    expected, found = Network(mesh, TASK), Network(mesh, TASK)
+    expected, network = Network(mesh, TASK), Network(mesh, TASK)
     expected.add(judged)
     with rc.open_observer(mesh, CAMERA) as observer:
-        for batch in found.judge(observer, rc.Poses.of(poses)):
-            found.add(batch)
+        for batch in network.judge(observer, rc.Poses.of(poses)):
+            network.add(batch)
     same = [
-        np.array_equal(getattr(found, name), getattr(expected, name))
+        np.array_equal(getattr(network, name), getattr(expected, name))
         for name in ("views", "best", "best_pose", "reason", "covered_faces", "mean_coverage")
     ]
-    return all(same) and found.summary() == expected.summary()
+    return all(same) and network.summary() == expected.summary()
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ from embree_packets import EmbreePackets
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.coverage.coverage import batch_size
-from rastercov.mesh.formats import READERS
+from rastercov.core.coverage.coverage import batch_size
+from rastercov.formats.meshes import READERS
 
 TORI = (10_000, 100_000, 1_000_000)
 CPU_MS = {

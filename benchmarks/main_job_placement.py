@@ -14,11 +14,11 @@ from rows import Report, arguments
 from solids import drilled_part, with_clamps
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import Mesh
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, openings
 from rastercov.placement.candidates.pool import Framing
 from rastercov.placement.matrix import VisibilityMatrix
@@ -88,8 +88,8 @@ def matrix_rows(report: Report, args, folder: Path) -> None:
     )
     place(small, small.folder)
     placed, wall, cpu = timed(lambda: place(plan, plan.folder))
-    (found,) = (plan.folder / "matrix").iterdir()
-    matrix = VisibilityMatrix.load(found)
+    (iterdir,) = (plan.folder / "matrix").iterdir()
+    matrix = VisibilityMatrix.load(iterdir)
     name = f"matrix, {matrix.n_poses:,} candidates x {matrix.n_faces:,} faces"
     report.check(f"{name}: pairs of evaluate", is_same_matrix(matrix, plan))
     report.add(name, placed.steps["visibility matrix"], "s", at_most=15, aim=8)
@@ -123,7 +123,7 @@ def check_rows(report: Report, args, folder: Path) -> None:
     write_poses(rig, poses)
     write_poses(few, poses[:4])
     check(plan, few, {None: 0.9})
-    found, wall, cpu = timed(lambda: check(plan, rig, {None: 0.9}))
+    result, wall, cpu = timed(lambda: check(plan, rig, {None: 0.9}))
     task = plan.build_task()
     reasons = rc.evaluate(mesh, CAMERA, poses, task, fields=("reason",), by="face").reason
     expected = covered_faces(
@@ -134,7 +134,7 @@ def check_rows(report: Report, args, folder: Path) -> None:
         np.cos(np.radians(10)) + 1e-12,
     )
     name = f"check, {len(poses)} poses x {mesh.n_faces:,} faces"
-    report.check(f"{name}: faces of the twin", np.array_equal(found.cameras.covered, expected))
+    report.check(f"{name}: faces of the twin", np.array_equal(result.cameras.covered, expected))
     report.add(name, cpu, "CPU-s", at_most=15, aim=8)
     report.add(f"{name}, wall", wall, "s")
 
@@ -151,15 +151,15 @@ def cavity_rows(report: Report, args, folder: Path) -> None:
             network.add(batch)
     unseen = np.flatnonzero(mesh.task_mask & ~network.covered)
     openings(mesh, CAMERA, framing, faces=unseen[:2], clearance=0.02)
-    found, wall, cpu = timed(lambda: openings(mesh, CAMERA, framing, faces=unseen, clearance=0.02))
+    result, wall, cpu = timed(lambda: openings(mesh, CAMERA, framing, faces=unseen, clearance=0.02))
     name = f"cavities, {mesh.n_faces:,} faces, {len(unseen):,} uncovered"
     few = slice(None, None, 10)
-    made, face = found.candidates.poses[few], found.candidates.index[few]
+    made, face = result.candidates.poses[few], result.candidates.index[few]
     seen = rc.evaluate(mesh, CAMERA, made, fields=["visibility"], by="face").visibility[
         np.arange(len(made)), face
     ]
     report.check(f"{name}: each candidate sees its face", bool((seen > 0).all()))
-    shut = found.face[found.access == Access.ENCLOSED]
+    shut = result.face[result.access == Access.ENCLOSED]
     from_afar = rc.evaluate(
         mesh, CAMERA, around(mesh, 20), fields=["visibility"], by="face"
     ).visibility

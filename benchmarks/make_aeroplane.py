@@ -2,7 +2,7 @@
 
 Needs the `shapes` extra (manifold3d, fast-simplification). Without `--write` the file is left
 alone, and what it holds is compared with what was remade. Exits 1 when a mesh is not what
-`rastercov.mesh.shapes.aeroplane` promises.
+`rastercov.core.mesh.shapes.aeroplane` promises.
 
     python benchmarks/make_aeroplane.py [--write] [--json]
 """
@@ -17,7 +17,7 @@ from manifold3d import Mesh as ManifoldMesh
 from numpy.typing import NDArray
 from rows import Report, arguments
 
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 Points = NDArray[np.float64]
 STORED = Path(__file__).parents[1] / "rastercov" / "data" / "aeroplane.npz"

@@ -24,7 +24,7 @@ from rows import Report, arguments, resident_mib
 
 import rastercov as rc
 from rastercov.base.interrupts import interrupts_held
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 CAMERA = rc.Camera(width=128, height=128, fx=154, fy=154)
@@ -118,10 +118,10 @@ def _in_pieces(report: Report, n_poses: int, expected: str) -> None:
             report.add(f"parts of {n_parts} done when ended by {how.name}", done, "parts")
             report.check(f"{how.name} came before the end", done < n_parts)
         subprocess.run([*command, "--threads", "1"], check=True)
-        found = [np.load(path) for path in sorted(folder.glob("part-*.npz"))]
-        report.check("all parts are there", len(found) == n_parts)
-        totals = np.sum([part["totals"] for part in found], axis=0)
-        pieces = _hash(np.concatenate([part["fingerprints"] for part in found]), totals)
+        values = [np.load(path) for path in sorted(folder.glob("part-*.npz"))]
+        report.check("all parts are there", len(values) == n_parts)
+        totals = np.sum([part["totals"] for part in values], axis=0)
+        pieces = _hash(np.concatenate([part["fingerprints"] for part in values]), totals)
     report.check("in pieces: the same hash as at once", pieces == expected)
 
 
@@ -133,8 +133,8 @@ def _count_in(folder: Path, n_poses: int, threads: int) -> None:
         path = folder / f"part-{number:03d}.npz"
         if path.exists():
             continue
-        found = list(job.batches(part))  # an interrupt ends it here
-        fingerprints, totals = zip(*found, strict=True)
+        items = list(job.batches(part))  # an interrupt ends it here
+        fingerprints, totals = zip(*items, strict=True)
         with interrupts_held():
             unfinished = folder / f".{path.name}"
             with unfinished.open("wb") as file:

@@ -14,10 +14,10 @@ from rows import Report, arguments, seconds
 from swept_arm import CAMERAS, cell, frames, sweep
 
 import rastercov as rc
-from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.motion import Sights
-from rastercov.coverage.area.table import joined
-from rastercov.exact.surface import surface_of
+from rastercov.core.area.frames import frames_of
+from rastercov.core.area.table import joined
+from rastercov.core.exact.surface import surface_of
+from rastercov.motion.regions import Sights
 
 CAMERA = rc.Camera(width=1920, height=1200, fx=1500, fy=1500)
 MOST_MS = {20_000: 5.0, 200_000: 20.0}
@@ -44,8 +44,8 @@ def main() -> None:
 def agree(report: Report, mesh: rc.Mesh, n: int) -> None:
     """Regions of every frame, and of a mesh of its moved vertices."""
     motion, task = rc.Motion(mesh, frames(sweep(n))), rc.Task()
-    found = rc.regions(mesh, CAMERA, CAMERAS, task, motion=motion, threads=1)
-    areas, bounds = (each.reshape(n, 4, -1) for each in (found.areas(), found.bounds()))
+    regions = rc.regions(mesh, CAMERA, CAMERAS, task, motion=motion, threads=1)
+    areas, bounds = (each.reshape(n, 4, -1) for each in (regions.areas(), regions.bounds()))
     total, worst = mesh.areas[mesh.task_mask].sum(), 0.0
     for row in range(n):
         pose = motion.world_from_body[row, motion.body]

@@ -12,9 +12,9 @@ def marks(program: str) -> tuple[str, str]:
 def write(page: Path, program: str, block: str) -> None:
     """Put a block between the marks of a program."""
     begin, end = marks(program)
-    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
+    before, result, rest = page.read_text(encoding="utf-8").partition(begin)
     _, closed, after = rest.partition(end)
-    if not (found and closed):
+    if not (result and closed):
         sys.exit(f"{page} must have the lines {begin} and {end}; add them where the tables belong")
     page.write_text(f"{before}{begin}\n{block}\n{end}{after}", encoding="utf-8")
 

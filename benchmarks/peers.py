@@ -106,8 +106,8 @@ class Embreex:
             started = time.perf_counter()
             rays = self._rays(row)
             making += time.perf_counter() - started
-            found = self.tracer.intersects_first(*rays)
-            np.bincount(found[found >= 0], minlength=self.n_faces)
+            intersects_first = self.tracer.intersects_first(*rays)
+            np.bincount(intersects_first[intersects_first >= 0], minlength=self.n_faces)
         return making
 
     def faces(self, row: int) -> np.ndarray:
@@ -189,8 +189,8 @@ class VTK:
     def count(self, rows: np.ndarray) -> float:
         """As `Runner.count`."""
         for row in rows:
-            found = self._ids(row)
-            np.bincount(found[found >= 0], minlength=self.mesh.n_faces)
+            ids = self._ids(row)
+            np.bincount(ids[ids >= 0], minlength=self.mesh.n_faces)
         return 0.0
 
     def faces(self, row: int) -> np.ndarray:

@@ -27,7 +27,7 @@ from surface_cases import room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.candidates.mounting import on_ceiling, on_sphere, on_walls
 from rastercov.placement.candidates.pool import Framing, per_segment
 from rastercov.placement.candidates.segments import segment
@@ -139,13 +139,13 @@ class Site:
         mesh, rng = space.mesh, np.random.default_rng(seed)
         framing = Framing(stand_off=self.stand_off, fit="vertices")
         segmentation = segment(mesh, 15, 25, merge="closest")
-        found = per_segment(mesh, camera, framing, segmentation=segmentation)
+        segments = per_segment(mesh, camera, framing, segmentation=segmentation)
         if self.boxes is None:
-            found += on_sphere(mesh, camera, framing, count=count // 3)
+            segments += on_sphere(mesh, camera, framing, count=count // 3)
         else:
-            found += on_walls(mesh, camera, framing, spacing=0.6, inset=0.3)
-            found += on_ceiling(mesh, camera, framing, spacing=0.6, inset=0.3)
-        poses = found.poses[space.allows(found.poses[:, :3, 3])][:count]
+            segments += on_walls(mesh, camera, framing, spacing=0.6, inset=0.3)
+            segments += on_ceiling(mesh, camera, framing, spacing=0.6, inset=0.3)
+        poses = segments.poses[space.allows(segments.poses[:, :3, 3])][:count]
         low, high = space.aim
         more = space.sample(count - len(poses), rng)
         return np.concatenate((poses, rc.look_at(more, rng.uniform(low, high, more.shape))))
@@ -321,13 +321,13 @@ def large(report: Report, count: int) -> None:
         seconds = time.perf_counter() - started
         process.returncode = os.waitstatus_to_exitcode(status)
         report.check("large plan: the command succeeds", process.returncode == 0)
-        found = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
+        content = json.loads(Path(folder, "plan", "plan.json").read_text(encoding="utf-8"))
         disk = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
-    name = f"{count} candidates x {found['network']['faces']} faces"
-    selection = found["selection"]
+    name = f"{count} candidates x {content['network']['faces']} faces"
+    selection = content["selection"]
     report.check(f"{name}: coverage lies below its bound", selection["share"] <= selection["bound"])
-    report.add(f"{name}: pairs", found["matrix"]["pairs"], "pairs")
-    for step, took in found["seconds"]["steps"].items():
+    report.add(f"{name}: pairs", content["matrix"]["pairs"], "pairs")
+    for step, took in content["seconds"]["steps"].items():
         report.add(f"{name}: {step}", took, "s")
     report.add(f"{name}: disk", disk / 2**20, "MiB")
     report.add(f"{name}: 20 cameras cover", 100 * selection["share"], "% of the area")

@@ -154,14 +154,14 @@ def planned(name: str, path: Path, entry: dict[str, Any]) -> Plan:
     # Patches of which a view sees anything count for the bound, so that it holds for exact areas.
     bound = select_greedy(problem_of(matrix, cells, goal, min_coverage=TOUCHED), effort=0).bound
     for least in HALF_TO_ALL:
-        found = poses[select_greedy(problem_of(matrix, cells, goal, min_coverage=least)).chosen]
-        share = site.share(found)
+        result = poses[select_greedy(problem_of(matrix, cells, goal, min_coverage=least)).chosen]
+        share = site.share(result)
         if share >= their_share:
             break
     if not limit:  # as many, in greedy order, as reach their area
-        found = found[: fewest(lambda n: site.share(found[:n]) >= their_share, len(found))]
-        share = site.share(found)
-    return Plan(name, len(theirs), their_share, len(found), share, bound)
+        result = result[: fewest(lambda n: site.share(result[:n]) >= their_share, len(result))]
+        share = site.share(result)
+    return Plan(name, len(theirs), their_share, len(result), share, bound)
 
 
 def fewest(suffices: Callable[[int], bool], most: int) -> int:
@@ -175,7 +175,7 @@ def fewest(suffices: Callable[[int], bool], most: int) -> int:
 
 def found_in(folder: Path, name: str, files: dict[str, str], missing: list[str]) -> list[Path]:
     """Files of a repository that are as named; the others are added to `missing`."""
-    found = []
+    items = []
     for path, digest in files.items():
         file = folder / name / path
         if not file.is_file():
@@ -183,8 +183,8 @@ def found_in(folder: Path, name: str, files: dict[str, str], missing: list[str])
         elif hashlib.sha256(file.read_bytes()).hexdigest() != digest:
             missing.append(f"{name}: {path} differs from the named version")
         else:
-            found.append(file)
-    return found
+            items.append(file)
+    return items
 
 
 def line_of_set(report: Report, entry: dict[str, Any], plans: list[Plan]) -> str:

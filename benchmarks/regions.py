@@ -21,11 +21,11 @@ from rows import Report, arguments
 from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
-from rastercov.camera.formats.conventions import panorama
-from rastercov.coverage.area.cells import usual_size
-from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.mesh import shapes
+from rastercov.core.area.cells import usual_size
+from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.conventions import panorama
+from rastercov.core.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on
 
 MOST_OFF, SCATTER = 0.02, 25.0
@@ -111,11 +111,11 @@ def compare(
     n_points: int,
 ) -> None:
     """Regions, by their area and point by point; and their union."""
-    found = rc.regions(mesh, camera, poses, task)
+    regions = rc.regions(mesh, camera, poses, task)
     points, face = points_on(mesh, n_points)
     covers = covers_points(mesh, camera, poses, task, points, face)
     total = mesh.areas.sum()
-    union = rc.unite(found, len(poses))
+    union = rc.unite(regions, len(poses))
     views = covers.sum(axis=0)
     off = max(abs(100 * union.share(k) - 100 * (views >= k).mean()) for k in range(1, 4))
     report.add(f"{name}: covered area", 100 * union.share(), "%")
@@ -123,15 +123,15 @@ def compare(
     limit = max(MOST_OFF, SCATTER / n_points**0.5)
     report.add(f"{name}: off {n_points:,} points, 1 to 3 views", off, "points", at_most=limit)
     wrong = sum(
-        int((in_regions(found, row, points, face) != covers[row]).sum())
+        int((in_regions(regions, row, points, face) != covers[row]).sum())
         for row in range(len(poses))
     )
-    expected = found.bound.sum() / total * n_points
+    expected = regions.bound.sum() / total * n_points
     report.add(f"{name}: points on the other side", wrong, f"of {covers.size:,}")
     report.check(f"{name}: no more than the bound", wrong <= 2 + expected + 6 * expected**0.5)
-    all_views = float(union.area.sum() - found.area.sum()) / total
+    all_views = float(union.area.sum() - regions.area.sum()) / total
     report.check(f"{name}: areas of all views add up", abs(all_views) <= 1e-9)
-    off = float(off_clipper2(found, rc.unite(found).area[0]).max()) / total
+    off = float(off_clipper2(regions, rc.unite(regions).area[0]).max()) / total
     report.add(f"{name}: union off Clipper2, largest face", off, "of all area", at_most=UNION_REL)
 
 
@@ -150,7 +150,7 @@ def measure(
     """Print CPU times of one thread, and memory."""
     finder, chosen = RegionPass(mesh, camera, task, threads=1), rc.Poses.of(poses)
     observer = rc.open_observer(mesh, camera, threads=1)
-    found, n = finder.find(chosen), len(poses)
+    result, n = finder.find(chosen), len(poses)
     repeats = max(1, 60 // n) if mesh.n_faces < 1000 else 1
     certified, exact = [], []
     for _ in range(rounds):
@@ -161,22 +161,22 @@ def measure(
     at_most = most if ratio is None else None
     report.add(f"{name}: regions", 1e3 * statistics.median(exact), "ms/pose", at_most=at_most)
     report.add(f"{name}: regions / certified", statistics.median(ratios), "", at_most=ratio)
-    size = found.xy.nbytes + found.starts.nbytes + found.face.nbytes + found.pose.nbytes
-    report.add(f"{name}: pieces", len(found) / n, "a camera")
+    size = result.xy.nbytes + result.starts.nbytes + result.face.nbytes + result.pose.nbytes
+    report.add(f"{name}: pieces", len(result) / n, "a camera")
     report.add(f"{name}: memory of pieces", size / n / 1e3, "kB a camera")
     for k in (1, 3):
-        rc.unite(found, k)
-        taken = [seconds(lambda k=k: rc.unite(found, k)) for _ in range(rounds)]
+        rc.unite(result, k)
+        taken = [seconds(lambda k=k: rc.unite(result, k)) for _ in range(rounds)]
         report.add(f"{name}: union of {n}, {k} views", 1e3 * statistics.median(taken), "ms")
     cells = rc.cells(mesh, 0.05 * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0))))
-    shares = cells.share(found)
-    taken = [seconds(lambda: cells.share(found)) / n for _ in range(rounds)]
+    shares = cells.share(result)
+    taken = [seconds(lambda: cells.share(result)) / n for _ in range(rounds)]
     report.add(f"{name}: shares of {len(cells):,} cells", 1e3 * statistics.median(taken), "ms/pose")
     pairs = len(shares.cell) / n
     report.add(f"{name}: shares of 10,000 candidates", 12 * 1e4 * pairs / 1e9, "GB", at_most=1.0)
     usual = rc.cells(mesh, usual_size(mesh))
     centres = CentrePass(usual, camera, task, threads=1)
-    listed, halves = centres.find(chosen.world_from_camera), usual.share(found)
+    listed, halves = centres.find(chosen.world_from_camera), usual.share(result)
     taken = [seconds(lambda: centres.find(chosen.world_from_camera)) / n for _ in range(rounds)]
     report.add(
         f"{name}: centres of {len(usual):,} cells", 1e3 * statistics.median(taken), "ms/pose"
@@ -203,7 +203,7 @@ def through_lens(
     """Print the CPU time of a pose through a lens, to that of the pinhole without distortion."""
     finders = [RegionPass(mesh, camera, task, threads=1) for camera in (pinhole, lens)]
     chosen, repeats = rc.Poses.of(poses), max(1, 3000 // mesh.n_faces)
-    found = [finder.find(chosen) for finder in finders]
+    results = [finder.find(chosen) for finder in finders]
     taken = np.array(
         [
             [seconds(lambda f=finder: f.find(chosen), repeats) / len(poses) for finder in finders]
@@ -214,8 +214,8 @@ def through_lens(
     report.add(f"{name}, lens: regions", 1e3 * float(np.median(taken[:, 1])), "ms/pose")
     ratio = float(np.median(taken[:, 1] / taken[:, 0]))
     report.add(f"{name}: lens / pinhole", ratio, "", at_most=MOST_OF_PINHOLE)
-    report.add(f"{name}, lens: pieces", len(found[1]) / len(poses), "a camera")
-    share = 100 * found[1].bound.sum() / found[1].area.sum()
+    report.add(f"{name}, lens: pieces", len(results[1]) / len(poses), "a camera")
+    share = 100 * results[1].bound.sum() / results[1].area.sum()
     report.add(f"{name}, lens: bound", share, "% of the covered area")
 
 
@@ -232,11 +232,11 @@ def through_wide_lenses(report: Report, mesh: rc.Mesh, poses: np.ndarray, rounds
         for density in (0.0, 150.0):
             task = rc.Task(min_pixel_density=density)
             finder, chosen = RegionPass(mesh, camera, task, threads=1), rc.Poses.of(poses)
-            found = finder.find(chosen)
+            result = finder.find(chosen)
             taken = [seconds(partial(finder.find, chosen)) / len(poses) for _ in range(rounds)]
             label = f"{name}, {density:g} px/m"
             report.add(f"{label}: regions", 1e3 * float(np.median(taken)), "ms/pose")
-            report.add(f"{label}: pieces", len(found) / len(poses), "a camera")
+            report.add(f"{label}: pieces", len(result) / len(poses), "a camera")
 
 
 def seconds(work: Callable[[], object], repeats: int = 1) -> float:

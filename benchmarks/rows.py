@@ -79,7 +79,7 @@ def _print(row: dict[str, Any]) -> None:
 
 def machine() -> str:
     """Day, processor, level of the loops, load, and versions, in a line."""
-    from rastercov import native
+    from rastercov import engine
 
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
@@ -93,7 +93,7 @@ def machine() -> str:
     return (
         f"{datetime.now(UTC):%Y-%m-%d}; {next(models, platform.machine())}, "
         f"{len(os.sched_getaffinity(0))} cores, {platform.system()}, "
-        f"code level {native.LEVEL}, load {load}; {', '.join(versions)}"
+        f"code level {engine.LEVEL}, load {load}; {', '.join(versions)}"
     )
 
 
@@ -110,11 +110,11 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_args(self, *args: Any, **options: Any) -> Any:
         """As of `ArgumentParser`."""
-        found = super().parse_args(*args, **options)
+        result = super().parse_args(*args, **options)
         _Parser.rows_go_to = sys.stdout
-        if found.json:
+        if result.json:
             sys.stdout = sys.stderr
-        return found
+        return result
 
 
 def arguments(description: str) -> argparse.ArgumentParser:

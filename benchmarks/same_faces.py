@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov.camera.projection import to_camera, to_image
+from rastercov.core.camera.projection import to_camera, to_image
 
 EDGE = 4e-3
 """Pixels from an edge within which either side may be met."""

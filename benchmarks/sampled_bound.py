@@ -17,9 +17,9 @@ from rows import Report, arguments
 from scenes import joined
 
 import rastercov as rc
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import ROLL
-from rastercov.mesh import shapes
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.observer import ROLL
+from rastercov.core.mesh import shapes
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.convergence import fractions
@@ -41,14 +41,14 @@ def main() -> None:
     report = Report()
     for kind, make in {"generic": generic, "machined": machined}.items():
         rng = np.random.default_rng(args.seed)
-        found: dict[str, list[np.ndarray]] = {"rows of pixels": [], "rolled": []}
+        items_by_key: dict[str, list[np.ndarray]] = {"rows of pixels": [], "rolled": []}
         for number, (mesh, pose) in enumerate(make(rng, args.scenes)):
             true = truth(mesh, pose)
             if number < SCENES_CHECKED:
                 _check(report, f"{kind}, scene {number}", mesh, pose, true)
-            for name, roll in zip(found, (0.0, args.roll), strict=True):
-                found[name] += [compare(mesh, pose, true, s, roll) for s in SUPERSAMPLES]
-        for name, parts in found.items():
+            for name, roll in zip(items_by_key, (0.0, args.roll), strict=True):
+                items_by_key[name] += [compare(mesh, pose, true, s, roll) for s in SUPERSAMPLES]
+        for name, parts in items_by_key.items():
             _add(report, f"{kind}, {name}", np.concatenate(parts, axis=1), name == "rolled")
     report.finish(args.json)
 
@@ -95,8 +95,8 @@ def compare(
     with rc.open_rasterizer(mesh, CAMERA, "cpu", supersample=supersample, roll=roll) as rasterizer:
         counts = rasterizer.count(pose)
     view = face_geometry(mesh, CAMERA, pose)
-    found = fractions(FacePass(mesh, CAMERA, 1), counts, rc.Poses.of(pose))
-    value, bound = found[0][0], found[1][0]
+    result = fractions(FacePass(mesh, CAMERA, 1), counts, rc.Poses.of(pose))
+    value, bound = result[0][0], result[1][0]
     chosen = view.is_front & np.isfinite(true) & (counts.drawn[0] > 0)
     return np.stack((counts.drawn[0], np.abs(value - true), bound))[:, chosen]
 

@@ -99,9 +99,9 @@ def compare(
     def hold(what: str, rule: rc.All | rc.AtLeast, chosen: tuple[int, ...], truth: np.ndarray):
         rig = rc.Rig([camera] * len(chosen), list("abc")[: len(chosen)], poses[list(chosen)],
                      rule=rule)  # fmt: skip
-        found = rc.regions(mesh, rig, rig.poses(np.eye(4)), task)
-        wrong = int((in_regions(found, 0, points, face) != truth).sum())
-        explained = found.bound.sum() / mesh.areas.sum() * n
+        regions = rc.regions(mesh, rig, rig.poses(np.eye(4)), task)
+        wrong = int((in_regions(regions, 0, points, face) != truth).sum())
+        explained = regions.bound.sum() / mesh.areas.sum() * n
         entry = total.setdefault(what, [0, 0.0, 0])
         entry[0], entry[1], entry[2] = entry[0] + wrong, entry[1] + explained, entry[2] + n
 
@@ -127,15 +127,17 @@ def laws(
     report: Report, mesh: rc.Mesh, camera: rc.Camera, poses: np.ndarray, task: rc.Task
 ) -> None:
     """Check what gates must obey, whatever they are of."""
-    total, found = mesh.areas.sum(), rc.regions(mesh, camera, poses, task)
-    same = np.array_equal(found.at_least(1).areas()[0], rc.unite(found).area[0])
+    total, regions = mesh.areas.sum(), rc.regions(mesh, camera, poses, task)
+    same = np.array_equal(regions.at_least(1).areas()[0], rc.unite(regions).area[0])
     report.check("at_least(1) is the union, to the bit", same)
     order = [4, 5, 0, 1, 2, 3]
     other = rc.regions(mesh, camera, poses[order], task)
-    areas = [each.at_least(2, [0, 0, 1, 1, 2, 2]).at_least(2).area.sum() for each in (found, other)]
+    areas = [
+        each.at_least(2, [0, 0, 1, 1, 2, 2]).at_least(2).area.sum() for each in (regions, other)
+    ]
     report.check("gates in any order agree to 1e-12", abs(areas[0] - areas[1]) <= 1e-12 * total)
-    by_number = sum(found.at_least(k).area.sum() for k in range(1, 7))
-    off = abs(by_number - found.area.sum())
+    by_number = sum(regions.at_least(k).area.sum() for k in range(1, 7))
+    off = abs(by_number - regions.area.sum())
     report.check("areas over k add up to 1e-12", off <= 1e-12 * total)
 
 
@@ -152,14 +154,14 @@ def hostile(report: Report, n_scenes: int) -> None:
         rules = [rc.All(min_baseline_deg=8), rc.AtLeast(2), rc.AtLeast(2, needs=["c"]), rc.All()]
         rig = rc.Rig([camera] * 3, ["a", "b", "c"], places, rule=rules[seed // 2 % 4])
         task = rc.Task(max_incidence_deg=80)
-        found = rc.regions(mesh, rig, rig.poses(poses), task)
+        regions = rc.regions(mesh, rig, rig.poses(poses), task)
         points, face = points_on(mesh, n)
         truth = rig_covers_points(
             mesh, rig, np.asarray(poses).reshape(-1, 4, 4), task, points, face
         )
         for row, covered in enumerate(truth):
-            off = int((in_regions(found, row, points, face) != covered).sum())
-            allowed = found.bounds()[row].sum() / mesh.areas.sum() * n
+            off = int((in_regions(regions, row, points, face) != covered).sum())
+            allowed = regions.bounds()[row].sum() / mesh.areas.sum() * n
             wrong, explained = wrong + off, explained + allowed
             worst = max(worst, off - 2 - allowed - 6 * np.sqrt(allowed))
     report.add(f"{n_scenes} hostile scenes: on the wrong side", wrong, "points")
@@ -176,15 +178,15 @@ def cuts(report: Report) -> None:
         mesh, camera, poses = scene()
         for rule in (rc.All(), rc.All(min_baseline_deg=3)):
             rig = rc.Rig([camera] * 2, ["a", "b"], places, rule=rule)
-            found = [
+            regions = [
                 rc.regions(each, rig, rig.poses(poses), task)
                 for each in (mesh, *(cut_at_random(mesh, seed, 60)[0] for seed in range(3)))
             ]
             to_points = 100 / mesh.areas.sum()
-            off = np.ptp([each.areas().sum(axis=1) for each in found], axis=0).max() * to_points
+            off = np.ptp([each.areas().sum(axis=1) for each in regions], axis=0).max() * to_points
             most, angle = 1e-4, ""
             if rule.min_baseline_deg:  # what is not decided is left out, and in the bounds
-                bounds = [each.bounds().sum(axis=1).max() * to_points for each in found]
+                bounds = [each.bounds().sum(axis=1).max() * to_points for each in regions]
                 most, angle = most + 2 * max(bounds), " with an angle"
             report.add(f"{scene.__name__}, other cuts, pairs{angle}", off, "points", at_most=most)
             report.check(f"{scene.__name__}, other cuts{angle}", off <= most)
@@ -214,8 +216,8 @@ def lines(report: Report, n: int) -> None:
     ):  # fmt: skip
         seen = measured(mesh, rig, moments(points, first), TASK, points, face)
         for step, n_stations in ((2, 16), (1, 32)):
-            found = rc.LaserLine.of(mesh, rig, path[::step] @ first, TASK)
-            off = abs(found.percent - 100 * seen.mean())
+            result = rc.LaserLine.of(mesh, rig, path[::step] @ first, TASK)
+            off = abs(result.percent - 100 * seen.mean())
             name = f"laser line, {what}, {n_stations} stations: off rays"
             report.add(name, off, "points", at_most=0.05)
             report.check(name, off <= 0.05)
@@ -261,12 +263,12 @@ def criteria(report: Report, mesh: rc.Mesh, n: int) -> None:
     for name, (regions, criterion, truth) in cases.items():
         regions.where(criterion)
         before = time.thread_time()
-        found = regions.where(criterion)
+        part = regions.where(criterion)
         spent = time.thread_time() - before
-        wrong = int((in_regions(found, 0, points, face) != truth).sum())
-        explained = found.bound.sum() / mesh.areas.sum() * n
+        wrong = int((in_regions(part, 0, points, face) != truth).sum())
+        explained = part.bound.sum() / mesh.areas.sum() * n
         most = 2 + explained + 6 * np.sqrt(explained)
-        report.add(f"{name}: area", 100 * found.area.sum() / mesh.areas.sum(), "%")
+        report.add(f"{name}: area", 100 * part.area.sum() / mesh.areas.sum(), "%")
         report.add(f"{name}: cut", 1e3 * spent, "ms")
         report.add(f"{name}: on the wrong side", wrong, "points", at_most=most)
         report.check(name, wrong <= most)
@@ -277,15 +279,15 @@ def measure(
     rounds: int,
 ) -> None:  # fmt: skip
     """Print what a pair costs, in poses of regions; alternating, medians of ratios."""
-    groups, found = [0, 0, 1, 1, 2, 2], rc.regions(mesh, camera, poses, task, threads=1)
-    both = found.at_least(2, groups)
+    groups, regions = [0, 0, 1, 1, 2, 2], rc.regions(mesh, camera, poses, task, threads=1)
+    both = regions.at_least(2, groups)
     angle = rc.RayAngle(poses[:, :3, 3].reshape(3, 2, 3), 20.0)
     cost_of_a_lamp(mesh, camera, poses, task)  # what is made once, at first use
     taken, added = [], []
     for _ in range(rounds):
         added.append(cost_of_a_lamp(mesh, camera, poses, task))
         of_poses = seconds(lambda: rc.regions(mesh, camera, poses, task, threads=1)) / 6
-        gate = seconds(lambda: found.at_least(2, groups)) / 3
+        gate = seconds(lambda: regions.at_least(2, groups)) / 3
         taken.append((of_poses, gate, seconds(lambda: both.where(angle)) / 3))
     ratio = statistics.median(2 + gate / of_poses for of_poses, gate, _ in taken)
     report.add(f"{name}: regions", 1e3 * statistics.median(each[0] for each in taken), "ms/pose")
@@ -296,7 +298,7 @@ def measure(
     gates = lamp / statistics.median(each[1] for each in taken)
     report.add(f"{name}: a fixed lamp adds", 1e3 * lamp, "ms/pose")
     report.add(f"{name}: a fixed lamp, in gates of a pair", gates, "", at_most=MOST_OF_A_LAMP)
-    report.add(f"{name}: pieces", len(both) / max(1, len(found)), "of those of the poses")
+    report.add(f"{name}: pieces", len(both) / max(1, len(regions)), "of those of the poses")
 
 
 def cost_of_a_lamp(mesh: rc.Mesh, camera: rc.Camera, poses: np.ndarray, task: rc.Task) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from rows import Report, arguments, resident_mib
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 WARM_UP = 1_000
 BATCH = 100

@@ -9,7 +9,7 @@ from contest import peak_of
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.report.coverage import Options, run
 
 

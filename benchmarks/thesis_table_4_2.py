@@ -29,8 +29,8 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.base.errors import DeviceError
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.mesh import shapes
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.criteria import in_focus
@@ -225,8 +225,10 @@ def accuracy(report: Report, what: str, entrant, true, judged) -> list[str]:
     Bounds that are proved or computed must hold; those of samples, nearly always.
     """
     words = []
-    found = entrant.seen()
-    for quantity, ours, right in zip(("visible fraction", "coverage"), found, true, strict=True):
+    observation = entrant.seen()
+    for quantity, ours, right in zip(
+        ("visible fraction", "coverage"), observation, true, strict=True
+    ):
         error = np.abs(ours - right)[judged]
         mean, largest = float(error.mean()), float(error.max())
         limit = LARGEST_ERROR if what.endswith(("exact", "certified")) else None
@@ -237,7 +239,7 @@ def accuracy(report: Report, what: str, entrant, true, judged) -> list[str]:
             report.add(f"{what}: {quantity}, off by more than {gross}", count, "faces")
         words += [f"{mean:.1e}", f"{largest:.1e}", *map(str, counts)]
     if isinstance(entrant, Observed):
-        error = np.abs(found[0] - true[0])
+        error = np.abs(observation[0] - true[0])
         held = (error <= entrant.batch.visibility_bound[0] + 1e-15)[judged].mean()
         report.check(f"{what}: bounds hold", bool(held >= (0.995 if "sampled" in what else 1.0)))
     return words
@@ -288,11 +290,11 @@ def _pose(name: str) -> FloatArray:
 def _headline(report: Report) -> list[str]:
     """The largest teapot in a line, where it was measured."""
     means = {row["what"]: row["value"] for row in report.rows}
-    found = {method: means.get(f"Teapot3: {method}: CPU time") for method in HEADLINE}
-    if None in found.values():
+    table = {method: means.get(f"Teapot3: {method}: CPU time") for method in HEADLINE}
+    if None in table.values():
         return []
     n_faces, (thesis, *_), _ = PRINTED["Teapot3"]
-    ours = ", ".join(f"{method} {seconds:.3g} CPU-s" for method, seconds in found.items())
+    ours = ", ".join(f"{method} {seconds:.3g} CPU-s" for method, seconds in table.items())
     return [f"Teapot3 ({n_faces:,} faces): thesis {thesis:.0f} s; {ours}"]
 
 

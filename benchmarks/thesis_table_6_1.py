@@ -14,7 +14,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.candidates.pool import Candidates, Framing, per_segment
 from rastercov.placement.candidates.segments import segment
 from rastercov.placement.improve.objective import Objective
@@ -56,18 +56,18 @@ def network(
 ) -> tuple[Candidates, float]:
     """Cameras of a mesh by its segments, and the percentage of its faces that none covers."""
     segmentation = segment(mesh, alpha, beta, merge=merge)
-    found = per_segment(mesh, camera, Framing(fit=METHODS[merge]), segmentation=segmentation)
-    best = rc.evaluate(mesh, camera, found.poses, task=TASK, by="face").coverage.max(axis=0)
-    return found, 100 * float((best == 0).mean())
+    segments = per_segment(mesh, camera, Framing(fit=METHODS[merge]), segmentation=segmentation)
+    best = rc.evaluate(mesh, camera, segments.poses, task=TASK, by="face").coverage.max(axis=0)
+    return segments, 100 * float((best == 0).mean())
 
 
-def refined(mesh: rc.Mesh, camera: rc.Camera, found: Candidates) -> Refined:
+def refined(mesh: rc.Mesh, camera: rc.Camera, candidates: Candidates) -> Refined:
     """The same number of cameras, moved one by one."""
-    eyes = found.poses[:, :3, 3]
+    eyes = candidates.poses[:, :3, 3]
     reach = 1.5 * float(np.abs(eyes - mesh.bounds.mean(axis=0)).max())
     with rc.open_observer(mesh, camera) as observer:
         objective = Objective.of(observer, TASK, weight_by="count")
-        return refine(objective, PoseSpace(mesh=mesh, stand_off=(0.0, reach)), found.poses)
+        return refine(objective, PoseSpace(mesh=mesh, stand_off=(0.0, reach)), candidates.poses)
 
 
 def row(
@@ -83,20 +83,20 @@ def row(
     seconds, answers = [], set()
     for _ in range(RUNS):
         started = time.perf_counter()
-        found, percent = network(mesh, camera, alpha, beta, merge)
+        result, percent = network(mesh, camera, alpha, beta, merge)
         seconds.append(time.perf_counter() - started)
-        answers.add((len(found), percent))
+        answers.add((len(result), percent))
     what, ours = f"({alpha}, {beta}) {merge}", merge == "closest"
     report.check(f"{what}: the same network every time", len(answers) == 1)
     most, least = printed[:2] if ours else (None, None)
-    report.add(f"{what}: cameras", len(found), "cameras", at_most=most)
+    report.add(f"{what}: cameras", len(result), "cameras", at_most=most)
     report.add(f"{what}: not covered", percent, "%", at_most=least)
     report.add(f"{what}: mean", statistics.mean(seconds), "s", at_most=1.0)
     report.add(f"{what}: best", min(seconds), "s")
     report.add(f"{what}: worst", max(seconds), "s", at_most=1.0)
     report.add(f"{what}: deviation", statistics.stdev(seconds), "s")
     if ours and percent > 0:
-        moved = refined(mesh, camera, found)
+        moved = refined(mesh, camera, result)
         start, end = (100 * (1 - share) for share in (moved.start_share, moved.share))
         report.check(f"{what}: refinement starts from that", abs(start - percent) < 1e-9)
         report.add(f"{what}, refined: not covered", end, "%", at_most=percent / 2)

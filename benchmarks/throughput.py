@@ -31,7 +31,7 @@ from peers import what_is_missing
 from rows import Report, arguments, machine
 from same_faces import wrong_pixels
 
-from rastercov.mesh.formats import READERS
+from rastercov.formats.meshes import READERS
 from rastercov.reference.pages import LIGHT, Curve, image_of, line_plot
 
 FACES = (1_000, 10_000, 100_000, 1_000_000)

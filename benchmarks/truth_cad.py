@@ -130,11 +130,11 @@ def occ_faces(shape: object) -> list[object]:
     from OCP.TopAbs import TopAbs_FACE
     from OCP.TopExp import TopExp_Explorer
 
-    explorer, found = TopExp_Explorer(shape, TopAbs_FACE), []
+    explorer, items = TopExp_Explorer(shape, TopAbs_FACE), []
     while explorer.More():
-        found.append(explorer.Current())
+        items.append(explorer.Current())
         explorer.Next()
-    return found
+    return items
 
 
 def occ_area(shape: object) -> float:

@@ -12,7 +12,7 @@ from attack_exact import assembly, crossing_solids, fine_solids, solid
 from compared import Compared, Comparison, amount
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 
 MESHES, DIRECTIONS = 50, 40
@@ -47,14 +47,17 @@ def shares(effort: float) -> list[Compared]:
         normals = mesh.normals
         for row, direction in enumerate(directions):
             started = time.process_time()
-            found = libphoebe.mesh_visibility(
+            mesh_visibility = libphoebe.mesh_visibility(
                 direction, mesh.vertices, triangles, normals, b"boolean",
                 tvisibilities=True, taweights=False, horizon=False,
             )  # fmt: skip
             seconds["theirs"] += time.process_time() - started
             faces = np.flatnonzero((normals @ direction > GRAZING) & (seen.drawn_pixels[row] > 0))
             area, bound = seen.drawn_pixels[row, faces], seen.area_error[row, faces]
-            ours, theirs = seen.visible_pixels[row, faces] / area, found["tvisibilities"][faces]
+            ours, theirs = (
+                seen.visible_pixels[row, faces] / area,
+                mesh_visibility["tvisibilities"][faces],
+            )
             beyond = compared.add(ours, theirs, 2 * bound / area + THEIR_BOUND)
             if not beyond.any():
                 continue

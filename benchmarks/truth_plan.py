@@ -78,12 +78,12 @@ def _upward(three: np.ndarray) -> np.ndarray:
 def eyes_in(plan: shapely.Polygon, count: int, rng: np.random.Generator) -> np.ndarray:
     """(count, 2) points of the room away from its walls."""
     low_x, low_y, high_x, high_y = plan.bounds
-    free, found = plan.buffer(-CLEAR), []
-    while len(found) < count:
+    free, items = plan.buffer(-CLEAR), []
+    while len(items) < count:
         point = rng.uniform((low_x, low_y), (high_x, high_y))
         if free.contains(shapely.Point(point)):
-            found.append(point)
-    return np.array(found)
+            items.append(point)
+    return np.array(items)
 
 
 def isovists(effort: float) -> list[Compared]:

@@ -22,7 +22,7 @@ from peers import Embreex, Open3D
 from same_faces import wrong_pixels
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 Points = NDArray[np.float64]
 Visible = Callable[[Points, Points], NDArray[np.bool_]]
@@ -166,8 +166,8 @@ def embree(mesh: rc.Mesh) -> Visible:
 
     def is_visible(points: Points, eye: Points) -> NDArray[np.bool_]:
         origins, rays = shortened(points - middle, eye - middle)
-        found = world.run(origins, rays, dists=np.ones(len(rays), np.float32))
-        return found < 0
+        run_result = world.run(origins, rays, dists=np.ones(len(rays), np.float32))
+        return run_result < 0
 
     return is_visible
 

@@ -120,12 +120,12 @@ def of_coal(
     import coal
 
     def model(mesh: rc.Mesh) -> Any:
-        found = coal.BVHModelOBBRSS()
-        found.beginModel(mesh.n_faces, mesh.n_vertices)
+        bvhmodel_obbrss = coal.BVHModelOBBRSS()
+        bvhmodel_obbrss.beginModel(mesh.n_faces, mesh.n_vertices)
         for face in mesh.faces:
-            found.addTriangle(*mesh.vertices[face])
-        found.endModel()
-        return found
+            bvhmodel_obbrss.addTriangle(*mesh.vertices[face])
+        bvhmodel_obbrss.endModel()
+        return bvhmodel_obbrss
 
     models = {link: model(mesh) for link, mesh in robot.shapes.items()}
     models[""] = model(rc.Mesh.joined(scene_of_arm()))

@@ -16,7 +16,7 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 MATRIX = ((1536, 0, 640), (0, 1536, 512), (0, 0, 1))
 SCENES = {
@@ -73,8 +73,8 @@ def measure(report: Report, name: str, least: float, n_rounds: int) -> None:
         rc.open_observer(mesh, camera, threads=1) as one,
         rc.open_observer(mesh, camera, threads=2) as two,
     ):
-        found = [each.observe(poses).visible_pixels for each in (one, two)]
-        report.check(f"{name}: the same bits", bool((found[0] == found[1]).all()))
+        items = [each.observe(poses).visible_pixels for each in (one, two)]
+        report.check(f"{name}: the same bits", bool((items[0] == items[1]).all()))
         for at in range(n_rounds):
             for label, observer in (("one thread", one), ("two threads", two)):
                 began = time.perf_counter()

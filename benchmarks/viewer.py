@@ -1,9 +1,9 @@
-"""Cost of a drag in the viewer: from the message to the bytes of the faces, without drawing.
+"""Cost of a drag that Python answers: from the message to the bytes of the faces.
 
     python benchmarks/viewer.py [--faces 10000 100000 1000000] [--cameras 6] [--json]
 
-CPU milliseconds of a message that moves one of some cameras a little, all of its way through
-`Session.act`: checks, measurement, sums, levels, legend, JSON. The median of the drags; the first,
+CPU milliseconds of a message with one of some cameras moved a little, all of its way through
+`Session.ask`: checks, measurement, sums, levels, legend, JSON. The median of the drags; the first,
 which measures all cameras, is named apart. A drag must take at most 30 ms at 10,000 faces and 100
 ms at 100,000 (CPU). `bytes` is what goes to the page: one a face, and the JSON.
 """
@@ -15,13 +15,13 @@ import numpy as np
 from rows import Report, arguments
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.mesh import shapes
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import shapes
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene, described_state
+from rastercov.page.session import Session
 
 MUST = {10_000: 30.0, 100_000: 100.0}
 MODES = ("reason", "coverage", "camera", "views", "density", "angle")
@@ -78,12 +78,11 @@ def measured(asked, cameras, drags):
 
 def sent(session, mode, pose):
     """CPU and wall milliseconds of a drag, and the bytes of the answer."""
-    entries = {
-        "revision": session.history.revision, "mode": mode, "is_drag": True,
-        "action": {"do": "pose", "station": 0, "pose": pose.ravel().tolist()},
-    }  # fmt: skip
+    rig = described_state(session.scene, session.scene.start)
+    rig["stations"][0]["pose"] = pose.ravel().tolist()
+    entries = {"question": "frame", "rig": rig, "mode": mode, "is_drag": True}
     cpu, wall = time.process_time(), time.perf_counter()
-    frame = session.act(entries)
+    frame = session.ask(entries)
     return 1e3 * (time.process_time() - cpu), 1e3 * (time.perf_counter() - wall), len(frame)
 
 

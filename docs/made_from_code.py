@@ -76,7 +76,9 @@ def _api() -> Iterator[tuple[str, str]]:
         for name in names:
             yield _page("rastercov", name, getattr(rastercov, name))
     for module, title in MODULES.items():
-        found = importlib.import_module(module.replace("rastercov.shapes", "rastercov.mesh.shapes"))
+        found = importlib.import_module(
+            module.replace("rastercov.shapes", "rastercov.core.mesh.shapes")
+        )
         names = getattr(found, "__all__", None) or [
             name
             for name, value in vars(found).items()

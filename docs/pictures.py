@@ -225,7 +225,7 @@ def certificate() -> None:
 
 def sure_and_possible() -> None:
     """Parts of the floor that are covered under any errors, as planned, and with some errors."""
-    from rastercov.coverage.area.tolerance import Errors, TolerancePass
+    from rastercov.tolerances.passes import Errors, TolerancePass
 
     mesh, task = grid(1, 1), rc.Task(max_incidence_deg=65)
     poses = rc.Poses.of(POSE)

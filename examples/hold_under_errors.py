@@ -23,13 +23,13 @@ def main():
     """Checks of both rigs."""
     planned = rc.look_at(EYES, AIMS)
     added = rc.look_at((0, 0, 0.9), (0, 0, 2.8), up=(0, 1, 0))
-    found = []
+    items = []
     for poses in (planned, np.concatenate([planned, added])):
         checked = rc.check(PLAN, poses, min_coverage=SHARE, tolerance=ERRORS)
         print(f"{len(poses)} cameras cover {100 * checked.whole.share:.1f} % as planned")
         print(checked.assured.verdicts[0].words())
-        found.append(checked)
-    return found
+        items.append(checked)
+    return items
 
 
 if __name__ == "__main__":

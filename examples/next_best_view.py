@@ -62,8 +62,8 @@ class NextBestView(gymnasium.Env[dict[str, NDArray[Any]], NDArray[Any]]):
         self.place = ahead / np.linalg.norm(ahead)
         pose = rc.look_at(self.middle + self.distance * self.place, self.middle)
         scene = self.mesh, self.camera, pose, self.task
-        found = rc.evaluate(*scene, by="face", fields=["coverage"])
-        before, self.best = self.best, np.maximum(self.best, found.coverage[0])
+        result = rc.evaluate(*scene, by="face", fields=["coverage"])
+        before, self.best = self.best, np.maximum(self.best, result.coverage[0])
         self.taken += 1
         reward = float(self.weights @ (self.best - before))
         return self._observed(), reward, bool(self.best.all()), self.taken == self.views, {}

@@ -3,7 +3,7 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 # From files: rc.Mesh.load(["part.stl", "fixture.stl"], unit="mm", occluders=["fixture"])
 part, clamp = shapes.sphere(4, radius=0.05), shapes.box((0.04, 0.04, 0.04), centre=(0, 0, 0.06))

@@ -128,12 +128,12 @@ def main():
     above = rc.look_at(eyes=[(-0.16, -0.16, 0.28)], targets=(0, 0, 0.06))
     asked = rc.MotionQuery(motion, OVER)
     usual = rc.evaluate(motion.mesh, camera, above, chosen.task, motion=asked).over_time
-    for name, found in (
+    for name, item in (
         ("all places", every), ("one above a corner, as is common", usual),
         (f"{len(placed.cameras.placed)} chosen", chosen),
         (f"with lamps {', '.join(lit.choices['lamps'].lamps.names)}", lit.cameras.areas.over_time),
     ):  # fmt: skip
-        said = found.summary()
+        said = item.summary()
         print(
             f"{name}: {said['covered']['percent']:.1f} % of the newest {1e3 * NEW:.0f} mm covered "
             f"{100 * OVER:.0f} % of the time, {said['ever_percent']:.1f} % at some time"

@@ -39,9 +39,9 @@ def main() -> None:
     for name, reach, degrees in CASES:
         scanner = {"preset": "tls-360", "focus_range": [0.6, reach]}
         task = {"by": "area", "max_incidence_deg": degrees}
-        found = rc.place(PLAN | {"camera": scanner, "task": task})
-        n, least = len(found.chosen), found.selection.bound
-        print(f"{name:22}{n:8}{least:11.0f}{100 * found.cameras.share:9.1f} %")
+        placement = rc.place(PLAN | {"camera": scanner, "task": task})
+        n, least = len(placement.chosen), placement.selection.bound
+        print(f"{name:22}{n:8}{least:11.0f}{100 * placement.cameras.share:9.1f} %")
 
 
 if __name__ == "__main__":

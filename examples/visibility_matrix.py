@@ -3,13 +3,13 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 mesh, camera = shapes.aeroplane(), rc.Camera.preset("icube-ns4133bu-8mm").resized(0.5)
 poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), distance=50, count=200)
-found = rc.evaluate(mesh, camera, poses, rc.Task(min_pixels=4), fields=["reason"])
-print(found.info.renderer)
-is_covered = found.reason == rc.Reason.COVERED
+result = rc.evaluate(mesh, camera, poses, rc.Task(min_pixels=4), fields=["reason"])
+print(result.info.renderer)
+is_covered = result.reason == rc.Reason.COVERED
 
 # Greedy selection: the pose that covers the most faces not covered so far.
 missing, chosen = np.ones(mesh.n_faces, dtype=bool), []

@@ -17,66 +17,72 @@ if _TYPE_CHECKING:
         RastercovError as RastercovError,
         ResourceError as ResourceError,
     )
-    from rastercov.camera.camera import Camera as Camera
-    from rastercov.camera.exposure import Exposure as Exposure
-    from rastercov.camera.formats import read_views as read_views, write_views as write_views
-    from rastercov.camera.formats.conventions import Conventions as Conventions
-    from rastercov.camera.lamp_file import load_lamps as load_lamps
-    from rastercov.camera.lamps import Lamp as Lamp, Lamps as Lamps
-    from rastercov.camera.pose import Poses as Poses
-    from rastercov.camera.pose_file import read_poses as read_poses, write_poses as write_poses
-    from rastercov.camera.rig import Rig as Rig, Views as Views
-    from rastercov.camera.rule import All as All, Any as Any, AtLeast as AtLeast
-    from rastercov.camera.sun import sun_directions as sun_directions
-    from rastercov.camera.viewpoints import look_at as look_at, sphere_of_poses as sphere_of_poses
-    from rastercov.coverage.area.cells import (
-        Cells as Cells,
-        CellShares as CellShares,
-        cells as cells,
+    from rastercov.core.camera.camera import Camera as Camera
+    from rastercov.core.camera.exposure import Exposure as Exposure
+    from rastercov.formats.cameras import read_views as read_views, write_views as write_views
+    from rastercov.core.camera.conventions import Conventions as Conventions
+    from rastercov.light.lamp_file import load_lamps as load_lamps
+    from rastercov.light.lamps import Lamp as Lamp, Lamps as Lamps
+    from rastercov.core.camera.pose import Poses as Poses
+    from rastercov.core.camera.pose_file import read_poses as read_poses, write_poses as write_poses
+    from rastercov.core.camera.rig import Rig as Rig, Views as Views
+    from rastercov.core.camera.rule import All as All, Any as Any, AtLeast as AtLeast
+    from rastercov.light.sun import sun_directions as sun_directions
+    from rastercov.core.camera.viewpoints import (
+        look_at as look_at,
+        sphere_of_poses as sphere_of_poses,
     )
-    from rastercov.coverage.area.criteria import (
+    from rastercov.core.area.cells import Cells as Cells, CellShares as CellShares, cells as cells
+    from rastercov.core.area.criteria import (
         BeamDensity as BeamDensity,
         RayAngle as RayAngle,
         Uncertainty as Uncertainty,
     )
-    from rastercov.coverage.area.light_criteria import (
-        Highlight as Highlight,
-        Illuminance as Illuminance,
-    )
-    from rastercov.coverage.area.laser import LaserLine as LaserLine
-    from rastercov.coverage.area.motion import MotionQuery as MotionQuery
-    from rastercov.coverage.area.over_time import OverTime as OverTime
-    from rastercov.coverage.area.sure import tolerance as tolerance
-    from rastercov.coverage.area.table import Regions as Regions
-    from rastercov.coverage.area.union import (
+    from rastercov.light.criteria import Highlight as Highlight, Illuminance as Illuminance
+    from rastercov.sensors.laser import LaserLine as LaserLine
+    from rastercov.motion.regions import MotionQuery as MotionQuery
+    from rastercov.motion.over_time import OverTime as OverTime
+    from rastercov.tolerances.sure import tolerance as tolerance
+    from rastercov.core.area.table import Regions as Regions
+    from rastercov.core.area.union import (
         Covered as Covered,
         RegionUnion as RegionUnion,
         unite as unite,
     )
-    from rastercov.coverage.area.zones import DeadZones as DeadZones, dead_zones as dead_zones
-    from rastercov.coverage.coverage import Coverage as Coverage
-    from rastercov.coverage.engine import Engine as Engine
-    from rastercov.coverage.evaluation import Evaluation as Evaluation, regions as regions
-    from rastercov.coverage.job import evaluate as evaluate
-    from rastercov.coverage.network import Network as Network
-    from rastercov.coverage.observer import Observer as Observer, open_observer as open_observer
-    from rastercov.coverage.reasons import Reason as Reason
-    from rastercov.coverage.sunlight import Sunlight as Sunlight, sunlit as sunlit
-    from rastercov.coverage.task import Task as Task
-    from rastercov.coverage.visibility import Visibility as Visibility, visibility as visibility
-    from rastercov.mesh import Group as Group, Mesh as Mesh, shapes as shapes
-    from rastercov.mesh.collisions import Collisions as Collisions
-    from rastercov.mesh.motion import Motion as Motion, conveyor as conveyor, turntable as turntable
-    from rastercov.mesh.motion_file import load_motion as load_motion
-    from rastercov.mesh.robot import Robot as Robot
-    from rastercov.raster import (
+    from rastercov.core.area.zones import DeadZones as DeadZones, dead_zones as dead_zones
+    from rastercov.core.coverage.coverage import Coverage as Coverage
+    from rastercov.core.coverage.engine import Engine as Engine
+    from rastercov.core.coverage.evaluation import Evaluation as Evaluation, regions as regions
+    from rastercov.core.coverage.job import evaluate as evaluate
+    from rastercov.core.coverage.network import Network as Network
+    from rastercov.core.coverage.observer import (
+        Observer as Observer,
+        open_observer as open_observer,
+    )
+    from rastercov.core.coverage.reasons import Reason as Reason
+    from rastercov.light.sunlight import Sunlight as Sunlight, sunlit as sunlit
+    from rastercov.core.coverage.task import Task as Task
+    from rastercov.core.coverage.visibility import (
+        Visibility as Visibility,
+        visibility as visibility,
+    )
+    from rastercov.core.mesh import Group as Group, Mesh as Mesh, shapes as shapes
+    from rastercov.robots.collisions import Collisions as Collisions
+    from rastercov.motion.motion import (
+        Motion as Motion,
+        conveyor as conveyor,
+        turntable as turntable,
+    )
+    from rastercov.motion.motion_file import load_motion as load_motion
+    from rastercov.robots.robot import Robot as Robot
+    from rastercov.core.raster import (
         FaceCounts as FaceCounts,
         Rasterizer as Rasterizer,
         RasterizerInfo as RasterizerInfo,
         VisibilityBuffer as VisibilityBuffer,
         open_rasterizer as open_rasterizer,
     )
-    from rastercov.raster.observation import BoundKind as BoundKind, Observation as Observation
+    from rastercov.core.raster.observation import BoundKind as BoundKind, Observation as Observation
     from rastercov.report.jobs import audit as audit, check as check, place as place
     from rastercov.report.notebook import show as show, table as table
     from rastercov.shards import Workers as Workers
@@ -86,46 +92,46 @@ if _TYPE_CHECKING:
 _NAMES = {
     "base.errors": "CameraError ConfigError DeviceError MeshError PoseError RastercovError "
     "ResourceError",
-    "camera.camera": "Camera",
-    "camera.formats": "read_views write_views",
-    "camera.formats.conventions": "Conventions",
-    "camera.exposure": "Exposure",
-    "camera.lamp_file": "load_lamps",
-    "camera.lamps": "Lamp Lamps",
-    "camera.pose": "Poses",
-    "camera.pose_file": "read_poses write_poses",
-    "camera.rig": "Rig Views",
-    "camera.rule": "All Any AtLeast",
-    "camera.sun": "sun_directions",
-    "camera.viewpoints": "look_at sphere_of_poses",
+    "core.camera.camera": "Camera",
+    "formats.cameras": "read_views write_views",
+    "core.camera.conventions": "Conventions",
+    "core.camera.exposure": "Exposure",
+    "light.lamp_file": "load_lamps",
+    "light.lamps": "Lamp Lamps",
+    "core.camera.pose": "Poses",
+    "core.camera.pose_file": "read_poses write_poses",
+    "core.camera.rig": "Rig Views",
+    "core.camera.rule": "All Any AtLeast",
+    "light.sun": "sun_directions",
+    "core.camera.viewpoints": "look_at sphere_of_poses",
     "shards": "Workers",
-    "coverage.area.cells": "Cells CellShares cells",
-    "coverage.area.criteria": "BeamDensity RayAngle Uncertainty",
-    "coverage.area.light_criteria": "Highlight Illuminance",
-    "coverage.area.laser": "LaserLine",
-    "coverage.area.motion": "MotionQuery",
-    "coverage.area.over_time": "OverTime",
-    "coverage.area.sure": "tolerance",
-    "coverage.area.table": "Regions",
-    "coverage.area.union": "Covered RegionUnion unite",
-    "coverage.area.zones": "DeadZones dead_zones",
-    "coverage.coverage": "Coverage",
-    "coverage.engine": "Engine",
-    "coverage.evaluation": "Evaluation regions",
-    "coverage.job": "evaluate",
-    "coverage.network": "Network",
-    "coverage.observer": "Observer open_observer",
-    "coverage.reasons": "Reason",
-    "coverage.sunlight": "Sunlight sunlit",
-    "coverage.task": "Task",
-    "coverage.visibility": "Visibility visibility",
-    "mesh": "Group Mesh",
-    "mesh.collisions": "Collisions",
-    "mesh.motion": "Motion conveyor turntable",
-    "mesh.motion_file": "load_motion",
-    "mesh.robot": "Robot",
-    "raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
-    "raster.observation": "BoundKind Observation",
+    "core.area.cells": "Cells CellShares cells",
+    "core.area.criteria": "BeamDensity RayAngle Uncertainty",
+    "light.criteria": "Highlight Illuminance",
+    "sensors.laser": "LaserLine",
+    "motion.regions": "MotionQuery",
+    "motion.over_time": "OverTime",
+    "tolerances.sure": "tolerance",
+    "core.area.table": "Regions",
+    "core.area.union": "Covered RegionUnion unite",
+    "core.area.zones": "DeadZones dead_zones",
+    "core.coverage.coverage": "Coverage",
+    "core.coverage.engine": "Engine",
+    "core.coverage.evaluation": "Evaluation regions",
+    "core.coverage.job": "evaluate",
+    "core.coverage.network": "Network",
+    "core.coverage.observer": "Observer open_observer",
+    "core.coverage.reasons": "Reason",
+    "light.sunlight": "Sunlight sunlit",
+    "core.coverage.task": "Task",
+    "core.coverage.visibility": "Visibility visibility",
+    "core.mesh": "Group Mesh",
+    "robots.collisions": "Collisions",
+    "motion.motion": "Motion conveyor turntable",
+    "motion.motion_file": "load_motion",
+    "robots.robot": "Robot",
+    "core.raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
+    "core.raster.observation": "BoundKind Observation",
     "report.jobs": "audit check place",
     "report.notebook": "show table",
 }
@@ -146,14 +152,14 @@ def __getattr__(name: str) -> _Any:
     if name in _HOME:
         from rastercov.base.typed import guarded_name
 
-        found = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
-        return found
+        result = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
+        return result
     if name == "__version__":
         from importlib.metadata import version  # that of pyproject.toml
 
         return version("rastercov")
     if name == "shapes":
-        return _import_module("rastercov.mesh.shapes")
+        return _import_module("rastercov.core.mesh.shapes")
     if name in _RETIRED:
         raise AttributeError(f"rastercov.{name} is retired: rastercov.{_RETIRED[name]}")
     if not name.startswith("_") and _find_spec(f"rastercov.{name}"):

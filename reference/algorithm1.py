@@ -37,10 +37,10 @@ import shapely
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import clip_near
 
 Polygons = AnyArray

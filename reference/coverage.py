@@ -1,4 +1,4 @@
-"""Coverage with whole arrays: the twin of `native/coverage/figures.cpp` and `network.cpp`.
+"""Coverage with whole arrays: the twin of `engine/coverage/figures.cpp` and `network.cpp`.
 
 E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 """
@@ -10,17 +10,17 @@ from fractions import Fraction
 import numpy as np
 
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import to_image
-from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.reasons import BITS, ROW_OF, Reason
-from rastercov.coverage.records import ROW_TYPES, PairRows
-from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import STEEP, Task
-from rastercov.mesh import Mesh
-from rastercov.native.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.projection import to_image
+from rastercov.core.coverage.coverage import FIGURES, Coverage
+from rastercov.core.coverage.reasons import BITS, ROW_OF, Reason
+from rastercov.core.coverage.records import ROW_TYPES, PairRows
+from rastercov.core.coverage.surface import own_reasons
+from rastercov.core.coverage.task import STEEP, Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.engine.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.reference.criteria import (
     FaceGeometry,
     clip_near,
@@ -43,7 +43,7 @@ def figures_of_pose(
     seen: Observation,
     row: int,
 ) -> dict[str, AnyArray]:
-    """Every figure of one pose, by the names of `rastercov.coverage.coverage.FIGURES`."""
+    """Every figure of one pose, by the names of `rastercov.core.coverage.coverage.FIGURES`."""
     geometry = face_geometry(mesh, camera, pose)
     visibility, bound, kind = visible_fraction(mesh, camera, pose, geometry, seen, row)
     drawn = seen.drawn_pixels[row]
@@ -157,7 +157,7 @@ def in_doubt(
 
 def surely_unseen(mesh: Mesh, pose: FloatArray, is_edge_on: BoolArray) -> BoolArray:
     """(F,) of faces that are edge-on to rounding those that the camera is not before, exactly."""
-    found = np.zeros(mesh.n_faces, np.bool_)
+    mask = np.zeros(mesh.n_faces, np.bool_)
     eye = [Fraction(x) for x in pose[:3, 3].tolist()]
     for face in np.flatnonzero(is_edge_on):  # few, 20 us each
         a, b, c = (
@@ -165,8 +165,8 @@ def surely_unseen(mesh: Mesh, pose: FloatArray, is_edge_on: BoolArray) -> BoolAr
             for corner in mesh.vertices[mesh.faces[face]].tolist()
         )
         side = -sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
-        found[face] = side == 0 if mesh.two_sided_mask[face] else side <= 0
-    return found
+        mask[face] = side == 0 if mesh.two_sided_mask[face] else side <= 0
+    return mask
 
 
 def _near(mesh: Mesh, camera: Camera, pose: FloatArray) -> float:
@@ -246,7 +246,7 @@ def judge(
 
 
 def rows_of(coverage: Coverage, choice: str) -> PairRows:
-    """Rows of the pairs of a table, of the choices of `rastercov.coverage.network`."""
+    """Rows of the pairs of a table, of the choices of `rastercov.core.coverage.network`."""
     is_seen = (coverage.in_view_fraction > 0) & (coverage.reason > Reason.BACK_FACING)
     chosen = {
         "none": np.zeros(is_seen.shape, np.bool_),

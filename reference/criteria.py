@@ -1,4 +1,4 @@
-"""Criteria of all faces of one pose with whole arrays: the twin of `native/coverage/criteria.hpp`.
+"""Criteria of all faces of one pose with whole arrays: the twin of `engine/coverage/criteria.hpp`.
 
 The same figures in the same order of operations, so both give the same bits, except angles of
 incidence, for which numpy and the C library have different arccosines, and areas of faces that the
@@ -11,16 +11,16 @@ import numpy as np
 
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS
-from rastercov.camera.near_plane import near_limit, pinholes
-from rastercov.camera.pose import Poses
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.near_plane import near_limit, pinholes
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import BoundKind, Observation
 
 
 @frozen_record
@@ -82,10 +82,10 @@ def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeome
     """
     none = np.zeros((1, mesh.n_faces))
     kind = np.full(none.shape, BoundKind.EXACT, np.uint8)
-    found = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
+    table = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
     seen = Observation(none, none, kind, none, np.zeros(1, np.bool_))
-    FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), found)
-    figures: ByName = {name: values[0] for name, values in found.items()}
+    FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), table)
+    figures: ByName = {name: values[0] for name, values in table.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
     points = to_camera(mesh.vertices, pose)

@@ -1,13 +1,13 @@
-"""Light of lamps at single points, by definition: the twin of `rastercov.coverage.area.light`."""
+"""Light of lamps at single points, by definition: the twin of `rastercov.light.regions`."""
 
 import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.lamps import Lamps
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import eyes_of
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import eyes_of
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.light.lamps import Lamps
 from rastercov.reference.regions import PointTwin, covers_points
 
 

@@ -1,4 +1,4 @@
-"""Equations of the lenses, the twin of `native/lens/formulas.hpp`.
+"""Equations of the lenses, the twin of `engine/lens/formulas.hpp`.
 
 A lens maps a ray (X, Y, Z) of the camera, x right, y down, z forward, to pixels in four steps:
 
@@ -25,7 +25,7 @@ import numpy as np
 
 from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
-from rastercov.camera.lenses.formulas import (
+from rastercov.engine.solver_lens import (
     B0,
     B1,
     B2,
@@ -37,7 +37,7 @@ from rastercov.camera.lenses.formulas import (
     DIVISION,
     DOUBLE_SPHERE,
     EQUIDISTANT,
-    EQUIRECT,
+    EQUIRECTANGULAR,
     EQUISOLID,
     FOV,
     FX,
@@ -142,7 +142,7 @@ def imaged(p: FloatArray, a: FloatArray, b: FloatArray) -> Plane:
 
 def project(code: int, p: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArray) -> Plane:
     """Pixel (u, v) of a ray by the equations alone, wherever it is."""
-    if code == EQUIRECT:  # longitude is continuous within half a turn of B0
+    if code == EQUIRECTANGULAR:  # longitude is continuous within half a turn of B0
         a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2])
         b = atan2(Y, sqrt(X * X + Z * Z))
     else:

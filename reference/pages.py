@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Theme(pages.Theme):
+class PageTheme(pages.Theme):
     """Colours of a page and of its plots, CSS strings."""
 
     paper: str  # background of plots
@@ -38,14 +38,14 @@ class Theme(pages.Theme):
     sizes: tuple[str, str]  # ends of the ramp for classes of face size
 
 
-LIGHT = Theme(
+LIGHT = PageTheme(
     **vars(pages.LIGHT),
     paper="#ffffff",
     grid="#e3e7ec",
     series=("#0072b2", "#d55e00", "#009e73", "#b0569a", "#8a6d00", "#4a90c2", "#777777"),
     sizes=("#f2b36b", "#5b1a6e"),
 )
-DARK = Theme(
+DARK = PageTheme(
     **vars(pages.DARK),
     paper="#171c22",
     grid="#2c343d",
@@ -93,7 +93,7 @@ def line_plot(
     across: str,
     up: str,
     curves: Sequence[Curve],
-    theme: Theme,
+    theme: PageTheme,
     notes: Sequence[str] = (),
 ) -> "Figure":
     """Curves over two logarithmic axes, their legend below with some notes above its entries."""
@@ -187,7 +187,7 @@ def publish(
     return folder.path / f"{name}.html"
 
 
-def new_axes(title: str, theme: Theme, height: float) -> "tuple[Figure, Axes]":
+def new_axes(title: str, theme: PageTheme, height: float) -> "tuple[Figure, Axes]":
     """An empty figure with its title at the left, in the colours of a theme."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine

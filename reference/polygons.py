@@ -34,10 +34,10 @@ from shapely.geometry.base import BaseGeometry
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit, sides_of
-from rastercov.camera.projection import box_corners
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit, sides_of
+from rastercov.core.camera.projection import box_corners
+from rastercov.core.mesh import Mesh
 
 clipper2: Any
 try:

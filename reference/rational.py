@@ -39,8 +39,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import AnyArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 from rastercov.reference.polygons import farthest_of, seen_from
 
 try:
@@ -91,7 +91,7 @@ def visible_area(
     Arguments as for `rastercov.reference.polygons.visible_area`. (N,) float64; with `exact` the
     areas as they are, (N,) object of `Fraction`, and not the floats nearest to them.
     """
-    view = View(mesh, camera, pose, cull, near)
+    view = RationalView(mesh, camera, pose, cull, near)
     return _array([view.visible(face) for face in view.asked(faces)], exact)
 
 
@@ -106,7 +106,7 @@ def image_area(
     exact: bool = False,
 ) -> AnyArray:
     """Area of each face that would be visible were it alone, (N,) px^2; see `visible_area`."""
-    view = View(mesh, camera, pose, cull, near)
+    view = RationalView(mesh, camera, pose, cull, near)
     images = [view.face(face) for face in view.asked(faces)]
     return _array([area_of([face.image] if face else []) for face in images], exact)
 
@@ -115,7 +115,7 @@ def union_area(
     mesh: Mesh, camera: Camera, pose: ArrayLike, *, cull: bool = False, near: float | None = None
 ) -> Fraction:
     """Area of the image that any face covers, px^2: what all visible areas must add up to."""
-    view = View(mesh, camera, pose, cull, near)
+    view = RationalView(mesh, camera, pose, cull, near)
     empty = [view.rectangle]
     for index in range(mesh.n_faces):
         if face := view.face(index):
@@ -133,7 +133,7 @@ def _fraction(area: Fraction) -> Fraction:
     return Fraction(int(area.numerator), int(area.denominator))
 
 
-class View:
+class RationalView:
     """The faces of a mesh as one camera has them, in whole numbers, worked out when asked for."""
 
     def __init__(

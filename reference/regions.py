@@ -1,4 +1,4 @@
-"""Coverage of single points, by definition: the twin of `rastercov.coverage.area`.
+"""Coverage of single points, by definition: the twin of `rastercov.core.area`.
 
 Each point is tested against every triangle, and each criterion is evaluated from its formula. There
 are no polygons, planes in the image or event edges here. The near plane, ties at equal depth and
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 
 from rastercov.base.features import hooks_of
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.gate import Gate
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.models import MODELS
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.rig import Rig, eyes_of
-from rastercov.coverage.area.relaxed import without_borders
-from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
-from rastercov.coverage.surface import own_reasons
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.relaxed import without_borders
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.gate import Gate
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.rig import Rig, eyes_of
+from rastercov.core.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
+from rastercov.core.coverage.surface import own_reasons
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
 from rastercov.reference.polygons import as_central, farthest_of
 from rastercov.reference.telecentric import image_of, slopes_of
@@ -87,8 +87,8 @@ def covers_points(
     face: IntArray,
 ) -> BoolArray:
     """Mask of the points of faces that each pose covers, (P, N); see `reasons_in_poses`."""
-    found = reasons_in_poses(mesh, camera, poses, task, points, face)
-    return np.asarray(found == Reason.COVERED)
+    reasons = reasons_in_poses(mesh, camera, poses, task, points, face)
+    return np.asarray(reasons == Reason.COVERED)
 
 
 def reasons_in_poses(
@@ -111,10 +111,10 @@ def reasons_in_poses(
         Points of faces, metres.
     """
     bits, alone = _fails_in_poses(mesh, camera, poses, task, points, face)
-    found = _ROWS[bits]
-    found[alone > 0] = alone[alone > 0]
+    result = _ROWS[bits]
+    result[alone > 0] = alone[alone > 0]
     own = own_reasons(mesh, task)[face]
-    return np.where(found == Reason.COVERED, own, found).astype(np.uint8)
+    return np.where(result == Reason.COVERED, own, result).astype(np.uint8)
 
 
 _ROWS = np.array([Reason.COVERED, *(ROW_OF[bits] for bits in range(1, 32))], np.uint8)
@@ -212,15 +212,15 @@ def _of_rig(
     if gate is None:
         alone = np.asarray(sees & np.where(front, *allowed), np.bool_)
         return alone.swapaxes(0, 1).reshape(-1, len(points))
-    found = np.zeros(sees.shape[1:], np.bool_)
+    of_rig = np.zeros(sees.shape[1:], np.bool_)
     for side, is_allowed in zip((front, ~front), allowed, strict=True):
         counts = (sees & side).sum(axis=0) >= gate.k
         for row in gate.needs:
             counts &= (sees & side)[row]
-        found |= counts & is_allowed
+        of_rig |= counts & is_allowed
     for each in hooks_of(GateTwin) if BASELINE not in left else ():
-        found &= each.holds(gate, eyes - points)
-    return found
+        of_rig &= each.holds(gate, eyes - points)
+    return of_rig
 
 
 def reasons_of_points(
@@ -283,8 +283,8 @@ def reasons_by(
 
     `passes` is true for points without some criteria, and `own` the reasons of their surface.
     """
-    found = np.full(len(own), Reason.BACK_FACING, np.uint32)
-    found[passes(None)] = Reason.OUTSIDE
+    reasons = np.full(len(own), Reason.BACK_FACING, np.uint32)
+    reasons[passes(None)] = Reason.OUTSIDE
     twins = {BASELINE, *(NAMES.index(each.reason) for each in hooks_of(PointTwin))}
     every = [row for row in reversed(CRITERIA) if row < Reason.COVERED or row in twins]
     is_open = np.ones(len(own), np.bool_)
@@ -293,8 +293,8 @@ def reasons_by(
         is_open &= ~at
         for row in np.unique(own[at]).tolist():
             rows = left if row == Reason.COVERED else (*left, row)
-            found[at & (own == row)] = code_of(rows) if rows else Reason.COVERED
-    return found
+            reasons[at & (own == row)] = code_of(rows) if rows else Reason.COVERED
+    return reasons
 
 
 def meets_criteria(

@@ -3,13 +3,13 @@
 import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.gate import Gate
-from rastercov.camera.rule import Limited
+from rastercov.core.camera.gate import Gate
+from rastercov.core.camera.rule import Limited
 from rastercov.reference.regions import GateTwin
 
 
 class AngleAtPoints(GateTwin):
-    """Rules, see `rastercov.camera.rule`."""
+    """Rules, see `rastercov.core.camera.rule`."""
 
     def holds(self, gate: Gate, rays: FloatArray) -> BoolArray:
         """See `GateTwin`."""

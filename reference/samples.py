@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 
 TIE = 1e-10
 """Relative difference up to which two depths are equal."""

@@ -16,8 +16,8 @@ W. Squire, G. Trapp. Using complex variables to estimate derivatives of real fun
 import numpy as np
 
 from rastercov.base.memory import AnyArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.models import coefficients_by_name
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import coefficients_by_name
 
 STEP = 1e-100
 """Of a derivative, relative to nothing: its square is 0 beside any number."""

@@ -12,11 +12,11 @@ import math
 import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
-from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.frames import frames_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 
 
 def surely_covers(
@@ -109,11 +109,11 @@ def pyramid_distance(point: FloatArray, faces: FloatArray, eye: FloatArray) -> F
     plane = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     beyond = np.einsum("fi,fi->f", plane, eye - faces[:, 0])
     before = np.einsum("fi,fi->f", plane, point - faces[:, 0])
-    found = np.where(inside & (beyond * before <= 0), 0.0, np.inf)
+    values = np.where(inside & (beyond * before <= 0), 0.0, np.inf)
     for k in range(3):
         start, end = faces[:, k], faces[:, (k + 1) % 3]
-        found = np.minimum(found, _fan_distance(point, start, end, eye))
-    return np.minimum(found, _triangle_distance(faces, eye))
+        values = np.minimum(values, _fan_distance(point, start, end, eye))
+    return np.minimum(values, _triangle_distance(faces, eye))
 
 
 def _fan_distance(

@@ -1,15 +1,15 @@
 """Faces that cameras cover by number and angle of the views, or see, with whole arrays.
 
-The twin of `native/coverage/spread.hpp` and of `rastercov.placement.uncovered.CandidateBounds`.
+The twin of `engine/coverage/spread.hpp` and of `rastercov.placement.uncovered.CandidateBounds`.
 """
 
 from itertools import combinations
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.coverage.reasons import Reason
-from rastercov.raster.observation import BoundKind
+from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.raster.observation import BoundKind
 
 
 def covered_faces(
@@ -30,7 +30,7 @@ def covered_faces(
         return covered
     rays = eyes[:, None] - centroids
     lengths = np.linalg.norm(rays, axis=-1)
-    rays /= np.maximum(lengths[..., None], np.finfo(np.float64).tiny)
+    rays /= np.maximum(lengths[..., None], TINY)
     is_spread = np.zeros(covers.shape[1], np.bool_)
     for one, other in combinations(range(len(covers)), 2):
         cosine = np.einsum("fi,fi->f", rays[one], rays[other])

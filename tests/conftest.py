@@ -18,10 +18,10 @@ from nightly import amount
 from page_in_node import node  # noqa: F401 # a fixture
 
 from rastercov.base.errors import DeviceError
-from rastercov.mesh import Mesh
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer, libraries
-from rastercov.raster.gl.context import open_context
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer, libraries
+from rastercov.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
 # limit for one example: these machines are shared.

@@ -20,11 +20,11 @@ AT_NIGHT = {
     "attack_doubling": "tests/mesh/test_mesh_linear.py",
     "attack_edge_on": "tests/area/test_edge_on_area.py",
     "attack_exact": "tests/exact/test_exactness.py",
-    "attack_frames": "tests/cluster/test_frames_in_shards.py",
+    "attack_frames": "tests/shards/test_frames_in_shards.py",
     "attack_inputs": "tests/camera_formats/test_hostile.py",
     "attack_instances": "tests/test_repeated_parts.py",
     "attack_lenses": "tests/area/test_lens_regions.py",
-    "attack_light": "tests/area/test_light_cuts.py",
+    "attack_light": "tests/light/test_light_cuts.py",
     "attack_links": "tests/test_links.py",
     "attack_matrix": "tests/placement/test_matrix.py",
     "attack_misuse": "tests/test_misuse.py",
@@ -35,6 +35,7 @@ AT_NIGHT = {
     "attack_reasons": "tests/area/test_stages.py",
     "attack_reports": "tests/report/test_report_folder.py",
     "attack_signals": "tests/test_signals.py",
+    "attack_texts": "tests/viewer/test_texts.py",
     "attack_viewer": "tests/viewer/test_connections.py",
 }
 """The dearest, and where their law is tried by day."""

@@ -55,9 +55,9 @@ def test_json_is_one_list_of_rows_whatever_is_printed(rows, monkeypatch, capsys,
         report.finish(args.json)
     assert ended.value.code == (0 if passed else 1)
     out, err = capsys.readouterr()
-    found = json.loads(out)
-    assert [set(row) for row in found] == [ROW] * 2
-    assert [row["holds"] for row in found] == [False, passed]
+    content = json.loads(out)
+    assert [set(row) for row in content] == [ROW] * 2
+    assert [row["holds"] for row in content] == [False, passed]
     assert "a table" in err
     assert ("error: answer: wrong" in err) is not passed
 
@@ -75,7 +75,7 @@ def test_truth_prints_rows_of_its_comparisons(rows, monkeypatch, capsys, is_expl
     with pytest.raises(SystemExit) as ended:
         truth.main()
     assert ended.value.code == (0 if is_explained else 1)
-    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert {set(row) == ROW for row in found} == {True}
-    assert [row["value"] for row in found] == [2, 0.0, float(is_explained), 1, 1.0]
-    assert all(row["what"].startswith("program: ") for row in found)
+    content = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert {set(row) == ROW for row in content} == {True}
+    assert [row["value"] for row in content] == [2, 0.0, float(is_explained), 1, 1.0]
+    assert all(row["what"].startswith("program: ") for row in content)

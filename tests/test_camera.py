@@ -13,10 +13,10 @@ from nightly import amount
 
 from rastercov.base.checks import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
-from rastercov.camera import parallel
-from rastercov.camera.camera import CHECKS, Camera
-from rastercov.camera.catalogue import entries_of
-from rastercov.camera.models import MODELS
+from rastercov.core.camera import parallel
+from rastercov.core.camera.camera import CHECKS, Camera
+from rastercov.core.camera.catalogue import entries_of
+from rastercov.core.camera.models import MODELS
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}
 LENS = {"width": 640, "height": 480, "focal_length": 8e-3, "pixel_size": 5e-6}

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.catalogue import KINDS, catalogue, misfit
-from rastercov.camera.lamps import illuminances, points_of
-from rastercov.camera.projection import rays_of
-from rastercov.camera.rig import preset_rig
-from rastercov.camera.viewpoints import fibonacci_sphere
 from rastercov.cli import command
+from rastercov.core.camera.catalogue import KINDS, catalogue, misfit
+from rastercov.core.camera.projection import rays_of
+from rastercov.core.camera.rig import preset_rig
+from rastercov.core.camera.viewpoints import fibonacci_sphere
+from rastercov.light.lamps import illuminances, points_of
 from rastercov.placement.plan.file import PlanError, plan_of
 
 PUBLISHED = {  # degrees across the image by the makers, which the catalogue does not have
@@ -127,8 +127,8 @@ def test_a_head_measures_from_its_least_range_on(name):
     sheet = rc.shapes.box((0.2 * low, 0.2 * low, 1e-3))
     for distance, is_measured in ((0.9 * low, False), (1.1 * low, True), (1.1 * high, False)):
         poses = head.poses(rc.look_at((0, 0, distance + 5e-4), (0, 0, 0), up=(0, 1, 0)))
-        found = rc.evaluate(sheet, head, poses, by="area", fields=())
-        assert (found.covered.area.sum() > 0) == is_measured, distance
+        result = rc.evaluate(sheet, head, poses, by="area", fields=())
+        assert (result.covered.area.sum() > 0) == is_measured, distance
 
 
 def sheets():
@@ -163,9 +163,9 @@ def test_lamps_of_the_catalogue_have_the_flux_and_the_angle_of_their_sheets(tmp_
         rays = np.r_[half, -half]
         points = points_of(lamps, np.ones(1, bool))
         sees = points.world_from_camera[:, :3, 2] @ rays.T > 0
-        found = illuminances(lamps, points, sees, far * rays, rays)
+        result = illuminances(lamps, points, sees, far * rays, rays)
         near = 0.01 if name.startswith("basler") else 0.2
-        assert found.sum() * far**2 * 4 * np.pi / 4000 == pytest.approx(flux, rel=near), name
+        assert result.sum() * far**2 * 4 * np.pi / 4000 == pytest.approx(flux, rel=near), name
     assert (n_flux, n_angles) == (39, 9)
     text = '[lamps.a]\npreset = "basler-dome-200-white"\nposition = [0, 0, 0]\n'
     (tmp_path / "lamps.toml").write_text(f'{text}range = "3 m"\npoints = 4\n')
@@ -210,14 +210,14 @@ def test_a_file_of_the_user_adds_models_and_prices(tmp_path, monkeypatch, capsys
         plan_of(entries, tmp_path / "plan.toml")
     monkeypatch.setenv("RASTERCOV_CATALOGUE", str(tmp_path / "own.toml"))
     assert command(["cameras", "--hfov=35", "--max-price=500", "--min-pixels=5e6", "--json"]) == 0
-    found = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
-    assert found[f"ours+{lens}"]["price"] == 450
-    assert all(31.5 <= each["hfov_deg"] <= 38.5 for each in found.values())
+    table = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
+    assert table[f"ours+{lens}"]["price"] == 450
+    assert all(31.5 <= each["hfov_deg"] <= 38.5 for each in table.values())
     assert command(["cameras", "--hfov=35", "--min-pixels=5e6", "--json"]) == 0
     every = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
     known = {name: each["price"] for name, each in every.items() if each["price"] is not None}
-    assert found.keys() == {name for name, price in known.items() if price <= 500}
-    assert found.keys() <= known.keys() < every.keys()
+    assert table.keys() == {name for name, price in known.items() if price <= 500}
+    assert table.keys() <= known.keys() < every.keys()
     shops = "[cameras]\nx = 3", "[shop.x]\na = 1", "[lenses.x]\nprice = 3", "cameras = 1"
     lens = "[lenses.x]\nfocal_length = 1e-2\nf_numbers = [2, 8]\nmount = "
     for text in (*shops, f"{lens}[1]", f'{lens}"\\u202e"', '[cameras."a\\nb"]\nprice = 3'):
@@ -232,9 +232,9 @@ def test_a_greatest_price_leaves_out_what_has_no_price(tmp_path, capsys):
     for most in ("", "--max-price=0", "--max-price=200", "--max-price=inf"):
         words = [each for each in ("cameras", most, f"--catalogue={tmp_path}/own.toml") if each]
         assert command([*words, "--json"]) == 0
-        found = json.loads(capsys.readouterr().out)
+        content = json.loads(capsys.readouterr().out)
         listed[most] = {
-            (what, each["name"]): each["price"] for what in found for each in found[what]
+            (what, each["name"]): each["price"] for what in content for each in content[what]
         }
     every, known = listed[""], {k: v for k, v in listed[""].items() if v is not None}
     assert {what for what, _ in every} == {"cameras", "lenses", "heads", "lamps"}
@@ -253,28 +253,28 @@ def test_kinds_of_lamps_are_found_as_kinds_beside_other_words(tmp_path, monkeypa
     for kind in KINDS:
         for words in ([kind], [kind.upper()], [kind, "ENGINEER"]):
             assert command(["cameras", *words, "--json"]) == 0
-            found = json.loads(capsys.readouterr().out)
-            named = {each["name"] for each in found.pop("lamps")}
+            content = json.loads(capsys.readouterr().out)
+            named = {each["name"] for each in content.pop("lamps")}
             own = {name for name, entry in lamps.items() if entry["kind"] == kind}
             assert named == (own if len(words) == 1 else {f"ours-{kind}"})
-            assert not any(found.values())
+            assert not any(content.values())
 
 
 def test_telecentric_lenses_are_found_by_that_word(capsys):
     assert command(["cameras", "telecentric", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["lenses"]
+    content = json.loads(capsys.readouterr().out)["lenses"]
     known = {name for name, lens in catalogue().lenses.items() if "magnification" in lens}
-    assert {each["name"] for each in found} == known != set()
+    assert {each["name"] for each in content} == known != set()
 
 
 def test_a_telecentric_lens_of_the_catalogue_makes_the_camera_of_its_data_sheet(tmp_path):
     name = "basler-aca1440-220uc"
     assert {"falenses-btl025x230", "thorlabs-mvbt2313"} <= {*catalogue().lenses_of(name)}
-    found = rc.Camera.preset(f"{name}+falenses-btl025x230")
-    assert (found.model, found.working_distance, found.f_number) == ("telecentric", 0.23, 6)
-    assert found.magnification == pytest.approx(0.25)
-    assert found.width == catalogue().cameras[name]["width"]
-    assert "BTL0.25X230R1.1" in found.product
+    preset = rc.Camera.preset(f"{name}+falenses-btl025x230")
+    assert (preset.model, preset.working_distance, preset.f_number) == ("telecentric", 0.23, 6)
+    assert preset.magnification == pytest.approx(0.25)
+    assert preset.width == catalogue().cameras[name]["width"]
+    assert "BTL0.25X230R1.1" in preset.product
     wide = rc.Camera.preset(f"{name}+thorlabs-mvbt2313")
     assert wide.depth_of_field() == pytest.approx((0.164, 0.194))
     entries = {"preset": f"{name}+falenses-btl025x230", "focal_length": 0.016}

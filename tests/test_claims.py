@@ -118,11 +118,11 @@ def glued(line):
 
 @pytest.mark.parametrize("page", CLAIMS)
 def test_every_sentence_has_its_test(page):
-    found = [sentence.replace("\0", ".") for sentence in sentences(page)]
-    for sentence in found:
+    copies = [sentence.replace("\0", ".") for sentence in sentences(page)]
+    for sentence in copies:
         known = [begin for begin in CLAIMS[page] if sentence.startswith(begin)]
         assert len(known) == 1, f"{page}: name a test in CLAIMS, or delete: {sentence}"
-    unused = [b for b in CLAIMS[page] if not any(s.startswith(b) for s in found)]
+    unused = [b for b in CLAIMS[page] if not any(s.startswith(b) for s in copies)]
     assert unused == []
 
 

@@ -45,13 +45,13 @@ def test_errors_are_those_of_numbers_by_hand(comparison):
         judged=np.array([[True, True, True, True]]),
     )
     # Missed is the third: of the fourth less than a hundredth is visible.
-    found = np.array([0.9, 0.2, 0.0, 0.0])
-    got = comparison.errors(true, comparison.Contestant("a", "a", lambda row: found, lambda: None))
+    values = np.array([0.9, 0.2, 0.0, 0.0])
+    got = comparison.errors(true, comparison.Contestant("a", "a", lambda row: values, lambda: None))
     assert got["mean"] == pytest.approx((0.1 + 0.2 + 0.75 + 0.005) / 4)
     assert got["mean by area"] == pytest.approx((1 + 4 + 3 + 0.5) / 134)
     assert (got["largest"], got["missed"], got["false"]) == (0.75, 1, 1)
     part = replace(true, judged=np.array([[True, False, False, False]]))
-    got = comparison.errors(part, comparison.Contestant("a", "a", lambda row: found, lambda: None))
+    got = comparison.errors(part, comparison.Contestant("a", "a", lambda row: values, lambda: None))
     assert (got["faces"], got["largest"]) == (1, pytest.approx(0.1))
 
 
@@ -74,9 +74,9 @@ def test_a_fraction_is_the_share_of_points_in_the_image_that_are_met_first(compa
         return np.where(rays[:, 0] < -0.5, 0, -1)  # a wall before the right half
 
     here = scene(comparison)
-    found = comparison.by_points(here, "rays", 4, first).fractions(0)
+    fractions = comparison.by_points(here, "rays", 4, first).fractions(0)
     (points,) = comparison.points_of(FACE, 4)
-    assert found == pytest.approx((points[:, 0] < -0.5).mean())
+    assert fractions == pytest.approx((points[:, 0] < -0.5).mean())
     away = replace(here, poses=np.diag([1.0, -1, -1, 1])[None])
     assert comparison.by_points(away, "rays", 4, first).fractions(0) == [0]
 

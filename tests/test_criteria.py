@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import square
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
-from rastercov.native.coverage_figures import incidence_angle
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
+from rastercov.engine.coverage_figures import incidence_angle
 from rastercov.reference import criteria
 from rastercov.reference.criteria import clip_near, in_focus, polygon_area
 from rastercov.reference.criteria import measured_geometry as face_geometry

@@ -20,26 +20,26 @@ from scenes import joined
 from surface_cases import NO_POINTS, in_regions, moved
 
 import rastercov as rc
-from rastercov.camera.rig import Rig
-from rastercov.coverage import shards, surface
-from rastercov.coverage.area import remedies
-from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.failures import CentrePass, failures_of_rows
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.over_time import TimeAreas
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.table import joined as joined_regions
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import EvaluationShards, Wanted, open_for
-from rastercov.mesh import Mesh
+from rastercov.core.area import remedies
+from rastercov.core.area.cells import cells
+from rastercov.core.area.failures import CentrePass, failures_of_rows
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.rows import gated
+from rastercov.core.area.table import joined as joined_regions
+from rastercov.core.camera.rig import Rig
+from rastercov.core.coverage import shards, surface
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, open_for
+from rastercov.core.mesh import Mesh
+from rastercov.motion.over_time import TimeAreas
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
+from rastercov.page.session import Session
 from rastercov.placement.plan.file import Plan, plan_of
 from rastercov.placement.plan.phases import PlanPhases, phases_of
 from rastercov.placement.plan.scene import named_scene
 from rastercov.reference.regions import points_on, rig_covers_points
 from rastercov.shards import Staff
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
 RULES, MOTIONS = ("any", "all", "at_least"), ("still", "moving")
 CROSSED = {"none": lambda rng: {}} | of_features("CROSSED")
@@ -93,8 +93,8 @@ class Case(NamedTuple):
 
 
 def rotation(rng):
-    found = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    return found * np.sign(np.linalg.det(found))
+    result = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return result * np.sign(np.linalg.det(result))
 
 
 def parts(rng):
@@ -177,8 +177,8 @@ def in_shards(case, folder):
     rig, poses, task = case.scene
     wanted, areas, parts = Wanted(rc.Engine(), by_area=True), AreaNetwork(case.mesh, task), []
     with open_for(case.mesh, rig, task, wanted) as observer:
-        found = EvaluationShards(folder, observer, poses, task, wanted)
-        for batch in found.parts(Staff()):
+        evaluation_shards = EvaluationShards(folder, observer, poses, task, wanted)
+        for batch in evaluation_shards.parts(Staff()):
             parts.append(gated(batch.regions, rig, batch.poses))
             areas.add(parts[-1])
     assert len(parts) == len(case.places)
@@ -216,15 +216,15 @@ def frames_of(case, points, face):
 def assert_regions_are_as_judged(case):
     points, face = points_on(case.mesh, N_POINTS)
     rig, _, task = case.scene
-    found = regions_of(case)
+    regions = regions_of(case)
     truth = np.concatenate([
         rig_covers_points(mesh, rig, case.places, task, own, face)
         for mesh, own in frames_of(case, points, face)
     ])  # fmt: skip
-    assert len(found.pose_ids) == len(truth)
-    bounds = found.bounds().sum(axis=1) / case.mesh.areas.sum() * N_POINTS
+    assert len(regions.pose_ids) == len(truth)
+    bounds = regions.bounds().sum(axis=1) / case.mesh.areas.sum() * N_POINTS
     for row, (covered, expected) in enumerate(zip(truth, bounds, strict=True)):
-        wrong = int((in_regions(found, row, points, face) != covered).sum())
+        wrong = int((in_regions(regions, row, points, face) != covered).sum())
         most = MOST_BORDER_POINTS + expected + 6 * np.sqrt(expected)
         assert wrong <= most, f"row {row}: {wrong} points differ, {most:.2g} within the bound"
 
@@ -236,23 +236,26 @@ def assert_points_are_as_judged(case):
         own = cells(mesh, 0.35)
         points, face = own.vertices.reshape(-1, 3, 3).mean(axis=1), own.source_face
         truth = rig_covers_points(mesh, rig, case.places, task, points, face)
-        found = CentrePass(own, rig, task).find(poses)
+        result = CentrePass(own, rig, task).find(poses)
         reasons = failures_of_rows(mesh, rig, task, poses, points, face)
         for row, (covered, (_, reason, _)) in enumerate(zip(truth, reasons, strict=True)):
-            assert np.flatnonzero(covered).tolist() == found.row(row).tolist(), f"row {row}"
+            assert np.flatnonzero(covered).tolist() == result.row(row).tolist(), f"row {row}"
             assert np.array_equal(reason == Reason.COVERED, covered), f"reasons of row {row}"
 
 
 def assert_callers_agree(case, folder, is_placed):
-    found, checked = evaluated(case, case.scene), rc.check(case.plan, case.placed, min_coverage=0.5)
+    result, checked = (
+        evaluated(case, case.scene),
+        rc.check(case.plan, case.placed, min_coverage=0.5),
+    )
     if case.motion is None:
         regions, areas = in_shards(case, folder / "shards")
         assert pieces_of(regions) == pieces_of(regions_of(case))
-        assert_same_in_batches(found, areas)
-        assert_same_in_batches(found, checked.cameras.areas)
+        assert_same_in_batches(result, areas)
+        assert_same_in_batches(result, checked.cameras.areas)
     else:
-        assert_same(found, evaluated(case, case.scene, folder / "shards"))
-        assert_same(found, checked.cameras.areas)
+        assert_same(result, evaluated(case, case.scene, folder / "shards"))
+        assert_same(result, checked.cameras.areas)
     assert_viewer_agrees(case)
     if is_placed and checked.cameras.areas.summary()["m2"] > 0:
         placed = rc.place(case.plan).cameras
@@ -267,8 +270,8 @@ def assert_viewer_agrees(case):
     session = Session(Scene("cell", case.mesh, state, phases=case.phases))
     for row in range(1 if case.motion is None else len(case.motion)):
         mesh = case.mesh if case.motion is None else case.motion.frame(row)[0]
-        session.take_time(() if case.motion is None else (float(row),))
-        assert_same(session.areas().network, rc.evaluate(mesh, rig, poses, task, by="area").areas)
+        shown = session.of(at=() if case.motion is None else (float(row),))
+        assert_same(shown.areas().network, rc.evaluate(mesh, rig, poses, task, by="area").areas)
     session.close()
 
 

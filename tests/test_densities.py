@@ -10,7 +10,7 @@ from scenes import square
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.cli import command
-from rastercov.coverage.densities import EDITIONS, LEVELS
+from rastercov.core.coverage.densities import EDITIONS, LEVELS
 from rastercov.placement.plan.file import read_plan
 from rastercov.reference.regions import jacobian
 
@@ -48,9 +48,9 @@ def test_the_names_of_the_editions_are_disjoint():
 )  # fmt: skip
 @pytest.mark.parametrize("threshold", ["min_pixel_density", "min_facing_density"])
 def test_a_density_is_a_number_a_name_or_text_with_a_unit(threshold, text, figure):
-    found = getattr(rc.Task(**{threshold: text}), threshold)
-    assert type(found) is float
-    assert math.isclose(found, figure, rel_tol=1e-15)
+    result = getattr(rc.Task(**{threshold: text}), threshold)
+    assert type(result) is float
+    assert math.isclose(result, figure, rel_tol=1e-15)
 
 
 @pytest.mark.parametrize("text", ["idntify", "", "250 px", "1.2.3", "250 px/mile", "nan", "px/m"])
@@ -90,8 +90,8 @@ def test_the_command_line_takes_names(tmp_path, monkeypatch, capsys):
 
 def test_facing_density_is_the_focal_length_by_the_greatest_depth():
     mesh = rc.Mesh([(0, 0, 2), (1, 0, 4), (0, 1, 3)], [(0, 2, 1)])
-    found = rc.evaluate(mesh, CAMERA, AHEAD[None], by="face")
-    assert found.facing_density.tolist() == [[25.0]]
+    result = rc.evaluate(mesh, CAMERA, AHEAD[None], by="face")
+    assert result.facing_density.tolist() == [[25.0]]
     behind = rc.Mesh([(0, 0, -2), (1, 0, 4), (0, 1, 3)], [(0, 2, 1)])
     assert rc.evaluate(behind, CAMERA, AHEAD[None], by="face").facing_density.tolist() == [[0.0]]
 
@@ -103,8 +103,8 @@ def test_it_is_the_least_singular_value_of_a_plane_across_the_ray():
     def ratios(camera):
         """Least singular values by the figure."""
         across = -points / np.linalg.norm(points, axis=1, keepdims=True)
-        found = np.linalg.svd(jacobian(camera, points, across), compute_uv=False)[:, 1]
-        return found * points[:, 2] / 100
+        svd = np.linalg.svd(jacobian(camera, points, across), compute_uv=False)[:, 1]
+        return svd * points[:, 2] / 100
 
     assert np.allclose(ratios(CAMERA), 1, rtol=1e-12)
     flat = ratios(rc.Camera(width=200, height=200, fx=100, fy=130))
@@ -116,16 +116,16 @@ def test_it_is_the_least_singular_value_of_a_plane_across_the_ray():
 def test_a_face_below_the_threshold_is_too_coarse(method):
     for limit, reason in ((50.0, rc.Reason.COVERED), (50.01, rc.Reason.TOO_COARSE)):
         task = rc.Task(min_facing_density=limit)
-        found = rc.evaluate(square(1, 2), CAMERA, AHEAD[None], task, method=method, by="face")
-        assert set(found.reason.ravel()) == {reason}
+        result = rc.evaluate(square(1, 2), CAMERA, AHEAD[None], task, method=method, by="face")
+        assert set(result.reason.ravel()) == {reason}
 
 
 def test_a_floor_seen_at_a_flat_angle_has_less_density_than_a_person_on_it():
     floor = rc.Mesh([(-1, 1, 9), (1, 1, 9), (1, 1, 11), (-1, 1, 11)], [(0, 1, 2), (0, 2, 3)])
-    found = rc.evaluate(floor, CAMERA, AHEAD[None], by="face")
-    assert np.allclose(found.facing_density, 100 / 11)
+    result = rc.evaluate(floor, CAMERA, AHEAD[None], by="face")
+    assert np.allclose(result.facing_density, 100 / 11)
     # Along the line of sight: sin of the angle at which the floor is seen, about 1 / 11
-    assert (found.pixel_density < found.facing_density / 10).all()
+    assert (result.pixel_density < result.facing_density / 10).all()
 
 
 def test_by_area_the_threshold_is_a_depth():

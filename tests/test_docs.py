@@ -21,8 +21,8 @@ from reader import write_files
 from short_search import short_search  # noqa: F401 # a fixture
 
 import rastercov as rc
-from rastercov.camera.catalogue import catalogue
 from rastercov.cli.console import COMMANDS
+from rastercov.core.camera.catalogue import catalogue
 from rastercov.placement.plan.file import plan_of
 
 ROOT = Path(__file__).parents[1]

@@ -10,11 +10,11 @@ from hostile_folder import COMMANDS, command, executed, fill
 from nightly import nightly
 from open_doors import listening
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats import write_views
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, Views
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.formats.cameras import write_views
 from rastercov.shards.process import Process
 
 

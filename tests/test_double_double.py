@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov.native import exact_setup as dd
+from rastercov.engine import exact_setup as dd
 
 NUMBERS = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
 TINY = st.floats(-(2.0**-54), 2.0**-54)

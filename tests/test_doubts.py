@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.doubts import BEYOND, dead_pixels, doubts
-from rastercov.coverage.network import Network
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.doubts import BEYOND, dead_pixels, doubts
+from rastercov.core.coverage.network import Network
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = rc.Camera(width=200, height=200, fx=200, fy=200)
 FOCUSED = rc.Camera(width=200, height=200, fx=200, fy=200, focus_range=(0.1, 0.5))
@@ -72,9 +72,9 @@ def test_a_mesh_in_the_wrong_unit_asks_for_it(factor, text):
     mesh = shapes.by_name("box")
     poses = around(mesh, distance=2.0)
     scaled = mesh.moved(scale=factor)
-    found = lines(scaled, poses)
-    assert found == [] if text is None else text in found[0]
-    assert text is None or scaled.size_in_words in found[0]
+    result = lines(scaled, poses)
+    assert result == [] if text is None else text in result[0]
+    assert text is None or scaled.size_in_words in result[0]
 
 
 def test_a_part_in_metres_read_as_mm_asks_for_its_unit_whatever_the_distance():
@@ -96,8 +96,8 @@ def test_a_lens_of_the_catalogue_without_a_focus_has_a_line():
     mesh, poses = rc.shapes.box((0.2, 0.2, 0.2)), rc.look_at((3, 0, 0), (0, 0, 0))
     lens = {"preset": "rpi-hq+rpi-16mm"}
     for entries, n in ((lens, 1), (lens | {"focus_distance": 3.0}, 0), ({"preset": "rpi-cm2"}, 0)):
-        found = rc.evaluate(mesh, rc.Camera.from_dict(entries), poses).summary()["doubts"]
-        said = [line for line in found if "is assumed to be in focus everywhere" in line]
+        summary = rc.evaluate(mesh, rc.Camera.from_dict(entries), poses).summary()["doubts"]
+        said = [line for line in summary if "is assumed to be in focus everywhere" in line]
         assert len(said) == n, entries
 
 
@@ -112,8 +112,8 @@ def doubts_of_entries(entries, **given):
     """Lines about entries of a camera that have no effect."""
     mesh, pose = rc.shapes.box((0.2, 0.2, 0.2)), rc.look_at((3, 0, 0), (0, 0, 0))
     camera = rc.Camera.from_dict(entries)
-    found = rc.evaluate(mesh, camera, pose, by="area", **given).summary()["doubts"]
-    return [line for line in found if "ir_range" in line or "max_blur" in line]
+    summary = rc.evaluate(mesh, camera, pose, by="area", **given).summary()["doubts"]
+    return [line for line in summary if "ir_range" in line or "max_blur" in line]
 
 
 def test_entries_of_a_camera_without_effect_have_a_line():
@@ -148,10 +148,10 @@ def test_a_lens_that_gives_no_rays_for_a_part_of_its_image_has_a_line():
     rays = lens_of(folding).unproject(np.stack([x + 0.5, y + 0.5], axis=-1))
     dead = np.isnan(rays[..., 0]).sum()
     rig = rc.Rig([CAMERA, folding, disc], ["plain", "bent", "round"])
-    found = dead_pixels(rig)
-    assert list(found) == ["bent", "round"]
-    assert found["bent"] == pytest.approx(dead, abs=100)  # counted by centres, a border of 500 px
-    assert found["round"] == pytest.approx(200 * 160 - np.pi * (40 * np.pi / 2) ** 2, rel=1e-3)
+    result = dead_pixels(rig)
+    assert list(result) == ["bent", "round"]
+    assert result["bent"] == pytest.approx(dead, abs=100)  # counted by centres, a border of 500 px
+    assert result["round"] == pytest.approx(200 * 160 - np.pi * (40 * np.pi / 2) ** 2, rel=1e-3)
     given = np.repeat(around(mesh)[:2], 3, axis=0)
     (line,) = lines(mesh, rc.Poses.of(given, camera=[0, 1, 2] * 2), rig)
     assert line.startswith(f"{dead / 320:.0f} % of the image of bent is outside ")
@@ -187,4 +187,4 @@ def test_cameras_in_a_body_or_beyond_the_walls_have_a_line():
     assert line == f"1 camera is {BEYOND}: camera 2 at (9.0, 0.0, 1.0) m"
     box = shapes.box((1.0, 1.0, 1.0), 1)
     (line,) = lines(box, rc.look_at(np.array([(0.1, 0, 0), (0, 0, 2), (2, 2, 2)]), (0, 0, 0.4)))
-    assert line.endswith(": camera 1 at (0.1, 0.0, 0.0) m")
+    assert line.endswith(": camera 1 at (0.10, 0.00, 0.00) m")

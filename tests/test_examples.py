@@ -74,8 +74,8 @@ def test_the_return_of_an_episode_is_what_its_views_cover(monkeypatch):
     steps = [environment.step(action) for action in actions]
     eyes = 4 * actions / np.linalg.norm(actions, axis=1, keepdims=True) + mesh.bounds.mean(axis=0)
     poses = rc.look_at(eyes, mesh.bounds.mean(axis=0))
-    found = rc.evaluate(mesh, camera, poses, environment.task, by="face")
-    share = mesh.areas @ found.network.best / mesh.areas.sum()
+    result = rc.evaluate(mesh, camera, poses, environment.task, by="face")
+    share = mesh.areas @ result.network.best / mesh.areas.sum()
     assert sum(step[1] for step in steps) == pytest.approx(share, abs=1e-12)
     assert 0 < share < 1
     assert steps[-1][3]

@@ -9,7 +9,7 @@ from of_features import of_features
 
 import rastercov as rc
 from rastercov import placement
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 FIRST = """
     Camera.depth_of_field Camera.from_dict Camera.from_fov Camera.from_lens Camera.from_opencv

@@ -10,14 +10,14 @@ from nightly import examples
 
 from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_poses
 from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
-from rastercov.camera.pose import Poses
-from rastercov.coverage.coverage import FIGURES, LEAST_ALIGNED, arrays_for, measurements
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.judging import CHOICES
-from rastercov.coverage.network import Network
-from rastercov.coverage.records import figures_of
-from rastercov.mesh import shapes
-from rastercov.native.coverage_figures import judge_poses
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.coverage import FIGURES, LEAST_ALIGNED, arrays_for, measurements
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.judging import CHOICES
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.records import figures_of
+from rastercov.core.mesh import shapes
+from rastercov.engine.coverage_figures import judge_poses
 
 CAMERA = Camera(width=200, height=160, fx=170, fy=150, focus_range=(0.5, 6.0))
 FEW = 1
@@ -46,8 +46,10 @@ def task(rng, poses, mesh):
     """Thresholds, of which some are met exactly."""
     limit = rng.choice([5.0, 40.0, 75.0, 90.0])
     if rng.uniform() < 0.5:
-        found = evaluate(mesh, CAMERA, poses, Task(), fields=("incidence",), by="face").incidence
-        angles = np.degrees(found[found < math.pi / 2])
+        incidence = evaluate(
+            mesh, CAMERA, poses, Task(), fields=("incidence",), by="face"
+        ).incidence
+        angles = np.degrees(incidence[incidence < math.pi / 2])
         limit = float(rng.choice(angles)) if len(angles) else limit
     return Task(
         min_pixels=float(10 ** rng.uniform(-1, 3)),
@@ -91,7 +93,7 @@ def one_by_one(judge, measured, poses):
     figures = {name: np.empty(shape, kind) for name, kind in FIGURES.items()}
     for part, scope in parts_of(judge, measured, poses):
         few = {n: np.empty_like(each[:, part], order="C") for n, each in figures.items()}
-        judge_poses(0, len(poses), *scope, judge.rules[0], figures_of(few))
+        judge_poses(0, len(poses), scope, judge.rules[0], figures_of(few))
         for name, each in few.items():
             figures[name][:, part] = each
     return figures
@@ -107,13 +109,13 @@ def test_faces_in_lanes_are_judged_as_one_is(method, seed):
     distance = float(10 ** rng.uniform(0, 1))
     poses = Poses.of(sphere_of_poses((0, 0, 0), distance, 4))
     chosen = task(rng, poses, mesh)
-    found = evaluate(mesh, CAMERA, poses, chosen, method=method, by="face")
+    result = evaluate(mesh, CAMERA, poses, chosen, method=method, by="face")
     with open_observer(mesh, CAMERA, method, threads=1) as observer:
         judge = FacePass(observer.mesh, CAMERA, observer.threads, chosen)
         measured = next(measurements(observer, poses))[-1]
         expected = one_by_one(judge, measured, poses)
         for name in FIGURES:
-            np.testing.assert_array_equal(getattr(found, name), expected[name], name)
+            np.testing.assert_array_equal(getattr(result, name), expected[name], name)
         observed = {name: np.empty_like(each) for name, each in expected.items()}
         judge.fill(observer.observe(poses), poses, observed)  # counts as areas, with their kinds
         np.testing.assert_equal(observed, expected)
@@ -122,7 +124,7 @@ def test_faces_in_lanes_are_judged_as_one_is(method, seed):
         for name in some:
             np.testing.assert_array_equal(getattr(few, name), expected[name], name)
         whole = Network(mesh, chosen)
-        whole.add(found)
+        whole.add(result)
         for pairs in CHOICES:
             total = Network(mesh, chosen)
             (batch,) = total.judge(observer, poses, pairs=pairs)
@@ -144,7 +146,7 @@ def test_figures_are_the_same_in_any_place(skew):
             for name, kind in FIGURES.items()
         }
         judge.fill(seen, poses, figures)
-    for name, found in figures.items():
-        np.testing.assert_array_equal(found, getattr(expected, name))
+    for name, figure in figures.items():
+        np.testing.assert_array_equal(figure, getattr(expected, name))
     for array in arrays_for(list(FIGURES), (1, LEAST_ALIGNED)).values():
         assert array.ctypes.data % CACHE_LINE == 0

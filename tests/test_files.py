@@ -23,10 +23,10 @@ from rastercov.base.files import (
     read_toml,
     written_file,
 )
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose_file import read_poses, write_poses
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.file import read_plan
 
 READERS = {

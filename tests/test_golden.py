@@ -18,30 +18,30 @@ def test_a_command_answers_as_before(name, monkeypatch):
     if name in NEEDS_CV2:
         pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
     monkeypatch.delenv("RASTERCOV_TRACEBACK", raising=False)
-    found = json.loads(json.dumps(answer(name)))
+    content = json.loads(json.dumps(answer(name)))
     before = json.loads((GOLDEN / f"{name}.json").read_text())
-    assert list(differences(before, found)) == []
+    assert list(differences(before, content)) == []
 
 
 def test_every_stored_answer_is_asked_for():
     assert {path.stem for path in GOLDEN.iterdir()} == set(RUNS)
 
 
-def differences(before, found, where=""):
+def differences(before, result, where=""):
     """Places where two answers differ, in words."""
-    if isinstance(before, dict) and isinstance(found, dict):
-        for key in sorted(before.keys() | found.keys()):
-            if key not in before or key not in found:
-                yield f"{where}/{key}: {'new' if key in found else 'gone'}"
+    if isinstance(before, dict) and isinstance(result, dict):
+        for key in sorted(before.keys() | result.keys()):
+            if key not in before or key not in result:
+                yield f"{where}/{key}: {'new' if key in result else 'gone'}"
             else:
-                yield from differences(before[key], found[key], f"{where}/{key}")
-    elif isinstance(before, list) and isinstance(found, list) and len(before) == len(found):
-        for index, pair in enumerate(zip(before, found, strict=True)):
+                yield from differences(before[key], result[key], f"{where}/{key}")
+    elif isinstance(before, list) and isinstance(result, list) and len(before) == len(result):
+        for index, pair in enumerate(zip(before, result, strict=True)):
             yield from differences(*pair, f"{where}/{index}")
-    elif not (before == found or are_close(before, found)):
-        yield f"{where}: {before!r} before, {found!r} now"
+    elif not (before == result or are_close(before, result)):
+        yield f"{where}: {before!r} before, {result!r} now"
 
 
-def are_close(before, found):
-    numbers = all(isinstance(value, int | float) for value in (before, found))
-    return numbers and math.isclose(before, found, rel_tol=RELATIVE, abs_tol=1e-9)
+def are_close(before, result):
+    numbers = all(isinstance(value, int | float) for value in (before, result))
+    return numbers and math.isclose(before, result, rel_tol=RELATIVE, abs_tol=1e-9)

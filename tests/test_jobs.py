@@ -11,9 +11,9 @@ from commands import call, enter, write_part
 from test_golden import differences
 
 import rastercov as rc
-from rastercov.camera.equipment import equipment_words
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.observer import ExactObserver
+from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.observer import ExactObserver
 from rastercov.report import plan as report
 from rastercov.report.coverage import Options, run
 
@@ -80,21 +80,21 @@ PLACED = {
 def test_evaluate_is_the_command(placed, by, fields, folder):
     mesh, task = rc.Mesh.load("part.obj"), rc.Task(max_incidence_deg=70, views=2)
     camera, poses = PLACED[placed]
-    found = rc.evaluate(mesh, camera, poses, task, by=by, fields=fields)
+    result = rc.evaluate(mesh, camera, poses, task, by=by, fields=fields)
     assert files() == {"part.obj"}
     written = as_stored(run(mesh, camera, poses, task, folder / "out", Options(by=by, pictures=0)))
-    summary = as_stored(found.summary())
+    summary = as_stored(result.summary())
     assert written["by"] == summary["by"] == by
     assert list(differences(*map(without_run_times, (written, summary)))) == []
     coverage = rc.evaluate(mesh, camera, poses, task, by="face")
     for name in FIGURES if fields is None else fields:
-        np.testing.assert_array_equal(getattr(found, name), getattr(coverage, name))
+        np.testing.assert_array_equal(getattr(result, name), getattr(coverage, name))
     if by == "area":
         exact = rc.unite(rc.regions(mesh, camera, poses, task), 2)
-        np.testing.assert_allclose(found.covered.area, exact.area, atol=1e-9)
+        np.testing.assert_allclose(result.covered.area, exact.area, atol=1e-9)
     else:
         with pytest.raises(rc.ConfigError, match='give by="area"'):
-            _ = found.covered
+            _ = result.covered
 
 
 def without_run_times(summary):
@@ -110,9 +110,9 @@ def without_run_times(summary):
 def test_evaluate_says_why_it_is_by_face():
     mesh, camera = rc.Mesh.load("part.obj"), RIG.cameras[0]
     assert rc.evaluate(mesh, camera, POSES).by == "area"
-    found = rc.evaluate(mesh, camera, POSES, rc.Task(min_pixels=3))
-    assert found.by == "face"
-    assert "min_pixels applies to faces" in found.summary()["by_face_because"]
+    result = rc.evaluate(mesh, camera, POSES, rc.Task(min_pixels=3))
+    assert result.by == "face"
+    assert "min_pixels applies to faces" in result.summary()["by_face_because"]
 
 
 def test_an_interrupt_is_raised_by_the_function(monkeypatch):
@@ -149,16 +149,19 @@ def test_check_takes_poses_of_any_kind(capsys):
 def test_check_replaces_what_is_wanted():
     assert rc.check(PLAN, POSES, min_coverage=0.1).is_met
     assert not rc.check(PLAN, POSES[:1], min_coverage=0.9).is_met
-    found = rc.check(PLAN, POSES, groups={"lid": 0.2}, views=3)
-    assert [(each.group, each.limit) for each in found.requirements] == [(None, 0.9), ("lid", 0.2)]
-    assert found.views == 3
+    check_result = rc.check(PLAN, POSES, groups={"lid": 0.2}, views=3)
+    assert [(each.group, each.limit) for each in check_result.requirements] == [
+        (None, 0.9),
+        ("lid", 0.2),
+    ]
+    assert check_result.views == 3
 
 
 def test_check_holds_a_rig_against_the_baseline_that_it_wrote(capsys):
-    found = rc.check(NAMED, POSES, out="base")
+    check_result = rc.check(NAMED, POSES, out="base")
     assert {"check.html", "check.json"} < files()
     worse = rc.check(PLAN, POSES[:2], min_coverage=0.1, baseline="base/check.json")
-    assert (found.is_met, worse.is_met) == (True, False)
+    assert (check_result.is_met, worse.is_met) == (True, False)
     Path("plan.toml").write_text(TOML)
     rc.write_poses("rig.json", POSES[:2])
     line = "check plan.toml -p rig.json --min-coverage 0.1 --baseline base/check.json --json"
@@ -172,23 +175,25 @@ def test_check_takes_several_cameras():
     index = [0, 1, 0, 1, 0, 1]
     poses = rc.Poses.of(POSES, camera=index)
     rig = rc.Rig([wide, long], ["wide", "long"])
-    found = rc.check(PLAN, poses, camera=rig)
+    check_result = rc.check(PLAN, poses, camera=rig)
     views = rc.Views(rig=rig, poses=poses, images=tuple("abcdef"))
     bare = {name: value for name, value in PLAN.items() if name != "camera"}
     for other in (rc.check(PLAN, poses, camera=[wide, long]), rc.check(bare, views)):
-        assert other.requirements == found.requirements
-    areas = {entry["camera"]: entry["covered_area"] for entry in found.summary()["by_camera"]}
-    areas["all"] = found.cameras.areas.summary()
+        assert other.requirements == check_result.requirements
+    areas = {
+        entry["camera"]: entry["covered_area"] for entry in check_result.summary()["by_camera"]
+    }
+    areas["all"] = check_result.cameras.areas.summary()
     rows = {"wide": poses.camera == 0, "long": poses.camera == 1, "all": poses.camera >= 0}
     for name, area in areas.items():
-        exact = rc.unite(rc.regions(found.mesh, rig, poses[rows[name]], found.task))
+        exact = rc.unite(rc.regions(check_result.mesh, rig, poses[rows[name]], check_result.task))
         assert area["m2"] == pytest.approx(exact.area[0].sum(), abs=1e-9)
 
 
 @pytest.mark.slow
 def test_audit_is_the_command(capsys):
     mesh, camera, frames = rc.Mesh.load("part.obj"), RIG.cameras[0], list("aabbcc")
-    found = rc.audit(mesh, camera, POSES, rc.Task(views=2))
+    audit = rc.audit(mesh, camera, POSES, rc.Task(views=2))
     assert files() == {"part.obj"}
     rig, poses = rc.Rig([camera], ["one"]), rc.Poses.of(POSES)
     views = rc.Views(rig=rig, poses=poses, images=tuple("uvwxyz"), frames=frames)
@@ -204,7 +209,7 @@ def test_audit_is_the_command(capsys):
         del each["subset"]["seconds"], each["run"]["mesh"], each["frames"]["subset"]["seconds"]
         each["run"]["options"].pop("scene", None)  # the words of the command
     assert command == function
-    assert as_stored(found.summary())["covered_percent"] == function["covered_percent"]
+    assert as_stored(audit.summary())["covered_percent"] == function["covered_percent"]
     assert [entry["frame"] for entry in function["frames"]["per_frame"]] == list("abc")
     assert "All 3 frames are needed." in Path("function", "audit.html").read_text()
     assert pq.read_table("function/cameras.parquet")["frame"].to_pylist() == frames

@@ -37,7 +37,7 @@ RETIRED = re.compile(
     r"|cover the same:|falls? short|to hand on|place that has:|keep clear by"
     r"|is of a face|is of light|has no lx"
     r"|only by it|covered by none|hidden from both sides| s so far"
-    r"|recorded figures|mirror direction|hatever the errors|Measured is|rigid motions| by --[a-z]"
+    r"|mirror direction|hatever the errors|Measured is|rigid motions| by --[a-z]"
 )
 """Phrases that no user reads any more; the terms are in docs/conventions.md."""
 
@@ -107,8 +107,8 @@ def errors_of(tree):
 
     def text(node, above=()):
         match node:
-            case ast.Constant(value=str(found)):
-                return found
+            case ast.Constant(value=str(result)):
+                return result
             case ast.JoinedStr(values=parts):
                 return "".join(text(part, above) or "0" for part in parts)
             case ast.FormattedValue(value=ast.Name(id=name)) | ast.Name(id=name):
@@ -122,10 +122,10 @@ def errors_of(tree):
                 func, args = ast.Name("check"), args[:1]
             case _:
                 continue
-        name, found = ast.unparse(func), next(filter(None, map(text, args)), None)
+        name, item = ast.unparse(func), next(filter(None, map(text, args)), None)
         is_error = name.endswith("Error") or name in ("error", "broken", "check")
-        if found and is_error and name not in OTHERS:
-            yield node.lineno, found
+        if item and is_error and name not in OTHERS:
+            yield node.lineno, item
 
 
 def files():
@@ -145,12 +145,12 @@ def prose_in(path):
 
 @pytest.mark.slow
 def test_prose_is_plain():
-    found = [
+    items = [
         f"{path.relative_to(ROOT)}:{line}: {words}"
         for path in sorted(files())
         for line, words in faults(prose_in(path), path.suffix)
     ]
-    assert found == []
+    assert items == []
 
 
 def test_users_read_none_of_the_retired_phrases():
@@ -189,8 +189,8 @@ def test_errors_have_one_form():
     ],
 )
 def test_an_error_of_another_form_is_found(text):
-    [(_, found)] = errors_of(ast.parse(f"raise MeshError({text!r})"))
-    assert not FORM.fullmatch(found)
+    [(_, result)] = errors_of(ast.parse(f"raise MeshError({text!r})"))
+    assert not FORM.fullmatch(result)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_an_error_of_another_form_is_found(text):
     ],
 )
 def test_a_banned_opening_or_word_is_found(text, words):
-    assert [found for _, found in faults(prose_of(text))] == [words]
+    assert [fault for _, fault in faults(prose_of(text))] == [words]
 
 
 def test_code_and_longer_words_are_not_banned():

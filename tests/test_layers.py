@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import shutil
 import subprocess
 import sys
 from functools import cache
@@ -13,15 +14,18 @@ import pytest
 import rastercov
 
 ROOT = Path(rastercov.__file__).parent
-LAYERS = (
-    *("native", "base", "mesh", "camera", "raster", "exact"),
-    *("cluster", "shards", "coverage", "placement", "report", "viewer", "cli"),
+FLOORS = ("engine", "base", "shards", "core", "formats", "advice", "placement", "report")
+SLICES = (
+    *("light", "motion", "robots", "sensors", "tolerances", "survey", "building", "cluster", "gl"),
 )
+"""Side by side: none imports another one."""
+TOPS = ("page", "cli")
 LABORATORY = {("cli", "compare")}
 """Commands that run models and oracles of `rastercov.reference`; nothing else imports it."""
 EXAMPLES = r"\n +Examples\n +-{8}\n.*?(?=\"{3})"
 """Of docstrings."""
-LEVEL = {name: level for level, name in enumerate(LAYERS)}
+LEVEL = {name: level for level, name in enumerate((*FLOORS, "slices", *TOPS))}
+LEVEL |= dict.fromkeys(SLICES, LEVEL["slices"])
 
 
 def modules():
@@ -47,12 +51,18 @@ def found_imports(path):
                 yield tuple([*base, name.name] if is_module else base)
 
 
+def test_no_package_is_called_like_a_public_name():
+    """It would take the place of the function where a module of it is imported."""
+    assert {path.name for path in ROOT.iterdir() if path.is_dir()}.isdisjoint(rastercov.__all__)
+
+
 def test_no_import_goes_up():
     up = {
-        (parts[0], found[0])
+        (parts[0], result[0])
         for path, parts in modules()
-        for found in imports(path)
-        if found and LEVEL.get(found[0], -1) > LEVEL[parts[0]]
+        for result in imports(path)
+        if parts != ("placement",)  # public names, which are imported when they are asked for
+        if result and result[0] != parts[0] and LEVEL.get(result[0], -1) >= LEVEL[parts[0]]
     }
     assert up == set()
 
@@ -85,7 +95,7 @@ def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():
     page = (ROOT.parent / "docs" / "appendix" / "architecture.md").read_text(encoding="utf-8")
     section = page.split("## From mesh to coverage")[1].split("\n## ")[0]
     files = re.findall(r"^\| `([\w/]+\.\w+)` \|", section, re.MULTILINE)
-    assert files[0] == "coverage/job.py"
+    assert files[0] == "core/coverage/job.py"
     texts = (re.sub(EXAMPLES, "", (ROOT / name).read_text(), flags=re.DOTALL) for name in files)
     assert sum(len(text.splitlines()) for text in texts) <= 2000
 
@@ -98,14 +108,14 @@ def test_the_steps_of_a_walk_are_few_and_are_there(title, steps, returns):
     page = (ROOT.parent / "docs" / "appendix" / "architecture.md").read_text(encoding="utf-8")
     section = page.split(f"## {title}")[1].split("\n## ")[0]
     rows = re.findall(r"^\| `([\w/]+\.\w+)` \| (.*) \|$", section, re.MULTILINE)
-    found = [
+    items = [
         (file, *each) for file, text in rows for each in re.findall(r"(\d+) `([\w.:]+)`", text)
     ]
-    numbers = [int(number) for _, number, _ in found]
+    numbers = [int(number) for _, number, _ in items]
     assert len(set(numbers)) == len(numbers)
     assert max(numbers) <= steps
     assert len(re.findall("[Rr]eturns ", "".join(text for _, text in rows))) <= returns
-    for file, _, name in found:
+    for file, _, name in items:
         own = re.split(r"\.|::", name)[-1]
         text = (ROOT / file).read_text(encoding="utf-8")
         assert re.search(rf"(def |class |::){own}\(", text), f"{file}: {name}"
@@ -117,7 +127,8 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
     package = tmp_path / "rastercov"
     for folder in (tmp_path / ".ci" / "features", package / "camera"):
         folder.mkdir(parents=True)
-    (tmp_path / ".ci" / "weight").write_text(weight.read_text(encoding="utf-8"), encoding="utf-8")
+    for name in ("weight", "functions.py"):
+        shutil.copy(weight.with_name(name), tmp_path / ".ci")
     (package / "__init__.py").write_text('"""Text."""  # comment\nx: Any = f(1.5e-3, "a b")\n')
     (package / "camera" / "part.py").write_text('TEXT = """\nlet x = 1\n"""\n')
     (tmp_path / ".ci" / "features" / "one.toml").write_text('own = ["rastercov/camera/p*.py"]')
@@ -135,12 +146,12 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
         return subprocess.run(words, capture_output=True, text=True, check=False)
 
     limit.write_text("70")
-    found = json.loads(run("--json").stdout)
-    assert found["Python"] == 10 + (2 + 10) + (8 + 11)
-    assert found["C++"] == 11
-    assert found["JavaScript"] == 5 + 3 * 4
-    assert found["files that import one"] == found["parameters typed Any"] == 1
-    assert found["assignments joined by a comma, C++"] == 1
+    content = json.loads(run("--json").stdout)
+    assert content["Python"] == 10 + (2 + 10) + (8 + 11)
+    assert content["C++"] == 11
+    assert content["JavaScript"] == 5 + 3 * 4
+    assert content["files that import one"] == content["parameters typed Any"] == 1
+    assert content["assignments joined by a comma, C++"] == 1
     limit.write_text("65")
     assert "expected at most 65 tokens" in run().stderr
 
@@ -148,4 +159,4 @@ def test_weight_counts_tokens_of_what_ships(tmp_path):
 def test_nothing_lies_flat_beside_the_packages():
     assert {path.name for path in ROOT.glob("*.py")} == {"__init__.py", "__main__.py"}
     folders = {path.name for path in ROOT.iterdir() if list(path.glob("*.py"))}
-    assert folders == {*LAYERS, "reference", "shaders"}
+    assert folders | {*SLICES} == {*FLOORS, *SLICES, *TOPS, "reference", "shaders"}

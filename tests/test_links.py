@@ -14,7 +14,7 @@ from rigs_to_view import part, session_of
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.output import own_folder, remove_file, write_bytes
-from rastercov.coverage.shards import FILES
+from rastercov.core.coverage.shards import FILES
 from rastercov.placement.plan.prepare import OF_A_MATRIX
 from rastercov.report.folder import NEW, STAGING, ReportFolder, ReportKind
 from rastercov.shards.store import ShardStore, remove, remove_halves, store
@@ -58,7 +58,7 @@ OF_FILES = {"part", "archive", "formatter"}
 """Names of what `base/output.py` gives, of an archive in memory, and of no file."""
 ELSEWHERE = {
     "base/streams.py": {"open"},  # descriptors of the process, and the null device
-    "mesh/formats/ifc.py": {"write_bytes", "open"},  # a program in a new folder of its own
+    "formats/meshes/ifc.py": {"write_bytes", "open"},  # a program in a new folder of its own
 }
 
 
@@ -81,24 +81,24 @@ def writes_of(source):
 
 
 def test_a_writer_is_found():
-    found = [name for name, _ in writes_of("""
+    items = [name for name, _ in writes_of("""
 path.write_text("x"); part.write_bytes(b""); write_text(path, ""); open(path, "wb"); path.unlink()
 path.open("w"); part.open("wb"); os.rename(a, b); file.open(path); shutil.rmtree(path)
 """)]  # fmt: skip
-    assert sorted(found) == ["open", "open", "rename", "rmtree", "unlink", "write_text"]
+    assert sorted(items) == ["open", "open", "rename", "rmtree", "unlink", "write_text"]
 
 
 @pytest.mark.parametrize("folder", ["rastercov", "reference"])
 def test_files_are_written_and_deleted_by_one_module_alone(folder):
-    found = []
+    items = []
     for path in sorted((ROOT / folder).rglob("*.py")):
         name = path.relative_to(ROOT / folder).as_posix()
         if name == "base/output.py" or name.startswith(("reference/", "shaders/")):
             continue
         allowed = ELSEWHERE.get(name, set())
         calls = writes_of(path.read_text(encoding="utf-8"))
-        found += [f"{name}:{line}: {call}" for call, line in calls if call not in allowed]
-    assert found == []
+        items += [f"{name}:{line}: {call}" for call, line in calls if call not in allowed]
+    assert items == []
 
 
 # --- links in the places of ours ------------------------------------------------------------------
@@ -222,7 +222,7 @@ def test_no_command_follows_a_link_in_a_place_of_its_own(tmp_path, line):
 @pytest.mark.parametrize("name", ["report", "rig.json", "task.toml"])
 def test_the_viewer_saves_through_no_link(tmp_path, outside, name):
     pytest.importorskip("starlette")
-    from rastercov.viewer.saving import Saving
+    from rastercov.page.saving import Saving
 
     saving = Saving(session_of(part(), 2), tmp_path / "out")
     (tmp_path / "out").mkdir()

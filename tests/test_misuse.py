@@ -23,7 +23,7 @@ import rastercov as rc
 from rastercov.base.checks import LONGEST_SHOWN, shown
 from rastercov.base.files import StrPath
 from rastercov.base.typed import VARIADIC, check_type
-from rastercov.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.coverage import evaluate_batches
 
 NAMES = names_of_calls()
 PUBLIC = public_callables()
@@ -134,8 +134,8 @@ def test_any_layout_of_numbers_gives_the_same_answer(kind, order):
     expected = visibility(MESH, CAMERA, POSES.astype(kind).astype(np.float64)).visibility
     vertices = np.array(MESH.vertices, kind, order=order)
     mesh = rc.Mesh(vertices, np.array(MESH.faces, ">i2", order=order))
-    found = visibility(mesh, CAMERA, np.array(POSES, kind, order=order)).visibility
-    assert np.array_equal(found, expected)
+    observation = visibility(mesh, CAMERA, np.array(POSES, kind, order=order)).visibility
+    assert np.array_equal(observation, expected)
 
 
 class ComparedError(BaseException):

@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.union import unite
-from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.union import unite
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.coverage import FIGURES, Coverage
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, judged_parts
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.plan.network import Measured, with_areas
 from rastercov.shards import ALONE
 
@@ -141,8 +141,8 @@ def test_groups_are_counted_apart_and_occluders_not_at_all():
 
 
 def test_covered_and_the_reasons_make_up_the_task():
-    found = evaluate(shapes.teapot(3), CAMERA, sphere_of_poses((0, 0, 0.08), 0.4, 4), by="face")
-    summary = network_of(found, mesh=found.mesh, task=found.task).summary()
+    result = evaluate(shapes.teapot(3), CAMERA, sphere_of_poses((0, 0, 0.08), 0.4, 4), by="face")
+    summary = network_of(result, mesh=result.mesh, task=result.task).summary()
     reasons = summary["not_covered_because"].values()
     for unit in ("faces", "percent", "area_percent"):
         uncovered = sum(entry[unit] for entry in reasons)
@@ -222,21 +222,21 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
     task = Task(min_pixels=3, max_incidence_deg=60)
     whole = evaluate(mesh, camera, Poses.of(poses, skip_bad=True), task, method=method, by="face")
     expected = network_of(whole, mesh=mesh, task=task)
-    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 8)
-    found = Network(mesh, task)
+    monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 8)
+    result = Network(mesh, task)
     with open_observer(mesh, camera, method, threads=threads) as observer:
-        for batch in found.judge(observer, Poses.of(poses[:5], skip_bad=True)):
-            found.add(batch)
-        assert found.pose_ids == [0, 1, 2, 4]
-        found = Network(mesh, task)
-        for batch in found.judge(observer, Poses.of(poses, skip_bad=True)):
-            found.add(batch)
+        for batch in result.judge(observer, Poses.of(poses[:5], skip_bad=True)):
+            result.add(batch)
+        assert result.pose_ids == [0, 1, 2, 4]
+        result = Network(mesh, task)
+        for batch in result.judge(observer, Poses.of(poses, skip_bad=True)):
+            result.add(batch)
         accepted, wanted = Poses.of(poses, skip_bad=True), Wanted(Engine.of(method), False, "seen")
         stored = Network(mesh, task)  # one shard of several batches
         shards = EvaluationShards(tmp_path, observer, accepted, task, wanted)
         for batch in judged_parts(stored, observer, accepted, wanted, shards, ALONE):
             stored.add(batch)
-    for network in (found, stored):
+    for network in (result, stored):
         assert state(network) == state(expected)
         assert network.summary() == expected.summary()
 
@@ -262,3 +262,36 @@ def test_areas_of_a_camera_are_those_of_its_poses_alone_whatever_others_covered_
         for index in (0, 1):
             alone = unite(finder.find(poses[poses.camera == index])).area[0].sum()
             assert network.per_camera.entry(index)["covered_area"]["m2"] == pytest.approx(alone)
+
+
+class Read(np.ndarray):
+    """Array of faces that counts the entries of what it is indexed by."""
+
+    total = 0
+
+    def __getitem__(self, key):
+        Read.total += np.size(key)
+        return np.asarray(super().__getitem__(key))
+
+
+@pytest.mark.parametrize("n_groups", [4, 64])
+def test_figures_of_groups_read_each_face_a_few_times(n_groups):
+    """Also of those that many groups have, in any order."""
+    torus, poses = shapes.torus(32, 16), sphere_of_poses((0, 0, 0), 3.0, 2)
+    labels = np.random.default_rng(n_groups).permutation(torus.n_faces) % n_groups
+    groups = [Group(f"g{row}") for row in range(n_groups)]
+    mesh = Mesh(torus.vertices, torus.faces, groups, labels)
+    network = evaluate(mesh, CAMERA, poses, by="face").network
+    wanted = network.summary()
+    areas, kept = mesh.areas, vars(mesh)["_normals_and_areas"]
+    counted = (each.view(Read) if each is areas else each for each in kept)
+    vars(mesh)["_normals_and_areas"] = tuple(counted)
+    Read.total = 0
+    summary = network.summary()
+    assert summary == wanted
+    assert 0 < Read.total <= 16 * mesh.n_faces
+    for row, entry in enumerate(summary["groups"]):
+        own = labels == row
+        assert entry["faces"] == own.sum()
+        assert entry["area_m2"] == areas[own].sum()
+        assert entry["covered"]["faces"] == (own & network.covered).sum()

@@ -79,7 +79,7 @@ def refusals(tree):
                  ast.BinOp: ("left", "right"), ast.NamedExpr: ("value",)}  # fmt: skip
         parts = [getattr(node, name) for name in inner.get(type(node), ())]
         parts = [each for part in parts for each in (part if isinstance(part, list) else [part])]
-        return [found for part in parts for found in positive(part, is_negated)]
+        return [item for part in parts for item in positive(part, is_negated)]
 
     for node in ast.walk(tree):
         if isinstance(node, ast.If) and any(isinstance(each, ast.Raise) for each in node.body):
@@ -106,3 +106,50 @@ def test_what_counts_as_a_refusal_that_nan_passes(text, n):
     tree = ast.parse(f"if {text}:\n    raise ValueError\n")
     assert len(list(refusals(tree))) == n
     assert not list(refusals(ast.parse(f"if {text}:\n    pass\n")))
+
+
+CONDITION = re.compile(r"\b(?:require|expect)\(")
+NEGATED = re.compile(r"!(?=\()|\bnot\b")
+
+
+def in_parentheses(text, start):
+    """Text from an opening parenthesis to the one that closes it, or to the end of an argument."""
+    depth = 0
+    for at in range(start, len(text)):
+        depth += {"(": 1, "[": 1, "{": 1, ")": -1, "]": -1, "}": -1}.get(text[at], 0)
+        if depth == 0 or (depth == 1 and text[at] == ","):
+            return text[start:at]
+    return text[start:]
+
+
+def passed_by_nan(source):
+    """Conditions of refusals in C++ that negate a comparison: NaN makes these true."""
+    for result in CONDITION.finditer(source):
+        condition = in_parentheses(source, result.end() - 1)
+        for negated in NEGATED.finditer(condition):
+            inner = in_parentheses(condition, negated.end())
+            if re.search(r" [<>]=? ", inner):
+                yield " ".join(condition[1:].split())
+
+
+def test_every_condition_in_c_is_written_so_that_nan_is_refused():
+    """`require(value > 0)`, never `require(!(value <= 0))`."""
+    native = ROOT / "rastercov" / "engine"
+    sources = [path for path in sorted(native.rglob("*")) if path.suffix in (".cpp", ".hpp")]
+    wrong = [
+        f"{path.relative_to(ROOT)}: {each}"
+        for path in sources
+        for each in passed_by_nan(path.read_text(encoding="utf-8"))
+    ]
+    assert wrong == []
+    assert sum(len(CONDITION.findall(path.read_text(encoding="utf-8"))) for path in sources) > 150
+
+
+@pytest.mark.parametrize(
+    ("text", "n"),
+    [("require(x > 0, w)", 0), ("require(!(x <= 0), w)", 1), ("expect(a && !(b || x < 1), w)", 1),
+     ("require(!is_set(x) && x >= 0, w)", 0), ("require(!f(max<int>(a, b)), w)", 0),
+     ("require(!(is_a && (is_b ||\n x > y)),\n w)", 1)],
+)  # fmt: skip
+def test_what_counts_as_a_condition_that_nan_passes(text, n):
+    assert len(list(passed_by_nan(text))) == n

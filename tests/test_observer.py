@@ -8,15 +8,15 @@ from scenes import joined, sheet, square
 from visible_fractions import visibility
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.engine import METHODS
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import open_observer
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.gl import GLRasterizer
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.engine import METHODS
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.gl import GLRasterizer
 from rastercov.reference.methods.convergence import fractions
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
@@ -38,8 +38,8 @@ def see(device):
         with GLRasterizer(mesh, camera, device=device, supersample=supersample) as rasterizer:
             counts = rasterizer.count(pose)
         seen = Observation.of_counts(counts)
-        found = fractions(FacePass(mesh, camera, 1), seen, Poses.of(pose))
-        return *(figure[0] for figure in found), counts
+        result = fractions(FacePass(mesh, camera, 1), seen, Poses.of(pose))
+        return *(figure[0] for figure in result), counts
 
     return see_one
 

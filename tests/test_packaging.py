@@ -21,7 +21,7 @@ from nightly import IS_NIGHTLY
 from processes import python
 
 import rastercov
-from rastercov import native
+from rastercov import engine
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -81,7 +81,7 @@ def build(tree, out):
     build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(tree)]
     build.append("-Ccmake.define.RASTERCOV_LEVELS=own")
     if not IS_NIGHTLY:
-        build.append(f"-Ccmake.define.RASTERCOV_BUILT={native.FOLDER}")
+        build.append(f"-Ccmake.define.RASTERCOV_BUILT={engine.FOLDER}")
     command(*build, cwd=out)  # the wheel is built from the sdist
 
 
@@ -114,9 +114,9 @@ def test_the_links_to_the_top_level_are_relative():
 
 
 def test_every_folder_of_code_is_a_package():
-    found = {str(PurePosixPath(n).parent) for n in expected() if n.endswith("__init__.py")}
+    items = {str(PurePosixPath(n).parent) for n in expected() if n.endswith("__init__.py")}
     code = {str(PurePosixPath(n).parent) for n in expected() if n.endswith((".py", ".glsl"))}
-    assert code == found
+    assert code == items
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
     modules = {name for name in names if name.endswith(".so")}
     names -= modules
     assert names == expected()
-    own = f"_{native.runnable()[-1]}"
+    own = f"_{engine.runnable()[-1]}"
     assert {Path(name).name.split(".")[0] for name in modules} == {"_cpu", own}
     assert {"rastercov/shaders/face.vert.glsl", "rastercov/reference/__init__.py"} <= names
     for name in names:
@@ -135,12 +135,12 @@ def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
 @pytest.mark.slow
 def test_the_sdist_holds_all_that_the_loops_are_compiled_from(built):
     (sdist,) = built.glob("*.tar.gz")
-    sources = {name for name in tracked() if name.startswith("rastercov/native/")}
+    sources = {name for name in tracked() if name.startswith("rastercov/engine/")}
     with tarfile.open(sdist) as archive:
-        found = {name.partition("/")[2] for name in archive.getnames()}
-    assert sources <= found
-    assert not {name for name in found if name.endswith((".so", ".pyi"))}
-    assert not {name for name in found if name.startswith("tests")}  # all of them, or none
+        items = {name.partition("/")[2] for name in archive.getnames()}
+    assert sources <= items
+    assert not {name for name in items if name.endswith((".so", ".pyi"))}
+    assert not {name for name in items if name.startswith("tests")}  # all of them, or none
 
 
 @pytest.mark.slow
@@ -201,8 +201,8 @@ def test_wheels_have_the_loops_of_all_levels():
     table = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["scikit-build"]
     wheels = [each for each in table["overrides"] if each["if"].get("state") == "wheel"]
     assert [each["cmake"]["define"]["RASTERCOV_LEVELS"] for each in wheels] == ["all"]
-    build = (ROOT / "rastercov" / "native" / "flags.cmake").read_text()
-    assert f"set(KNOWN {' '.join(native.LEVELS)})" in build
+    build = (ROOT / "rastercov" / "engine" / "flags.cmake").read_text()
+    assert f"set(KNOWN {' '.join(engine.LEVELS)})" in build
 
 
 SCRIPT = """
@@ -220,7 +220,7 @@ for module in (rastercov, rastercov.reference, shaders):
 assert "void main" in shaders.source("face.vert")
 assert shapes.teapot().n_faces > 1000
 assert shapes.aeroplane().n_faces == 1970
-import rastercov.report.coverage, rastercov.report.placement, rastercov.viewer.server
+import rastercov.report.coverage, rastercov.report.placement, rastercov.page.server
 words = "render teapot-5 -c khepra -p sphere:2 --device surfaceless".split()
 sys.exit(cli.command([*words, "--out", sys.argv[3]]))
 """
@@ -240,7 +240,9 @@ def test_neither_folder_is_a_package_of_its_own(tmp_path):
     assert python("-I", "-c", script, "reference", "shaders", cwd=tmp_path).returncode == 0
 
 
-@pytest.mark.parametrize("module", ["rastercov.mesh", "test_packaging", "mesh_files", "attack"])
+@pytest.mark.parametrize(
+    "module", ["rastercov.core.mesh", "test_packaging", "mesh_files", "attack"]
+)
 def test_a_warning_in_a_file_of_ours_is_an_error(module):
     with pytest.raises(DeprecationWarning):
         warnings.warn_explicit("old", DeprecationWarning, "file.py", 1, module=module)

@@ -55,8 +55,8 @@ def test_a_toml_file_has_the_names_of_the_constructor(tmp_path):
     (tmp_path / "camera.toml").write_text(
         "\n".join(['model = "telecentric"', "f_number = 8", "distortion = [3.4, 0]", *lines])
     )
-    found = rc.Camera.load(tmp_path / "camera.toml")
-    assert found == telecentric(f_number=8, distortion=(3.4, 0.0))
+    load = rc.Camera.load(tmp_path / "camera.toml")
+    assert load == telecentric(f_number=8, distortion=(3.4, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -92,10 +92,10 @@ def test_a_toml_file_has_the_names_of_the_constructor(tmp_path):
     ],
 )
 def test_entries_that_no_such_lens_has_are_refused_in_one_line(entries, line):
-    with pytest.raises(CameraError) as found:
+    with pytest.raises(CameraError) as raises:
         telecentric(**entries)
-    assert line in str(found.value)
-    assert "\n" not in str(found.value)
+    assert line in str(raises.value)
+    assert "\n" not in str(raises.value)
 
 
 def test_entries_of_telecentric_lenses_are_refused_of_other_models():
@@ -119,7 +119,7 @@ def test_entries_of_telecentric_lenses_are_refused_of_other_models():
 )
 def test_what_needs_rays_that_meet_in_a_point_refuses_in_one_line(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(CameraError) as found:
+    with pytest.raises(CameraError) as raises:
         call()
-    assert "telecentric" in str(found.value)
-    assert "\n" not in str(found.value)
+    assert "telecentric" in str(raises.value)
+    assert "\n" not in str(raises.value)

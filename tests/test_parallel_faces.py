@@ -5,7 +5,7 @@ import pytest
 from nightly import amount
 
 import rastercov as rc
-from rastercov.coverage.area.failures import first_failures
+from rastercov.core.area.failures import first_failures
 from rastercov.reference.regions import reasons_in_poses
 
 pytestmark = pytest.mark.native
@@ -25,7 +25,7 @@ POSES = rc.look_at(SIZE * np.array([(1, 0.2, 0.1), (0.3, -0.8, 0.6), (0, 0, -1)]
 
 
 def test_figures_of_faces_follow_from_the_axis():
-    found = rc.evaluate(
+    result = rc.evaluate(
         MESH, CAMERA, POSES, rc.Task(min_pixel_density=1, min_facing_density=1), by="face"
     )
     with rc.open_observer(MESH, CAMERA, "exact") as observer:
@@ -36,30 +36,30 @@ def test_figures_of_faces_follow_from_the_axis():
     u, v = CAMERA.fx * local[..., 0] + CAMERA.cx, CAMERA.fy * local[..., 1] + CAMERA.cy
     is_in = (u >= 0) & (u <= 300) & (v >= 0) & (v <= 280) & (local[..., 2] >= CAMERA.near)
     is_in = is_in[:, MESH.faces].all(axis=2)
-    assert (found.in_view == is_in).all()
-    assert np.abs(found.incidence - np.arccos(cosine)).max() <= 1e-7
-    assert (found.in_view_fraction[is_in] == 1).all()
+    assert (result.in_view == is_in).all()
+    assert np.abs(result.incidence - np.arccos(cosine)).max() <= 1e-7
+    assert (result.in_view_fraction[is_in] == 1).all()
     flat = CAMERA.fx * CAMERA.fy * np.abs(cosine) * MESH.areas
-    assert found.projected_area[is_in] == pytest.approx(flat[is_in], rel=1e-12)
-    shares = found.in_view_fraction * found.projected_area
+    assert result.projected_area[is_in] == pytest.approx(flat[is_in], rel=1e-12)
+    shares = result.in_view_fraction * result.projected_area
     assert shares == pytest.approx(seen.drawn_pixels, abs=1e-7)
     is_front = is_in & (cosine > 0)
-    assert (found.facing_density[is_in] == CAMERA.fx).all()
+    assert (result.facing_density[is_in] == CAMERA.fx).all()
     plane = np.eye(3) - normals[:, :, None] * normals[:, None]
     for row in range(len(POSES)):
         J = np.diag((CAMERA.fx, CAMERA.fy, 0)) @ POSES[row, :3, :3].T @ plane
         least = np.linalg.svd(J, compute_uv=False)[:, 1]
         own = is_front[row]
-        assert found.pixel_density[row, own] == pytest.approx(least[own], rel=1e-9)
+        assert result.pixel_density[row, own] == pytest.approx(least[own], rel=1e-9)
     share = seen.visible_pixels / np.maximum(seen.drawn_pixels, 1e-300)
-    assert found.visibility[is_front] == pytest.approx(share[is_front], abs=1e-9)
-    assert (found.visibility_bound[is_front] <= 1e-6).all()
-    assert (found.reason[cosine < -1e-9] == rc.Reason.BACK_FACING).all()
+    assert result.visibility[is_front] == pytest.approx(share[is_front], abs=1e-9)
+    assert (result.visibility_bound[is_front] <= 1e-6).all()
+    assert (result.reason[cosine < -1e-9] == rc.Reason.BACK_FACING).all()
 
 
 def test_the_uncovered_area_has_the_reasons_of_its_points():
     task = rc.Task(max_incidence_deg=65)
-    found = rc.evaluate(MESH, CAMERA, POSES[:1], task)
+    result = rc.evaluate(MESH, CAMERA, POSES[:1], task)
     rng = np.random.default_rng(1)
     face = rng.integers(MESH.n_faces, size=amount(600, 6000))
     weights = rng.dirichlet((1, 1, 1), len(face))
@@ -67,8 +67,8 @@ def test_the_uncovered_area_has_the_reasons_of_its_points():
     truth = reasons_in_poses(MESH, CAMERA, POSES[:1], task, points, face)[0]
     ours, _ = next(first_failures(MESH, CAMERA, task, POSES[:1], points, face))
     assert (ours != truth).mean() <= 0.005
-    shares = {zone["reason"]: 0.0 for zone in found.summary()["dead_zones"]}
-    for zone in found.summary()["dead_zones"]:
+    shares = {zone["reason"]: 0.0 for zone in result.summary()["dead_zones"]}
+    for zone in result.summary()["dead_zones"]:
         shares[zone["reason"]] += zone["area_m2"] / MESH.areas.sum()
     for reason in ("back_facing", "outside", "occluded", "too_oblique"):
         expected = (truth == rc.Reason[reason.upper()]).mean()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 # No side is a multiple of a packet's 4 pixels, and fx, fy and the centre all differ.

@@ -11,17 +11,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rastercov.base.errors import PoseError
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import (
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import (
     DRIFT_TOLERANCE,
     ROUNDING,
     check_poses,
     inverse,
     valid_poses,
 )
-from rastercov.camera.pose_file import read_poses, write_poses
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 
 CAMERA = Camera(width=640, height=480, fx=500, fy=500, cx=300, cy=250)
 

@@ -9,10 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import NEAR_TO_FAR, depth_range, near_limit, nearest_depth_in_view
-from rastercov.camera.projection import box_corners, image_boxes, to_camera, to_image
-from rastercov.camera.viewpoints import look_at
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import (
+    NEAR_TO_FAR,
+    depth_range,
+    near_limit,
+    nearest_depth_in_view,
+)
+from rastercov.core.camera.projection import box_corners, image_boxes, to_camera, to_image
+from rastercov.core.camera.viewpoints import look_at
 from rastercov.reference.criteria import clip_near, clip_polygons, clip_to_image, polygon_area
 
 # The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.

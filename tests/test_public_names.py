@@ -11,7 +11,7 @@ from of_features import of_features
 from processes import python
 
 import rastercov
-import rastercov.mesh.shapes
+import rastercov.core.mesh.shapes
 
 SURFACE = """
     BeamDensity BoundKind Camera CameraError CellShares Cells
@@ -21,7 +21,7 @@ SURFACE = """
     RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Task Uncertainty
     Views Visibility VisibilityBuffer Workers audit cells check dead_zones evaluate
     look_at open_observer open_rasterizer place read_poses read_views
-    regions show sphere_of_poses table tolerance unite visibility write_poses write_views"""
+    regions show sphere_of_poses table unite visibility write_poses write_views"""
 """A name that is added or goes is added or goes here, and in CHANGELOG.md."""
 
 
@@ -39,7 +39,7 @@ def test_every_name_is_there_and_nothing_public_is_left_out():
 
 def test_dir_has_public_names_only():
     assert dir(rastercov) == rastercov.__all__
-    assert rastercov.shapes is rastercov.mesh.shapes  # by its name, as any module
+    assert rastercov.shapes is rastercov.core.mesh.shapes  # by its name, as any module
     assert rastercov.__version__
 
 
@@ -63,10 +63,10 @@ POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
 
 def values():
     """A value of every public class but errors."""
-    mesh = rastercov.mesh.shapes.box()
+    mesh = rastercov.core.mesh.shapes.box()
     regions = rastercov.regions(mesh, CAMERA, POSES)
     covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
-    found = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
+    result = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
     rig = rastercov.Rig([CAMERA] * 20)
     with (
         rastercov.open_observer(mesh, CAMERA) as observer,
@@ -75,8 +75,8 @@ def values():
         seen, counts = observer.observe(POSES), rasterizer.count(POSES)
         picture, fractions = rasterizer.render(POSES[0]), rastercov.visibility(mesh, CAMERA, POSES)
         return [
-            *(mesh, regions, covered, cells, found, rig, observer, rasterizer, seen, counts),
-            *(picture, fractions, found.network, rasterizer.info, CAMERA, rastercov.Task()),
+            *(mesh, regions, covered, cells, result, rig, observer, rasterizer, seen, counts),
+            *(picture, fractions, result.network, rasterizer.info, CAMERA, rastercov.Task()),
             *(cells.share(regions), rastercov.dead_zones(covered), rastercov.Poses.of(POSES)),
             rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),
             rastercov.Views(rig=rig, poses=rastercov.Poses.of(POSES), images=("a", "b\n", "c")),
@@ -90,13 +90,13 @@ def values():
 
 
 def test_every_repr_is_one_line():
-    found = values()
-    for value in found:
+    result = values()
+    for value in result:
         text = repr(value)
         assert "\n" not in text
         assert len(text) < 600, text
     classes = {n for n in rastercov.__all__ if inspect.isclass(getattr(rastercov, n))}
-    shown = {kind.__name__ for value in found for kind in type(value).__mro__}
+    shown = {kind.__name__ for value in result for kind in type(value).__mro__}
     assert {n for n in classes - shown if not n.endswith("Error")} == set()
 
 

@@ -2,7 +2,7 @@
 
 Further ones: cameras exactly in a plane of the scene, tests/area/test_edge_on_area.py; a lens near
 a pole, tests/lenses/test_near_pole.py; files of SLAM programs, tests/camera_formats/test_slam.py;
-luminaires, tests/test_luminaires.py; names of STEP, tests/mesh/test_mesh_step.py.
+luminaires, tests/light/test_luminaires.py; names of STEP, tests/mesh/test_mesh_step.py.
 """
 
 import itertools
@@ -19,8 +19,8 @@ from surface_cases import in_regions
 from view_files import has_note, refused, same
 
 import rastercov as rc
-from rastercov.camera.formats import read_views
-from rastercov.coverage.doubts import doubts
+from rastercov.core.coverage.doubts import doubts
+from rastercov.formats.cameras import read_views
 from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy, select_integer
 from rastercov.reference.regions import points_on
 
@@ -139,9 +139,9 @@ def test_obj_files_have_their_area_and_no_false_note(text, area, notes, tmp_path
         area = float(rc.Mesh.load(written(tmp_path, "a.obj", text), unit="m").areas.sum())
     mesh = rc.Mesh.load(path, unit="m")
     assert mesh.areas.sum() == pytest.approx(area)
-    found = [note for note in mesh.warnings if "a.obj: ignored" in note]
-    assert len(found) == len(notes)
-    assert all(words in note for words, note in zip(notes, found, strict=True))
+    items = [note for note in mesh.warnings if "a.obj: ignored" in note]
+    assert len(items) == len(notes)
+    assert all(words in note for words, note in zip(notes, items, strict=True))
 
 
 def test_spaces_in_the_header_of_a_ply_are_none_of_its_words(tmp_path):
@@ -476,8 +476,8 @@ def test_poses_in_mm_lists_and_columns_are_named(tmp_path):
     np.save(tmp_path / "mm.npy", far)
     views = read_views(tmp_path / "mm.npy", conventions=rc.Conventions(pose_unit="mm"))
     assert rc.evaluate(mesh, camera, views.poses, fields=()).covered.share() == wanted
-    found = rc.evaluate(mesh, camera, far, by="face")
-    assert any("--pose-unit" in line for line in doubts(found.network, camera, far))
+    result = rc.evaluate(mesh, camera, far, by="face")
+    assert any("--pose-unit" in line for line in doubts(result.network, camera, far))
     written(tmp_path, "list.json", json.dumps(poses.tolist()))
     same(read_views(tmp_path / "list.json").poses.world_from_camera, poses)
     np.save(tmp_path / "columns.npy", poses.transpose(0, 2, 1))
@@ -515,12 +515,12 @@ def test_a_surveillance_camera_covers_the_trapezoid_of_its_density():
     half, t = np.arctan(540 / camera.fy), np.tan(np.radians(53))
     for density, wanted in ((25, 1264.4043), (62.5, 186.6357), (125, 32.6688), (250, 0)):
         task = rc.Task(min_facing_density=density)
-        found = rc.evaluate(ground, camera, pose, task, fields=()).covered
+        is_covered = rc.evaluate(ground, camera, pose, task, fields=()).covered
         near = 4 / np.tan(down + half)
         far = (camera.fx / density - 4 * np.sin(down)) / np.cos(down)
         area = t * ((far**2 - near**2) * np.cos(down) + 8 * np.sin(down) * (far - near))
-        assert found.area[0].sum() == pytest.approx(max(area, 0), abs=1e-6)
-        assert found.area[0].sum() == pytest.approx(wanted, abs=1e-4)
+        assert is_covered.area[0].sum() == pytest.approx(max(area, 0), abs=1e-6)
+        assert is_covered.area[0].sum() == pytest.approx(wanted, abs=1e-4)
 
 
 def test_nadir_images_cover_the_union_of_their_rectangles():
@@ -529,11 +529,11 @@ def test_nadir_images_cover_the_union_of_their_rectangles():
     width, height = 4000 / 2900 * 50, 3000 / 2900 * 50
     eyes = np.array([(0.3 * width * k - 40, 0, 50) for k in range(5)])
     poses = rc.look_at(eyes, eyes * (1, 1, 0), up=(0, 1, 0))
-    found = rc.evaluate(ground, camera, poses, fields=()).covered
+    is_covered = rc.evaluate(ground, camera, poses, fields=()).covered
     left = max(eyes[0, 0] - width / 2, -100)
     right = min(eyes[-1, 0] + width / 2, 100)
-    assert found.area[0].sum() == pytest.approx((right - left) * height, rel=1e-12)
-    assert found.area[0].sum() == pytest.approx(7847.800237812128, rel=1e-12)
+    assert is_covered.area[0].sum() == pytest.approx((right - left) * height, rel=1e-12)
+    assert is_covered.area[0].sum() == pytest.approx(7847.800237812128, rel=1e-12)
     for density, share in ((57.9, 1), (58.1, 0)):  # f / h = 58 px/m everywhere
         task = rc.Task(min_pixel_density=density)
         some = rc.evaluate(ground, camera, poses, task, fields=()).covered
@@ -548,12 +548,12 @@ def test_a_luminaire_is_linear_in_the_angle(tmp_path):
     lamps = rc.Lamps([rc.Lamp.from_ies(tmp_path / "a.ies")], rc.look_at((0, 0, 3), (0, 0, 0)))
     ground = floor((-2, -2, 0), (2, -2, 0), (2, 2, 0), (-2, 2, 0))
     camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=90), rc.look_at((0, 0, 4), (0, 0, 0))
-    found = rc.regions(ground, camera, eye, rc.Task(min_illuminance=8), lamps=lamps)
+    regions = rc.regions(ground, camera, eye, rc.Task(min_illuminance=8), lamps=lamps)
     points, face = points_on(ground, 4000)
     r = np.hypot(points[:, 0], points[:, 1])
     share = np.interp(np.degrees(np.arctan2(r, 3)), [0, 10, 90], [1, 0.1, 0])
     wanted = 1000 * share * 3 / (r**2 + 9) ** 1.5 >= 8
-    assert (in_regions(found, 0, points, face) == wanted).mean() > 0.999
+    assert (in_regions(regions, 0, points, face) == wanted).mean() > 0.999
 
 
 @pytest.mark.native
@@ -568,14 +568,14 @@ def test_a_spot_of_10_degrees_has_the_limit_of_linear_intensities(tmp_path):
     ground = floor((-4, -4, 0), (4, -4, 0), (4, 4, 0), (-4, 4, 0))
     camera, eye = rc.Camera.from_fov(500, 500, hfov_deg=100), rc.look_at((0, 0, 4), (0, 0, 0))
     task = rc.Task(min_illuminance=22.222)
-    found = rc.regions(ground, camera, eye, task, lamps=lamps).at_least(1).areas().sum()
+    result = rc.regions(ground, camera, eye, task, lamps=lamps).at_least(1).areas().sum()
     low, high = 0.0, 4.0  # the radius, by halving: the light falls all the way
     for _ in range(60):
         r = (low + high) / 2
         intensity = np.interp(np.degrees(np.arctan2(r, 3)), np.arange(0, 91, 10), table)
         low, high = (r, high) if intensity * 3 / (r**2 + 9) ** 1.5 >= 22.222 else (low, r)
     assert np.pi * low**2 == pytest.approx(12.758, abs=1e-3)
-    assert found == pytest.approx(12.758, abs=0.01)
+    assert result == pytest.approx(12.758, abs=0.01)
 
 
 AROUND = rc.shapes.box((5, 4.5, 2.7), centre=(2.5, 2.25, 1.35))
@@ -718,9 +718,9 @@ def test_covers_cost_the_least_of_all_subsets(covers, costs, chosen):
     least = min(sum(own[i] for i in some) for some in sets if matrix[[*some]].any(axis=0).all())
     assert least == chosen
     for select in (select_greedy, select_integer):
-        found = select(problem_of_matrix(matrix, FewestCameras(1.0), costs=costs))
-        assert sum(own[i] for i in found.chosen) == least
-        assert found.bound == pytest.approx(least)
+        selection = select(problem_of_matrix(matrix, FewestCameras(1.0), costs=costs))
+        assert sum(own[i] for i in selection.chosen) == least
+        assert selection.bound == pytest.approx(least)
 
 
 @pytest.mark.parametrize("select", [select_greedy, select_integer])
@@ -728,9 +728,9 @@ def test_what_no_set_covers_is_refused_or_left_out(select):
     matrix = np.array([[1, 1, 0], [0, 1, 0]], bool)
     with pytest.raises(rc.ConfigError, match=r"All 2 candidates together reach 66\.7 %"):
         problem_of_matrix(matrix, FewestCameras(1.0))
-    found = select(problem_of_matrix(matrix, FewestCameras(1.0, of_reachable=True)))
-    assert list(found.chosen) == [0]
-    assert found.share == pytest.approx(2 / 3)
+    selection = select(problem_of_matrix(matrix, FewestCameras(1.0, of_reachable=True)))
+    assert list(selection.chosen) == [0]
+    assert selection.share == pytest.approx(2 / 3)
 
 
 # --- devices --------------------------------------------------------------------------------------

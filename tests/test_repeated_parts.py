@@ -24,8 +24,8 @@ from repeated_parts import (
 
 import rastercov as rc
 from rastercov.base.errors import ResourceError
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh
 
 SIZE = amount(50, at_night=100)
 MOST_GROWTH = 2.5
@@ -74,11 +74,11 @@ def refused(path):
 
 def doublings(read, make, path):
     """Calls that the first and the second doubling add."""
-    found = []
+    items = []
     for k in (1, 2, 4):
         path.write_bytes(make(k * SIZE))
-        found.append(calls_of(read, path))
-    return found[1] - found[0], found[2] - found[1]
+        items.append(calls_of(read, path))
+    return items[1] - items[0], items[2] - items[1]
 
 
 CASES = [(Mesh.load, *key, make) for key, make in MESHES.items()]

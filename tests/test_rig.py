@@ -10,17 +10,17 @@ from nightly import examples
 from visible_fractions import visibility
 
 from rastercov.base.errors import CameraError, PoseError
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, cameras_of
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.evaluation import regions
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, cameras_of
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.evaluation import regions
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import shapes
 
 MESH = shapes.torus(24, 12)
 WIDE = Camera(width=160, height=120, fx=90, fy=90)

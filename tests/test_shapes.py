@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rastercov.base.errors import MeshError
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.mesh import Mesh, shapes
 
 CLOSED = {
     "aeroplane": (lambda: shapes.aeroplane(), 1970, 2),
@@ -189,9 +189,9 @@ def test_icosahedron_noise_has_the_spread_asked_for():
 def test_a_built_in_mesh_takes_flags_and_a_place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     group = shapes.box().groups[0].name
-    found = Mesh.load("box", two_sided=[group], transforms=[{"scale": 2.0}])
-    assert found.groups[0].is_two_sided
-    np.testing.assert_allclose(found.bounds, 2 * shapes.box().bounds)
+    load = Mesh.load("box", two_sided=[group], transforms=[{"scale": 2.0}])
+    assert load.groups[0].is_two_sided
+    np.testing.assert_allclose(load.bounds, 2 * shapes.box().bounds)
     Mesh.load(["box"], ["m"])
     for path, unit, got in (
         ("box", "mm", "a unit; remove it"),

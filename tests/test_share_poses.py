@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.threads import POSES_A_TURN, share_poses, thread_count
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.observer import open_observer
-from rastercov.mesh import shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.mesh import shapes
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
@@ -130,5 +130,5 @@ def test_observers_of_one_mesh_work_side_by_side():
     poses = mixed_poses(mesh, 30, np.random.default_rng(5))
     expected = observe(mesh, poses, "certified", threads=1)
     with ThreadPoolExecutor(4) as pool:
-        for found in pool.map(lambda _: observe(mesh, poses, "certified", threads=2), range(4)):
-            assert_same(expected, found)
+        for item in pool.map(lambda _: observe(mesh, poses, "certified", threads=2), range(4)):
+            assert_same(expected, item)

@@ -15,7 +15,7 @@ from nightly import amount
 import rastercov as rc
 from rastercov.base.interrupts import END_S
 from rastercov.base.threads import share_poses
-from rastercov.native import base_interrupt
+from rastercov.engine import base_interrupt
 
 CAMERA = rc.Camera(width=160, height=128, fx=150, fy=150)
 LATEST_S = 20.0
@@ -182,8 +182,8 @@ def test_an_evaluation_after_an_interrupt_is_that_without_one():
         expected = observer.observe(poses)
         for after in (0.01, 0.03, 0.1):
             ended_by_interrupt(lambda: [observer.observe(poses) for _ in range(10_000)], after)
-        found = observer.observe(poses)
-    assert found.visible_pixels.tobytes() == expected.visible_pixels.tobytes()
+        observation = observer.observe(poses)
+    assert observation.visible_pixels.tobytes() == expected.visible_pixels.tobytes()
 
 
 # --- the command as a process ---------------------------------------------------------------------
@@ -219,7 +219,7 @@ def started(code, line, **options):
     ids=["holds the lock", "in a library", "in a loop of ours"],
 )  # fmt: skip
 def test_a_command_ends_whatever_it_is_at(tmp_path, number, code, work):
-    source = HELD.format(work=work) + "from rastercov.native import base_interrupt\n"
+    source = HELD.format(work=work) + "from rastercov.engine import base_interrupt\n"
     with started(source, DEMO, cwd=tmp_path) as child:
         assert child.stdout.readline() == "held\n"
         time.sleep(0.2)

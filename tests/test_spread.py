@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.coverage.network import ViewSpread, least_cosine
-from rastercov.mesh import shapes
-from rastercov.native.placement_selection import next_camera
+from rastercov.core.coverage.network import ViewSpread, least_cosine
+from rastercov.core.mesh import shapes
+from rastercov.engine.placement_selection import next_camera
 from rastercov.placement import Objective, build_matrix, problem_of
 from rastercov.placement.select.problem import BestCoverage
 from rastercov.reference.views import covered_faces
@@ -35,10 +35,10 @@ def test_faces_are_spread_where_the_reference_has_them_so(seed, n, angle):
     spread = ViewSpread(centroids, math.radians(angle))
     for eye, row in zip(eyes, covers, strict=True):
         spread.add(eye, np.flatnonzero(row))
-    found = spread.is_spread & (covers.sum(axis=0) >= 1)
+    values = spread.is_spread & (covers.sum(axis=0) >= 1)
     cosine = least_cosine(math.radians(angle))
     np.testing.assert_array_equal(
-        found, covered_faces(covers, eyes, centroids, np.ones(7, np.int64), cosine)
+        values, covered_faces(covers, eyes, centroids, np.ones(7, np.int64), cosine)
     )
 
 

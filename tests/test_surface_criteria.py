@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.coverage import surface
-from rastercov.coverage.advice import general_advice
-from rastercov.coverage.reasons import NAMES, Reason
+from rastercov.core.area.advice import general_advice
+from rastercov.core.coverage import surface
+from rastercov.core.coverage.reasons import NAMES, Reason
 
 NAME = "uncertain"
 """Reason of the criterion, of those that have words."""
@@ -60,7 +60,7 @@ def test_a_threshold_of_one_camera_alone_fails_for_it_and_for_its_rig(asked):
     own = {"camera 1": rc.Task(max_incidence_deg=80)}
     for rule, covers in ((rc.Any(), True), (rc.All(), False)):
         rig = rc.Rig([CAMERA, CAMERA], rule=rule, tasks=own)
-        found = rc.evaluate(mesh, rig, rig.poses(pose), by="area")
-        assert (found.areas.summary()["m2"] > 0) == covers
-        zones = [(each["reason"], each["advice"]) for each in found.summary()["dead_zones"]]
+        result = rc.evaluate(mesh, rig, rig.poses(pose), by="area")
+        assert (result.areas.summary()["m2"] > 0) == covers
+        zones = [(each["reason"], each["advice"]) for each in result.summary()["dead_zones"]]
         assert zones == ([] if covers else [(NAME, general_advice(NAME))])

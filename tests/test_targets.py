@@ -13,10 +13,10 @@ from visible_fractions import FRACTION, visibility
 
 import rastercov as rc
 from rastercov.base.errors import MeshError
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import shapes
-from rastercov.mesh.targets import faces_on, sheet_above, with_target
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.targets import faces_on, sheet_above, with_target
 from rastercov.placement import what_is_left
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.coverage import figures_of_pose
@@ -43,12 +43,12 @@ def scene(seed=0):
 @pytest.mark.parametrize("method", METHODS)
 def test_coverage_of_a_face_has_the_same_bits_with_and_without_targets(method):
     mesh = scene()
-    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method=method, by="face")
+    result = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method=method, by="face")
     for stays in (mesh.face_group < 2, mesh.face_group != 3):
         expected = rc.evaluate(only(mesh, stays), CAMERA, VIEWS, TASK, method=method, by="face")
         for name in FIGURES:
             np.testing.assert_array_equal(
-                getattr(found, name)[:, stays], getattr(expected, name), err_msg=name
+                getattr(result, name)[:, stays], getattr(expected, name), err_msg=name
             )
 
 
@@ -64,11 +64,11 @@ def test_visibility_of_hostile_scenes_has_the_same_bits(seed):
         return
     mesh = some_as_targets(case.mesh, is_target)
     for method in ("certified", "exact", "sampled:cpu"):
-        found = visibility(mesh, case.camera, [case.pose], method)
+        observation = visibility(mesh, case.camera, [case.pose], method)
         expected = visibility(only(mesh, ~is_target), case.camera, [case.pose], method)
         for name in FRACTION:
             np.testing.assert_array_equal(
-                getattr(found, name)[:, ~is_target], getattr(expected, name), err_msg=name
+                getattr(observation, name)[:, ~is_target], getattr(expected, name), err_msg=name
             )
 
 
@@ -92,11 +92,11 @@ def test_the_criteria_are_those_of_the_reference():
     mesh = scene()
     with rc.open_observer(mesh, CAMERA, "exact") as observer:
         observed = observer.observe(VIEWS)
-    found = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method="exact", by="face")
+    result = rc.evaluate(mesh, CAMERA, VIEWS, TASK, method="exact", by="face")
     for row, pose in enumerate(VIEWS):
         expected = figures_of_pose(mesh, CAMERA, TASK, pose, observed, row)
-        np.testing.assert_array_equal(found.reason[row], expected["reason"])
-        np.testing.assert_allclose(found.coverage[row], expected["coverage"], rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(result.reason[row], expected["reason"])
+        np.testing.assert_allclose(result.coverage[row], expected["coverage"], rtol=0, atol=1e-12)
 
 
 def test_a_network_lists_targets_with_their_role():
@@ -123,10 +123,10 @@ def test_what_hides_a_target_is_in_front_of_it():
 
 @pytest.mark.parametrize("name", MODELS)
 def test_a_target_changes_no_model_of_any_other_face(name):
-    found = MODELS[name](scene(), CAMERA, VIEWS, TASK)
+    result = MODELS[name](scene(), CAMERA, VIEWS, TASK)
     expected = MODELS[name](ROOM, CAMERA, VIEWS, TASK)
-    np.testing.assert_array_equal(found[:, : ROOM.n_faces], expected)
-    assert found[:, ROOM.n_faces :].any()
+    np.testing.assert_array_equal(result[:, : ROOM.n_faces], expected)
+    assert result[:, ROOM.n_faces :].any()
 
 
 def test_algorithm_1_refuses_targets():
@@ -208,8 +208,8 @@ def test_of_layers_of_a_floor_the_highest_counts_at_every_point(seed):
     rng = np.random.default_rng(seed)
     mesh, xy = _storeys(rng), rng.uniform(-4, 4, (400, 2))
     sheet = sheet_above(mesh, [group.name for group in mesh.groups], 1.6)
-    (whole, is_near), (found, is_cut) = _heights(mesh, xy), _heights(sheet, xy)
-    for z, left in itertools.compress(zip(whole, found, strict=True), ~(is_near | is_cut)):
+    (whole, is_near), (result, is_cut) = _heights(mesh, xy), _heights(sheet, xy)
+    for z, left in itertools.compress(zip(whole, result, strict=True), ~(is_near | is_cut)):
         z = z[np.diff(z, append=np.inf) > 1e-5]
         rise = np.diff(z, append=np.inf)
         if (abs(rise - 0.3) < 1e-5).any():
@@ -237,11 +237,11 @@ def test_equal_floors_any_number_of_times_are_one():
 def test_squares_for_faces_stand_on_every_level_of_a_sheet():
     floor = rc.Mesh([(0, 0, 0), (4, 0, 0), (4, 3, 0.8), (0, 3, 0.8)], [(0, 1, 2), (0, 2, 3)])
     sheet = rc.Mesh.joined([floor, floor.moved(translation=(0, 0, 3))])
-    found = faces_on(sheet, 6, spacing=1.0, size=0.25)
-    centres = found.vertices.reshape(-1, 4, 3).mean(axis=1)
+    faces = faces_on(sheet, 6, spacing=1.0, size=0.25)
+    centres = faces.vertices.reshape(-1, 4, 3).mean(axis=1)
     assert len(centres) == 6 * 2 * 4 * 3  # on the diagonal of the floor, too
-    normal = found.normals[::2]
-    np.testing.assert_allclose(normal, found.normals[1::2], atol=1e-12)
+    normal = faces.normals[::2]
+    np.testing.assert_allclose(normal, faces.normals[1::2], atol=1e-12)
     np.testing.assert_allclose(normal[:, 2], 0, atol=1e-12)
     heads = centres - 0.125 * normal
     np.testing.assert_allclose(heads[:, 2] % 3, heads[:, 1] * 0.8 / 3, atol=1e-6)
@@ -250,7 +250,7 @@ def test_squares_for_faces_stand_on_every_level_of_a_sheet():
     ]
     angle = np.degrees(np.arctan2(normal[:, 1], normal[:, 0])).round().reshape(6, -1)
     assert (angle % 360 == 60 * np.arange(6)[:, None]).all()
-    assert found.areas.sum() == pytest.approx(len(centres) * 0.25**2)
+    assert faces.areas.sum() == pytest.approx(len(centres) * 0.25**2)
     one = faces_on(sheet, [(0, -2, 5)], spacing=1.0)
     np.testing.assert_allclose(one.normals, [[0, -1, 0]] * one.n_faces, atol=1e-12)
 

@@ -31,9 +31,9 @@ def test_a_tensor_gives_what_its_array_gives(kind):
     mesh, camera = rc.shapes.torus(8, 6), rc.Camera.load("khepra")
     poses = rc.sphere_of_poses((0, 0, 0), 4, 3)
     again = rc.Mesh(kind(mesh.vertices.copy()), kind(mesh.faces.copy()))
-    found = rc.evaluate(again, camera, kind(poses), fields=["coverage"])
+    result = rc.evaluate(again, camera, kind(poses), fields=["coverage"])
     asked = rc.evaluate(mesh, camera, poses, fields=["coverage"])
-    assert np.array_equal(np.from_dlpack(found.coverage), asked.coverage)
+    assert np.array_equal(np.from_dlpack(result.coverage), asked.coverage)
     with pytest.raises(rc.MeshError, match="faces to be integers"):
         rc.Mesh(kind(mesh.vertices.copy()), kind(mesh.vertices.copy()))
     with pytest.raises(rc.PoseError):

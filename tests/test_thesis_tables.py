@@ -9,7 +9,7 @@ import pytest
 from processes import python
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.candidates.segments import segment
 
 ROOT = Path(__file__).parents[1]
@@ -32,12 +32,12 @@ def rows(text, heading):
     """Cells of the first table after a heading, without its head."""
     lines = text[text.index(heading) :].splitlines()
     start = next(i for i, line in enumerate(lines) if re.match(r"\|[-:| ]+\|$", line))
-    found = []
+    items = []
     for line in lines[start + 1 :]:
         if not line.startswith("|"):
             break
-        found.append(cells(line))
-    return found
+        items.append(cells(line))
+    return items
 
 
 def number(text):
@@ -58,9 +58,9 @@ def test_the_benchmark_says_what_the_docs_say():
     methods = {"sampled, CPU": 2, "Zhang's model": 3, "Algorithm 1, centroid sort": 5}
     for method, column in methods.items():
         for gross, count in zip((0.01, 0.5), told[column].split("/"), strict=True):
-            found = values[f"Teapot1: {method}: visible fraction, off by more than {gross}"]
+            result = values[f"Teapot1: {method}: visible fraction, off by more than {gross}"]
             # Embree, of the docs, and our own tree differ at single vertices.
-            assert abs(found - number(count)) <= 2, (method, gross)
+            assert abs(result - number(count)) <= 2, (method, gross)
 
 
 @pytest.mark.slow
@@ -73,9 +73,9 @@ def test_networks_of_table_6_1_are_those_of_the_docs(table_6_1):
         # A cell is "6 cameras, 0.20 % not covered, 0.04 s".
         assert [number(n) for n in re.findall(r"[\d.]+", told[1])[:2]] == [cameras, percent]
         for column, merge in ((2, "leader"), (3, "closest")):
-            found, share = table_6_1.network(mesh, camera, alpha, beta, merge)
+            network, share = table_6_1.network(mesh, camera, alpha, beta, merge)
             n_cameras, not_covered = re.findall(r"[\d.]+", told[column])[:2]
-            assert len(found) == int(n_cameras), (key, merge)
+            assert len(network) == int(n_cameras), (key, merge)
             assert share == pytest.approx(float(not_covered), abs=0.005), (key, merge)
 
 
@@ -89,9 +89,9 @@ def test_segments_of_figures_are_those_of_the_docs():
         "aeroplane(9856)": shapes.aeroplane(9856),
         "teapot(12, keep_degenerate=True)": shapes.teapot(12, keep_degenerate=True),
     }
-    found = rows(THESIS, "### Figures 6.1 to 6.11")
-    assert len(found) == 11
-    for figure, mesh, alpha, beta, _, *ours in found:
+    result = rows(THESIS, "### Figures 6.1 to 6.11")
+    assert len(result) == 11
+    for figure, mesh, alpha, beta, _, *ours in result:
         limit = None if beta == "-" else float(beta)
         counts = [
             segment(makers[mesh.strip("`")], float(alpha), limit, merge=merge).n_segments

@@ -18,10 +18,10 @@ import rastercov as rc
 from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import Once, once_each, share_poses
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.exact import surface
-from rastercov.mesh import contacts, shapes
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.exact import surface
+from rastercov.core.mesh import contacts, shapes
 from rastercov.reference.models.scott import coverage as scott_coverage
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
@@ -97,10 +97,10 @@ def test_six_threads_get_the_answers_of_one_bit_for_bit(process):
     words = [word for part in parts for word in ("--part", *part)]
     done = python(ATTACK, *words, "--runs", RUNS)
     assert done.returncode == 0, done.stderr
-    found = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(found) == RUNS * sum(3 if part[0] == "shared" else 1 for part in parts)
-    assert all(run["answers"] > 0 and run["wrong"] == 0 for run in found), found
-    assert not any(run["errors"] for run in found), found
+    contents = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(contents) == RUNS * sum(3 if part[0] == "shared" else 1 for part in parts)
+    assert all(run["answers"] > 0 and run["wrong"] == 0 for run in contents), contents
+    assert not any(run["errors"] for run in contents), contents
 
 
 @pytest.mark.slow
@@ -176,9 +176,9 @@ def test_the_surface_and_the_contacts_of_a_mesh_are_worked_out_once(monkeypatch)
     monkeypatch.setattr(surface, "_build", slow_build)
     monkeypatch.setattr(contacts, "touching_faces", slow_touching)
     mesh = rc.Mesh(MESH.vertices, MESH.faces)
-    found = in_threads(6, lambda _: surface.surface_of(mesh).contacts(1.0)[0])
+    result = in_threads(6, lambda _: surface.surface_of(mesh).contacts(1.0)[0])
     assert len(built) == len(touched) == 1
-    assert all(np.shares_memory(each, found[0]) for each in found)
+    assert all(np.shares_memory(each, result[0]) for each in result)
 
 
 def test_a_surface_lives_as_long_as_its_mesh():
@@ -293,8 +293,8 @@ def test_a_call_that_another_thread_is_in_ends_well_when_the_observer_is_closed(
         closed.set()
         return None
 
-    found, _ = in_threads(2, work)
-    assert_same(found, expected)
+    result, _ = in_threads(2, work)
+    assert_same(result, expected)
     assert observer._pass._solvers.n_idle == 0
     with pytest.raises(DeviceError, match="closed"):
         observer.observe(POSES)

@@ -11,18 +11,17 @@ from lens_cameras import CAMERAS, SIDE
 from nightly import examples
 
 from rastercov import Camera, CameraError, ConfigError
-from rastercov.camera.camera import border_of
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.models import MODELS
-from rastercov.camera.projection import (
-    image_boxes,
-    rays_of,
-    to_camera,
-    to_image,
-    view_border,
+from rastercov.core.camera.camera import border_of
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.projection import image_boxes, rays_of, to_camera, to_image, view_border
+from rastercov.core.camera.viewpoints import (
+    WIDEST_DEG,
+    enclosing_distance,
+    half_angles,
+    sphere_of_poses,
 )
-from rastercov.camera.viewpoints import WIDEST_DEG, enclosing_distance, half_angles, sphere_of_poses
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.reference import polygons, rational, samples
 from rastercov.reference.criteria import depth_from_near
 

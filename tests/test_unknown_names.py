@@ -17,8 +17,8 @@ from repeated_parts import CAMERA, CAMERAS, HERE, KALIBR, dae, metashape, opensf
 import rastercov as rc
 from rastercov.base.errors import CameraError, MeshError
 from rastercov.base.files import UnknownNames, is_slip
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh import Mesh
 
 ANSWERS = Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
 
@@ -103,8 +103,8 @@ SCENE_PLACES = [
 
 
 def motion_of(mesh, path):
-    found = rc.load_motion(mesh, path, steps=3)
-    return found.names, found.body.tobytes(), found.world_from_body.tobytes()
+    motion = rc.load_motion(mesh, path, steps=3)
+    return motion.names, motion.body.tobytes(), motion.world_from_body.tobytes()
 
 
 @pytest.mark.parametrize("path", SCENE_PLACES, ids=lambda path: "/".join(map(str, path)))
@@ -261,8 +261,8 @@ def test_a_slip_is_one_character_two_in_turn_or_upper_case():
 
 
 def test_a_slip_beside_the_right_name_is_only_noted():
-    found = UnknownNames(MeshError)
-    found.look("node 0", ["mesh", "mesi"], frozenset({"mesh"}))
-    assert found.notes() == ["not read: mesi of node 0; content may be missing"]
+    unknown_names = UnknownNames(MeshError)
+    unknown_names.look("node 0", ["mesh", "mesi"], frozenset({"mesh"}))
+    assert unknown_names.notes() == ["not read: mesi of node 0; content may be missing"]
     with pytest.raises(MeshError, match="expected 'mesh', got 'mesi', unknown to the format"):
-        found.look("node 1", ["mesi"], frozenset({"mesh"}))
+        unknown_names.look("node 1", ["mesi"], frozenset({"mesh"}))

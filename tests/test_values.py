@@ -17,14 +17,14 @@ import rastercov as rc
 from rastercov import cli
 from rastercov.base.arguments import _rules_of, check_limits
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera import pose as pose_module
-from rastercov.camera.installation import InstallationError
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli import options
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.provenance import provenance_of
-from rastercov.mesh import shapes
+from rastercov.core.camera import pose as pose_module
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.mesh import shapes
+from rastercov.tolerances.installation import InstallationError
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box()
@@ -89,8 +89,8 @@ def test_an_engine_is_taken_where_a_method_is():
     poses = sphere_of_poses((0, 0, 0), 3, 2)
     expected = visibility(MESH, CAMERA, poses, "sampled:cpu@3")
     for engine in (Engine("sampled", "cpu", 3), Engine("sampled", "cpu", 3, 1)):
-        found = visibility(MESH, CAMERA, poses, engine)
-        assert np.array_equal(found.visibility, expected.visibility)
+        observation = visibility(MESH, CAMERA, poses, engine)
+        assert np.array_equal(observation.visibility, expected.visibility)
     assert Engine.of(engine, 2) == Engine("sampled", "cpu", 3, 2)
     with pytest.raises(ConfigError, match="supersample 1 with method exact"):
         Engine("exact", supersample=2)
@@ -148,18 +148,18 @@ def test_a_new_threshold_is_an_option_of_the_command_line(monkeypatch):
         max_distance: Annotated[float, Gt(0), Doc("Farthest camera, m.")] = 9.0
 
     monkeypatch.setattr(options, "Task", Stricter)
-    found = []
+    items = []
 
     def command(task: Stricter) -> None:
-        found.append(task)
+        items.append(task)
 
     wrapped = options.expanded(command)
     assert "max_distance" in inspect.signature(wrapped).parameters
     defaults = {n: p.default for n, p in inspect.signature(wrapped).parameters.items()}
     wrapped(**(defaults | {"max_distance": 3.0}))
-    assert found == [Stricter(max_distance=3.0)]
+    assert items == [Stricter(max_distance=3.0)]
     wrapped(**(defaults | {"thesis": True, "min_pixels": 7.0}))
-    assert found[1] == Stricter.thesis(min_pixels=7.0)
+    assert items[1] == Stricter.thesis(min_pixels=7.0)
 
 
 def test_provenance_depends_on_every_input():

@@ -76,8 +76,8 @@ def other(monkeypatch):
 def test_a_version_outside_of_what_was_tested_is_named(other, number, words):
     tested = versions.tested_versions()["numpy"]
     other("numpy", number)
-    found = [line for line in versions.untested_versions() if line.startswith("numpy ")]
-    assert found == [line.format(tested) for line in words]
+    items = [line for line in versions.untested_versions() if line.startswith("numpy ")]
+    assert items == [line.format(tested) for line in words]
 
 
 def test_tools_of_developers_are_not_named(other):

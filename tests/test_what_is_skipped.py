@@ -34,13 +34,13 @@ def test_a_run_ends_with_its_skips(tmp_path):
     [
         ("CHANGELOG.md", set()),
         ("docs/guide.md", {"docs"}),
-        ("rastercov/viewer/session.py", {"page"}),
+        ("rastercov/page/session.py", {"page"}),
         ("tests/support/browser.py", {"page", "docs"}),
-        ("rastercov/coverage/area/zones.py", {"page"}),
-        ("rastercov/raster/gl/compute.py", {"opengl"}),
+        ("rastercov/core/area/zones.py", {"page"}),
+        ("rastercov/gl/compute.py", {"opengl"}),
         ("reference/markers/detect.py", {"laboratory"}),
-        ("rastercov/native/area/region.cpp", set(matters.MATTERS)),
-        ("rastercov/mesh/__init__.py", set(matters.MATTERS)),
+        ("rastercov/engine/area/region.cpp", set(matters.MATTERS)),
+        ("rastercov/core/mesh/__init__.py", set(matters.MATTERS)),
     ],
 )
 def test_a_matter_is_due_where_its_files_or_what_they_import_changed(path, expected):
@@ -53,7 +53,7 @@ def test_a_matter_is_due_where_its_files_or_what_they_import_changed(path, expec
     ("environment", "changed", "is_due"),
     [
         ({}, (), False),
-        ({}, ("rastercov/viewer/session.py",), True),
+        ({}, ("rastercov/page/session.py",), True),
         ({"CI_BASE": "no such commit"}, None, True),
         ({matters.NAMED: "1"}, (), True),
     ],

@@ -1,5 +1,6 @@
 """Counts in sentences for people."""
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -21,6 +22,7 @@ def test_a_share_is_rounded_neither_to_all_nor_to_nothing(share):
 @example(0.828)
 def test_an_area_is_in_its_unit_and_within_its_digits(square_metres):
     text, unit = area(square_metres).split(" ")
+    assert area(np.float64(square_metres)) == f"{text} {unit}"
     factor = {"m²": 1.0, "cm²": 1e-4, "mm²": 1e-6, "µm²": 1e-12}[unit]
     assert float(text.replace(",", "")) * factor == pytest.approx(square_metres, rel=5.1e-3)
     assert (unit == "m²") == (square_metres >= 0.09995)

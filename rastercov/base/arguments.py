@@ -64,7 +64,7 @@ def members(
     name: str, values: Any, kind: Kinds, wanted: str, error: type[RastercovError]
 ) -> tuple[Any, ...]:
     """Every one of `values`, which are all of that kind, else `error`; `wanted` names them all."""
-    found: list[Any] = []
+    items: list[Any] = []
     try:
         if isinstance(values, str):  # a sequence of texts, and never meant as one
             raise TypeError
@@ -73,17 +73,17 @@ def members(
         raise error(f"expected {name} to be {wanted}, got {shown(values)}") from None
     for value in each:
         check_kind(name, value, kind, wanted, error)
-        found.append(value)
-    return tuple(found)
+        items.append(value)
+    return tuple(items)
 
 
 def distinct(name: str, values: Any, count: int, error: type[RastercovError]) -> tuple[str, ...]:
     """`count` texts, none empty or equal to another, else `error`."""
     wanted = f"{count} distinct strings"
-    found = members(name, values, str, wanted, error)
-    if len(found) != count or len(set(found)) != count or not all(found):
-        raise error(f"expected {name} to be {wanted}, got {shown(list(found))}")
-    return found
+    result = members(name, values, str, wanted, error)
+    if len(result) != count or len(set(result)) != count or not all(result):
+        raise error(f"expected {name} to be {wanted}, got {shown(list(result))}")
+    return result
 
 
 def check_seed(seed: int) -> None:
@@ -189,9 +189,9 @@ class Quantity(float):
 
     def __new__(cls, value: float, unit: str = "") -> "Quantity":
         """Make one of a number."""
-        found = super().__new__(cls, value)
-        found.unit = unit
-        return found
+        instance = super().__new__(cls, value)
+        instance.unit = unit
+        return instance
 
 
 class Reads(NamedTuple):
@@ -233,7 +233,7 @@ def metadata_of(hint: object) -> tuple[Any, ...]:
     if get_origin(hint) is Annotated:
         return tuple(get_args(hint)[1:])
     members = get_args(hint) if _is_optional(hint) else ()
-    return next((found for member in members if (found := metadata_of(member))), ())
+    return next((metadata for member in members if (metadata := metadata_of(member))), ())
 
 
 def reader_of(hint: object) -> Reads | None:

@@ -14,6 +14,9 @@ ReadByName = Mapping[str, Any]
 """The same, only read."""
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
+AREAS = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6), ("µm²", 1e12))
+"""Units of areas, and how many of each are 1 m². The least areas in them are 0.1 m², 1 cm² and
+1e-3 mm², and what rounds to these: 0.83 m², not 8,300 cm²."""
 
 
 @dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
@@ -63,6 +66,11 @@ def to_install(what: str, packages: str, elsewhere: str) -> str:
     return command if sys.platform == "linux" else elsewhere
 
 
+def exponent(value: float) -> int:
+    """Decimal exponent of a number: 2 of 100 and of 999, 0 of 0."""
+    return int(f"{value:.30e}".split("e")[1])
+
+
 def number(value: float, digits: int = 3) -> str:
     """A number in some significant digits, or in two where it is below 1e-4: "7,640", "0.41"."""
     if value == 0 or not math.isfinite(value):
@@ -83,11 +91,11 @@ def percent(share: float) -> str:
 
 def percents_apart(*shares: float) -> list[str]:
     """Shares in percent, with the digits that tell shares apart that differ by 1e-8 or more."""
-    found, n = [percent(share) for share in shares], len({round(share, 8) for share in shares})
+    percents, n = [percent(share) for share in shares], len({round(share, 8) for share in shares})
     for digits in (2, 3, 6):
-        if len({*found}) < n:
-            found = [f"{100 * share:.{digits}f} %" for share in shares]
-    return found
+        if len({*percents}) < n:
+            percents = [f"{100 * share:.{digits}f} %" for share in shares]
+    return percents
 
 
 def with_bound(value: float, bound: float) -> str:
@@ -98,8 +106,8 @@ def with_bound(value: float, bound: float) -> str:
     """
     if value in (0, 100) and bound <= 1e-9:
         return f"{value:.0f} %"
-    digits = min(max(1, -math.floor(math.log10(max(bound, 1e-9)))), 3)
-    unit = 10.0**-digits
+    digits = min(max(1, -exponent(max(bound, 1e-9))), 3)
+    unit = float(f"1e-{digits}")
     shown = round(value, digits)
     if 0 < value < 100:
         shown = min(max(shown, unit), 100 - unit)
@@ -109,9 +117,9 @@ def with_bound(value: float, bound: float) -> str:
 
 def bounded(value: float, bound: float, digits: int = 4) -> str:
     """A number in the decimals that its bound leaves, and in some digits at most: "6.8", "0.00"."""
-    decimals = digits - 1 - math.floor(math.log10(max(abs(value), bound, 1e-12)))
+    decimals = digits - 1 - exponent(max(abs(value), bound, 1e-12))
     if bound > 0:
-        decimals = min(decimals, -math.floor(math.log10(bound)))
+        decimals = min(decimals, -exponent(bound))
     return f"{round(value, decimals) + 0.0:,.{max(decimals, 0)}f}" if value else "0"
 
 
@@ -127,15 +135,13 @@ def area(square_metres: float, unit: str = "m", whole: float = 0.0) -> str:
     """
     if unit != "m":
         return f"{number(square_metres)} units²"
-    units = (("m²", 1.0, 0.1), ("cm²", 1e4, 1.0), ("mm²", 1e6, 1e-3), ("µm²", 1e12, 0.0))
-    # A value that rounds to the least of a unit has it: 0.83 m², not 8,300 cm².
     largest = max(square_metres, whole) or 1.0
-    fits = (each for each in units if largest * each[1] >= 0.9995 * each[2])
-    unit, factor, _ = next(fits, units[-1])
+    small = 2 if largest >= 9.995e-10 else 3
+    name, factor = AREAS[0 if largest >= 0.09995 else 1 if largest >= 9.995e-5 else small]
     value = square_metres * factor
     if value < 999.5 or not math.isfinite(value):
-        return f"{number(value)} {unit}"
-    return f"{round(value, 2 - math.floor(math.log10(value))):,.0f} {unit}"
+        return f"{number(value)} {name}"
+    return f"{float(f'{value:.3g}'):,.0f} {name}"
 
 
 def distance(value: float, unit: str = "m") -> str:
@@ -157,25 +163,33 @@ def size_in_words(extent: float | Iterable[float]) -> str:
     unit, factor = next(
         (each for each in (("m", 1.0), ("mm", 1e3)) if largest * each[1] >= 1), ("µm", 1e6)
     )
-    power = math.floor(min(math.log10(largest * factor), 2)) if largest > 0 else 2
-    digits = max(0, min(2 - power, 2))
-    return " x ".join(_decimals(length * factor, digits) for length in lengths) + f" {unit}"
+    digits = decimals_of(largest * factor)
+    return " x ".join(in_decimals(length * factor, digits) for length in lengths) + f" {unit}"
 
 
-def _decimals(value: float, digits: int) -> str:
-    """`value` with at most these decimals and no zeros at their end."""
+def in_decimals(value: float, digits: int) -> str:
+    """`value` with at most these decimals and no zeros at their end; more where it would be 0."""
     text = f"{value:,.{digits}f}"
+    if value and not text.rstrip("0").rstrip(".").rstrip("0").rstrip("-"):
+        return number(value)
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def decimals_of(largest: float) -> int:
     """Decimals that give three digits of the largest of some numbers, 0 to 9."""
-    return min(9, max(0, 2 - math.floor(math.log10(max(largest, 1e-9)))))
+    return min(9, max(0, 2 - exponent(max(largest, 1e-9))))
 
 
 def signed(value: float, digits: int = 2) -> str:
     """A number with a fixed count of decimals, without the sign of -0.00."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
+
+
+def coordinates(point: Iterable[float], least: int) -> str:
+    """Coordinates in at least some decimals, and in two digits of the largest."""
+    values = [float(value) for value in point]
+    digits = max(least, decimals_of(max(map(abs, values))) - 1)
+    return ", ".join(signed(value, digits) for value in values)
 
 
 def shortened(text: str, most: int) -> str:

@@ -1,6 +1,6 @@
 """Ctrl-C and SIGTERM: a command ends within a second, and a loop at its next look.
 
-Loops in C++ look at signals in the main thread (`native/interrupt.hpp`), and so does Python between
+Loops in C++ look at signals in the main thread (`engine/interrupt.hpp`), and so does Python between
 its own lines; what they raise ends the call. Calls in other threads complete normally, except for
 those that share the work of the call (`rastercov.base.threads.share_poses`). A library may look at
 nothing: so the process of a command ends `END_S` after the signal, whatever its threads are at,
@@ -59,7 +59,7 @@ def take_signals() -> None:
 def watch_signals() -> None:
     """Begin to end this process after a signal, where it is that of a command; again: nothing."""
     if _descriptors and not _watch:
-        from rastercov.native import base_interrupt  # loads numpy, which help does without
+        from rastercov.engine import base_interrupt  # loads numpy, which help does without
 
         _watch.append(base_interrupt.Watch(_descriptors[0], END_S))
         _watch[0].start()

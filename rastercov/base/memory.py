@@ -27,6 +27,8 @@ ByteArray = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 WholeArray = NDArray[np.integer[Any]]
 
+TINY = float(np.finfo(float).tiny)
+"""Least positive number of full precision, in place of a divisor of 0."""
 CACHE_LINE = 64
 """Bytes of a cache line."""
 UNCHECKED = 1 << 28

@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import guarded_class
-from rastercov.native import base_interrupt
+from rastercov.engine import base_interrupt
 
 POSES_A_TURN = 16
 """Most poses a thread takes at a time: enough to stay in the loops."""

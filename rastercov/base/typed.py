@@ -123,9 +123,9 @@ def _guarded(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 def _no_member(kind: type[Enum], value: object) -> Enum | None:
     """A member that the class makes itself, by `_combined`, or an error."""
-    found: Enum | None = getattr(kind, "_combined", lambda _: None)(value)
-    if found is not None:
-        return found
+    member: Enum | None = getattr(kind, "_combined", lambda _: None)(value)
+    if member is not None:
+        return member
     names = ", ".join(kind.__members__)
     name = kind.__name__
     raise ConfigError(f"expected {name} to be one of {names} or its number, got {shown(value)}")

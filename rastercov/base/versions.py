@@ -42,17 +42,17 @@ def untested_versions() -> list[str]:
 def _untested() -> Iterator[str]:
     newest = tested_versions()
     for requirement in set(requires("rastercov") or ()):
-        found = REQUIREMENT.match(requirement)
-        if found is None or OF_DEVELOPERS.search(requirement):
+        result = REQUIREMENT.match(requirement)
+        if result is None or OF_DEVELOPERS.search(requirement):
             continue
-        name = re.sub("[-_.]+", "-", found[1]).lower()
+        name = re.sub("[-_.]+", "-", result[1]).lower()
         here = version_of(name)
         if here is None:  # of an extra
             continue
         if name in newest and _numbers(here) > _numbers(newest[name]):
             yield f"{name} {here} is newer than {newest[name]}, the newest that was tested"
-        if found[2] and _numbers(here) < _numbers(found[2]):
-            yield f"{name} {here} is older than {found[2]}, the oldest that rastercov supports"
+        if result[2] and _numbers(here) < _numbers(result[2]):
+            yield f"{name} {here} is older than {result[2]}, the oldest that rastercov supports"
 
 
 def _numbers(text: str) -> tuple[int, ...]:

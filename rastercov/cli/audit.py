@@ -8,10 +8,6 @@ import typer
 
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.base.format import ByName, area
-from rastercov.camera.formats import read_through
-from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.rig import Views
 from rastercov.cli import options
 from rastercov.cli.console import (
     print_lines,
@@ -22,11 +18,15 @@ from rastercov.cli.console import (
     warn,
 )
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
-from rastercov.coverage.task import Task
+from rastercov.core.camera.conventions import Border, Conventions
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.rig import Views
+from rastercov.core.coverage.task import Task
+from rastercov.formats.cameras import read_through
 from rastercov.shards import Staff, Tally
 
 if TYPE_CHECKING:
-    from rastercov.camera.georeference import GeoReference
+    from rastercov.formats.georeference import GeoReference
     from rastercov.placement.reconstruction import Reconstruction
 
 NO_SCALE = (
@@ -111,9 +111,9 @@ class FootprintOptions(NamedTuple):
                         f"expected --footprints or --overlap-map with {option}, got none; give one"
                     )
             return None
-        from rastercov.camera.georeference import given, reference_of
-        from rastercov.report import geo
-        from rastercov.report.geo import overlap_map
+        from rastercov.formats.georeference import given, reference_of
+        from rastercov.survey import geo
+        from rastercov.survey.geo import overlap_map
 
         place = given(self.crs, self.origin) or reference_of(source)
         if self.footprints is not None:
@@ -129,22 +129,22 @@ class FootprintOptions(NamedTuple):
         """True where a file is to be written."""
         return self.footprints is not None or self.overlap_map is not None
 
-    def write(self, found: "Reconstruction") -> None:
+    def write(self, reconstruction: "Reconstruction") -> None:
         """Write the files of an audit with footprints."""
-        if found.footprints is None:
+        if reconstruction.footprints is None:
             return
-        from rastercov.report import geo
-        from rastercov.report.geo import overlap_map
-        from rastercov.report.geo.layer import Layer
+        from rastercov.survey import geo
+        from rastercov.survey.geo import overlap_map
+        from rastercov.survey.geo.layer import Layer
 
-        layer = Layer(found.footprints, found.place)
-        units = "" if found.unit == "m" else ", in units of the reconstruction"
+        layer = Layer(reconstruction.footprints, reconstruction.place)
+        units = "" if reconstruction.unit == "m" else ", in units of the reconstruction"
         say(f"coordinates: {layer.words}{units}")
         if self.footprints is not None:
             geo.write(layer, self.footprints)
         if self.overlap_map is not None:
             counted = overlap_map.overlap_map(layer, self.map_cell)
-            overlap_map.write(counted, found.place, self.overlap_map)
+            overlap_map.write(counted, reconstruction.place, self.overlap_map)
 
 
 @options.expanded
@@ -160,7 +160,7 @@ def audit(
     scene: SceneOptions,
     conventions: Conventions,
     task: Task,
-    processes: options.Processes,
+    processes: options.ProcessOptions,
     result: ResultOptions,
     files: FootprintOptions,
     out: options.Out = Path("audit"),
@@ -180,7 +180,7 @@ def audit(
     Footprints: rastercov audit opensfm/ mesh.ply --footprints images.geojson --overlap-map map.tif
     """
     from rastercov.base.output import json_text
-    from rastercov.coverage.shards import is_long
+    from rastercov.core.coverage.shards import is_long
     from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow
 
@@ -209,14 +209,14 @@ def audit(
         )
         is_kept = workers is not None or is_long(len(views.poses), mesh.n_faces)
         kept = asked | {"scene": scene.entries(out, meshes)} | ({"sheet": title} if title else {})
-        found, summary = write(
+        answer, summary = write(
             made, out, kept, notes, is_kept=is_kept, pdf=pdf, level=level, progress=progress
         )
-    files.write(found)
+    files.write(answer)
     if as_json:
         print(json_text(summary))
     else:
-        _print(summary, out, level, "m" if views.has_unit else "unit", tally)
+        _print(summary, out, level, answer.unit, tally)
     report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
 
 
@@ -238,8 +238,8 @@ def _print(summary: ByName, out: Path, level: int | None, unit: str, tally: Tall
     """Print the answer and what is said of it."""
     import numpy as np
 
-    from rastercov.coverage.area.remedies import rounded
-    from rastercov.coverage.headline import advice_line
+    from rastercov.advice.headline import advice_line
+    from rastercov.core.area.remedies import rounded
     from rastercov.placement.reconstruction import KINDS
     from rastercov.report.modes import WEAK_LABELS
 

@@ -11,11 +11,11 @@ from rich.table import Table
 from rastercov.base.arguments import check_choice
 from rastercov.base.format import ByName
 from rastercov.base.output import json_text
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import KINDS, Catalogue, catalogue, price_of
-from rastercov.camera.projection import angles_of_view
 from rastercov.cli import options
 from rastercov.cli.console import Console, print_lines
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import KINDS, Catalogue, catalogue, price_of
+from rastercov.core.camera.projection import angles_of_view
 
 Row = ByName
 NEAR_REL = 0.1
@@ -89,13 +89,16 @@ def cameras(
     _check_mount(shop, mount)
     if hfov is not None:
         every = {"cameras": list(shop.names())}
-    found: dict[str, list[Row]] = {what: [] for what in every}
+    rows_by_key: dict[str, list[Row]] = {what: [] for what in every}
     for what, name in [(what, name) for what, names in every.items() for name in names]:
         parts = shop.parts(name) if what == "cameras" else [getattr(shop, what)[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
         row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
         row |= _prices_of(name, parts)
-        row["hfov_deg"] = None if hfov is None else _hfov_of(name, own)
+        row["hfov_deg"] = None
+        if hfov is not None:
+            camera = Camera.from_dict({"preset": name, "catalogue": own})
+            row["hfov_deg"] = math.nan if camera.is_parallel else angles_of_view(camera)[0]
         if (
             _has_words(row, words or ())
             and (mount or "").upper() in ("", row.get("mount"))
@@ -103,13 +106,13 @@ def cameras(
             and (max_price is None or (row["price"] or math.nan) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
         ):
-            found[what].append(row)
+            rows_by_key[what].append(row)
     if as_json:
-        print(json_text(found))
+        print(json_text(rows_by_key))
         return
-    if words and not any(found.values()):
+    if words and not any(rows_by_key.values()):
         print_lines(NO_ENTRY)
-    for what, rows in found.items():
+    for what, rows in rows_by_key.items():
         _print(what, rows, is_own=own is not None)
 
 
@@ -131,12 +134,6 @@ def _check_mount(shop: Catalogue, mount: str | None) -> None:
     mounts = {str(row.get("mount", "")) for table in shop for row in table.values()}
     if mount is not None:
         check_choice("mount", mount.upper(), sorted(mounts - {""}))
-
-
-def _hfov_of(name: str, own: Path | None) -> float:
-    """Horizontal field of view of a camera with its lens, degrees; NaN of parallel rays."""
-    camera = Camera.from_dict({"preset": name, "catalogue": own})
-    return math.nan if camera.is_parallel else angles_of_view(camera)[0]
 
 
 def _has_words(row: Row, words: Sequence[str]) -> bool:

@@ -13,17 +13,12 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import check_central
 from rastercov.cli import options
 from rastercov.cli.console import (
     SETTINGS,
     Command,
+    CommandGroup,
     Console,
-    Group,
     out_option,
     print_lines,
     progress_bar,
@@ -32,7 +27,12 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import check_central
+from rastercov.core.mesh import Mesh
 from rastercov.report.folder import ReportFolder
 
 COMPARED = ["certified", "sampled", "sampled@4"]
@@ -102,15 +102,15 @@ def compare(
     with ReportFolder(out, report.COMPARISON) as folder:
         with progress_bar("comparison steps") as progress:
             how: ByName = {"worst": asked.faces, "convergence": asked.convergence}
-            found = compared(*viewed, asked.method, asked.against, **how, progress=progress)
+            differences = compared(*viewed, asked.method, asked.against, **how, progress=progress)
         with progress_bar("pictures") as progress:
-            path = report.write_comparison(folder, found, *viewed, progress)
-    lines = [f"scene: {size_line(mesh)}", *report.check_lines(found.checks), str(path)]
-    _print(found, as_json, report.comparison_table(found), lines)
-    if found.interrupted:
-        warn(f"interrupted: compared {found.poses_done} of {found.poses} poses")
+            path = report.write_comparison(folder, differences, *viewed, progress)
+    lines = [f"scene: {size_line(mesh)}", *report.check_lines(differences.checks), str(path)]
+    _print(differences, as_json, report.comparison_table(differences), lines)
+    if differences.interrupted:
+        warn(f"interrupted: compared {differences.poses_done} of {differences.poses} poses")
         raise KeyboardInterrupt
-    if not found.passed:
+    if not differences.passed:
         raise typer.Exit(1)
 
 
@@ -125,25 +125,25 @@ def _compare_models(
         warn(f"{name} skipped: it needs a pinhole camera, because {reason}")
     with ReportFolder(out, report.MODEL_COMPARISON) as folder:
         with progress_bar() as progress:
-            found = compare_models(mesh, camera, poses, progress=progress)
+            comparison = compare_models(mesh, camera, poses, progress=progress)
         with progress_bar("pictures") as progress:
             path = report.write_model_comparison(
-                folder, found, mesh, camera, poses, progress=progress
+                folder, comparison, mesh, camera, poses, progress=progress
             )
-    lines = [f"scene: {size_line(mesh)}", *report.bivalence_lines(found), str(path)]
-    _print(found, as_json, report.score_table(found), lines)
+    lines = [f"scene: {size_line(mesh)}", *report.bivalence_lines(comparison), str(path)]
+    _print(comparison, as_json, report.score_table(comparison), lines)
 
 
-def _print(found: object, as_json: bool, table: RenderableType, lines: list[str]) -> None:
+def _print(value: object, as_json: bool, table: RenderableType, lines: list[str]) -> None:
     """Print a comparison as JSON, or its table and lines."""
     if as_json:
-        print(json_text(found))
+        print(json_text(value))
         return
     Console().print(table)
     print_lines(*lines)
 
 
-validate = typer.Typer(cls=Group, **SETTINGS)
+validate = typer.Typer(cls=CommandGroup, **SETTINGS)
 
 
 @validate.callback()

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from typer._click.core import Context
     from typer._click.formatting import HelpFormatter
 
-    from rastercov.mesh import Mesh
+    from rastercov.core.mesh import Mesh
 
 import inspect
 import itertools
@@ -204,8 +204,8 @@ def _in_our_words(text: str) -> str:
 def _options(arguments: Sequence[str]) -> list[tuple[str, str]]:
     """Options as typed, each with its value or the argument after it."""
     pairs = itertools.pairwise([*arguments, "-"])
-    found = [each.split("=", 1) if "=" in each else [each, after] for each, after in pairs]
-    return [(option, value) for option, value in found if re.match("--?[a-z]", option)]
+    items = [each.split("=", 1) if "=" in each else [each, after] for each, after in pairs]
+    return [(option, value) for option, value in items if re.match("--?[a-z]", option)]
 
 
 def _with_options(line: str, arguments: Sequence[str]) -> str:
@@ -319,7 +319,7 @@ def print_network(
     summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:
     """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
-    from rastercov.coverage.parts import part_rows
+    from rastercov.core.coverage.parts import part_rows
     from rastercov.report.tables import camera_table, summary_table
 
     console = Console()
@@ -347,7 +347,7 @@ IMPORTER = "<frozen importlib._bootstrap>"
 """File name of the code that loads modules."""
 
 
-class Lines:
+class ProgressLines:
     """Progress in lines on standard error, where that is no terminal."""
 
     def __init__(self, what: str, then: str = "") -> None:
@@ -409,12 +409,12 @@ def _duration(seconds: float) -> str:
     return f"{seconds / factor:,.0f} {unit}"
 
 
-_STEPS: list[Lines | None] = []
+_STEPS: list[ProgressLines | None] = []
 """Steps that a command is in, the innermost last; None for one that says nothing."""
 
 
 @contextmanager
-def shown(lines: Lines | None) -> Iterator[None]:
+def shown(lines: ProgressLines | None) -> Iterator[None]:
     """Show lines of a step in place of the one around it; nothing for None."""
     _STEPS.append(lines)
     try:
@@ -452,7 +452,7 @@ def waits_shown(command: str) -> Iterator[None]:
                 lines.tell()
 
     thread = threading.Thread(target=watch, daemon=True)
-    with shown(Lines(command)):
+    with shown(ProgressLines(command)):
         if sys.stderr is not None and not sys.stderr.isatty():
             with suppress(RuntimeError):  # no memory for a thread
                 thread.start()
@@ -474,7 +474,7 @@ def progress_bar(what: str = "poses", then: str = "") -> Iterator[Callable[[int,
     """
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
-        lines = Lines(what, then)
+        lines = ProgressLines(what, then)
         with shown(lines):
             yield lines
         return
@@ -555,7 +555,7 @@ class Command(_Help, TyperCommand):
             return super().invoke(ctx)
 
 
-class Group(_Help, TyperGroup):
+class CommandGroup(_Help, TyperGroup):
     """Group of commands with this help."""
 
     def invoke(self, ctx: "Context") -> Any:
@@ -629,12 +629,12 @@ class LazyCommand(TyperCommand):
         if not isinstance(app, typer.Typer):
             command, app = app, typer.Typer(**SETTINGS)
             app.command(cls=Command)(command)
-        found: Any = typer.main.get_command(app)
-        found.name = self.name
-        for option in found.params:
+        value: Any = typer.main.get_command(app)
+        value.name = self.name
+        for option in value.params:
             if not (option.required or option.multiple or option.callback) and option.nargs == 1:
                 option.process_value = partial(_processed, option.process_value)
-        return found
+        return value
 
     def make_context(self, *args: object, **options: object) -> Any:
         """Context of the command itself."""
@@ -647,14 +647,14 @@ def group() -> Any:
         help="Find which part of a surface each camera sees, how well, and why the rest is not "
         "covered.\n\nExample: rastercov demo --out report/",
         name="rastercov",
-        cls=Group,
+        cls=CommandGroup,
         **SETTINGS,
     )
     app.callback(invoke_without_command=True)(_start)
-    found: Any = typer.main.get_command(app)
+    value: Any = typer.main.get_command(app)
     for name, words in COMMANDS.items():
-        found.add_command(LazyCommand(name, help=words))
-    return found
+        value.add_command(LazyCommand(name, help=words))
+    return value
 
 
 def _print_version(is_asked: bool) -> None:

@@ -9,11 +9,11 @@ import typer
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
-from rastercov.camera.formats import READERS, WRITERS, format_of, read_views, write_views
-from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, warn
 from rastercov.cli.inputs import left_out
+from rastercov.core.camera.conventions import Conventions
+from rastercov.formats.cameras import READERS, WRITERS, format_of, read_views, write_views
 
 
 @options.expanded

@@ -1,6 +1,6 @@
 """The command `doctor`: diagnosis of the CPU and of every graphics device.
 
-`rastercov.raster.gl.diagnose` is imported when the command runs: 40 ms of every other command.
+The rasterisers are imported when the command runs: 40 ms of every other command.
 """
 
 import json
@@ -74,7 +74,7 @@ def _rows(report: Report) -> dict[str, Report]:
 
 
 def _passes(row: Report) -> bool:
-    from rastercov.raster.gl.diagnose import PASSED
+    from rastercov.core.raster.self_test import PASSED
 
     return bool(row["self_test"] == PASSED)
 
@@ -118,9 +118,9 @@ def doctor(
     if guide:
         print((files("rastercov") / "data" / "SKILL.md").read_text("utf-8"), end="")
         return
-    from rastercov.raster.gl.diagnose import examine
+    from rastercov.core.raster import drawer
 
-    report = examine()
+    report = drawer().examined()
     if as_json:
         print(json.dumps(report, indent=2))
     else:

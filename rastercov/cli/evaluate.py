@@ -6,6 +6,7 @@ pose.
 
 import json
 import re
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -13,15 +14,11 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 import typer
 
+from rastercov.advice import before as differences
 from rastercov.base.errors import ConfigError, PoseError, errors_as
 from rastercov.base.format import ByName, ReadByName, plural, verb
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_text, write_npz
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, names_of_poses, with_equipment
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -35,16 +32,20 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
 from rastercov.cli.scene_files import SceneFiles
-from rastercov.coverage.area import before as differences
-from rastercov.coverage.area.features import narrowed
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.area.features import narrowed
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, names_of_poses, with_equipment
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.shards import Staff, Tally, Workers
 
 if TYPE_CHECKING:
-    from rastercov.coverage.phases import Phases
-    from rastercov.raster.contract import VisibilityBuffer
+    from rastercov.core.coverage.phases import Phases
+    from rastercov.core.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
 
 
@@ -109,7 +110,7 @@ def evaluate(
     conventions: Conventions,
     task: Task,
     report: ReportOptions,
-    processes: options.Processes,
+    processes: options.ProcessOptions,
     camera: options.CameraOptions,
     equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),
@@ -143,7 +144,7 @@ def evaluate(
     rig = with_equipment(eyes.rig, equipment, mesh)
     task = narrowed(rig, task)
     phases = files.phases(mesh, report.method)
-    compared = None
+    lost: Callable[[], ByName] | None = None
     if before is not None:
         if phases is not None or report.by == "face":
             got = "--by face" if phases is None else "a moving scene"
@@ -153,16 +154,20 @@ def evaluate(
         earlier = read_eyes(mesh, camera, before, conventions, several=True)
         assert earlier.rig is not None
         rigs = (rig, eyes.poses), (with_equipment(earlier.rig, equipment, mesh), earlier.poses)
-        with errors_as(ConfigError, "--before"), progress_bar("comparison") as progress:
-            found = differences.compared(mesh, *rigs, task, progress)
-        compared = {"poses": before, **found}
+        with errors_as(ConfigError, "--before"):
+            differences.check(*rigs, task)
+
+        def lost() -> ByName:
+            with progress_bar("comparison") as progress:
+                return {"poses": before, **differences.compared(mesh, *rigs, task, progress)}
+
     run_and_print(
         (mesh if phases is None else phases.mesh, rig, eyes.poses),
         task,
         out,
         settings,
         as_json,
-        compared,
+        lost,
         workers,
         None if phases is None else phases.asked,
     )
@@ -174,15 +179,15 @@ def run_and_print(
     out: Path,
     settings: "Options",
     as_json: bool,
-    compared: ByName | None = None,
+    lost: Callable[[], ByName] | None = None,
     workers: Workers | None = None,
     phases: "Phases | None" = None,
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON.
 
-    `compared` are differences from other poses, as of `before.compared`.
+    `lost` gives differences from other poses, as of `before.compared`.
     """
-    from rastercov.coverage.headline import first_lines
+    from rastercov.advice.headline import first_lines
     from rastercov.report.coverage import run
 
     mesh, camera, poses = scene
@@ -204,8 +209,8 @@ def run_and_print(
 
         staff = Staff(workers, lambda *n: bars[0](*n), tally.add, warn, answer)
         summary = run(mesh, camera, accepted, task, out, settings, staff, phases)
-    if compared is not None:
-        summary["before"] = compared
+    if lost is not None and not summary["interrupted"]:
+        summary["before"] = lost()
     if as_json:
         print(json_text(summary))
     else:
@@ -221,7 +226,7 @@ def run_and_print(
 
 def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
     """Print what follows the answer of an evaluation as lines and tables."""
-    from rastercov.coverage.headline import other_lines
+    from rastercov.advice.headline import other_lines
     from rastercov.report.tables import run_table
 
     page = out / "report.html"
@@ -300,8 +305,8 @@ def render(
 
     Example: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
-    from rastercov.coverage.engine import Engine
-    from rastercov.raster import open_rasterizer
+    from rastercov.core.coverage.engine import Engine
+    from rastercov.core.raster import open_rasterizer
 
     mesh = scene.read(meshes)
     eyes = read_eyes(mesh, camera, poses, conventions)

@@ -29,22 +29,22 @@ from rastercov.base.files import (
 from rastercov.base.format import ByName, ReadByName, plural, shortened
 from rastercov.base.memory import FloatArray
 from rastercov.base.typed import fits
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import is_head, is_name
-from rastercov.camera.equipment import equipment_words
-from rastercov.camera.formats import read_through, read_with_optics
-from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views, names_of_poses
-from rastercov.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
 from rastercov.cli import options
 from rastercov.cli.scene_files import SceneFiles, scene_files
-from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.groups import by_file, files_named, named
-from rastercov.mesh.mesh import names_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import is_head, is_name
+from rastercov.core.camera.conventions import Border, Conventions
+from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, Views, names_of_poses
+from rastercov.core.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.mesh.groups import by_file, files_named, named
+from rastercov.core.mesh.mesh import names_of
+from rastercov.formats.cameras import read_through, read_with_optics
 
 if TYPE_CHECKING:
-    from rastercov.viewer.scene import Shown
+    from rastercov.page.scene import Shown
 
 AROUND = ("sphere:", "turntable:")
 """Beginnings of poses around a mesh; see `poses_around`."""
@@ -169,15 +169,15 @@ def read_again(
     files = [file for file in files if Path(file).name in names and file not in shapes.NAMES]
     others = {name: kept.pop(name) for name in further_files() if name in kept}
     files += others.values()
-    found = {path.name: path for path in given}
+    table = {path.name: path for path in given}
     if len(given) in (len(files) - len(others), len(files)):
-        found = dict(zip([Path(file).name for file in files], given, strict=False)) | found
+        table = dict(zip([Path(file).name for file in files], given, strict=False)) | table
     now: dict[str, str] = {}
     for file in files:
         name = Path(file).name
         tries = [places[0] / file, *(place / name for place in places)]
-        if name in found:
-            tries = [found[name]]
+        if name in table:
+            tries = [table[name]]
         near = next(filter(is_file, tries), None)
         if near is None:
             raise MeshError(
@@ -278,9 +278,9 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     """
     kind, _, rest = source.partition(":")
     form = r"(\d{1,8})@(-?\d{1,2}(?:\.\d+)?)" if kind == "turntable" else r"(\d{1,8})()"
-    found = [re.fullmatch(form, part) for part in rest.split(",")]
-    rings = [(int(each[1]), float(each[2] or 0)) for each in found if each]
-    is_meant = len(rings) == len(found) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
+    matches = [re.fullmatch(form, part) for part in rest.split(",")]
+    rings = [(int(each[1]), float(each[2] or 0)) for each in matches if each]
+    is_meant = len(rings) == len(matches) and all(n > 0 and abs(deg) <= 90 for n, deg in rings)
     if not is_meant or sum(n for n, _ in rings) > MOST_POSES:
         raise PoseError(
             f"--poses: expected sphere:N or turntable:N@DEG,N@DEG, N from 1 to {MOST_POSES:,} in "
@@ -291,7 +291,7 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
             f"--poses {kind}: expected a camera with a field of view, got a telecentric one; give "
             "a file of poses"
         )
-    centre = mesh.bounds.mean(axis=0)
+    centre = mesh.centre
     try:
         radius, distance = enclosing_distance(mesh, camera, centre)
     except ConfigError:
@@ -353,14 +353,15 @@ def read_eyes(
     if poses.startswith(AROUND):
         if cameras is None:
             raise CameraError(f"--poses {poses}: expected a camera, got none; give --camera")
+        cameras = with_unused(cameras, border)
         if several and camera_name is None and cameras.rig is not None and cameras.rig.is_one:
             moving = cameras.rig.cameras[int(np.argmin(cameras.rig.is_fixed))]
             around = Poses.of(poses_around(poses, mesh, moving))
             of_rig = Views(None, around, names_of_poses(around))
             return replace(of_rig.with_cameras(cameras.rig), notes=cameras.notes)
-        found = cameras.of_camera(camera_name)
-        around = Poses.of(poses_around(poses, mesh, found.camera()))
-        return replace(found, poses=around, images=names_of_poses(around), has_unit=True)
+        of_camera = cameras.of_camera(camera_name)
+        around = Poses.of(poses_around(poses, mesh, of_camera.camera()))
+        return replace(of_camera, poses=around, images=names_of_poses(around), has_unit=True)
     _check_source(poses, "a file, sphere:N or turntable:N@DEG")
     is_same = len(camera) == 1 and is_same_file(camera[0], poses)
     views = cameras if is_same and cameras else read_through(poses, border)
@@ -394,7 +395,12 @@ def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions
         views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
-    return replace(views, notes=(*views.notes, *bad, *border.unused()))
+    return with_unused(replace(views, notes=(*views.notes, *bad)), border)
+
+
+def with_unused(views: Views, border: Border) -> Views:
+    """The views with a note on each answer that no file asked for."""
+    return replace(views, notes=(*views.notes, *border.unused()))
 
 
 def _check_source(poses: str, forms: str) -> None:
@@ -436,7 +442,7 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
         return None
     if len(given) == 1 and _named_camera(given[0]) is None:
         return _cameras(given[0], border)
-    found: dict[str, Camera] = {}
+    cameras: dict[str, Camera] = {}
     for text in given:
         if (pair := _named_camera(text)) is None:
             raise CameraError(
@@ -444,14 +450,14 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
                 "write left=left.yaml"
             )
         name, source = pair
-        if name in found:
+        if name in cameras:
             raise CameraError(
                 f"--camera: expected distinct names, got {shown(name)} twice; rename one"
             )
         views = _cameras(source, border)
         assert views.rig is not None
-        found[name] = views.camera(name if name in views.rig.names else None)
-    return _without_poses(Rig(list(found.values()), list(found)))
+        cameras[name] = views.camera(name if name in views.rig.names else None)
+    return _without_poses(Rig(list(cameras.values()), list(cameras)))
 
 
 def _named_camera(text: str) -> tuple[str, str] | None:
@@ -474,10 +480,10 @@ def _cameras(camera: str, border: Border) -> Views:
             raise CameraError(f"--camera: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
         return _of_entries(camera, border)
-    found = read_through(camera, border)
-    if found.rig is None:
+    through = read_through(camera, border)
+    if through.rig is None:
         raise CameraError(f"{camera}: expected a camera, got poses only; give a camera file")
-    return found
+    return through
 
 
 def _of_entries(text: str, border: Border) -> Views:

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rastercov.cli.scene_files import SceneFile
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 if TYPE_CHECKING:
-    from rastercov.placement.plan.over_time import PlanMotion
+    from rastercov.motion.plan_over_time import PlanMotion
 
 
 class MotionOption(SceneFile):
@@ -18,7 +18,7 @@ class MotionOption(SceneFile):
 
     def phases(self, path: Path, mesh: Mesh, method: str) -> "PlanMotion":
         """See `SceneFile`."""
-        from rastercov.placement.plan.over_time import PlanMotion
+        from rastercov.motion.plan_over_time import PlanMotion
 
         return PlanMotion.read(path, mesh, method)
 

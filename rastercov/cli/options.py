@@ -16,12 +16,12 @@ from rastercov.base.arguments import annotations_of, documented, reader_of
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
-from rastercov.camera.equipment import EquipmentKind
-from rastercov.camera.formats.conventions import POSE_CONVENTIONS, Conventions
 from rastercov.cli.console import out_option
 from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
-from rastercov.coverage.task import THESIS, Task
-from rastercov.mesh import shapes
+from rastercov.core.camera.conventions import POSE_CONVENTIONS, Conventions
+from rastercov.core.camera.equipment import EquipmentKind
+from rastercov.core.coverage.task import THESIS, Task
+from rastercov.core.mesh import shapes
 from rastercov.shards import Workers
 
 Meshes = Annotated[
@@ -98,7 +98,7 @@ class EquipmentOptions(dict[str, Path | None]):
     """Files of equipment, by its word."""
 
 
-class Processes(NamedTuple):
+class ProcessOptions(NamedTuple):
     """Processes that measure."""
 
     workers: Annotated[
@@ -219,12 +219,12 @@ def _of_files(kinds: Iterable[SceneFile | EquipmentKind]) -> list[inspect.Parame
 
 
 def _of_conventions() -> list[inspect.Parameter]:
-    found = []
+    of_conventions = []
     for name, (hint, text) in CONVENTIONS.items():
         words = (f"--{name.replace('_', '-')}",) if hint is bool else ()
         option: Any = Annotated[hint, typer.Option(*words, help=text)]
-        found.append(_parameter(name, False if hint is bool else None, option))
-    return found
+        of_conventions.append(_parameter(name, False if hint is bool else None, option))
+    return of_conventions
 
 
 def _conventions(answers: ByName) -> Conventions:
@@ -253,12 +253,12 @@ def _of_task() -> list[inspect.Parameter]:
     """An option for each number of `Task`, and `--thesis`."""
     hints, defaults = annotations_of(Task), {field.name: field.default for field in fields(Task)}
     numbers = {name for name, hint in hints.items() if _plain(hint) in (int, float, float | None)}
-    found = [
+    parameters = [
         _parameter(name, defaults[name], _option(hints[name], text))
         for name, text in documented(Task).items()
         if name in numbers
     ]
-    return [*found, _parameter("thesis", False, Thesis)]
+    return [*parameters, _parameter("thesis", False, Thesis)]
 
 
 def _task(thresholds: ByName) -> Task:

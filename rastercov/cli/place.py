@@ -15,7 +15,6 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, RastercovError, errors_as
 from rastercov.base.format import plural
 from rastercov.base.output import json_bytes, json_text
-from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.console import (
     Console,
     out_option,
@@ -32,10 +31,11 @@ from rastercov.cli.options import (
     CameraOptions,
     Level,
     Pdf,
-    Processes,
+    ProcessOptions,
     expanded,
 )
-from rastercov.mesh.groups import listed
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.mesh.groups import listed
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -54,25 +54,25 @@ def _print_schema(wanted: bool | str | None) -> None:
         return
     from rastercov.placement.plan.file import schema
 
-    found = schema()
+    values = schema()
     if isinstance(wanted, str):
-        whole = found.pop("$defs")
-        if wanted not in (sections := found["properties"]):
+        whole = values.pop("$defs")
+        if wanted not in (sections := values["properties"]):
             known = listed(list(sections), wanted)
             raise ConfigError(
                 f"--schema-of: expected one of {known}, got {shown(wanted)}; correct it"
             )
-        found = sections[wanted] | {"$defs": {}}
-        while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(found))} - found["$defs"].keys():
-            found["$defs"] |= {each: whole[each] for each in more}
-    print(json_bytes(found, indent=2, width=WIDTH).decode())
+        values = sections[wanted] | {"$defs": {}}
+        while more := {*re.findall(r"#/\$defs/(\w+)", json.dumps(values))} - values["$defs"].keys():
+            values["$defs"] |= {each: whole[each] for each in more}
+    print(json_bytes(values, indent=2, width=WIDTH).decode())
     raise typer.Exit
 
 
 @expanded
 def place(
     plan: PlanFile,
-    processes: Processes,
+    processes: ProcessOptions,
     out: Annotated[
         Path | None,
         out_option("Output folder.", "beside the plan: its outputs.folder, else its name"),
@@ -138,7 +138,7 @@ def place(
 
 def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
     """Print the answer, tables of cameras and parts, and what no table has."""
-    from rastercov.coverage.area.zones import ZONES
+    from rastercov.core.area.zones import ZONES
     from rastercov.report import plan as report
 
     page = folder / "page.html"  # a second interrupt may have left it out
@@ -146,8 +146,8 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
     print_lines(*report.head_lines(placed, level), file)
     if len(placed.cameras.placed):
         Console().print(report.cameras_table(placed))
-    found = report.summary(placed)
-    network = found["network"] | {name: found[name] for name in ZONES if name in found}
+    summary = report.summary(placed)
+    network = summary["network"] | {name: summary[name] for name in ZONES if name in summary}
     network["goal_of_groups"] = placed.prepared.plan.goal_of_groups
     print_network(network, level)
     lines = [*report.lines(placed, level), *report.left_lines(placed)]
@@ -175,11 +175,6 @@ class GoalOptions(NamedTuple):
             min=1, help="Required number of cameras per point.", show_default="from the plan"
         ),
     ] = None
-
-
-class ToleranceOptions(NamedTuple):
-    """Errors of installation."""
-
     tolerance: Annotated[
         str | None,
         typer.Option(
@@ -230,7 +225,6 @@ def check(
     ],
     conventions: Conventions,
     goal: GoalOptions,
-    errors: ToleranceOptions,
     outcomes: OutcomeOptions,
     camera: CameraOptions,
     out: Annotated[
@@ -247,11 +241,11 @@ def check(
 
     Example: rastercov check plan.toml --poses rig.json --min-coverage 0.98 --views 2
     """
-    from rastercov.coverage.area.tolerance import errors_in
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan import outcome
     from rastercov.placement.plan.baseline import read_baseline
     from rastercov.placement.plan.file import read_plan
+    from rastercov.placement.plan.product import demand_of
 
     files = outcomes.junit, outcomes.summary
     outcome.refuse_other(*files)
@@ -265,37 +259,37 @@ def check(
         asked = asked.without_cameras() if camera.camera and eyes.rig is not None else asked
         asks = asked, Path(poses), limits, goal.views, _step
         with errors_as(ConfigError, "--tolerance"):
-            under = None if errors.tolerance is None else errors_in(errors.tolerance)
-        made = partial(plan_check.check, *asks, poses=eyes, baseline=before, errors=under)
+            demand = demand_of("tolerance", goal.tolerance)
+        made = partial(plan_check.check, *asks, poses=eyes, baseline=before, demand=demand)
         if out is None:
-            found = made()
+            result = made()
         else:
             from rastercov.report.check import write  # with the first page only
 
-            found = write(made, out, _step, pdf=pdf, level=level)
+            result = write(made, out, _step, pdf=pdf, level=level)
     except (RastercovError, OSError) as error:
         case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
         outcome.write(*files, plan, [case])
         raise
-    outcome.write(*files, plan, outcome.cases(found, level))
-    told = plan_check.to_json(found)
+    outcome.write(*files, plan, outcome.cases(result, level))
+    told = plan_check.to_json(result)
     warn(*eyes.notes, *told["warnings"], *told["result_warnings"])
     if as_json:
         print(json.dumps(told, indent=2))
     else:
-        _print_check(found, level, out)
-    if not found.is_met:
+        _print_check(result, level, out)
+    if not result.is_met:
         raise typer.Exit(1)
 
 
-def _print_check(found: "Checked", level: int | None, out: Path | None) -> None:
+def _print_check(checked: "Checked", level: int | None, out: Path | None) -> None:
     """Print what holds, and tables of parts and cameras."""
     page = [] if out is None else [str(out / "check.html")]
-    if out is not None and found.assured is not None and found.assured.worst() is not None:
+    if out is not None and checked.assured is not None and checked.assured.worst() is not None:
         page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
-    lines = [*found.first_lines(level), *page, *found.other_lines(level)]
-    print_lines(*lines, f"scene: {size_line(found.mesh)}")
-    network = found.summary() | {"goal_of_groups": found.plan.goal_of_groups}
+    lines = [*checked.first_lines(level), *page, *checked.other_lines(level)]
+    print_lines(*lines, f"scene: {size_line(checked.mesh)}")
+    network = checked.summary() | {"goal_of_groups": checked.plan.goal_of_groups}
     print_network(network, level, has_parts=level is not None)
 
 

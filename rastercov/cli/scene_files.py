@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rastercov.base.features import hooks_of
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.phases import PlanPhases

@@ -8,18 +8,18 @@ import numpy as np
 import typer
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff
 
 if TYPE_CHECKING:
-    from rastercov.coverage.evaluation import Evaluation
-    from rastercov.viewer.rig_state import RigState
+    from rastercov.core.coverage.evaluation import Evaluation
+    from rastercov.page.rig_state import RigState
 
 
 class TitleOptions(NamedTuple):
@@ -77,7 +77,7 @@ def sheet(
 
     Without a result: rastercov sheet room -c khepra -p rig.json --out plan.dxf
     """
-    from rastercov.report import plan_sheet as report
+    from rastercov.building import plan_sheet as report
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
@@ -92,7 +92,7 @@ def sheet(
     if scene.plan_file:
         title["plan"] = scene.plan_file
     title |= {name: value for name, value in entries._asdict().items() if value is not None}
-    site = report.Site(
+    site = report.SheetSite(
         scene.rooms(frame.cut),
         np.array(scene.limits["boxes"], np.float64).reshape(-1, 2, 3),
         scene.limits["keep_out"],
@@ -100,8 +100,8 @@ def sheet(
     )
     names = [each.name for each in start.on]
     with progress_bar(then="sheet") as progress:
-        found = _measured(start, mesh, progress)
-        text = report.plan_sheet(found, names, frame, title, site, start.needed, progress)
+        measures = _measured(start, mesh, progress)
+        text = report.plan_sheet(measures, names, frame, title, site, start.needed, progress)
         report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print_lines(out)
@@ -109,11 +109,11 @@ def sheet(
 
 def _measured(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":
     """Coverage by the cameras of a scene, as `evaluate` measures it."""
-    from rastercov.coverage.evaluation import Query
-    from rastercov.coverage.job import answer
+    from rastercov.core.coverage.evaluation import Query
+    from rastercov.core.coverage.job import answer
 
     task = replace(start.task, views=start.most_views)
-    found = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
-    if found.interrupted:
+    result = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
+    if result.interrupted:
         raise KeyboardInterrupt
-    return found
+    return result

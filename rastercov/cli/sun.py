@@ -9,13 +9,13 @@ import typer
 
 from rastercov.base.checks import positive, shown
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import ByName, bounded, shortened
-from rastercov.camera.sun import NORTH_DEG, angle, sun_directions
+from rastercov.base.format import ByName, bounded, coordinates, shortened
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
-from rastercov.mesh.groups import named
-from rastercov.mesh.mesh import Mesh, names_of
+from rastercov.core.mesh.groups import named
+from rastercov.core.mesh.mesh import Mesh, names_of
+from rastercov.light.sun import NORTH_DEG, angle, sun_directions
 
 MOST_LINES = 12
 """Groups that are printed."""
@@ -126,8 +126,8 @@ def sun(
     Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
     from rastercov.base.output import json_text
-    from rastercov.coverage.sunlight import LIT_BY, sunlit
-    from rastercov.report.sunlight import Study, write
+    from rastercov.light.sun_report import Study, write
+    from rastercov.light.sunlight import LIT_BY, sunlit
 
     least = _hours(surface.at_least)
     period.times(0.0)  # errors before the mesh is read
@@ -147,18 +147,23 @@ def sun(
     if not is_up.any():
         warn(f"the sun stays below {lowest:g} degrees of elevation ({words}): 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
-    hours = np.full(len(towards), step / 60)
+    hours, at = np.full(len(towards), step / 60), np.array([time.timestamp() for time in chosen])
+    starts = np.diff(at, prepend=-np.inf) > 90 * step  # after a night
+    how: ByName = {"irradiance": period.irradiance, "step": step / 60, "starts": starts}
     with progress_bar("sunlight", then="report") as progress:
-        ways = {
-            each: sunlit(mesh, towards, hours, period.irradiance, lit_by=each, progress=progress)
-            for each in (LIT_BY if period.penumbra else ["middle"])
-        }
+
+        def made() -> Study:
+            ways = {
+                way: sunlit(mesh, towards, hours, **how, lit_by=way, progress=progress)
+                for way in (LIT_BY if period.penumbra else ["middle"])
+            }
+            return Study(ways, chosen, words, step, least)
+
         given = {"latitude": latitude, "longitude": longitude, **period._asdict()}
         given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
-        study = Study(ways, chosen, words, step, least)
-        summary = write(study, out, given, pdf=pdf)
-    if len(mesh.groups) == 1 == ways["middle"].n_pieces[0]:
+        study, summary = write(made, out, given, pdf=pdf)
+    if len(mesh.groups) == 1 == study.ways["middle"].n_pieces[0]:
         warn(
             "one group in one piece cannot shade its silhouette: its hours are about those of the "
             "sun; for hours of faces see sun.html and sun.npz"
@@ -173,7 +178,7 @@ def sun(
 
 def _evaluated(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
     """The mesh of which some groups are evaluated, or all if none are named, in small faces."""
-    from rastercov.coverage.sunlight import divided
+    from rastercov.light.sunlight import divided
 
     if of:
         kept = named("--of", of, names_of(mesh)) or set()
@@ -211,7 +216,7 @@ def _print(summary: ByName, out: Path) -> None:
             hours += f" (whole disc {disc[0]} h, at least part {disc[1]} h)"
         least = ""
         if each["pieces"] > 1:
-            at = ", ".join(f"{x:.2f}" for x in each["least_piece_at"])
+            at = coordinates(each["least_piece_at"], 2)
             worst = bounded(each["least_piece_hours"], each["least_piece_bound_hours"])
             least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
         print_lines(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")

@@ -15,10 +15,6 @@ import typer
 
 from rastercov.base.errors import CameraError, ConfigError, MeshError
 from rastercov.base.format import first_of, plural
-from rastercov.camera.formats.conventions import Border, Conventions
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Views
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, say, shown, size_line, warn
 from rastercov.cli.inputs import (
@@ -29,12 +25,17 @@ from rastercov.cli.inputs import (
     read_cameras,
     read_eyes,
     read_rig,
+    with_unused,
 )
-from rastercov.coverage.task import Task
-from rastercov.mesh import shapes
+from rastercov.core.camera.conventions import Border, Conventions
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Views
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import shapes
 
 if TYPE_CHECKING:
-    from rastercov.viewer.scene import Scene, Shown
+    from rastercov.page.scene import Scene, Shown
 
 Sources = Annotated[
     list[Path],
@@ -94,10 +95,11 @@ def view(
 
     A page to share: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
-    from rastercov.viewer.live import why_recorded
-    from rastercov.viewer.saving import check_name, export_page, with_drawing
-    from rastercov.viewer.server import serve
-    from rastercov.viewer.session import Session
+    from rastercov.page.live import why_recorded
+    from rastercov.page.saving import check_name, export_page, with_drawing
+    from rastercov.page.server import serve
+    from rastercov.page.session import Session
+    from rastercov.report import live
 
     if export is not None:
         check_name(export)
@@ -115,11 +117,13 @@ def view(
     print_lines(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
     if export is not None:
         page = export_page(session, export, is_still=still)
-        if not still and (why := why_recorded(session)):
+        if not still and (why := why_recorded(session, start)):
             say(why)
         print_lines(page)
         return
 
+    if live.engine() is None:
+        say(live.BY_PYTHON)
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
     with ExitStack() as serving, ExitStack() as redirecting:
         started = partial(_started, serving, redirecting, not no_browser)
@@ -128,7 +132,7 @@ def view(
 
 def _started(serving: ExitStack, redirecting: ExitStack, opens: bool, url: str) -> None:
     """Print the address of the page, and open it in a browser."""
-    from rastercov.viewer.server import redirect
+    from rastercov.page.server import redirect
 
     serving.enter_context(shown(None))  # no wait, but until it is stopped
     print_lines(url)
@@ -158,7 +162,7 @@ def open_scene(
     equipment: options.EquipmentOptions,
 ) -> "Scene":
     """Scene of a plan, of the folder of a result, or of mesh files, with equipment of files."""
-    from rastercov.viewer.scene import open_plan
+    from rastercov.page.scene import open_plan
 
     first = sources[0]
     is_plan = first.suffix.lower() == ".toml"
@@ -173,9 +177,11 @@ def open_scene(
                 f"expected no threshold options with {first}, which has its own, got some; "
                 "change those in `rastercov view`"
             )
-        rig = read_cameras(camera.camera, Border(conventions))
+        rig = read_cameras(camera.camera, border := Border(conventions))
         if poses is not None:
             rig = read_rig(camera, Path(poses), conventions)
+        elif rig is not None:
+            rig = with_unused(rig, border)
     if is_plan:
         if sources[1:]:
             raise ConfigError(
@@ -185,7 +191,9 @@ def open_scene(
     elif first.is_dir():
         scene = _of_result(first, sources[1:], files, rig)
     else:
-        scene = _of_meshes(sources, files, camera, poses, conventions, task)
+        rig, scene = None, _of_meshes(sources, files, camera, poses, conventions, task)
+    if rig is not None:
+        scene = replace(scene, notes=(*scene.notes, *rig.notes))
     return scene.equipped(equipment) if any(equipment.values()) else scene
 
 
@@ -194,9 +202,9 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
 
     Its meshes are looked for where they were, and beside it, unless they are given.
     """
-    from rastercov.viewer.scene import open_result, run_of, scene_of_place, state_of
+    from rastercov.page.scene import open_result, run_of, scene_of_place, state_of
 
-    def found(names: list[str]) -> "Shown":
+    def result(names: list[str]) -> "Shown":
         options = run_of(folder).get("options")
         arguments: Any = options.get("scene") if isinstance(options, Mapping) else None
         if are_arguments(arguments) and given == SceneOptions():
@@ -207,7 +215,7 @@ def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views
             return shown
         return read_again(folder, given.entries(folder, [Path(name) for name in names]), names, [])
 
-    scene = open_result(folder, found)
+    scene = open_result(folder, result)
     if rig is None:
         return scene
     if rig.rig is None:
@@ -223,7 +231,7 @@ def _of_meshes(
     conventions: Conventions,
     task: Task,
 ) -> "Scene":
-    from rastercov.viewer.scene import open_mesh
+    from rastercov.page.scene import open_mesh
 
     try:
         mesh = given.read(sources)
@@ -233,8 +241,8 @@ def _of_meshes(
     if poses is not None:
         views = read_eyes(mesh, camera, poses, conventions, several=True)
     else:
-        cameras = read_cameras(camera.camera, Border(conventions))
+        cameras = read_cameras(camera.camera, border := Border(conventions))
         if cameras is None:
             raise CameraError("expected a camera, got none; give --camera, a file or a preset")
-        views = replace(cameras, poses=Poses.of(()), images=())
+        views = with_unused(replace(cameras, poses=Poses.of(()), images=()), border)
     return open_mesh(mesh, views, task, first_of([path.name for path in sources], 3))

@@ -11,13 +11,14 @@ import logging
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib import import_module
 from typing import Any
 from urllib.parse import urlsplit
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError, PoolLostError
+from rastercov.shards.workers import Elsewhere
 
 CONNECT_SECONDS = 20
 """Time for the first connection to a scheduler."""
@@ -93,22 +94,6 @@ def check_address(address: str) -> None:
         )
 
 
-def check_scheduler(address: str) -> None:
-    """`check_address`, and ConfigError where Dask is not installed."""
-    check_address(address)
-    _distributed()
-
-
-def risk(address: str) -> str:
-    """Line on the users of this machine, empty for TLS."""
-    if not address.startswith("tcp:"):
-        return ""
-    return (
-        f"{address}: every user of this machine can run programs as you through this scheduler; "
-        "on a shared machine use --workers or tls:// (docs/scale.md)"
-    )
-
-
 def _is_loopback(host: str) -> bool:
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
@@ -170,3 +155,27 @@ def _quiet_log() -> Iterator[None]:
     finally:
         for logger, level in zip(loggers, before, strict=True):
             logger.setLevel(level)
+
+
+class _Elsewhere(Elsewhere):
+    def check(self, address: str) -> None:
+        """Accept an address; ConfigError where Dask is not installed."""
+        check_address(address)
+        _distributed()
+
+    def risk(self, address: str) -> str:
+        """Line on the users of this machine, empty for TLS."""
+        if not address.startswith("tcp:"):
+            return ""
+        return (
+            f"{address}: every user of this machine can run programs as you through this "
+            "scheduler; on a shared machine use --workers or tls:// (docs/scale.md)"
+        )
+
+    def pool(self, address: str) -> AbstractContextManager[OfScheduler]:
+        """Processes of a scheduler."""
+        return pool_of(address)
+
+
+HOOKS = _Elsewhere()
+"""Hooks of this feature."""

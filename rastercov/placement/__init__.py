@@ -6,127 +6,113 @@
 `rastercov.place` takes all these steps from a plan.
 """
 
-from rastercov.base.typed import guard as _guard
-from rastercov.camera.installation import InstallationError
-from rastercov.mesh.solids import in_solid
-from rastercov.placement.bits import CoveredBits
-from rastercov.placement.candidates.arm import Arm, on_arm
-from rastercov.placement.candidates.cavities import Access, Openings, openings
-from rastercov.placement.candidates.clearance import (
-    KeepOut,
-    KeepOutBox,
-    KeepOutSphere,
-    NearestSurface,
-    Place,
-    filter_candidates,
-)
-from rastercov.placement.candidates.facade import facade
-from rastercov.placement.candidates.mounting import (
-    along,
-    at_middle,
-    at_nearest_surface,
-    at_point,
-    in_room,
-    on_box,
-    on_ceiling,
-    on_hemisphere,
-    on_sphere,
-    on_walls,
-)
-from rastercov.placement.candidates.orbit import Circles, orbit
-from rastercov.placement.candidates.pool import (
-    Candidates,
-    Framing,
-    from_poses,
-    per_face,
-    per_segment,
-)
-from rastercov.placement.candidates.rooms import Room
-from rastercov.placement.candidates.segments import Segmentation, segment
-from rastercov.placement.candidates.strips import Survey, strips
-from rastercov.placement.improve.objective import CellObjective, Objective
-from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.improve.refine import Refined, refine
-from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.improve.tolerance import Tolerance, tolerance
-from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import select_integer
-from rastercov.placement.select.problem import (
-    BestCoverage,
-    FewestCameras,
-    Problem,
-    Selection,
-    problem_of,
-    problem_of_matrix,
-)
-from rastercov.placement.uncovered import Leftover, Sight, what_is_left
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-__all__ = [
-    "Access",
-    "Arm",
-    "BestCoverage",
-    "Candidates",
-    "CellObjective",
-    "Circles",
-    "CoveredBits",
-    "FewestCameras",
-    "Framing",
-    "InstallationError",
-    "KeepOut",
-    "KeepOutBox",
-    "KeepOutSphere",
-    "Leftover",
-    "NearestSurface",
-    "Objective",
-    "Openings",
-    "Optimised",
-    "Place",
-    "PoseSpace",
-    "Problem",
-    "Refined",
-    "Room",
-    "Segmentation",
-    "Selection",
-    "Sight",
-    "Survey",
-    "Tolerance",
-    "VisibilityMatrix",
-    "along",
-    "at_middle",
-    "at_nearest_surface",
-    "at_point",
-    "build_matrix",
-    "facade",
+if _TYPE_CHECKING:
+    from rastercov.core.mesh.solids import in_solid as in_solid
+    from rastercov.placement.bits import CoveredBits as CoveredBits
+    from rastercov.placement.candidates.cavities import (
+        Access as Access,
+        Openings as Openings,
+        openings as openings,
+    )
+    from rastercov.placement.candidates.clearance import (
+        KeepOut as KeepOut,
+        KeepOutBox as KeepOutBox,
+        KeepOutSphere as KeepOutSphere,
+        NearestSurface as NearestSurface,
+        Place as Place,
+        filter_candidates as filter_candidates,
+    )
+    from rastercov.placement.candidates.mounting import (
+        along as along,
+        at_middle as at_middle,
+        at_nearest_surface as at_nearest_surface,
+        at_point as at_point,
+        in_room as in_room,
+        on_box as on_box,
+        on_ceiling as on_ceiling,
+        on_hemisphere as on_hemisphere,
+        on_sphere as on_sphere,
+        on_walls as on_walls,
+    )
+    from rastercov.placement.candidates.pool import (
+        Candidates as Candidates,
+        Framing as Framing,
+        from_poses as from_poses,
+        per_face as per_face,
+        per_segment as per_segment,
+    )
+    from rastercov.placement.candidates.rooms import Room as Room
+    from rastercov.placement.candidates.segments import (
+        Segmentation as Segmentation,
+        segment as segment,
+    )
+    from rastercov.placement.improve.objective import (
+        CellObjective as CellObjective,
+        Objective as Objective,
+    )
+    from rastercov.placement.improve.pose_space import PoseSpace as PoseSpace
+    from rastercov.placement.improve.refine import Refined as Refined, refine as refine
+    from rastercov.placement.improve.search import Optimised as Optimised, optimise as optimise
+    from rastercov.placement.matrix import (
+        VisibilityMatrix as VisibilityMatrix,
+        build_matrix as build_matrix,
+    )
+    from rastercov.placement.select.greedy import select_greedy as select_greedy
+    from rastercov.placement.select.integer import select_integer as select_integer
+    from rastercov.placement.select.problem import (
+        BestCoverage as BestCoverage,
+        FewestCameras as FewestCameras,
+        Problem as Problem,
+        Selection as Selection,
+        problem_of as problem_of,
+        problem_of_matrix as problem_of_matrix,
+    )
+    from rastercov.placement.uncovered import (
+        Leftover as Leftover,
+        Sight as Sight,
+        what_is_left as what_is_left,
+    )
+    from rastercov.robots.arm import Arm as Arm, on_arm as on_arm
+    from rastercov.survey.facade import facade as facade
+    from rastercov.survey.orbit import Circles as Circles, orbit as orbit
+    from rastercov.survey.strips import Survey as Survey, strips as strips
+    from rastercov.tolerances.installation import InstallationError as InstallationError
+    from rastercov.tolerances.placement import Tolerance as Tolerance, tolerance as tolerance
+
+_NAMES = {
+    "core.mesh.solids": "in_solid",
+    "placement.bits": "CoveredBits",
+    "placement.candidates.cavities": "Access Openings openings",
+    "placement.candidates.clearance": "KeepOut KeepOutBox KeepOutSphere NearestSurface Place "
     "filter_candidates",
-    "from_poses",
-    "in_room",
-    "in_solid",
-    "on_arm",
-    "on_box",
-    "on_ceiling",
-    "on_hemisphere",
-    "on_sphere",
-    "on_walls",
-    "openings",
-    "optimise",
-    "orbit",
-    "per_face",
-    "per_segment",
-    "problem_of",
+    "placement.candidates.mounting": "along at_middle at_nearest_surface at_point in_room on_box "
+    "on_ceiling on_hemisphere on_sphere on_walls",
+    "placement.candidates.pool": "Candidates Framing from_poses per_face per_segment",
+    "placement.candidates.rooms": "Room",
+    "placement.candidates.segments": "Segmentation segment",
+    "placement.improve.objective": "CellObjective Objective",
+    "placement.improve.pose_space": "PoseSpace",
+    "placement.improve.refine": "Refined refine",
+    "placement.improve.search": "Optimised optimise",
+    "placement.matrix": "VisibilityMatrix build_matrix",
+    "placement.select.greedy": "select_greedy",
+    "placement.select.integer": "select_integer",
+    "placement.select.problem": "BestCoverage FewestCameras Problem Selection problem_of "
     "problem_of_matrix",
-    "refine",
-    "segment",
-    "select_greedy",
-    "select_integer",
-    "strips",
-    "tolerance",
-    "what_is_left",
-]
-
-_guard(__name__)
-
-
+    "placement.uncovered": "Leftover Sight what_is_left",
+    "robots.arm": "Arm on_arm",
+    "survey.facade": "facade",
+    "survey.orbit": "Circles orbit",
+    "survey.strips": "Survey strips",
+    "tolerances.installation": "InstallationError",
+    "tolerances.placement": "Tolerance tolerance",
+}
+"""Modules and their public names; those of features are imported when they are asked for."""
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
+__all__ = sorted(_HOME)
 _RETIRED = {
     "BitMatrix": "use VisibilityMatrix, which leaves the pairs of a folder on disk",
     "measure_matrix": "use build_matrix with a folder, which leaves the pairs on disk",
@@ -136,8 +122,17 @@ _RETIRED = {
 
 
 def __getattr__(name: str) -> object:
+    if name in _HOME:
+        from rastercov.base.typed import guarded_name
+
+        result = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
+        return result
     if name in _RETIRED:
         raise ImportError(
             f"expected a name of rastercov.placement, got {name}, retired; {_RETIRED[name]}"
         )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

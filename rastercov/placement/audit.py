@@ -26,18 +26,25 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, InOneLine, frozen_record
 from rastercov.base.limits import limited
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, cameras_of, check_scene, eyes_of, gates_of, names_of
-from rastercov.coverage.area.by_camera import cameras_apart
-from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
-from rastercov.coverage.area.polygons import quantile
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import Network
-from rastercov.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.native import coverage_spread
+from rastercov.core.area.by_camera import cameras_apart
+from rastercov.core.area.cells import Cells, cells, usual_size
+from rastercov.core.area.network import AreaNetwork, unit_of_result
+from rastercov.core.area.polygons import quantile
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
+    Cameras,
+    cameras_of,
+    check_scene,
+    eyes_of,
+    gates_of,
+    names_of,
+)
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.engine import coverage_spread
 from rastercov.placement.bits import CoveredBits, by_face
 from rastercov.placement.matrix_folder import shortened
 from rastercov.placement.select.greedy import select_greedy
@@ -166,16 +173,18 @@ def fewest(problem: Problem, needed: int) -> Selection:
     """
     # Elements count one each: a share of the area would leave out the smallest.
     alike = replace(problem, weights=(problem.weights > 0).astype(np.float64))
-    found, pairs = select_greedy(alike), len(problem.bits.pairs()[1])
-    if found.gap > PROVED and needed < len(found.chosen) and pairs <= MOST_PAIRS:
+    selection, pairs = select_greedy(alike), len(problem.bits.pairs()[1])
+    if selection.gap > PROVED and needed < len(selection.chosen) and pairs <= MOST_PAIRS:
         with suppress(ConfigError), limited("smallest subset", PROOF_SECONDS):  # without highspy
             proved = select_integer(alike, time_limit=PROOF_SECONDS, threads=1)
             if proved.status == "interrupted":
                 raise KeyboardInterrupt
-            fewer = proved if len(proved.chosen) < len(found.chosen) else found
-            found = replace(proved, chosen=fewer.chosen)
-    bound = max(found.bound, float(needed))
-    return finish(found.method, problem, found.chosen, bound, found.seconds, found.status)
+            fewer = proved if len(proved.chosen) < len(selection.chosen) else selection
+            selection = replace(proved, chosen=fewer.chosen)
+    bound = max(selection.bound, float(needed))
+    return finish(
+        selection.method, problem, selection.chosen, bound, selection.seconds, selection.status
+    )
 
 
 def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
@@ -358,11 +367,11 @@ def audit(
         Basis of the result; "area" unless a threshold applies to faces or the method counts
         samples.
     resolution_of_result : float, optional
-        Longest side of the cells, metres; `rastercov.coverage.area.cells.usual_size` unless given.
+        Longest side of the cells, metres; `rastercov.core.area.cells.usual_size` unless given.
     method : {"certified", "exact", "sampled"}, or Engine
         As for `open_observer`.
     folder : path, optional
-        Folder for shards (`rastercov.coverage.shards`), from which an audit that was ended
+        Folder for shards (`rastercov.core.coverage.shards`), from which an audit that was ended
         continues; they stay there.
     staff : Staff
         Processes that measure, with a folder that all of them share; this one unless given.
@@ -395,12 +404,12 @@ def audit(
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
     wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
-    found = _measured(mesh, camera, accepted, single, wanted, elements, folder, staff)
-    is_measured = np.isin(accepted.ids, found.network.pose_ids)
+    measures = _measured(mesh, camera, accepted, single, wanted, elements, folder, staff)
+    is_measured = np.isin(accepted.ids, measures.network.pose_ids)
     accepted = accepted[is_measured]
     instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
     on = mesh if elements is None else elements.elements
-    problem = _problem(on, eyes_of(camera, accepted), task, found.bits)
+    problem = _problem(on, eyes_of(camera, accepted), task, measures.bits)
     figures = element_figures(problem, on, accepted, cameras_of(camera))
     groups = partial(groups_of, problem, figures["covered"], progress=staff.progress)
     each = groups(list(range(len(accepted))), has_subset=True)
@@ -413,8 +422,8 @@ def audit(
     own = vars(each) | {"names": tuple(np.array(words, object)[is_measured])}
     return Audit(
         **own, mesh=mesh, camera=camera, task=task, by=unit, poses=accepted, cells=elements,
-        problem=problem, network=found.network, areas=found.areas, **figures, frames=of_frame,
-        by_camera=of_camera, quarantined=found.quarantined,
+        problem=problem, network=measures.network, areas=measures.areas, **figures, frames=of_frame,
+        by_camera=of_camera, quarantined=measures.quarantined,
     )  # fmt: skip
 
 
@@ -453,10 +462,10 @@ def _measured(
                 own = batch.rows.face[is_scored]
             else:
                 areas.add(batch.regions)
-                found = elements.share(batch.regions)
-                row = np.repeat(np.arange(len(batch.poses)), np.diff(found.starts))
-                enough = shortened(found.share, task.min_coverage)[1]
-                row, own = row[enough], found.cell[enough]
+                shares = elements.share(batch.regions)
+                row = np.repeat(np.arange(len(batch.poses)), np.diff(shares.starts))
+                enough = shortened(shares.share, task.min_coverage)[1]
+                row, own = row[enough], shares.cell[enough]
             rows_of.append(n_measured + row)
             elements_of.append(own.astype(np.int32))
             n_measured += len(batch.poses)
@@ -487,7 +496,7 @@ def element_figures(
 ) -> ByName:
     """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
     from rastercov.base.memory import read_only
-    from rastercov.coverage.records import lens_of
+    from rastercov.core.coverage.records import lens_of
 
     n = problem.n_faces
     starts, camera = by_face(*problem.bits.pairs(), n)
@@ -496,7 +505,7 @@ def element_figures(
     best, by = np.zeros(n), np.full(n, -1, np.int32)
     for index, _ in poses.by_camera():
         coverage_spread.best_densities(
-            starts, camera, points, normals, matrices, poses.camera, index,
+            (starts, camera, points, normals), matrices, poses.camera, index,
             lens_of(cameras[index]), best, by,
         )  # fmt: skip
     widest = np.empty(n)
@@ -514,12 +523,12 @@ def _texts(what: str, texts: Sequence[str] | None, poses: Poses) -> tuple[str, .
     """Text of each accepted pose; the number of the pose unless given."""
     if texts is None:
         return tuple(map(str, poses.ids))
-    found = members(what, texts, str, "a list of strings", ConfigError)
-    if len(found) == len(poses):
-        return found
-    if len(found) != len(poses.given):
+    result = members(what, texts, str, "a list of strings", ConfigError)
+    if len(result) == len(poses):
+        return result
+    if len(result) != len(poses.given):
         raise ConfigError(
-            f"expected {what} for {len(poses.given)} poses, got {len(found)}; give a string for "
+            f"expected {what} for {len(poses.given)} poses, got {len(result)}; give a string for "
             "each"
         )
-    return tuple(found[row] for row in poses.ids)
+    return tuple(result[row] for row in poses.ids)

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, BoolArray, Int32Array, IntArray
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.native import placement_bits as kernels
-from rastercov.native import placement_presolve
+from rastercov.engine import placement_bits as kernels
+from rastercov.engine import placement_presolve
 
 Words = NDArray[np.uint64]
 Work = Callable[[Words, IntArray, slice], None]
@@ -142,13 +142,13 @@ class CoveredBits:
         if masks is None:
             masks = np.full((len(values), self.n_words), ~np.uint64(0))
         n = self.n_rows if rows is None else len(rows)
-        found = np.zeros((n, len(values)), np.int64)
+        result = np.zeros((n, len(values)), np.int64)
 
         def work(words: Words, own: IntArray, at: slice) -> None:
-            kernels.sums(words, own, masks, values, found[at])
+            kernels.sums(words, own, masks, values, result[at])
 
         self._share(rows, lambda: work)
-        return found
+        return result
 
     def totals(self, amounts: IntArray, rows: IntArray | None = None) -> IntArray:
         """(V, 64 W) sums over the rows of each face; the transpose of `sums`.

@@ -34,13 +34,13 @@ from rastercov.base.format import ByName, frozen_record
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.shards import LOG
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.cells import Cells
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.shards import LOG
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix_folder import (
     MatrixFolder,
@@ -54,7 +54,7 @@ from rastercov.placement.matrix_folder import (
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Made, Progress, Staff, Workers
+from rastercov.shards import Made, Progress, Staff, Workers, silent
 from rastercov.shards.run import counted
 from rastercov.shards.store import Note, remove_halves
 
@@ -81,8 +81,8 @@ class VisibilityMatrix:
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, build_matrix, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
-    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), points.poses, rc.Task(max_incidence_deg=70))
     >>> matrix.covered.shape, matrix.n_pairs
     ((35,), 35)
     """
@@ -171,12 +171,12 @@ class VisibilityMatrix:
     @property
     def quarantined(self) -> dict[int, str]:
         """Poses without pairs because they crash the process that measures them; how it ended."""
-        found: dict[int, str] = {}
+        texts: dict[int, str] = {}
         first = 0
         for part in self.parts:
-            found |= {first + pose: end for pose, end in part.quarantined().items()}
+            texts |= {first + pose: end for pose, end in part.quarantined().items()}
             first += part.n_poses
-        return found
+        return texts
 
     @property
     def mean_coverage(self) -> FloatArray:
@@ -233,8 +233,8 @@ class VisibilityMatrix:
         ConfigError
             When there is none, when it is incomplete, or when one of its files is damaged.
         """
-        found = MatrixFolder.open(folder)
-        return cls(placed=found.poses(), header=found.header, parts=(found,))
+        result = MatrixFolder.open(folder)
+        return cls(placed=result.poses(), header=result.header, parts=(result,))
 
 
 @typed
@@ -249,7 +249,7 @@ def build_matrix(
     bounds: CandidateBounds | None = None,
     mounts: Mounts | None = None,
     workers: Workers | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     watch: Callable[[Made], None] = lambda made: None,
     note: Note = LOG.warning,
 ) -> VisibilityMatrix:
@@ -305,8 +305,8 @@ def build_matrix(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, build_matrix, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
-    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), points.poses, rc.Task(max_incidence_deg=70))
     >>> matrix.n_poses, matrix.n_faces, matrix.n_pairs
     (12, 12, 35)
     """

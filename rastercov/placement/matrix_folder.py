@@ -40,23 +40,17 @@ from rastercov.base.memory import (
     IntArray,
 )
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import cameras_of, rows_of_result, with_places
-from rastercov.coverage.area.cells import Cells, cells
-from rastercov.coverage.area.frames import check_same_mesh
-from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.coverage import evaluate_batches, judged, measurements
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import ExactObserver, Observer, open_observer
-from rastercov.coverage.shards import hash_of, inputs_of
-from rastercov.coverage.task import Task
-from rastercov.placement.bits import CoveredBits, n_words
-from rastercov.placement.mounts import Mounts, places_on_rigs
-from rastercov.placement.uncovered import FIGURES, CandidateBounds
-from rastercov.shards import ShardStore, Staff, fill
-from rastercov.shards.inputs import (
+from rastercov.core.area.cells import Cells, cells
+from rastercov.core.area.frames import check_same_mesh
+from rastercov.core.area.regions import RegionObserver
+from rastercov.core.area.rows import gated
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import cameras_of, rows_of_result, with_places
+from rastercov.core.coverage.coverage import evaluate_batches, judged, measurements
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.observer import ExactObserver, Observer, open_observer
+from rastercov.core.coverage.shard_inputs import (
     HEADER,
     POSES,
     Inputs,
@@ -66,6 +60,12 @@ from rastercov.shards.inputs import (
     read_poses,
     write_inputs,
 )
+from rastercov.core.coverage.shards import hash_of, inputs_of
+from rastercov.core.coverage.task import Task
+from rastercov.placement.bits import CoveredBits, n_words
+from rastercov.placement.mounts import Mounts, places_on_rigs
+from rastercov.placement.uncovered import FIGURES, CandidateBounds
+from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.store import SUMS, DamagedError, Note, contents, remove, store, whole
 
 PAIRS_A_SHARD = 1 << 22
@@ -173,19 +173,19 @@ def pairs_of(
     cameras, owner = (poses, np.arange(len(poses))) if mounts is None else mounts.cameras(poses)
     if mounts is not None:
         owner = mounts.rows(cameras, owner)
-    found, n_cameras, n_done = [], 0, 0
+    items, n_cameras, n_done = [], 0, 0
     for batch in (
         _of_faces(observer, cameras, task, bounds)
         if cells is None
         else _of_cells(observer, cells, cameras, task, bounds)
     ):
-        found.append(batch)
+        items.append(batch)
         n_cameras += len(batch.counts)
         n_whole = int(owner[n_cameras]) if n_cameras < len(owner) else len(poses)
         if n_whole > n_done:
             did(n_whole - n_done)
         n_done = n_whole
-    pairs = gathered(found)
+    pairs = gathered(items)
     if mounts is None or not mounts.has_rigs:
         return pairs
     camera = np.repeat(np.arange(len(owner)), pairs.counts)
@@ -216,9 +216,9 @@ def _of_cells(
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     for part, seen in measurements(observer, poses, rows_of_result(observer.camera, poses)):
         regions = seen.regions  # type: ignore[union-attr] # of a RegionObserver
-        found = cells.share(gated(regions, observer.camera, part))
-        short, _ = shortened(found.share, task.min_coverage)
-        yield Pairs(np.diff(found.starts), found.cell, short, NOT_ON_RIGS)
+        shares = cells.share(gated(regions, observer.camera, part))
+        short, _ = shortened(shares.share, task.min_coverage)
+        yield Pairs(np.diff(shares.starts), shares.cell, short, NOT_ON_RIGS)
         if bounds is not None and len(part):
             bounds.add(judged(observer, judge, task, part, seen, FIGURES))
 
@@ -321,14 +321,14 @@ class MatrixFolder:
                 raise ConfigError(
                     f"{folder}: expected a visibility matrix, got none; call build_matrix"
                 )
-            found = cls(folder, header)
-            n_shards = len(found.store)
-            if missing := found.store.missing():
+            result = cls(folder, header)
+            n_shards = len(result.store)
+            if missing := result.store.missing():
                 raise ConfigError(
                     f"{folder}: expected {n_shards} shards, got {n_shards - len(missing)}; call "
                     "build_matrix with the same inputs to make the others"
                 )
-            return replace(found, n_pairs=sum(map(found.rows_in, range(n_shards))))
+            return replace(result, n_pairs=sum(map(result.rows_in, range(n_shards))))
 
     @property
     def store(self) -> ShardStore:
@@ -344,10 +344,10 @@ class MatrixFolder:
     def poses(self) -> Poses:
         """Candidates; ConfigError where they are damaged, or of another matrix."""
         with _remade_by_build():
-            found = read_poses(self.path)
-            if hash_of(found) != self.header["poses"]:
+            poses = read_poses(self.path)
+            if hash_of(poses) != self.header["poses"]:
                 raise DamagedError(self.path / POSES, "poses of another matrix")
-            return found
+            return poses
 
     def quarantined(self) -> dict[int, str]:
         """Poses without pairs because they kill the process that measures them, with its end."""
@@ -372,10 +372,10 @@ class MatrixFolder:
             When the shard is damaged or missing by now.
         """
         with _remade_by_build():
-            found = self._shard(number)
-        face = np.cumsum(found["face_step"], dtype=np.int32)
-        on_rig = found.get("camera_on_rig", NOT_ON_RIGS)
-        return Pairs(found["counts"], face, found["coverage"], on_rig)
+            shard = self._shard(number)
+        face = np.cumsum(shard["face_step"], dtype=np.int32)
+        on_rig = shard.get("camera_on_rig", NOT_ON_RIGS)
+        return Pairs(shard["counts"], face, shard["coverage"], on_rig)
 
     def rows_in(self, number: int) -> int:
         """Number of pairs in a shard; DamagedError unless it is whole, and of this matrix."""
@@ -386,15 +386,15 @@ class MatrixFolder:
         name = self.store.name(number)
         data = whole(self.path, name)
         try:
-            found = read_npz(data, ("of", *names))
+            npz = read_npz(data, ("of", *names))
         except (ValueError, OSError, BadZipFile):
             raise DamagedError(self.path / name, "no shard") from None
-        if found["of"].tobytes() != self._words(number):
+        if npz["of"].tobytes() != self._words(number):
             raise DamagedError(
                 self.path / name,
                 "a shard of another matrix or of other poses",
             )
-        return found
+        return npz
 
     def _words(self, number: int | None) -> bytes:
         """Header of the matrix with the name of a shard."""
@@ -476,9 +476,9 @@ class MatrixFolder:
             share_poses(len(shards), [work] * threads)
             file.flush()
             words = np.memmap(file, "<u8", "r", shape=(size // 8,))[: shape[0] * shape[1]]
-        found = CoveredBits.of(words.reshape(shape), n_faces), total
-        self._derived[least] = found
-        return found
+        is_covered = CoveredBits.of(words.reshape(shape), n_faces), total
+        self._derived[least] = is_covered
+        return is_covered
 
 
 @contextmanager
@@ -555,17 +555,17 @@ def read_header(folder: Path) -> ByName | None:
 
 def add_bounds(folder: MatrixFolder, bounds: CandidateBounds) -> None:
     """Add the bounds that workers left of all shards, unless some are missing or damaged."""
-    found = []
+    items = []
     for path in sorted((folder.path / BOUNDS).glob("*.npz")):
         try:
             data = whole(folder.path, f"{BOUNDS}/{path.name}")
         except DamagedError:
             return
-        found.append(read_npz(data))
-    of_file = [np.zeros(0, np.int64), *(part["shards"] for part in found)]
+        items.append(read_npz(data))
+    of_file = [np.zeros(0, np.int64), *(part["shards"] for part in items)]
     if sorted(np.concatenate(of_file).tolist()) != list(range(len(folder.store))):
         return  # a shard was made again, by another worker
-    for part in found:
+    for part in items:
         np.maximum(bounds.low, part["low"], out=bounds.low)
         np.maximum(bounds.high, part["high"], out=bounds.high)
         bounds.covering += part["covering"]
@@ -605,8 +605,8 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
             )
         opened.pop_all()
     mounts = None
-    if found := header.get("mounts"):
-        starts, places = np.array(found["starts"]), np.array(found["places"])
+    if entry := header.get("mounts"):
+        starts, places = np.array(entry["starts"]), np.array(entry["places"])
         names = tuple(f"mount {index}" for index in range(len(starts) - 1))
         mounts = Mounts(names, with_places(scene.cameras, places), starts)
 

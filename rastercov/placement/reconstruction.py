@@ -13,7 +13,7 @@ coarse. A new view counts where it is not coarse. What they cover is then measur
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -31,20 +31,20 @@ from rastercov.base.format import (
     percent,
     sampling,
 )
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.georeference import GeoReference
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of, eyes_of
-from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
-from rastercov.coverage.advice import general_advice
-from rastercov.coverage.area.footprints import Footprints, footprints
-from rastercov.coverage.area.polygons import quantile
-from rastercov.coverage.area.zones import MOST_LINES, TRIED_PERCENT
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.mesh import Mesh
-from rastercov.mesh.topology import components_of, first_equal_row
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.core.area.advice import general_advice
+from rastercov.core.area.footprints import Footprints, footprints, surface_of_footprints
+from rastercov.core.area.polygons import quantile
+from rastercov.core.area.zones import MOST_LINES, TRIED_PERCENT
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import cameras_of, eyes_of
+from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.topology import components_of, first_equal_row
+from rastercov.formats.georeference import GeoReference
 from rastercov.placement.audit import Audit, audit
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates.cavities import face_frames
@@ -54,7 +54,7 @@ from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import BestCoverage, Problem
 from rastercov.placement.weak_remedies import CLEARANCE, DIRECTIONS, MOST_OBLIQUE, WeakRemedies
-from rastercov.shards import ALONE
+from rastercov.shards import ALONE, Progress, silent
 
 LEAST_VIEWS, LEAST_ANGLE_DEG = 2, 5.0
 """Images that a point needs to have a place, and an angle between them; the task may ask more."""
@@ -126,7 +126,7 @@ class Suggested:
              "weak_percent": step.percent(weak(step).kind >= 0)}
             for step in self.steps
         ]  # fmt: skip
-        eyes = self.poses.world_from_camera[:, :3, 3].tolist()
+        eyes = self.poses.eyes.tolist()
         images = [
             {"name": name, "position": eye} | share
             for name, eye, share in zip(self.names, eyes, shares[1:], strict=True)
@@ -198,20 +198,22 @@ def reconstruction(
         raise ConfigError(
             f"expected 1 image or more to suggest, got {shown(suggested)}; increase it"
         )
-    found, more = audit(*scene, **options), None
+    method = options.get("method", "certified")
+    if surface is not None:
+        surface_of_footprints(scene[0], replace(scene[3], min_angle_deg=0.0), surface, method)
+    result, more = audit(*scene, **options), None
     if suggested is not None:
-        how = {"method": options["method"]} if "method" in options else {}
         step = options.get("staff", ALONE).progress
-        more = suggest(found, suggested, unit=unit, progress=step, **how)
-    made = Reconstruction(**vars(found), unit=unit, suggested=more)
+        more = suggest(result, suggested, unit=unit, progress=step, method=method)
+    made = Reconstruction(**vars(result), unit=unit, suggested=more)
     if surface is None:
         return made
-    mesh, poses = found.mesh, found.poses
+    mesh, poses = result.mesh, result.poses
     if place is not None:
         place, mesh, poses = place.levelled(mesh, poses)
-    task = replace(found.task, min_angle_deg=0.0)
-    how = {"method": options["method"]} if "method" in options else {}
-    own = footprints(mesh, found.camera, poses, task, names=found.names, groups=surface, **how)
+    task = replace(result.task, min_angle_deg=0.0)
+    scene_of = mesh, result.camera, poses, task
+    own = footprints(*scene_of, names=result.names, groups=surface, method=method)
     return replace(made, footprints=own, place=place)
 
 
@@ -221,21 +223,21 @@ def strict(problem: Problem) -> Problem:
     return replace(problem, views=np.maximum(problem.views, LEAST_VIEWS), min_angle=angle)
 
 
-def coarse_density(found: Audit) -> float:
+def coarse_density(audit: Audit) -> float:
     """Best density below which an element is coarse, px per unit of length."""
-    return quantile(found.best_density, found.problem.weights, found.views > 0) / COARSE
+    return quantile(audit.best_density, audit.problem.weights, audit.views > 0) / COARSE
 
 
-def weak(found: Audit) -> Weak:
+def weak(audit: Audit) -> Weak:
     """Weak elements of an audit and their zones."""
-    wanted, is_task, on = strict(found.problem), found.problem.weights > 0, found.elements
-    kind = np.full(len(found.views), -1)
-    kind[is_task & (found.best_density < coarse_density(found))] = 2
-    kind[is_task & (found.widest_angle < wanted.min_angle)] = 1
-    kind[is_task & (found.views < wanted.views)] = 0
+    wanted, is_task, on = strict(audit.problem), audit.problem.weights > 0, audit.elements
+    kind = np.full(len(audit.views), -1)
+    kind[is_task & (audit.best_density < coarse_density(audit))] = 2
+    kind[is_task & (audit.widest_angle < wanted.min_angle)] = 1
+    kind[is_task & (audit.views < wanted.views)] = 0
     rows = np.flatnonzero(kind >= 0)
-    zone = _connected(on, rows, kind[rows] + len(KINDS) * _is_unseeable(found)[rows])
-    area = np.bincount(zone, found.problem.weights[rows]).astype(np.float64)
+    zone = _connected(on, rows, kind[rows] + len(KINDS) * _is_unseeable(audit)[rows])
+    area = np.bincount(zone, audit.problem.weights[rows]).astype(np.float64)
     order = np.argsort(-area, kind="stable")
     zones = np.full(len(kind), -1, np.int64)
     zones[rows] = np.argsort(order)[zone]
@@ -248,7 +250,7 @@ def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
     Kinds are below twice the length of `KINDS`.
     """
     # Cells of two faces have a corner in common up to rounding.
-    step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), np.finfo(float).tiny)
+    step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), TINY)
     corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
     key = (corner[on.faces[rows]] * (2 * len(KINDS)) + kind[:, None]).ravel()
     around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
@@ -256,19 +258,19 @@ def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
     return components_of(len(rows), turn)
 
 
-def overlap(found: Audit) -> ByName:
+def overlap(audit: Audit) -> ByName:
     """Overlap graph of the images, ready for JSON; empty for none, and more than `MOST_IMAGES`.
 
     `components` are linked images, `weakest` the links of the strongest tree that holds each
     together, the weakest first, and `too_few` the images with fewer than `LEAST_LINKS` links.
     """
-    n, bits, names = len(found.poses), found.problem.bits, found.names
+    n, bits, names = len(audit.poses), audit.problem.bits, audit.names
     if not 0 < n <= MOST_IMAGES:
         return {}
-    whole = found.problem.integer_weights
+    whole = audit.problem.integer_weights
     values = np.append(whole, np.zeros(-len(whole) % 64, np.int64))[None]
     rows = [bits.sums(values, bits.row(row)[None])[:, 0] for row in range(n)]  # compiled
-    shared = np.array(rows) * (float(found.problem.weights.sum()) / max(1, int(whole.sum())))
+    shared = np.array(rows) * (float(audit.problem.weights.sum()) / max(1, int(whole.sum())))
     least = np.minimum.outer(shared.diagonal(), shared.diagonal())
     share = np.divide(shared, least, out=np.zeros_like(shared), where=least > 0)
     np.fill_diagonal(share, 0.0)
@@ -316,33 +318,33 @@ def _strongest_tree(share: FloatArray) -> tuple[IntArray, IntArray]:
     return part, parent
 
 
-def summary_of(found: Audit, unit: str = "m") -> ByName:
+def summary_of(audit: Audit, unit: str = "m") -> ByName:
     """GSD, area by number of views, weak zones with advice, and overlap, ready for JSON.
 
     Lengths are in the unit of the mesh, and so is the GSD, of a pixel. The unit, as of
     `Reconstruction`, is that of the words.
     """
-    weights, is_seen = found.problem.weights, found.views > 0
-    of_area = 100 / max(float(weights.sum()), np.finfo(float).tiny)
-    zones, wanted, entries = weak(found), strict(found.problem), []
-    centroids, reach = found.elements.centroids, _reach(found)
+    weights, is_seen = audit.problem.weights, audit.views > 0
+    of_area = 100 / max(float(weights.sum()), TINY)
+    zones, wanted, entries = weak(audit), strict(audit.problem), []
+    centroids, reach = audit.elements.centroids, _reach(audit)
     usual = quantile(reach, weights, is_seen)
     least = {
         "views": int(wanted.views.max(initial=LEAST_VIEWS)),
         "angle_deg": math.degrees(wanted.min_angle),
-        "coarse_gsd_per_px": 1 / coarse_density(found) if is_seen.any() else None,
+        "coarse_gsd_per_px": 1 / coarse_density(audit) if is_seen.any() else None,
     }
 
     def gsd(mask: BoolArray, share: float = 0.5) -> float | None:
-        density = quantile(found.best_density, weights, mask & is_seen, share)
+        density = quantile(audit.best_density, weights, mask & is_seen, share)
         return 1 / density if density > 0 else None
 
     of_element = _connected(
-        found.elements, np.arange(len(weights)), np.zeros(len(weights), np.int64)
+        audit.elements, np.arange(len(weights)), np.zeros(len(weights), np.int64)
     )
     pieces = np.bincount(of_element, weights)
     largest, piece = int(pieces.argmax()), np.zeros(len(zones.area), np.int64)
-    remedies = WeakRemedies(found, wanted, coarse_density(found), unit)
+    remedies = WeakRemedies(audit, wanted, coarse_density(audit), unit)
     n_tried = max(MOST_LINES, int((of_area * zones.area >= TRIED_PERCENT).sum()))
     piece[zones.zone[zones.zone >= 0]] = of_element[zones.zone >= 0]
     for row, m2 in enumerate(zones.area[:MOST_ZONES].tolist()):
@@ -350,10 +352,10 @@ def summary_of(found: Audit, unit: str = "m") -> ByName:
         entry = {
             "kind": KINDS[int(zones.kind[own][0])], "m2": m2, "percent": of_area * m2,
             "centroid": (weights[own] @ centroids[own] / m2).tolist(),
-            "mean_views": float(weights[own] @ found.views[own] / m2), "gsd_per_px": gsd(own),
-            "angle_deg": math.degrees(quantile(found.widest_angle, weights, own)),
+            "mean_views": float(weights[own] @ audit.views[own] / m2), "gsd_per_px": gsd(own),
+            "angle_deg": math.degrees(quantile(audit.widest_angle, weights, own)),
             "distance": quantile(reach, weights, own & is_seen) or usual,
-            "unseen_because": _unseen_because(found, own & ~is_seen),
+            "unseen_because": _unseen_because(audit, own & ~is_seen),
         }  # fmt: skip
         apart = None if piece[row] == largest else of_area * float(pieces[piece[row]])
         entry["separate_percent"] = apart
@@ -370,38 +372,38 @@ def summary_of(found: Audit, unit: str = "m") -> ByName:
         },
         "by_views": [
             {"views": views, "m2": m2, "percent": of_area * m2}
-            for views, m2 in enumerate(np.bincount(found.views, weights).tolist())
+            for views, m2 in enumerate(np.bincount(audit.views, weights).tolist())
         ],
         "weak": {
             **least,
-            "percent": found.percent(zones.kind >= 0),
+            "percent": audit.percent(zones.kind >= 0),
             "by_kind": dict(zip(KINDS, (of_area * of_kind).tolist(), strict=True)),
             "zones": entries,
             "other_zones": max(0, len(zones.area) - MOST_ZONES),
         },
-        "overlap": overlap(found),
+        "overlap": overlap(audit),
     }  # fmt: skip
 
 
-def _reach(found: Audit) -> FloatArray:
+def _reach(audit: Audit) -> FloatArray:
     """(E,) distance of each element to its best camera, of those that are seen."""
-    eyes = np.append(found.poses.world_from_camera[:, :3, 3], np.zeros((1, 3)), axis=0)
-    return np.linalg.norm(eyes[found.best_camera] - found.elements.centroids, axis=1)
+    eyes = np.append(audit.poses.eyes, np.zeros((1, 3)), axis=0)
+    return np.linalg.norm(eyes[audit.best_camera] - audit.elements.centroids, axis=1)
 
 
-def _unseen_because(found: Audit, mask: BoolArray) -> str | None:
+def _unseen_because(audit: Audit, mask: BoolArray) -> str | None:
     """Name of the reason of most of the area of some elements; None for no reason."""
-    if mask.any() and _is_unseeable(found)[mask].all():
+    if mask.any() and _is_unseeable(audit)[mask].all():
         return "unseeable"
-    of_face = found.network.reason[mask if found.cells is None else found.cells.source_face[mask]]
-    areas = np.bincount(of_face, found.problem.weights[mask], len(NAMES))[: Reason.COVERED]
+    of_face = audit.network.reason[mask if audit.cells is None else audit.cells.source_face[mask]]
+    areas = np.bincount(of_face, audit.problem.weights[mask], len(NAMES))[: Reason.COVERED]
     return NAMES[int(areas.argmax())] if areas.any() else None
 
 
-def _is_unseeable(found: Audit) -> BoolArray:
+def _is_unseeable(audit: Audit) -> BoolArray:
     """(E,) elements of faces that no camera can see: proved."""
-    of_face = found.network.unseeable_areas > 0
-    return of_face if found.cells is None else of_face[found.cells.source_face]
+    of_face = audit.network.unseeable_areas > 0
+    return of_face if audit.cells is None else of_face[audit.cells.source_face]
 
 
 def _facts(zone: ReadByName, least: ReadByName, unit: str) -> str:
@@ -429,18 +431,18 @@ def _facts(zone: ReadByName, least: ReadByName, unit: str) -> str:
 
 
 def suggest(
-    found: Audit,
+    audit: Audit,
     count: int,
     *,
     method: str | Engine = "certified",
     unit: str = "m",
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Suggested:
     """Images to take next, at most `count`, fewer where no more adds anything.
 
     Parameters
     ----------
-    found : Audit
+    audit : Audit
         What the existing images cover; the new ones have the camera of most of these.
     count : int
         0 or more.
@@ -456,21 +458,21 @@ def suggest(
     ConfigError
         For a negative count, and an audit whose images see nothing.
     """
-    if not found.views.any():
+    if not audit.views.any():
         raise ConfigError(
-            f"expected images that see the surface, got none of {len(found.poses)}; check the "
+            f"expected images that see the surface, got none of {len(audit.poses)}; check the "
             "poses and their unit"
         )
-    zones, problem, n = weak(found), strict(found.problem), len(found.poses)
-    task = replace(found.task, min_angle_deg=0.0)
-    sharp = max(task.min_pixel_density, coarse_density(found))
+    zones, problem, n = weak(audit), strict(audit.problem), len(audit.poses)
+    task = replace(audit.task, min_angle_deg=0.0)
+    sharp = max(task.min_pixel_density, coarse_density(audit))
     limits, face = problem.bits.pairs()
     kept = zones.kind[face] != KINDS.index("coarse")
     counted = np.repeat(np.arange(n), np.diff(limits))[kept], face[kept]
-    camera = int(np.bincount(found.poses.camera).argmax())
-    candidates = _around(found, zones, unit).of_camera(camera)
-    with open_observer(found.mesh, found.camera, method) as observer:
-        measured = partial(build_matrix, observer, cells=found.cells)
+    camera = int(np.bincount(audit.poses.camera).argmax())
+    candidates = _around(audit, zones, unit).of_camera(camera)
+    with open_observer(audit.mesh, audit.camera, method) as observer:
+        measured = partial(build_matrix, observer, cells=audit.cells)
         sharply = replace(task, min_pixel_density=sharp)
         matrix = measured(candidates.placed, sharply, progress=progress)
         assert problem.eyes is not None
@@ -480,32 +482,32 @@ def suggest(
             starts=np.append(0, np.arange(n, n + len(candidates) + 1)),
             costs=np.append(0.0, np.ones(len(candidates))),
             goal=BestCoverage(budget=float(min(count, PLACES * DIRECTIONS))),
-            eyes=np.concatenate((problem.eyes, eyes_of(found.camera, candidates.placed))),
+            eyes=np.concatenate((problem.eyes, eyes_of(audit.camera, candidates.placed))),
         )
         found_best = select_greedy(joined)
         chosen = found_best.chosen[: 1 + np.sum(found_best.curve < found_best.share - LEAST_GAIN)]
         new = candidates.take(chosen[chosen > 0] - 1).placed
         bits = _bits(measured(new, task))
     names = tuple(f"suggested_{row + 1}" for row in range(len(new)))
-    steps = [found.with_poses(new[:row], bits.take(np.arange(row))) for row in range(len(new) + 1)]
+    steps = [audit.with_poses(new[:row], bits.take(np.arange(row))) for row in range(len(new) + 1)]
     return Suggested(new, names, steps, count)
 
 
 def _bits(matrix: VisibilityMatrix) -> CoveredBits:
-    return matrix.bits(max(matrix.task.min_coverage, np.finfo(np.float64).tiny))
+    return matrix.bits(max(matrix.task.min_coverage, TINY))
 
 
-def _around(found: Audit, zones: Weak, unit: str) -> Candidates:
+def _around(audit: Audit, zones: Weak, unit: str) -> Candidates:
     """Candidates around weak zones: places spread over their area, each from some directions."""
-    on, weights = found.elements, found.problem.weights
+    on, weights = audit.elements, audit.problem.weights
     order = np.lexsort((zones.zone, zones.kind))[np.sum(zones.kind < 0) :]
     below = np.cumsum(weights[order])
     steps = (np.arange(PLACES if len(order) else 0) + 0.5) / PLACES
     at = order[np.searchsorted(below, steps * below[-1:].sum())]
-    away = quantile(_reach(found), weights, found.views > 0)
+    away = quantile(_reach(audit), weights, audit.views > 0)
     rays = face_frames(on.normals[at]) @ fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
-    made = Candidates.of(look_at(eyes, targets, upwards(found.poses)), "weak")
-    kept = distance_kept(cameras_of(found.camera)) if unit == "m" else 0.0
-    return filter_candidates(made, found.mesh, max(CLEARANCE * away, kept))[0]
+    made = Candidates.of(look_at(eyes, targets, upwards(audit.poses)), "weak")
+    kept = distance_kept(cameras_of(audit.camera)) if unit == "m" else 0.0
+    return filter_candidates(made, audit.mesh, max(CLEARANCE * away, kept))[0]

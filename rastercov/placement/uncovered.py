@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
 from enum import IntEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,20 +27,20 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras, are_central, axes_of, led_by
-from rastercov.coverage.coverage import Coverage, evaluate_batches
-from rastercov.coverage.network import Network, share_of_faces, shares_by_reason
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.parts import MOST_ROWS
-from rastercov.coverage.reasons import BITS, RANK, REASONS, UNSEEABLE, Reason, reason_rows
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.groups import at_level, rows_at
-from rastercov.raster.observation import BoundKind
-from rastercov.shards import Progress
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Cameras, are_central, axes_of, led_by
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches
+from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.parts import MOST_ROWS
+from rastercov.core.coverage.reasons import BITS, REASONS, UNSEEABLE, Reason, nearness, reason_rows
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.groups import at_level, rows_at
+from rastercov.core.raster.observation import BoundKind
+from rastercov.shards import Progress, silent
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
@@ -101,8 +102,8 @@ class CandidateBounds:
         value, bound, kind, drawn, why = (getattr(batch, name)[:, self.chosen] for name in FIGURES)
         # A smaller image shows nothing, unless it was sampled.
         most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
-        for found, kept in ((value - bound, self.low), (most, self.high)):
-            kept[self.chosen] = np.clip(found.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
+        for item, kept in ((value - bound, self.low), (most, self.high)):
+            kept[self.chosen] = np.clip(item.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
         self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
         self.n_poses += len(batch.pose_ids)
 
@@ -127,7 +128,7 @@ def in_front(
     mesh: Mesh,
     eyes: FloatArray,
     faces: IntArray,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     axes: FloatArray | None = None,
 ) -> FloatArray:
     """(N, G) share of the area of each face that each group hides from a point.
@@ -142,7 +143,7 @@ def in_front(
     solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
     if not len(faces) or not len(solid):
         return shares
-    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
+    middle, size = mesh.centre, mesh.diagonal
     vertices, eyes = (mesh.vertices - middle) / size, (eyes - middle) / size
     tree = TriangleTree.over(vertices, mesh.faces[solid])
     row = np.full(mesh.n_faces, -1)
@@ -214,7 +215,7 @@ class Leftover:
         `Reason` of the camera that comes nearest to covering the face; `COVERED` if too few cameras
         cover it, or from directions that differ too little.
     alone : uint8
-        Bits of the criteria that a camera fails alone, see `rastercov.coverage.reasons.BITS`.
+        Bits of the criteria that a camera fails alone, see `rastercov.core.coverage.reasons.BITS`.
     nearest_camera : int64
         Index of that camera; -1 for none. It fails the fewest criteria, of equally many the latest
         in the order of `Reason`; ties go to the largest share of the face if that is the failing
@@ -295,21 +296,24 @@ class Leftover:
         The groups that hide them are united by the first `level` levels of their names; by whole
         names unless given.
         """
-        members, hidden_by = np.isin(self.mesh.face_group, rows), Counter[str]()
+        members, hidden_by = self.mesh._faces_of(rows), Counter[str]()
         hidden: Any = self.hidden_area[rows].sum(axis=0)
         for row in np.flatnonzero(hidden).tolist():
             hidden_by[at_level(self.mesh.groups[row].name, level)] += hidden[row].item()
         return {
             "name": name,
-            "left": share_of_faces(self.mesh, self.left & members, members),
+            "left": share_of_faces(self.mesh, self.left, members),
             "reasons": self._reasons(members),
             "hidden_by": dict(hidden_by.most_common()),
         }
 
-    def _reasons(self, members: BoolArray) -> ByName:
-        why = reason_rows(self.reason, ~self.left, self.n_cameras)
+    @cached_property
+    def _why(self) -> ByteArray:
+        return reason_rows(self.reason, ~self.left, self.n_cameras)
+
+    def _reasons(self, members: AnyArray) -> ByName:
         alone = None if self.task.views > 1 or self.task.min_angle_deg else self.alone
-        return shares_by_reason(self.mesh, why, self.left & members, members, alone)
+        return shares_by_reason(self.mesh, self._why, self.left, members, alone)
 
     def lines(self) -> list[str]:
         """The result as lines of text, the largest share first."""
@@ -325,12 +329,12 @@ class Leftover:
                 if summary[name]["faces"]:
                     lines.append(f"  {_amount(summary[name], words)}")
         parts = rows_at(self.mesh.groups, 1)
-        found = {name: self.of_groups(name, rows, 1)["hidden_by"] for name, rows in parts.items()}
-        for part in sorted(found, key=lambda name: -sum(found[name].values()))[:MOST_ROWS]:
-            if found[part]:
+        table = {name: self.of_groups(name, rows, 1)["hidden_by"] for name, rows in parts.items()}
+        for part in sorted(table, key=lambda name: -sum(table[name].values()))[:MOST_ROWS]:
+            if table[part]:
                 first = [
                     f"{area(size)} occluded by {'itself' if name == part else name}"
-                    for name, size in found[part].items()
+                    for name, size in table[part].items()
                 ]
                 lines.append(f"{part}: {', '.join(first[:3])}")
         return lines
@@ -344,7 +348,7 @@ def what_is_left(
     *,
     candidates: ArrayLike | Poses | None = None,
     covered: ArrayLike | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Leftover:
     """Uncovered faces of a network, with reasons.
 
@@ -443,7 +447,7 @@ def left_by(
     seen_by = poses[nearest[hidden]]
     shares = in_front(
         mesh,
-        seen_by.world_from_camera[:, :3, 3],
+        seen_by.eyes,
         hidden,
         lambda done, _: progress(len(candidates) + done, total),
         None if are_central(observer.camera) else axes_of(observer.camera, seen_by),
@@ -494,7 +498,7 @@ class NearestCameras:
         for reason, figure in shown.items():
             second = np.where(batch.reason == reason, figure, second)
         # The failing criterion decides; the second figure only breaks ties.
-        rank = RANK[batch.reason] + 0.9 * second
+        rank = nearness(batch.reason) + 0.9 * second
         leader = rank.argmax(axis=0)
         best = np.take_along_axis(rank, leader[None], axis=0)[0]
         better = best > self.rank

@@ -11,12 +11,12 @@ import numpy as np
 
 from rastercov.base.format import ByName, distance, first_of, plural
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import cameras_of, eyes_of
-from rastercov.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.remedies import SURE, rounded
-from rastercov.coverage.reasons import Reason
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.remedies import SURE, rounded
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import cameras_of, eyes_of
+from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+from rastercov.core.coverage.reasons import Reason
 from rastercov.placement.audit import Audit
 from rastercov.placement.bits import by_face
 from rastercov.placement.candidates.cavities import face_frames
@@ -55,11 +55,11 @@ class WeakRemedies:
         Of lengths.
     """
 
-    def __init__(self, found: Audit, wanted: Problem, density: float, unit: str) -> None:
-        self.found, self.wanted, self.density, self.unit = found, wanted, density, unit
-        self._starts, self._camera = by_face(*found.problem.bits.pairs(), found.problem.n_faces)
-        sharp = max(found.task.min_pixel_density, density)
-        self._task = replace(found.task, views=1, min_angle_deg=0.0, min_pixel_density=sharp)
+    def __init__(self, audit: Audit, wanted: Problem, density: float, unit: str) -> None:
+        self.found, self.wanted, self.density, self.unit = audit, wanted, density, unit
+        self._starts, self._camera = by_face(*audit.problem.bits.pairs(), audit.problem.n_faces)
+        sharp = max(audit.task.min_pixel_density, density)
+        self._task = replace(audit.task, views=1, min_angle_deg=0.0, min_pixel_density=sharp)
 
     def said(self, rows: IntArray, away: float) -> tuple[str, ByName | None]:
         """Words on images for a zone, and their entries; those of none, and None.
@@ -114,7 +114,7 @@ class WeakRemedies:
 
     def _around(self, at: IntArray, away: float) -> tuple[Poses, FloatArray]:
         """Poses around some elements, clear of surfaces, and the points that they look at."""
-        found, on = self.found, self.found.elements
+        result, on = self.found, self.found.elements
         targets = np.array([self._rounded(each, away)[0] for each in on.centroids[at]])
         rays = face_frames(on.normals[at]) @ fibonacci_sphere(WAYS, 1 - LEAST_COSINE).T
         steps = away * np.array(REACHES)[:, None, None, None] * rays.transpose(0, 2, 1)
@@ -125,30 +125,30 @@ class WeakRemedies:
         own = np.tile(np.repeat(targets, WAYS, axis=0), (len(REACHES), 1))
         targets = np.concatenate([own, middle])
         kept = np.flatnonzero((eyes != targets).any(axis=1))
-        made = look_at(eyes[kept], targets[kept], upwards(found.poses))
-        keep_off = distance_kept(cameras_of(found.camera)) if self.unit == "m" else 0.0
+        made = look_at(eyes[kept], targets[kept], upwards(result.poses))
+        keep_off = distance_kept(cameras_of(result.camera)) if self.unit == "m" else 0.0
         least = max(CLEARANCE * min(REACHES) * away, keep_off)
-        left = filter_candidates(Candidates.of(made, "weak", kept), found.mesh, least)[0]
-        camera = int(np.bincount(found.poses.camera).argmax())
+        left = filter_candidates(Candidates.of(made, "weak", kept), result.mesh, least)[0]
+        camera = int(np.bincount(result.poses.camera).argmax())
         placed = Poses.of(left.poses, camera=np.full(len(left), camera))
         return placed, targets[left.index]
 
     def _taken(self, rows: IntArray, poses: Poses) -> tuple[list[int], float]:
         """Poses that are taken for elements, and the share of these that is not weak then."""
-        found, cells = self.found, self.found.cells
-        points = found.elements.centroids[rows]
+        result, cells = self.found, self.found.cells
+        points = result.elements.centroids[rows]
         face = rows if cells is None else cells.source_face[rows].astype(np.int64)
-        scene = found.mesh, found.camera, self._task, poses
+        scene = result.mesh, result.camera, self._task, poses
         judged = failures_of_rows(*scene, points, face)
         covers = np.array([reason == Reason.COVERED for _, reason, _ in judged])
         if not len(covers) or not len(poses):
             return [], 0.0
-        ways = eyes_of(found.camera, poses)[:, None] - points
+        ways = eyes_of(result.camera, poses)[:, None] - points
         ways /= np.linalg.norm(ways, axis=2, keepdims=True)
         angles = self._to_existing(rows, points, ways)
         need, least = self.wanted.views[rows], self.wanted.min_angle
-        views, widest = found.views[rows], found.widest_angle[rows]
-        is_sharp = found.best_density[rows] >= self.density
+        views, widest = result.views[rows], result.widest_angle[rows]
+        is_sharp = result.best_density[rows] >= self.density
         chosen, share = list[int](), 0.0
         for _ in range(min(int(need.max()) + MORE_IMAGES, len(poses))):
             more = views + covers
@@ -169,13 +169,13 @@ class WeakRemedies:
     def _to_existing(self, rows: IntArray, points: FloatArray, ways: FloatArray) -> FloatArray:
         """(C, N) widest angle of the ray to each new eye and those to images of each element."""
         eyes = eyes_of(self.found.camera, self.found.poses)
-        found = np.zeros(ways.shape[:2])
+        existing = np.zeros(ways.shape[:2])
         for at, row in enumerate(rows.tolist()):
             own = eyes[self._camera[self._starts[row] : self._starts[row + 1]]] - points[at]
             if len(own):
                 own /= np.linalg.norm(own, axis=1)[:, None]
-                found[:, at] = _angles(ways[:, at, None], own).max(axis=1)
-        return found
+                existing[:, at] = _angles(ways[:, at, None], own).max(axis=1)
+        return existing
 
 
 def _angles(one: FloatArray, other: FloatArray) -> FloatArray:

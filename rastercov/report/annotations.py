@@ -15,13 +15,13 @@ import numpy as np
 
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit, sides_of
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.rig import cameras_of
-from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.silhouettes import GroupViews, camera_around, places_of
-from rastercov.raster import open_rasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit, sides_of
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.rig import cameras_of
+from rastercov.core.coverage.evaluation import Evaluation
+from rastercov.core.coverage.silhouettes import GroupViews, camera_around, places_of
+from rastercov.core.raster import open_rasterizer
 
 BOP, COCO = "scene_gt_info.json", "coco.json"
 NONE = [-1, -1, -1, -1]
@@ -32,9 +32,11 @@ STEPS = 9
 """Points of an edge: it is curved in the image of a lens, or goes behind the camera."""
 
 
-def annotations(found: Evaluation, views: GroupViews, images: Sequence[str]) -> dict[str, ByName]:
+def annotations(
+    evaluation: Evaluation, views: GroupViews, images: Sequence[str]
+) -> dict[str, ByName]:
     """Content of both files by name, for images of some names, those of the poses."""
-    mesh, cameras, poses = found.mesh, cameras_of(found.camera), found.poses
+    mesh, cameras, poses = evaluation.mesh, cameras_of(evaluation.camera), evaluation.poses
     known = {group.name: row for row, group in enumerate(mesh.groups)}
     rows = np.array([known[name] for name in views.names])
     faces = [mesh.faces[some] for some in places_of(mesh.face_group, rows)]
@@ -100,8 +102,8 @@ class _Mask:
         first = self.pixels[np.r_[True, is_end]]
         stop = self.pixels[np.r_[is_end, True]] + 1
         ends = np.r_[0, np.stack((first, stop), axis=1).ravel(), self.size[0] * self.size[1]]
-        found: list[int] = np.diff(ends).tolist()
-        return found if found[-1] else found[:-1]
+        numbers: list[int] = np.diff(ends).tolist()
+        return numbers if numbers[-1] else numbers[:-1]
 
 
 def _coco(column: int, share: float, truncated: float, mask: _Mask) -> ByName:
@@ -160,8 +162,8 @@ def _half(polygons: FloatArray, side: FloatArray) -> FloatArray:
     is_kept = np.stack((value >= 0, is_cut), axis=2).reshape(len(value), -1)
     order = np.argsort(~is_kept, axis=1, kind="stable")[:, : is_kept.sum(axis=1).max()]
     order = np.where(np.take_along_axis(is_kept, order, axis=1), order, order[:, :1])
-    found = np.take_along_axis(points, order[..., None], axis=1)
-    return found[is_kept.any(axis=1)]
+    values = np.take_along_axis(points, order[..., None], axis=1)
+    return values[is_kept.any(axis=1)]
 
 
 def _box(corners: FloatArray, camera: Camera, pose: FloatArray) -> list[int]:

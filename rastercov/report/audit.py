@@ -34,23 +34,17 @@ from rastercov.base.format import (
     verb,
 )
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import TINY, FloatArray
 from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
-from rastercov.camera.formats.own import content_of
-from rastercov.camera.rig import cameras_of, eyes_of, names_of
-from rastercov.coverage.area.footprints import overlap_words
-from rastercov.coverage.area.zones import DeadZones, face_zones
-from rastercov.coverage.network import share_of_faces
-from rastercov.coverage.provenance import provenance_of
-from rastercov.coverage.shards import kept_in, remove
+from rastercov.core.area.footprints import overlap_words
+from rastercov.core.area.zones import DeadZones, face_zones
+from rastercov.core.camera.rig import cameras_of, eyes_of, names_of
+from rastercov.core.coverage.network import share_of_faces
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import kept_in, remove
+from rastercov.formats.cameras.own import content_of
 from rastercov.placement.audit import Audit, element_figures
-from rastercov.placement.reconstruction import (
-    KINDS,
-    Reconstruction,
-    Suggested,
-    Weak,
-    weak,
-)
+from rastercov.placement.reconstruction import KINDS, Reconstruction, Suggested, Weak, weak
 from rastercov.report.coverage_files import (
     INSTALL_PYARROW,
     has_parquet,
@@ -72,7 +66,7 @@ from rastercov.report.panorama import (
 from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import LITTLE
 from rastercov.report.theme import WEAK
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 LOG = logging.getLogger("rastercov")
 AUDIT = ReportKind(
@@ -96,7 +90,7 @@ def write(
     is_kept: bool = False,
     pdf: bool = False,
     level: int | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> tuple[Reconstruction, ByName]:
     """Make an audit and write its report; the audit, and the content of `audit.json`.
 
@@ -115,18 +109,18 @@ def write(
     pdf : bool
         True for the page on paper, too.
     level : int, optional
-        Of the parts in the table of the page, as of `rastercov.coverage.parts.entries_at`.
+        Of the parts in the table of the page, as of `rastercov.core.coverage.parts.entries_at`.
     progress : callable
         Called with the pictures drawn and their total.
     """
     with ReportFolder(out, AUDIT) as folder:
         if pdf:
             browser()  # none fails before the work
-        found = made(folder=kept_in(folder.path) if is_kept else None)
-        header = provenance_of(found.mesh, found.camera, found.poses.given, found.task, options)
-        summary = found.summary() | {"notes": list(notes), "run": header}
-        shown = replace(page_of(found, summary), level=level)
-        pictures, files = shown.pictures(progress), _suggested_files(found)
+        result = made(folder=kept_in(folder.path) if is_kept else None)
+        header = provenance_of(result.mesh, result.camera, result.poses.given, result.task, options)
+        summary = result.summary() | {"notes": list(notes), "run": header}
+        shown = replace(page_of(result, summary), level=level)
+        pictures, files = shown.pictures(progress), _suggested_files(result)
         view = shown.live or shown.view
         summary |= {"answer": shown.answer, "sentences": shown.sentences()}
         html = shown.html(pictures, has_view=view is not None)
@@ -138,62 +132,66 @@ def write(
                 write_bytes(folder.file(name), content)
             if view is not None:
                 write_text(folder.file("view.html"), view)
-            elements = arrays_of(found)
+            elements = arrays_of(result)
             if has_parquet():
                 from rastercov.report.parquet import write_columns
 
                 write_columns(folder.file("elements.parquet"), elements)
-                write_columns(folder.file("cameras.parquet"), cameras_of_images(found, summary))
+                write_columns(folder.file("cameras.parquet"), cameras_of_images(result, summary))
             else:
                 LOG.warning(
                     "did not write Parquet tables, which need pyarrow; run: %s", INSTALL_PYARROW
                 )
             write_npz(folder.file("elements.npz"), **elements)
-            shares = found.views / max(1, int(found.views.max(initial=0)))
-            write_coloured_mesh(folder.file("audit.glb"), found.elements, shares)
-            write_rig(folder.file("rig.json"), found.camera, found.poses, found.names, found.unit)
+            shares = result.views / max(1, int(result.views.max(initial=0)))
+            write_coloured_mesh(folder.file("audit.glb"), result.elements, shares)
+            write_rig(
+                folder.file("rig.json"), result.camera, result.poses, result.names, result.unit
+            )
             write_json(folder.file("audit.json"), summary)
             folder.publish()
             remove(folder.path)
-    return found, summary
+    return result, summary
 
 
-def _suggested_files(found: Reconstruction) -> dict[str, bytes]:
+def _suggested_files(reconstruction: Reconstruction) -> dict[str, bytes]:
     """Files of the images to take next, alone and with all others."""
-    given = found.suggested
+    given = reconstruction.suggested
     if given is None or not given.names:
         return {}
-    both = given.steps[-1].poses, (*found.names, *given.names)
+    both = given.steps[-1].poses, (*reconstruction.names, *given.names)
     files = {"suggested": (given.poses, given.names), "suggested_joined": both}
     return {
-        f"{name}.json": json_bytes(content_of(views_of(found.camera, *each, found.unit)), indent=2)
+        f"{name}.json": json_bytes(
+            content_of(views_of(reconstruction.camera, *each, reconstruction.unit)), indent=2
+        )
         for name, each in files.items()
     }
 
 
-def arrays_of(found: Audit) -> dict[str, np.ndarray[Any, Any]]:
+def arrays_of(audit: Audit) -> dict[str, np.ndarray[Any, Any]]:
     """Figures of the elements; `best_pose` is the row in the input, -1 for none."""
-    source = np.arange(found.mesh.n_faces) if found.cells is None else found.cells.source_face
-    ids = np.append(found.poses.ids, -1)
+    source = np.arange(audit.mesh.n_faces) if audit.cells is None else audit.cells.source_face
+    ids = np.append(audit.poses.ids, -1)
     return {
         "face": source.astype(np.int32),
-        "area_m2": found.problem.weights,
-        "views": found.views.astype(np.int32),
-        "covered": found.covered,
-        "best_density_px_per_m": found.best_density,
-        "best_pose": ids[found.best_camera].astype(np.int64),
-        "widest_angle_deg": np.degrees(found.widest_angle),
+        "area_m2": audit.problem.weights,
+        "views": audit.views.astype(np.int32),
+        "covered": audit.covered,
+        "best_density_px_per_m": audit.best_density,
+        "best_pose": ids[audit.best_camera].astype(np.int64),
+        "widest_angle_deg": np.degrees(audit.widest_angle),
     }
 
 
-def cameras_of_images(found: Audit, summary: ReadByName) -> ByName:
+def cameras_of_images(audit: Audit, summary: ReadByName) -> ByName:
     """Figures of each pose: `in_subset` is true for those of the smallest subset found."""
-    entries, names = summary["per_camera"], names_of(found.camera)
+    entries, names = summary["per_camera"], names_of(audit.camera)
     columns = {name: [entry[name] for entry in entries] for name in entries[0]}
     columns["camera"] = [names[index] for index in columns["camera"]]
-    columns["in_subset"] = np.isin(np.arange(len(entries)), found.subset.chosen).tolist()
-    if found.frames is not None:
-        columns["frame"] = [found.frames.names[row] for row in found.frames.of_pose]
+    columns["in_subset"] = np.isin(np.arange(len(entries)), audit.subset.chosen).tolist()
+    if audit.frames is not None:
+        columns["frame"] = [audit.frames.names[row] for row in audit.frames.of_pose]
     return columns
 
 
@@ -234,14 +232,16 @@ class AuditPage(NetworkPage):
 
         None where it cannot, or where `view` is too large to be a part of the report.
         """
-        found = self.found
-        scene = found.mesh, found.camera
-        others = {"results by face": found.by != "area"}
+        result = self.found
+        scene = result.mesh, result.camera
+        others = {"results by face": result.by != "area"}
         if len(self.view or "") > MOST_EMBEDDED or why_recorded(
-            *scene, len(found.poses), found.task, others
+            *scene, len(result.poses), result.task, others
         ):
             return None
-        return view_of(self.title, *scene, found.poses, found.names, Asked(found.task), found.unit)
+        return view_of(
+            self.title, *scene, result.poses, result.names, Asked(result.task), result.unit
+        )
 
     @cached_property
     def weak(self) -> Weak:
@@ -251,13 +251,13 @@ class AuditPage(NetworkPage):
     @cached_property
     def values(self) -> ByName:
         """Values of the modes that colour the elements."""
-        found = self.found
-        values: ByName = {"weak": self.weak.kind, "views": found.views}
-        if found.views.any():
-            density = np.where(found.views > 0, found.best_density, 0.0)
+        result = self.found
+        values: ByName = {"weak": self.weak.kind, "views": result.views}
+        if result.views.any():
+            density = np.where(result.views > 0, result.best_density, 0.0)
             values["density"] = OfUnit(density, f"px/{self.unit}")
-        if (found.views > 1).any():
-            values["angle"] = np.where(found.views > 1, np.degrees(found.widest_angle), 0.0)
+        if (result.views > 1).any():
+            values["angle"] = np.where(result.views > 1, np.degrees(result.widest_angle), 0.0)
         return values
 
     @property
@@ -333,7 +333,7 @@ class AuditPage(NetworkPage):
         """The elements by weak zones."""
         return mode_picture("weak", self.mesh, self.weak.kind, self.poses.world_from_camera)
 
-    def pictures(self, progress: Progress = lambda done, total: None) -> dict[str, Picture]:
+    def pictures(self, progress: Progress = silent) -> dict[str, Picture]:
         """The elements by each mode, the largest weak zones, and the suggested images, by name."""
         mesh, eyes = self.mesh, self.poses.world_from_camera
         asked: dict[str, tuple[str, Callable[[], Image.Image | None]]] = {
@@ -425,7 +425,7 @@ def _of_subset(noun: str, count: int, subset: ReadByName, spare: int, views: int
             text += "; pip install 'rastercov[place]' gives a better bound"
     text += f"; removable one at a time without loss: {plural(spare, noun)}."
     text += " A reconstruction needs more views: give --views 3." if views == 1 else ""
-    steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], np.finfo(float).tiny)
+    steps = np.diff(subset["curve"], prepend=0.0) / max(subset["share"], TINY)
     named = zip(subset["names"], steps, strict=True)
     few = [image_name(name) for name, step in named if step < LITTLE]
     if few:
@@ -448,36 +448,42 @@ def footprint_words(figures: ReadByName, unit: str) -> str:
     return f"{text}."
 
 
-def html_of(found: Reconstruction) -> str:
+def html_of(reconstruction: Reconstruction) -> str:
     """The page of an audit."""
-    run = provenance_of(found.mesh, found.camera, found.poses.given, found.task, {"by": found.by})
-    shown = page_of(found, found.summary() | {"notes": [], "run": run})
+    run = provenance_of(
+        reconstruction.mesh,
+        reconstruction.camera,
+        reconstruction.poses.given,
+        reconstruction.task,
+        {"by": reconstruction.by},
+    )
+    shown = page_of(reconstruction, reconstruction.summary() | {"notes": [], "run": run})
     return shown.html(shown.pictures(), has_view=None)
 
 
-def page_of(found: Reconstruction, summary: ReadByName) -> AuditPage:
+def page_of(reconstruction: Reconstruction, summary: ReadByName) -> AuditPage:
     """Page of an audit, and the content of `audit.json`."""
-    is_task, elements = found.problem.weights > 0, found.elements
+    is_task, elements = reconstruction.problem.weights > 0, reconstruction.elements
     figures = summary["network"] | {
-        "covered": share_of_faces(elements, found.covered & is_task, is_task),
+        "covered": share_of_faces(elements, reconstruction.covered, is_task),
         "task_faces": int(is_task.sum()),
         "not_covered_because": {},
         "other_dead_zones": {"zones": 0, "percent": 0.0},
     }
-    if found.task.min_angle_deg:  # which the exact area leaves out
+    if reconstruction.task.min_angle_deg:  # which the exact area leaves out
         figures.pop("covered_area", None)
     return AuditPage(
         "Audit of existing images",
         elements,
-        found.camera,
-        found.poses,
+        reconstruction.camera,
+        reconstruction.poses,
         "image",
-        found.names,
-        found.network,
-        found.covered,
-        found.problem.views,
+        reconstruction.names,
+        reconstruction.network,
+        reconstruction.covered,
+        reconstruction.problem.views,
         figures,
-        unit=found.unit,
-        found=found,
+        unit=reconstruction.unit,
+        found=reconstruction,
         summary=summary,
     )

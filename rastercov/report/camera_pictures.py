@@ -12,27 +12,35 @@ from numpy.typing import ArrayLike
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, apparent
-from rastercov.coverage.area.failures import first_failures
-from rastercov.coverage.area.features import conditions_at
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import VisibilityBuffer
+from rastercov.core.area.failures import first_failures
+from rastercov.core.area.features import conditions_at
+from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, apparent
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report.images import FaceImage, Key, facing, hatched, stripes
-from rastercov.report.panorama import Scene, neutral, on_pixels, paint, remembered, scene_keys, seen
+from rastercov.report.panorama import (
+    DrawnScene,
+    neutral,
+    on_pixels,
+    paint,
+    remembered,
+    scene_keys,
+    seen,
+)
 from rastercov.report.theme import REASON_COLOURS, REASON_HATCHES, Pixels
 
 WHOLE_REL = 1e-6
 """Area, relative, that a face may lack and count as whole here: as covered, or as dead."""
 
 
-def covered_pixels(regions: Regions, scene: Scene, face: FaceImage) -> BoolArray:
+def covered_pixels(regions: Regions, scene: DrawnScene, face: FaceImage) -> BoolArray:
     """Pixels of a face image of a scene, (H, W), whose centre is covered by some regions."""
     area = regions.areas().max(axis=0, initial=0.0)
     is_whole = (area > 0) & (area >= (1 - WHOLE_REL) * scene.mesh.areas)
@@ -61,7 +69,7 @@ class CameraImage:
         `Reason` at each pixel, of the surface and of the targets before it.
     """
 
-    scene: Scene
+    scene: DrawnScene
     hidden: BoolArray
     surface: ByteArray
     targets: ByteArray
@@ -69,7 +77,7 @@ class CameraImage:
 
 def camera_scene(
     mesh: Mesh, camera: Camera, pose: FloatArray, buffer: VisibilityBuffer | None = None
-) -> Scene:
+) -> DrawnScene:
     """Scene in the image of a camera, with the task behind occluders; drawn unless given."""
     if buffer is None:
         with open_rasterizer(mesh, camera, "cpu") as rasterizer:
@@ -80,13 +88,13 @@ def camera_scene(
     return seen(mesh, camera, pose, buffer, scored)
 
 
-def by_faces(scene: Scene, reasons: ByteArray) -> CameraImage:
+def by_faces(scene: DrawnScene, reasons: ByteArray) -> CameraImage:
     """Image of a `camera_scene` by the `Reason` of each face, (F,)."""
     return _judged(scene, lambda face: reasons[face])
 
 
 def by_points(
-    scene: Scene,
+    scene: DrawnScene,
     camera: Camera,
     task: Task,
     parts: Regions,
@@ -100,10 +108,10 @@ def by_points(
     opened = remembered(_opened, scene.mesh)
 
     def why(faces: Int32Array, points: FloatArray) -> ByteArray:
-        (found,) = first_failures(
+        (result,) = first_failures(
             opened, camera, task, scene.pose[None], points, faces.astype(np.int64)
         )
-        reason = found[0]
+        reason = result[0]
         if placed is not None:
             on = points, faces.astype(np.int64)
             for each in conditions_at(scene.mesh, placed[0], task, *on):
@@ -123,7 +131,7 @@ def _opened(mesh: Mesh, _eyes: ArrayLike) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces, groups, mesh.face_group)
 
 
-def _judged(scene: Scene, judge: Callable[[FaceImage], ByteArray]) -> CameraImage:
+def _judged(scene: DrawnScene, judge: Callable[[FaceImage], ByteArray]) -> CameraImage:
     bare = replace(scene, beneath=np.full_like(scene.beneath, -1))
     hidden = (scene.beneath >= 0) & (scene.targets < 0)
     return CameraImage(bare, hidden, judge(scene.face), judge(scene.targets))

@@ -1,6 +1,6 @@
 """Report of `rastercov check`: `check.html`, `check.pdf` on paper, `view.html`, `check.json`.
 
-With installation errors, `worst_poses.json` is the worst random installation.
+With a demand of a feature, `worst_poses.json` has the poses that are furthest below it.
 """
 
 import re
@@ -8,27 +8,22 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from PIL import Image
-
 from rastercov.base.format import percent
 from rastercov.base.output import write_json, write_text
-from rastercov.coverage.provenance import provenance_of
-from rastercov.placement.plan.assured import FAILS, Assured, Verdict
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.required import FAILS
 from rastercov.placement.plan.check import Checked, record, to_json
-from rastercov.placement.plan.network import Requirement
 from rastercov.placement.plan.prepare import Step, quiet
+from rastercov.placement.plan.product import Judged
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage
-from rastercov.report.overview import zones_picture
 from rastercov.report.placement import network_of, verdicts
 from rastercov.report.printing import browser, write_page
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
-WORDS = "uncertain zone", "certainly covered, or not covered even as planned"
-"""Words of the picture of what errors may leave uncovered."""
 WORST = "worst_poses.json"
-"""File of the worst random installation."""
+"""File of these poses."""
 CHECK = ReportKind(
     "check",
     re.compile(r"check\.(html|pdf|json)|view\.html|(worst_)?poses\.json"),
@@ -48,74 +43,64 @@ def write(
     with ReportFolder(out, CHECK) as folder:
         if pdf:
             browser()  # none fails before the work
-        found = made()
+        result = made()
         with step("page") as progress:
-            shown = replace(network_of(found, to_json(found)), level=level)
-            page = page_of(found, shown, has_view=shown.view is not None, progress=progress)
+            shown = replace(network_of(result, to_json(result)), level=level)
+            page = page_of(result, shown, has_view=shown.view is not None, progress=progress)
             write_page(folder, "check", page, pdf=pdf)
             if shown.view is not None:
                 write_text(folder.file("view.html"), shown.view)
-        if found.assured is not None and (worst := found.assured.worst()) is not None:
+        if result.assured is not None and (worst := result.assured.worst()) is not None:
             write_json(folder.file(WORST), worst)
-        write_json(folder.file("check.json"), record(found))
+        write_json(folder.file("check.json"), record(result))
         folder.publish()
-    return found
+    return result
 
 
-def html_of(found: Checked) -> str:
+def html_of(checked: Checked) -> str:
     """The page of a check that no `view.html` lies beside."""
-    return page_of(found, network_of(found, to_json(found)), has_view=None)
+    return page_of(checked, network_of(checked, to_json(checked)), has_view=None)
 
 
 def page_of(
-    found: Checked,
+    checked: Checked,
     shown: NetworkPage,
     *,
     has_view: bool | None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> str:
     """HTML of a check, and of its network; `progress` in pictures."""
-    plan, told, level = found.plan, to_json(found), shown.level
+    plan, told, level = checked.plan, to_json(checked), shown.level
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
-    own = found.cameras.poses, found.task, options.record()
-    run = provenance_of(found.mesh, plan.rig, *own)
-    assured = found.assured
-    judged: list[Requirement | Verdict] = [*found.requirements]
+    own = checked.cameras.poses, checked.task, options.record()
+    run = provenance_of(checked.mesh, plan.rig, *own)
+    assured = checked.assured
+    judged: list[Judged] = [*checked.requirements]
     judged += assured.verdicts if assured else ()
-    short = [each for each in found.requirements if each.status == FAILS]
+    short = [each for each in checked.requirements if each.status == FAILS]
     answer = "The rig fails" if FAILS in {each.status for each in judged} else "Undecided"
-    answer = "All requirements are met" if found.is_met else answer
-    every = [] if found.against is None else found.against.losses(level)
+    answer = "All requirements are met" if checked.is_met else answer
+    every = [] if checked.against is None else checked.against.losses(level)
     losses = [line for line in every if not line.startswith("advice: ")]
     if losses and not short:
         answer = "Worse than the baseline"
     if len(short) == 1:
         answer += f" {short[0].name}".removesuffix(" whole task")
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
-    images = shown.drawn(progress) | (lost_picture(assured) if assured else {})
     return shown.page(
         "network.html",
-        images,
+        shown.drawn(progress),
         answer=f"{answer}: {shown.answer}",
-        passed=found.is_met,
+        passed=checked.is_met,
         title_block=plan.sheet.words(plan=plan.name),
         lines=[
             *verdicts(judged),
             *((line, "fails") for line in losses),
         ],
-        notes=[*told["warnings"], *told["result_warnings"], *found.lines(level)],
+        notes=[*told["warnings"], *told["result_warnings"], *checked.lines(level)],
         summary=told | {"quarantined": {}},
         run=run,
-        views=found.asked_views or plan.task.views,
+        views=checked.asked_views or plan.task.views,
         has_view=has_view,
+        more=assured.pictures() if assured else {},
     )
-
-
-def lost_picture(assured: Assured) -> dict[str, Image.Image]:
-    """Picture of what is covered as planned and not certain, where that is something."""
-    zones, eyes = assured.found.zones, assured.found.poses.world_from_camera
-    listed = assured.found.lost(zones.listed())
-    if not listed:
-        return {}
-    said = {"dead_zones": listed, "other_dead_zones": zones.others()}
-    return {"errors": zones_picture(zones, said, eyes, *WORDS)}

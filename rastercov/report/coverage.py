@@ -36,8 +36,12 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, ReadByName, first_of
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_json, write_text
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
+from rastercov.core.area.by_camera import lines_of
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
     Cameras,
     cameras_of,
     equipment_on,
@@ -46,21 +50,17 @@ from rastercov.camera.rig import (
     names_of,
     names_of_poses,
 )
-from rastercov.coverage.area.by_camera import lines_of
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.evaluation import Evaluation, Query, regions
-from rastercov.coverage.job import answer, evaluate
-from rastercov.coverage.judging import CHOICES
-from rastercov.coverage.phases import Phases
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.shards import kept_in, remove
-from rastercov.coverage.silhouettes import GroupViews, check_groups
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster import open_rasterizer
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.evaluation import Evaluation, Query, regions
+from rastercov.core.coverage.job import answer, evaluate
+from rastercov.core.coverage.judging import CHOICES
+from rastercov.core.coverage.phases import Phases
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.shards import kept_in, remove
+from rastercov.core.coverage.silhouettes import GroupViews, check_groups
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
 from rastercov.report.camera_pictures import (
     by_faces,
     by_points,
@@ -197,7 +197,8 @@ def run(
     interrupt while pictures are drawn leaves out the rest of them, and the summary says the same.
 
     A long run, and one by workers, is kept in shards until its report is whole
-    (`rastercov.coverage.shards`): ended in any way, it continues from there when it is run again.
+    (`rastercov.core.coverage.shards`): ended in any way, it continues from there when it is run
+    again.
 
     Parameters
     ----------
@@ -242,7 +243,7 @@ def run(
         pairs = "none" if has_groups else options.table
         table = partial(_open_table, folder, mesh, camera, accepted, query.by_area)
         is_kept = staff.workers is not None or query.is_long
-        found = answer(
+        result = answer(
             query,
             pairs=pairs,
             options=options.record(),
@@ -253,14 +254,14 @@ def run(
         named = dict(
             zip(accepted.ids.tolist(), names_of_poses(accepted, options.names), strict=True)
         )
-        drawn = found.poses[np.isin(found.poses.ids, accepted.ids[rows])]
-        groups = found.group_views() if has_groups and not found.interrupted else None
-        return _write(folder, found, named, drawn, options, groups, staff)
+        drawn = result.poses[np.isin(result.poses.ids, accepted.ids[rows])]
+        groups = result.group_views() if has_groups and not result.interrupted else None
+        return _write(folder, result, named, drawn, options, groups, staff)
 
 
 def _write(
     folder: ReportFolder,
-    found: Evaluation,
+    evaluation: Evaluation,
     named: Mapping[int, str],
     drawn: Poses,
     options: Options,
@@ -271,14 +272,19 @@ def _write(
 
     `staff.progress` counts dead zones, and then pictures.
     """
-    mesh, camera, poses, areas = found.mesh, found.camera, found.poses, found.areas
+    mesh, camera, poses, areas = (
+        evaluation.mesh,
+        evaluation.camera,
+        evaluation.poses,
+        evaluation.areas,
+    )
     progress = staff.progress
     names = [named[row] for row in poses.ids.tolist()]
     n = len(drawn)
     with interrupts_held():
         if areas is not None:
             areas.dead_zones(camera, poses, None, progress)
-        summary = found.summary()
+        summary = evaluation.summary()
         if groups is not None:
             from rastercov.report.annotations import annotations
             from rastercov.report.parquet import write_columns
@@ -287,18 +293,18 @@ def _write(
             write_columns(folder.file("groups.parquet"), table)
             rows = zip(*(np.asarray(column).tolist() for column in table.values()), strict=True)
             summary["group_views"] = [dict(zip(table, row, strict=True)) for row in rows]
-            for name, content in annotations(found, groups, names).items():
+            for name, content in annotations(evaluation, groups, names).items():
                 write_json(folder.file(name), content)
     try:
         staff.answer(summary)
-        if len(drawn) and not found.interrupted:
-            own = regions_of(found)
+        if len(drawn) and not evaluation.interrupted:
+            own = regions_of(evaluation)
             # Otherwise the page does without the area of each.
             has_all = part_of(areas) is None and (areas is None or own is not None)
             has_all = has_all and not gates_of(camera)
-            some, parts = (poses, own) if has_all else (drawn, alone_of(found, drawn))
+            some, parts = (poses, own) if has_all else (drawn, alone_of(evaluation, drawn))
             title = title_of(summary["run"])
-            shown = replace(network_of(found, summary, title, own, names), level=options.level)
+            shown = replace(network_of(evaluation, summary, title, own, names), level=options.level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
             sheet = _draw_poses(folder, shown, drawn, of_drawn, options, named, progress)
             more = shown.drawn(lambda done, total: progress(n + done, n + total))
@@ -308,13 +314,16 @@ def _write(
     with interrupts_held():
         part = part_of(areas)
         if areas is None:
-            write_coloured_mesh(folder.file("network.glb"), mesh, found.network.best)
+            write_coloured_mesh(folder.file("network.glb"), mesh, evaluation.network.best)
         else:
             if options.table != "none":
                 from rastercov.report.parquet import write_areas
 
                 write_areas(
-                    folder.file("areas.parquet"), mesh, areas.covered, found.per_camera.of_faces
+                    folder.file("areas.parquet"),
+                    mesh,
+                    areas.covered,
+                    evaluation.per_camera.of_faces,
                 )
             if part and has_parquet():
                 from rastercov.report.parquet import write_columns
@@ -399,8 +408,8 @@ def _draw_poses(
 def _reasons(shown: NetworkPage, drawn: Poses, engine: Engine) -> dict[int, NDArray[np.uint8]]:
     """(F,) reasons of faces by pose."""
     scene = shown.mesh, shown.camera, drawn, shown.network.task
-    found = evaluate(*scene, by="face", method=engine, fields=("reason",))
-    return dict(zip(drawn.ids.tolist(), found.reason, strict=True))
+    result = evaluate(*scene, by="face", method=engine, fields=("reason",))
+    return dict(zip(drawn.ids.tolist(), result.reason, strict=True))
 
 
 def _draw_network(
@@ -423,43 +432,45 @@ def _draw_network(
         write_page(folder, "report", page, pdf=options.pdf)
 
 
-def html_of(found: Evaluation) -> str:
+def html_of(evaluation: Evaluation) -> str:
     """The page of an evaluation, without the images of its poses."""
-    summary = found.summary()
-    shown = network_of(found, summary, title_of(summary["run"]), regions_of(found))
+    summary = evaluation.summary()
+    shown = network_of(evaluation, summary, title_of(summary["run"]), regions_of(evaluation))
     return _page_of(shown, summary, shown.drawn(), has_view=None)
 
 
-def regions_of(found: Evaluation) -> Regions | None:
+def regions_of(evaluation: Evaluation) -> Regions | None:
     """Parts of the faces that each pose covers, by area; None for very many poses."""
-    most = max(MOST_POSES, MOST_AREAS // found.mesh.n_faces)
-    if found.areas is None or len(found.poses) > most:
+    most = max(MOST_POSES, MOST_AREAS // evaluation.mesh.n_faces)
+    if evaluation.areas is None or len(evaluation.poses) > most:
         return None
-    scene = found.mesh, found.camera, found.poses, found.task
-    return found.areas.parts(partial(regions, *scene, method=found.engine))
+    scene = evaluation.mesh, evaluation.camera, evaluation.poses, evaluation.task
+    return evaluation.areas.parts(partial(regions, *scene, method=evaluation.engine))
 
 
-def alone_of(found: Evaluation, poses: Poses) -> Regions | None:
+def alone_of(evaluation: Evaluation, poses: Poses) -> Regions | None:
     """Parts of the faces that each pose covers by itself, by area, whatever the rule of its rig."""
-    if found.areas is None:
+    if evaluation.areas is None:
         return None
-    with closing(RegionPass(found.mesh, found.camera, found.task, method=found.engine)) as finder:
+    with closing(
+        RegionPass(evaluation.mesh, evaluation.camera, evaluation.task, method=evaluation.engine)
+    ) as finder:
         return finder.find(poses)
 
 
 def network_of(
-    found: Evaluation,
+    evaluation: Evaluation,
     summary: ReadByName,
     title: str = "",
     parts: Regions | None = None,
     names: Sequence[str] = (),
 ) -> NetworkPage:
     """Page of an evaluation by its summary, and the `parts` and names of all its poses."""
-    mesh, poses, areas = found.mesh, found.poses, found.areas
+    mesh, poses, areas = evaluation.mesh, evaluation.poses, evaluation.areas
     names, noun = names or names_of_poses(poses), "camera"
     placed = poses, names
-    if gates_of(found.camera):  # a row a pose of the rig, which is named without its camera
-        leads, cameras = led_by(found.camera, poses), names_of(found.camera)
+    if gates_of(evaluation.camera):  # a row a pose of the rig, which is named without its camera
+        leads, cameras = led_by(evaluation.camera, poses), names_of(evaluation.camera)
         noun = "pose" if len(leads) < len(poses) else noun
         names = [
             names[row].removesuffix(f"/{cameras[index]}")
@@ -469,20 +480,20 @@ def network_of(
     return NetworkPage(
         title,
         mesh,
-        found.camera,
+        evaluation.camera,
         poses,
         noun,
         names,
-        found.network,
-        found.network.covered,
-        np.full(mesh.n_faces, found.task.views),
+        evaluation.network,
+        evaluation.network.covered,
+        np.full(mesh.n_faces, evaluation.task.views),
         summary,
         areas,
-        None if areas is None else areas.zones(found.camera, found.poses),
+        None if areas is None else areas.zones(evaluation.camera, evaluation.poses),
         parts,
-        found.reason == Reason.COVERED if "reason" in vars(found) else None,
-        of_faces=found.per_camera.of_faces,
-        asked=Asked(found.task, found.engine.method, placed=placed),
+        evaluation.reason == Reason.COVERED if "reason" in vars(evaluation) else None,
+        of_faces=evaluation.per_camera.of_faces,
+        asked=Asked(evaluation.task, evaluation.engine.method, placed=placed),
     )
 
 

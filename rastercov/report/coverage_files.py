@@ -15,12 +15,12 @@ from PIL import Image
 from rastercov.base.format import ByName
 from rastercov.base.memory import AnyArray, FloatArray, IntArray
 from rastercov.base.output import write_bytes, write_json
-from rastercov.camera.formats.own import content_of
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of_poses
-from rastercov.coverage.area.union import Covered, with_rest
-from rastercov.mesh import Mesh
-from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
+from rastercov.core.area.union import Covered, with_rest
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, Rig, Views, cameras_of, names_of_poses
+from rastercov.core.mesh import Mesh
+from rastercov.formats.cameras.own import content_of
+from rastercov.formats.meshes.gltf_file import Y_UP, GlbBuffer
 from rastercov.report import theme
 from rastercov.report.images import png
 
@@ -137,7 +137,7 @@ def _glb(
     faint = shine | {"baseColorFactor": [1.0, 1.0, 1.0, OPACITY]}
     opaque = {"name": "coverage", "pbrMetallicRoughness": shine, "doubleSided": True}
     transparent = {"name": "coverage of targets", "pbrMetallicRoughness": faint}
-    centre = mesh.bounds.mean(axis=0)
+    centre = mesh.centre
     turn = Y_UP.copy()
     turn[:3, 3] = turn[:3, :3] @ centre
     nodes: list[ByName] = []

@@ -8,7 +8,7 @@ from PIL import Image
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ReadByName
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.coverage.area.network import AreaNetwork
+from rastercov.core.area.network import AreaNetwork
 from rastercov.report.coverage_files import Addition
 
 MOST_LEVELS = 2_000_000
@@ -23,7 +23,7 @@ class InPhases(NamedTuple):
     values: Sequence[FloatArray] | FloatArray
 
 
-class Part(Protocol):
+class NetworkPart(Protocol):
     """Additions of a feature to a network whose area is over phases of a scene.
 
     Attributes
@@ -34,8 +34,8 @@ class Part(Protocol):
         True where one phase is enough.
     most : str
         Words on the camera that covers a part in most phases.
-    template : str
-        Section of the page, whose values `section` gives.
+    package, template : str
+        Section of the page, in the templates of a package, whose values `section` gives.
     pictures : mapping of str to callable
         Each with its words in `ReportHooks.pictures`.
     """
@@ -43,6 +43,7 @@ class Part(Protocol):
     words: str
     is_any: bool
     most: str
+    package: str
     template: str
     pictures: Mapping[str, Callable[[], Image.Image]]
 
@@ -73,7 +74,7 @@ class ReportHooks:
     tables: Sequence[str] = ()
     """Names of its tables."""
 
-    def part(self, areas: AreaNetwork | None) -> Part | None:
+    def part(self, areas: AreaNetwork | None) -> NetworkPart | None:
         """Additions to the page of a network."""
         return None
 
@@ -83,6 +84,6 @@ def hooks() -> tuple[ReportHooks, ...]:
     return hooks_of(ReportHooks)
 
 
-def part_of(areas: AreaNetwork | None) -> Part | None:
+def part_of(areas: AreaNetwork | None) -> NetworkPart | None:
     """Additions of a feature to the page of a network; None where none does."""
     return next((part for each in hooks() if (part := each.part(areas)) is not None), None)

@@ -224,13 +224,13 @@ class ReportFolder:
 
     def _left(self, folder: Path, names: re.Pattern[str]) -> list[Path]:
         """Files with matching names in a hidden folder; ConfigError for a link among them."""
-        found = [path for path in folder.iterdir() if names.fullmatch(path.name)]
-        for path in found:
+        left = [path for path in folder.iterdir() if names.fullmatch(path.name)]
+        for path in left:
             if not stat.S_ISREG(path.lstat().st_mode):
                 raise ConfigError(
                     f"{_named(path)}: expected a file of a report, got a special file; delete it"
                 )
-        return found
+        return left
 
     def _moves(self, journal: Path) -> tuple[list[str], list[str]]:
         """Files to remove and files to rename that are left of a recorded swap, each in order.

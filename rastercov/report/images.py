@@ -18,6 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rastercov.base.format import decimals_of
 from rastercov.base.memory import (
+    TINY,
     BoolArray,
     ByteArray,
     Float32Array,
@@ -27,12 +28,12 @@ from rastercov.base.memory import (
     WholeArray,
 )
 from rastercov.base.output import writing
-from rastercov.camera.camera import Camera
-from rastercov.coverage.reasons import REASONS
-from rastercov.mesh import Mesh
-from rastercov.mesh.topology import components_of
-from rastercov.raster import open_rasterizer
-from rastercov.raster.contract import VisibilityBuffer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.topology import components_of
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report.theme import (
     DARKEST,
     GREY_SPAN,
@@ -107,7 +108,7 @@ def depth_picture(buffer: VisibilityBuffer) -> Image.Image:
     pixels = np.full((*buffer.depth.shape, 3), OF_CAMERA.background, np.uint8)
     keys = []
     if depths.size:
-        share = (depths - near) / max(far - near, np.finfo(np.float64).tiny)
+        share = (depths - near) / max(far - near, TINY)
         pixels[seen] = greys(1 - share)
         digits = decimals_of(max(far - near, near * 1e-6))
         ends = f"{near:.{digits}f} m", f"{far:.{digits}f} m"
@@ -274,9 +275,9 @@ def hatched(colours: Pixels, hatch: ByteArray, at: IntArray, columns: int, width
     some = np.flatnonzero(hatch)
     row, column = np.divmod(at[some], columns)
     some = some[of_hatch[hatch[some], row % period, column % period]]
-    found = colours.copy()
-    put(found, some, colours.take(some, axis=0) * (1 - HATCH_PALE) + 255 * HATCH_PALE)
-    return found
+    result = colours.copy()
+    put(result, some, colours.take(some, axis=0) * (1 - HATCH_PALE) + 255 * HATCH_PALE)
+    return result
 
 
 def put(pixels: Pixels, at: IntArray, colours: FloatArray | Float32Array | Pixels) -> None:
@@ -331,8 +332,8 @@ def _long(rows: IntArray, width: int) -> IntArray:
     pairs = []
     for step in (1, width - 1, width, width + 1):
         next_one = np.minimum(np.searchsorted(rows, rows + step), len(rows) - 1)
-        found = np.flatnonzero(rows[next_one] == rows + step)
-        pairs.append(np.stack((found, next_one[found]), axis=1))
+        result = np.flatnonzero(rows[next_one] == rows + step)
+        pairs.append(np.stack((result, next_one[result]), axis=1))
     line = components_of(len(rows), np.concatenate(pairs))
     return rows[np.bincount(line)[line] >= SHORTEST * width * (1 + (width > WIDE))]
 
@@ -482,9 +483,9 @@ def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> V
     is_part = mesh.has_targets or len(rows) < mesh.n_faces  # targets of a mesh are not drawn
     part, key = mesh, rows.tobytes()
     if is_part:
-        found = _PARTS.get(mesh, {})  # taken once: another thread may put a part of its own there
-        part = found.get(key) or Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
-        others = [each for each in found.items() if each[0] != key]
+        entry = _PARTS.get(mesh, {})  # taken once: another thread may put a part of its own there
+        part = entry.get(key) or Mesh(vertices=mesh.vertices, faces=mesh.faces[rows])
+        others = [each for each in entry.items() if each[0] != key]
         _PARTS[mesh] = dict([*others[1 - KEPT_PARTS :], (key, part)])
     with open_rasterizer(part, camera, "cpu") as rasterizer:
         buffer = rasterizer.render(pose)
@@ -513,9 +514,9 @@ def layers(
     mesh: Mesh, camera: Camera, pose: ArrayLike, buffer: VisibilityBuffer, task: IntArray
 ) -> tuple[Int32Array, Int32Array]:
     """Targets over an image, (H, W), and some evaluated faces behind occluders; -1 for none."""
-    found = targets_in_view(mesh, camera, pose, buffer.depth)
+    result = targets_in_view(mesh, camera, pose, buffer.depth)
     nothing = np.full_like(buffer.face, -1)
-    targets = nothing if found is None else found
+    targets = nothing if result is None else result
     if not len(task) or mesh.task_mask.all():
         return targets, nothing
     is_occluder = np.append(~mesh.task_mask, False)[buffer.face]

@@ -17,12 +17,12 @@ from rastercov.base.arguments import check_kind
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.files import StrPath
 from rastercov.base.format import ReadByName
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras, Rig, Views, cameras_of, names_of
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.shards import Progress, Staff, Workers
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, Rig, Views, cameras_of, names_of
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.shards import Progress, Staff, Workers, silent
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -158,14 +158,14 @@ def check(
     ...     "selection": {"goal": "fewest_cameras", "coverage": 0.5},
     ...     "candidates": [{"generator": "on_sphere", "count": 4}],
     ... }
-    >>> found = rc.check(plan, rc.sphere_of_poses((0, 0, 0.05), distance=0.6, count=6))
-    >>> found.is_met, [requirement.status for requirement in found.requirements]
+    >>> check_result = rc.check(plan, rc.sphere_of_poses((0, 0, 0.05), distance=0.6, count=6))
+    >>> check_result.is_met, [requirement.status for requirement in check_result.requirements]
     (True, ['holds'])
     """
-    from rastercov.camera.formats import read_views
-    from rastercov.coverage.area.tolerance import errors_in
+    from rastercov.formats.cameras import read_views
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.baseline import read_baseline
+    from rastercov.placement.plan.product import demand_of
 
     asked = _plan(plan, camera)
     Task(views=1 if views is None else views)  # refuses what is no number of views
@@ -174,9 +174,9 @@ def check(
     file, given = Path("poses"), cast("Any", poses)
     if isinstance(poses, str | os.PathLike):
         file, given = Path(poses), read_views(poses)
-    errors = None if tolerance is None else errors_in(tolerance)
+    demand = demand_of("tolerance", tolerance)
     made = partial(
-        plan_check.check, asked, file, limits, views, poses=given, baseline=before, errors=errors
+        plan_check.check, asked, file, limits, views, poses=given, baseline=before, demand=demand
     )
     if out is None:
         return made()
@@ -199,7 +199,7 @@ def audit(
     suggest: int | None = None,
     out: StrPath | None = None,
     workers: Workers | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> "Reconstruction":
     """Coverage of a surface by existing cameras, and what each of them adds.
 
@@ -257,8 +257,8 @@ def audit(
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=12)
-    >>> found = rc.audit(mesh, camera, poses, resolution_of_result=0.1)
-    >>> summary = found.summary()
+    >>> audit = rc.audit(mesh, camera, poses, resolution_of_result=0.1)
+    >>> summary = audit.summary()
     >>> round(summary["covered_percent"], 1), summary["cameras"], summary["subset"]["cameras"]
     (100.0, 12, 2)
     """

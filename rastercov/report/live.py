@@ -1,10 +1,11 @@
 """Live page: the engine as WebAssembly, the mesh and the rig in one file.
 
-Its modules are those of `viewer/page/live*.js`; `make wasm` compiles the engine, and a wheel has
+Its modules are those of `page/web/live*.js`; `make wasm` compiles the engine, and a wheel has
 it. What the page cannot compute, such as equipment, is shown as it was recorded.
 """
 
 import json
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import field
@@ -20,11 +21,14 @@ import rastercov
 from rastercov.base.arguments import annotations_of, documented
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, ReadByName, base64_of, frozen_record
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import catalogue
-from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
+from rastercov.core.area.criteria import has_closed_form
+from rastercov.core.area.regions import OF_A_FACE
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import catalogue
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
     Cameras,
     Rig,
     RigEntries,
@@ -34,19 +38,25 @@ from rastercov.camera.rig import (
     gates_of,
     names_of,
 )
-from rastercov.camera.viewpoints import CAMERA_SIZE
-from rastercov.coverage.advice import GENERAL
-from rastercov.coverage.area.criteria import has_closed_form
-from rastercov.coverage.area.rows import tasks_of
-from rastercov.coverage.densities import DORI
-from rastercov.coverage.reasons import REASONS
-from rastercov.coverage.surface import CRITERIA
-from rastercov.coverage.task import NEEDED, OF_SURFACE, Task
-from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.groups import rows_of
-from rastercov.mesh.unseeable import unseeable_areas
+from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
+from rastercov.core.coverage.densities import DORI
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.surface import CRITERIA
+from rastercov.core.coverage.task import NEEDED, OF_SURFACE, Task
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.mesh.groups import rows_of
+from rastercov.core.mesh.unseeable import unseeable_areas
 from rastercov.report import theme
-from rastercov.report.modes import MODES, OF_GATES, by_level, by_reason, by_share, of_gates
+from rastercov.report.modes import (
+    FIRST,
+    MODES,
+    MOST_VIEWS,
+    OCCLUDER_LABEL,
+    OF_GATES,
+    OfUnit,
+    of_devices,
+    of_gates,
+)
 from rastercov.report.packed_lens import packed
 from rastercov.report.pages import (
     bundled,
@@ -73,10 +83,15 @@ PLACEMENT = {
     "cameras": 4,
     "words": "one by one, each where it adds the most",
     "tries": 120,
+    "spread": SPREAD,
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""
-ENGINE, PROVER = "engine.wasm", "lens.wasm"
-NO_ENGINE = "the page shows static results: this checkout has no engine.wasm; run make wasm"
+OF_PAIRS = "applies to pairs of cameras; rastercov view computes it"
+ENGINE, PROVER, READERS = "engine.wasm", "lens.wasm", "readers.wasm"
+WITHOUT = "no engine in this installation; run make wasm"
+NO_ENGINE = f"recorded figures: {WITHOUT}"
+BY_PYTHON = f"figures by Python: {WITHOUT}"
+"""Of a page without a server, and of one with it."""
 COLOURS = 64
 """Colours of cameras, which begin again after the last."""
 LIVE_MODES = (
@@ -146,7 +161,7 @@ LENS_FIELDS = tuple(
     )
     for name in names.split()
 )
-"""Those of a lens with distortion, by the names of `rastercov.camera.models.MODELS`."""
+"""Those of a lens with distortion, by the names of `rastercov.core.camera.models.MODELS`."""
 
 
 @frozen_record
@@ -187,7 +202,7 @@ class Asked:
     method : str
         Of visibility.
     needed : mapping, or None
-        As of `rastercov.viewer.rig_state.RigState`.
+        As of `rastercov.page.rig_state.RigState`.
     limits : mapping
         Required shares of the area, of all (None) and of groups.
     placed : (Poses, sequence of str), or None
@@ -207,7 +222,7 @@ class Asked:
 @cache
 def engine(name: str = ENGINE) -> bytes | None:
     """A module of the page, the engine unless named; None in a checkout without it."""
-    place = files("rastercov.viewer") / "page" / name
+    place = files("rastercov.page") / "web" / name
     return place.read_bytes() if place.is_file() else None
 
 
@@ -255,8 +270,8 @@ def why_recorded(
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
         and any(map(has_closed_form, cameras_of(cameras))),
     }
-    found = next((name for name, has_it in has_own.items() if has_it), "")
-    return f"the page shows static results: it cannot recompute {found}" if found else ""
+    item = next((name for name, has_it in has_own.items() if has_it), "")
+    return f"the page shows static results: it cannot recompute {item}" if item else ""
 
 
 def view_of(
@@ -297,10 +312,10 @@ def view_of(
         for name, task in zip(types, tasks_of(cameras, asked.task), strict=True)
         if name in own
     }
-    return page_of(scene, state, mesh, known, tasks, goals=goals)
+    return with_live_data(data_of(scene, state, mesh, known, tasks, goals=goals))
 
 
-def page_of(
+def data_of(
     scene: ReadByName,
     state: ReadByName,
     mesh: Mesh,
@@ -308,8 +323,8 @@ def page_of(
     tasks: Mapping[str, Task],
     candidates: Mapping[str, Sequence[Any]] | None = None,
     goals: Goals | None = None,
-) -> str:
-    """Text of a live page.
+) -> ByName:
+    """Data that a live page computes from, ready for JSON.
 
     Parameters
     ----------
@@ -333,26 +348,37 @@ def page_of(
         if not camera.is_pinhole:
             described[name]["lens"] = name
             lenses[name] = _deflated(packed(camera))
-    data = _shared(scene, {**state, "cameras": described}) | {
-        "mesh": _arrays(mesh) | _part(mesh, mesh if goals is None else goals.task_mesh),
+    surface = described_surface(mesh)
+    surface["mesh"] |= _part(mesh, mesh if goals is None else goals.task_mesh)
+    return _shared(scene, {**state, "cameras": described}) | {
         "goals": [] if goals is None else goals.described(),
         "lenses": lenses,
-        "origin": soup_origin(mesh).tolist(),
         "candidates": candidates or {},
+        **surface,
     }
-    return with_live_data(data)
+
+
+def described_surface(mesh: Mesh) -> ByName:
+    """A mesh as a page has it, and what the page knows of lens models, ready for JSON."""
+    own = {"mesh": _arrays(mesh), "origin": soup_origin(mesh).tolist()}
+    return own | {"models": _coefficients()}
+
+
+def _coefficients() -> ByName:
+    """Names of the coefficients of each lens model."""
+    return {name: each.coefficients.split() for name, each in MODELS.items()}
 
 
 def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
-    """Required shares of the area, of all (None) and of groups or parts; `page/live_goals.js`."""
-    names, found = [group.name for group in mesh.groups], []
+    """Required shares of the area, of all (None) and of groups or parts; `page/live.js`."""
+    names, items = [group.name for group in mesh.groups], []
     for place, limit in limits.items():
         every = range(len(names)) if place is None else rows_of(names, place)
         rows = [row for row in every if not mesh.groups[row].is_occluder]
         kind = "group" if len(every) == 1 else "part"
         name = "whole task" if place is None else f"{kind} {place}"
-        found += [{"name": name, "place": place, "limit": limit, "rows": rows}] if rows else []
-    return found
+        items += [{"name": name, "place": place, "limit": limit, "rows": rows}] if rows else []
+    return items
 
 
 def described_together(cameras: Cameras) -> ByName:
@@ -396,6 +422,7 @@ def playground() -> str:
         for mesh in (shapes.by_name(name),)
     ]
     data: ByName = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
+    data |= {"readers": _deflated_module(READERS), "models": _coefficients()}
     return with_live_data(_shared(scene, state) | data | {"leastSite": LEAST_SITE})
 
 
@@ -406,15 +433,14 @@ def _shared(scene: ReadByName, state: ReadByName) -> ByName:
         "state": state,
         "engine": _deflated_module(ENGINE),
         "prover": _deflated_module(PROVER),
-        "models": {name: each.coefficients.split() for name, each in MODELS.items()},
         "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
-        "colours": _colours(),
+        "colours": _colours(scene["unit"]),
         "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
-        "defaultAdvice": GENERAL,
         "unionAtRest": UNION_AT_REST,
-        "densityUnit": f"px/{scene['unit']}",
+        "mostPairs": MOST_PAIRS,
         "defaults": as_entries(Task()),
+        "ofFaces": OF_A_FACE | {"min_angle_deg": OF_PAIRS},
         "catalogue": _catalogue(),
     }
 
@@ -426,7 +452,7 @@ def as_entries(task: Task) -> ByName:
 
 def task_fields(rig: Rig | None = None) -> list[ByName]:
     """Thresholds of a task with their limits, for sliders; those that a rig makes known, too."""
-    words, default, found, units = documented(Task), Task(), list[ByName](), dict(UNITS)
+    words, default, result, units = documented(Task), Task(), list[ByName](), dict(UNITS)
     equipment = {} if rig is None else rig.equipment
     left_out = OF_SURFACE if rig is None else ()
     for each in equipment.values():
@@ -436,7 +462,7 @@ def task_fields(rig: Rig | None = None) -> list[ByName]:
             schema = TypeAdapter(hint).json_schema()
             own = schema.get("anyOf", [schema])[0]  # the other one is null
             low = own.get("minimum", own.get("exclusiveMinimum"))
-            found.append(
+            result.append(
                 {
                     "name": name,
                     "words": words[name],
@@ -450,7 +476,7 @@ def task_fields(rig: Rig | None = None) -> list[ByName]:
                     "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
                 }
             )
-    return found
+    return result
 
 
 def _part(mesh: Mesh, own: Mesh) -> ByName:
@@ -484,19 +510,42 @@ def _groups(mesh: Mesh) -> list[ByName]:
 
 
 @cache
-def _colours() -> ByName:
-    """Palettes of the modes that the page paints."""
-    mesh = shapes.box()
-    nothing = np.zeros(mesh.n_faces)
+def _colours(unit: str) -> ByName:
+    """Colours, words and scales of the modes that the page paints, by faces with each value."""
+    parts = [shapes.torus(16, 8), shapes.box()]
+    mesh = Mesh.joined(parts, ["task", "occluder"]).with_groups(occluders=["occluder"])
+    each, nothing = np.arange(mesh.n_faces), np.zeros(mesh.n_faces)
+
+    def painted(name: str, values: object) -> ByName:
+        """Colours, words and hatches by their level, and the scale."""
+        paint = MODES[name].paint(mesh, values)
+        own = sorted(paint.legend, key=lambda entry: int(entry["level"]))
+        words, colours, hatches = (
+            [each[key] for each in own] for key in ("label", "colour", "hatch")
+        )
+        given: ByName = {"words": words, "occluder": words.index(OCCLUDER_LABEL), "first": FIRST}
+        if paint.scale is None:
+            return given | {"colours": colours, "hatches": hatches}
+        return given | {"palette": base64_of(paint.palette.tobytes()), "scale": paint.scale}
+
+    scales = {
+        "area": nothing,
+        "coverage": nothing,
+        "density": OfUnit(nothing, f"px/{unit}"),
+        "incidence": nothing + math.inf,
+        **dict.fromkeys(OF_GATES, OfUnit(nothing, "um")),
+    }
+    levels = np.array([0.0, 1.0, *DORI.values()])
     return {
-        "scale": base64_of(by_share(mesh, nothing).palette.tobytes()),
-        "reasons": base64_of(by_reason(mesh, nothing.astype(np.uint8)).palette.tobytes()),
-        "levels": base64_of(by_level(mesh, nothing).palette.tobytes()),
-        "hatches": theme.REASON_HATCHES.tolist(),
+        "scales": {name: painted(name, values) for name, values in scales.items()},
+        "classes": {
+            "reason": painted("reason", each % len(REASONS)) | {"first": 0},
+            "level": painted("level", levels[each % len(levels)]),
+            "views": [painted("views", each % (n + 2)) for n in range(MOST_VIEWS)],
+            "none": painted("device", of_devices(0 * each - 1, [])),
+        },
         "cameraColours": theme.camera_colours(COLOURS).tolist(),
-        "uncovered": list(theme.UNCOVERED),
-        "covered": list(theme.COVERED),
-        "occluder": list(theme.OCCLUDER_PALE),
+        "covered": theme.COVERED,
     }
 
 

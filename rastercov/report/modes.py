@@ -17,12 +17,12 @@ from PIL import Image
 from rastercov.base.arguments import check_choice
 from rastercov.base.errors import ConfigError
 from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, frozen_record, percent, plural
-from rastercov.base.memory import WholeArray
-from rastercov.camera.gate import Gate
-from rastercov.coverage.densities import DORI
-from rastercov.coverage.reasons import NAMES, REASONS
-from rastercov.mesh import Mesh
+from rastercov.base.format import ByName, frozen_record, number, percent, plural
+from rastercov.base.memory import TINY, WholeArray
+from rastercov.core.camera.gate import Gate
+from rastercov.core.coverage.densities import DORI
+from rastercov.core.coverage.reasons import NAMES, REASONS
+from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key
 from rastercov.report.panorama import two_sides
@@ -79,7 +79,7 @@ class Painted:
         """Legend of a picture, its scale under a name; without occluders, which views have."""
         keys = []
         if self.scale is not None:
-            ends = (f"{rounded(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
+            ends = (f"{number(self.scale[end])} {self.scale['unit']}" for end in ("low", "high"))
             how = ", log scale" if self.scale["is_log"] else ""
             keys.append(Key.scale(name + how, self.palette[FIRST:], *map(str.strip, ends)))
         for entry in sorted(self.legend, key=lambda entry: int(entry["level"])):
@@ -192,9 +192,11 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     return on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
 
 
-def inverted(found: Painted) -> Painted:
+def inverted(painted: Painted) -> Painted:
     """The same with the other end of the scale in the colour of what is covered."""
-    return replace(found, palette=np.concatenate([found.palette[:FIRST], found.palette[:1:-1]]))
+    return replace(
+        painted, palette=np.concatenate([painted.palette[:FIRST], painted.palette[:1:-1]])
+    )
 
 
 def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
@@ -205,9 +207,9 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     words = [f"{name}, {least:g} px/m or more" for name, least in DORI.items()]
     words = ["not covered", OCCLUDER_LABEL, f"below {next(iter(DORI))}", *words]
     levels = _cycled(mesh, np.where(values > 0, row, -1))
-    found = in_classes(mesh, levels, colours, dict(enumerate(words)))
-    order = sorted(found.legend, key=lambda each: (each["percent"] is None, -each["level"]))
-    return replace(found, legend=order)
+    result = in_classes(mesh, levels, colours, dict(enumerate(words)))
+    order = sorted(result.legend, key=lambda each: (each["percent"] is None, -each["level"]))
+    return replace(result, legend=order)
 
 
 def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
@@ -233,12 +235,12 @@ def by_weakness(mesh: Mesh, kind: WholeArray) -> Painted:
 
 def by_one_camera(mesh: Mesh, coverage: ArrayLike) -> Painted:
     """Coverage by one camera, (F,): grey in proportion to it, black where there is none."""
-    found = by_share(mesh, coverage)
+    result = by_share(mesh, coverage)
     palette = np.zeros((256, 3), np.uint8)
     palette[FIRST:] = np.rint(np.linspace(60, 255, LAST - FIRST + 1))[:, None]
     palette[OCCLUDER] = theme.OCCLUDER_PALE
-    legend = [each | {"colour": palette[each["level"]].tolist()} for each in found.legend]
-    return Painted(found.levels, palette, legend, found.scale)
+    legend = [each | {"colour": palette[each["level"]].tolist()} for each in result.legend]
+    return Painted(result.levels, palette, legend, result.scale)
 
 
 def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
@@ -252,8 +254,8 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
         (np.array([theme.UNCOVERED, theme.OCCLUDER_PALE]), theme.index_colours(np.arange(254)))
     ).astype(np.uint8)
     words = f"{plural(int(label.max(initial=-1)) + 1, 'segment')}, one colour each"
-    found = in_classes(mesh, _cycled(mesh, label), palette, {FIRST: words})
-    return replace(found, legend=[each | {"percent": None} for each in found.legend])
+    result = in_classes(mesh, _cycled(mesh, label), palette, {FIRST: words})
+    return replace(result, legend=[each | {"percent": None} for each in result.legend])
 
 
 def mode_of(name: str) -> Mode:
@@ -268,11 +270,6 @@ def mode_picture(name: str, mesh: Mesh, values: object, eyes: ArrayLike = ()) ->
     painted = mode.paint(mesh, values)
     keys = painted.keys(mode.label.lower())
     return two_sides(mesh, painted.colours, mode.words.rstrip("."), keys, painted.hatch, eyes)
-
-
-def rounded(value: float) -> str:
-    """A figure with three digits, without an exponent."""
-    return f"{float(f'{value:.3g}'):,.10g}"
 
 
 def _cycled(mesh: Mesh, row: WholeArray) -> Levels:
@@ -297,7 +294,7 @@ def in_classes(
     areas = np.bincount(levels, weights=mesh.areas, minlength=256)
     counts = np.bincount(levels, minlength=256)
     task = mesh.task_mask
-    total = max(float(np.asarray(mesh.areas)[task].sum()), np.finfo(float).tiny)
+    total = max(float(np.asarray(mesh.areas)[task].sum()), TINY)
     scored = np.bincount(levels[task], minlength=256)
     of_level = [*hatches, *[0] * 256]
     legend: list[ByName] = [
@@ -342,8 +339,8 @@ def on_scale(
 
 def of_gates(gates: Collection[Gate]) -> dict[str, bool]:
     """Modes of cameras that count together, and whether there are any with its values."""
-    found = {name: any(name in gate.modes for gate in gates) for name in OF_GATES}
-    return {"device": bool(gates)} | found
+    table = {name: any(name in gate.modes for gate in gates) for name in OF_GATES}
+    return {"device": bool(gates)} | table
 
 
 class FeatureModes(dict[str, Mode]):

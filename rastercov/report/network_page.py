@@ -25,8 +25,18 @@ from rastercov.base.format import (
 )
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.base.threads import share_poses, thread_count
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import (
+from rastercov.core.area import polygons
+from rastercov.core.area.features import values_of as values_of_features
+from rastercov.core.area.figures import in_words
+from rastercov.core.area.frames import to_world
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
+from rastercov.core.area.table import Regions, taken
+from rastercov.core.area.union import unite
+from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import (
     Cameras,
     axes_of,
     cameras_of,
@@ -34,23 +44,13 @@ from rastercov.camera.rig import (
     names_of,
     short_names,
 )
-from rastercov.coverage.area import polygons
-from rastercov.coverage.area.features import values_of as values_of_features
-from rastercov.coverage.area.figures import in_words
-from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.remedies import ANY, SURE, Allowed, Change, Remedies, Spot
-from rastercov.coverage.area.table import Regions, taken
-from rastercov.coverage.area.union import unite
-from rastercov.coverage.area.zones import DeadZones, face_zones, zone_place, zone_reason
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.network import Network, reasons_of
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import blocker
-from rastercov.report.feature import Part, hooks, part_of
-from rastercov.report.live import NO_ENGINE, Asked, view_of, why_recorded
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.network import Network, reasons_of
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import blocker
+from rastercov.report.feature import NetworkPart, hooks, part_of
+from rastercov.report.live import Asked, view_of, why_recorded
 from rastercov.report.modes import (
     MODES,
     OF_EQUIPMENT,
@@ -82,8 +82,7 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
-
-Progress = Callable[[int, int], None]
+from rastercov.shards import Progress, silent
 
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
@@ -101,13 +100,12 @@ LEAST_LOST_REL = 1e-9
 
 def pictures_in_words() -> dict[str, str]:
     """Words for pictures of pages, in their order."""
-    found = {"overview": "The surface in the colours of its cameras, from two sides"}
+    table = {"overview": "The surface in the colours of its cameras, from two sides"}
     for each in hooks():
-        found |= dict(each.pictures)
-    return found | {
+        table |= dict(each.pictures)
+    return table | {
         **{name: MODES[name].words for name in OF_SENSORS},
         "zones": "Dead zones by number and reason, from two sides",
-        "errors": "Parts that installation errors may leave uncovered, by number and reason",
         "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
     }
 
@@ -176,7 +174,7 @@ class NetworkPage:
     @property
     def eyes(self) -> FloatArray:
         """(P, 3) positions of the cameras."""
-        return self.poses.world_from_camera[:, :3, 3]
+        return self.poses.eyes
 
     @cached_property
     def labels(self) -> list[str]:
@@ -193,22 +191,22 @@ class NetworkPage:
         """Values of the modes that colour the faces."""
         covered = None if self.areas is None else self.areas.covered
         need = self.need if self.part is None else np.ones_like(self.need)
-        found = values_of(self.network, self.covered, self.names, covered, need)
+        table = values_of(self.network, self.covered, self.names, covered, need)
         if self.part is not None:
-            found = {**self.part.modes(), **found}
-        found |= values_of_features(self.mesh, self.camera, self.network.task)
+            table = {**self.part.modes(), **table}
+        table |= values_of_features(self.mesh, self.camera, self.network.task)
         for name, (values, _) in self.of_faces.items():
             mode, _, unit = name.rpartition("_")
-            found[mode] = OfUnit(values, unit)
+            table[mode] = OfUnit(values, unit)
         if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
             order = np.argsort(dead.piece_area)
-            found["reason"][dead.face[order]] = dead.leads[order]
-            found["reason"][found["area"] > 0.5] = Reason.COVERED
+            table["reason"][dead.face[order]] = dead.leads[order]
+            table["reason"][table["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
-        return found if devices is None else found | {"device": devices}
+        return table if devices is None else table | {"device": devices}
 
     @cached_property
-    def part(self) -> Part | None:
+    def part(self) -> NetworkPart | None:
         """Additions of a feature, where the scene has several phases."""
         return part_of(self.areas)
 
@@ -284,14 +282,14 @@ class NetworkPage:
         """Group that hides the middle face of some, and advice for the pose that comes nearest."""
         mesh, task = self.mesh, replace(self.network.task, views=1, min_angle_deg=0.0)
         some = faces[np.unique(np.linspace(0, len(faces) - 1, MOST_FACES).astype(np.int64))]
-        spot, hider = Spot.of(mesh.centroids[some], some, int(self.need[some].max())), None
+        spot, hider = ZoneSpot.of(mesh.centroids[some], some, int(self.need[some].max())), None
         if why == Reason.OCCLUDED:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 
             away = np.linalg.norm(self.eyes - spot.at, axis=1)
             nearest, face = self.poses[away.argmin(keepdims=True)], some[spot.middle][None]
             axes = axes_of(self.camera, nearest)
-            eye = nearest.world_from_camera[:, :3, 3]
+            eye = nearest.eyes
             shares = in_front(mesh, eye, face, axes=axes)[0]
             hider = mesh.groups[int(shares.argmax())].name if shares.any() else None
         before = blocker(hider, mesh.groups[mesh.face_group[some[spot.middle]]].name)
@@ -330,7 +328,7 @@ class NetworkPage:
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
 
-    def drawn(self, progress: Progress = lambda done, total: None) -> dict[str, Image.Image]:
+    def drawn(self, progress: Progress = silent) -> dict[str, Image.Image]:
         """Overview, and if there are dead zones a picture of all and of each of the worst."""
         zones, said = self.dead
         poses = self.poses.world_from_camera
@@ -343,23 +341,23 @@ class NetworkPage:
             tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
         if self.part is not None:
             tasks |= self.part.pictures
-        names, found = list(tasks), {}
+        names, table = list(tasks), {}
 
         def work(turn: slice) -> None:
             for name in names[turn]:
-                found[name] = tasks[name]()
-                progress(len(found), len(tasks))
+                table[name] = tasks[name]()
+                progress(len(table), len(tasks))
 
         progress(0, len(tasks))
         share_poses(len(tasks), [work] * thread_count(None))
-        images = ((name, found[name]) for name in names)
+        images = ((name, table[name]) for name in names)
         return {name: image for name, image in images if image is not None}
 
     @cached_property
     def why_recorded(self) -> str:
         """Reason for which `view` shows recorded figures; "" where it computes them."""
         if (asked := self.asked) is None:
-            return NO_ENGINE  # which no page says
+            return ""
         others = {
             "results over time": self.part is not None,
             "results by face": self.areas is None,
@@ -377,13 +375,9 @@ class NetworkPage:
     @cached_property
     def view(self) -> str | None:
         """The page to look around in, which computes where it can; None for a large mesh."""
-        if self.asked is None or self.why_recorded:
-            return self._recorded()
-        return view_of(self.title, self.mesh, self.camera, *self._placed, self.asked, self.unit)
-
-    def _recorded(self) -> str | None:
-        """The page with the figures that are known; None for a large mesh."""
-        return view_page(
+        if self.asked is not None and not self.why_recorded:
+            return view_of(self.title, self.mesh, self.camera, *self._placed, self.asked, self.unit)
+        return view_page(  # with the figures that are known
             self.title,
             self.mesh,
             self.camera,
@@ -396,7 +390,7 @@ class NetworkPage:
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
             phases=None if self.part is None else self.part.view(),
-            notes=[self.why_recorded] if self.why_recorded != NO_ENGINE else [],
+            notes=[self.why_recorded] if self.why_recorded else [],
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
@@ -409,6 +403,7 @@ class NetworkPage:
         by_area = "covered_area" in self.figures
         return rendered(
             template,
+            "rastercov.report" if self.part is None else self.part.package,
             heading=self.title,
             title=self.title,
             sentences=self.sentences(),
@@ -419,7 +414,8 @@ class NetworkPage:
                 name: Picture.drawn(text, images[name])
                 for name, text in pictures_in_words().items()
                 if name in images
-            },
+            }
+            | values.pop("more", {}),
             zone_cards=self._cards(images),
             zone_rows=zone_rows(self.dead[1]),
             by_area=by_area,
@@ -492,8 +488,8 @@ class NetworkPage:
             f"({percent(whole['percent'] / 100)}) are covered"
         )
         said = [f"{self.covered_words or by_face}."]
-        zones, found = self.dead
-        entries, reasons = found["dead_zones"], figures["not_covered_because"]
+        zones, result = self.dead
+        entries, reasons = result["dead_zones"], figures["not_covered_because"]
         if reasons and exact is None:
             parts = [
                 f"{each['faces']:,} {verb(each['faces'], REASONS[name].sentence)}"
@@ -534,7 +530,7 @@ class NetworkPage:
     def captions(self) -> list[str]:
         """Lines below the image of each camera: its name, and what it covers and adds."""
         types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
-        found = []
+        items = []
         for row, name in enumerate(self.names):
             if seen is None:
                 said = f"covers {plural(self.network.covered_faces[row], 'whole face')}"
@@ -543,8 +539,8 @@ class NetworkPage:
             if lost is not None:
                 said += f", {percent(lost[row] / self.task_m2)} lost without it"
             of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
-            found.append(f"{image_name(name, self.noun)}{of_type}\n{said}")
-        return found
+            items.append(f"{image_name(name, self.noun)}{of_type}\n{said}")
+        return items
 
     def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
         """Rows of the cameras and their headings.
@@ -581,7 +577,7 @@ class NetworkPage:
 
     def _cards(self, images: Mapping[str, Image.Image]) -> list[ByName]:
         """The worst zones: heading, picture, reason and advice."""
-        found, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
+        cards, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
         for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):
             number, size, share, _, group, reason = cells
             drawn = images.get(f"zone_{number}")
@@ -592,7 +588,7 @@ class NetworkPage:
                 place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
                 name = f"{self.noun} {self.labels[place]}"
                 advice = f"{name} comes closest to covering the zone's middle: {advice}"
-            found.append(
+            cards.append(
                 {
                     "heading": heading,
                     "reason": f"{group}: {reason}"
@@ -602,7 +598,7 @@ class NetworkPage:
                     "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
                 }
             )
-        return found
+        return cards
 
 
 class FaceRemedies(Remedies):
@@ -610,19 +606,19 @@ class FaceRemedies(Remedies):
 
     most_judged = 12
 
-    def _more_figures(self, row: int, spot: Spot) -> dict[str, float]:
+    def _more_figures(self, row: int, spot: ZoneSpot) -> dict[str, float]:
         """The pixels of the face in the middle."""
         scene = self.mesh, self.camera, self.poses[row : row + 1], self.task
-        found = evaluate(*scene, fields=("drawn_pixels",), by="face")
-        return {"drawn_pixels": float(found.drawn_pixels[0, spot.face[spot.middle]])}
+        result = evaluate(*scene, fields=("drawn_pixels",), by="face")
+        return {"drawn_pixels": float(result.drawn_pixels[0, spot.face[spot.middle]])}
 
-    def _share(self, change: Change, row: int, spot: Spot) -> float:
+    def _share(self, change: Change, row: int, spot: ZoneSpot) -> float:
         """As of `Remedies`; of the faces that are covered as a whole."""
         if super()._share(change, row, spot) < SURE:
             return 0.0
         camera, task, poses = self._placed([change], row)
-        found = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
-        return float((found.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
+        result = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
+        return float((result.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
 
 
 def lost_without(parts: Regions, need: IntArray) -> FloatArray:

@@ -23,13 +23,13 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.files import StrPath
 from rastercov.base.format import ByName, ReadByName, area, percent, plural
 from rastercov.base.output import write_text
-from rastercov.camera.rig import names_of
-from rastercov.coverage.coverage import Coverage
-from rastercov.coverage.evaluation import Evaluation
-from rastercov.coverage.network import Network, reasons_of
-from rastercov.coverage.parts import MOST_ROWS, PartRow, part_rows
-from rastercov.coverage.reasons import REASONS
-from rastercov.mesh import Mesh
+from rastercov.core.camera.rig import names_of
+from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.evaluation import Evaluation
+from rastercov.core.coverage.network import Network, reasons_of
+from rastercov.core.coverage.parts import MOST_ROWS, PartRow, part_rows
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.check import Checked, to_json
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.reconstruction import Reconstruction
@@ -181,8 +181,8 @@ def show(
     >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(64, 48, hfov_deg=60)
-    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> page = rc.show(found, "page.html")
+    >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> page = rc.show(result, "page.html")
     wrote page.html
     >>> page.path.exists()
     True
@@ -242,8 +242,8 @@ def table(value: Result, name: str) -> Any:
     >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
     >>> camera = rc.Camera.from_fov(64, 48, hfov_deg=60)
-    >>> found = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
-    >>> rows = rc.table(found, "faces").to_pydict()
+    >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> rows = rc.table(result, "faces").to_pydict()
     >>> rows["covered"].count(True), rows["reason"][0]
     (2, 'back_facing')
     """
@@ -293,9 +293,9 @@ def _faces(page: NetworkPage) -> ByName:
     columns = {"area_m2": mesh.areas, "covered": page.covered, "views": network.views}
     columns |= {"best_coverage": network.best, "best_pose": network.best_pose}
     if page.areas is not None:
-        found = page.areas.covered
-        columns["covered_m2"] = found.area[page.need - 1, np.arange(mesh.n_faces)]
-        columns["bound_m2"] = found.bound
+        is_covered = page.areas.covered
+        columns["covered_m2"] = is_covered.area[page.need - 1, np.arange(mesh.n_faces)]
+        columns["bound_m2"] = is_covered.bound
     columns = {name: values[faces] for name, values in columns.items()}
     reasons = pa.DictionaryArray.from_arrays(why, pa.array(REASONS))
     return {"face": faces, "group": group_names(mesh, faces), "reason": reasons} | columns

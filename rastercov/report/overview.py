@@ -28,6 +28,7 @@ from rastercov.base.format import (
     signed,
 )
 from rastercov.base.memory import (
+    TINY,
     AnyArray,
     BoolArray,
     ByteArray,
@@ -36,17 +37,17 @@ from rastercov.base.memory import (
     IntArray,
     WholeArray,
 )
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.projection import view_frame
-from rastercov.camera.rig import Cameras, cameras_of
-from rastercov.coverage.area.frames import rows_at
-from rastercov.coverage.area.regions import covering_poses
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
-from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import NAMES, REASONS, Reason, fails, leads
-from rastercov.mesh import Mesh
+from rastercov.core.area.frames import rows_at
+from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.table import Regions
+from rastercov.core.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.projection import view_frame
+from rastercov.core.camera.rig import Cameras, cameras_of
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason, fails, leads
+from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.camera_pictures import WHOLE_REL
 from rastercov.report.images import (
@@ -64,8 +65,8 @@ from rastercov.report.panorama import (
     FEW_REL,
     FINE,
     PIECES,
+    DrawnScene,
     Line,
-    Scene,
     beside,
     best_directions,
     draw_in_space,
@@ -174,7 +175,7 @@ class Overview:
     @property
     def eyes(self) -> FloatArray:
         """(K, 3) positions of the cameras."""
-        return self.placed.world_from_camera[:, :3, 3]
+        return self.placed.eyes
 
     @property
     def colours(self) -> list[Colour]:
@@ -192,7 +193,7 @@ class Overview:
             for pose, index in zip(self.placed.world_from_camera, self.placed.camera, strict=True)
         ]
 
-    def of_image(self, scene: Scene, face: FaceImage, at: IntArray) -> Pixels:
+    def of_image(self, scene: DrawnScene, face: FaceImage, at: IntArray) -> Pixels:
         """(N, 3) colours of pixels (N,) of the task in a face image of a scene.
 
         One point of each block of `FINE` x `FINE` pixels is looked up, and those of all pixels of
@@ -210,13 +211,13 @@ class Overview:
             return np.where(asked, image, _of_blocks(image)).ravel()[at]
 
         best = scene.at_points(face, of_points, np.int32(-1), asked)
-        found: Pixels = colours.take(whole(best), axis=0, mode="wrap")
+        pixels: Pixels = colours.take(whole(best), axis=0, mode="wrap")
         if self.zones is None or not self.devices:
-            return found
+            return pixels
         of_zones = partial(zones_at, self.zones, n=len(self.said))
         zone = scene.at_points(face, of_zones, np.int32(-1), asked & (best < 0))
         hatch = _hatches_of(self.said, self.devices)[whole(zone)]
-        return hatched(found, hatch, at, face.shape[1], scene.hatch)
+        return hatched(pixels, hatch, at, face.shape[1], scene.hatch)
 
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from another side with all cameras."""
@@ -245,7 +246,7 @@ class Overview:
         return framed(beside(images), title, [*keys, *scene_keys(scenes)])
 
     def drawn(
-        self, scene: Scene, pyramids: Sequence[FloatArray], volumes: Sequence[Volume] = ()
+        self, scene: DrawnScene, pyramids: Sequence[FloatArray], volumes: Sequence[Volume] = ()
     ) -> Image.Image:
         """A scene in the colours of its cameras, with the first of them, by their pyramids."""
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
@@ -309,7 +310,7 @@ def nearest_covering(
 def best_covering(network: Network) -> IntArray:
     """(F,) place in `network.pose_ids` of the best camera, -1 where it does not cover the face."""
     # The best camera of a face need not cover it.
-    least = max(network.task.min_coverage, np.finfo(np.float64).tiny)
+    least = max(network.task.min_coverage, TINY)
     place = {pose: row for row, pose in enumerate(network.pose_ids)}
     rows = [place.get(pose, -1) for pose in network.best_pose.tolist()]
     return np.where(network.best >= least, np.array(rows, np.int64), -1)
@@ -375,7 +376,7 @@ def zones_picture(
     zones : DeadZones
         Zones, the largest first.
     summary : mapping
-        `rastercov.coverage.area.zones.summary_of` of them.
+        `rastercov.core.area.zones.summary_of` of them.
     eyes : array_like
         Cameras, as for `look`.
     noun, rest : str
@@ -418,7 +419,7 @@ def zone_close_up(
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone == row]] = True
 
-    def is_own(scene: Scene, face: FaceImage) -> BoolArray:
+    def is_own(scene: DrawnScene, face: FaceImage) -> BoolArray:
         at = partial(zones_at, zones, n=len(listed))
         own = scene.at_points(face, at, np.int32(-1), on_pixels(faces, face))
         return np.asarray(own == row)
@@ -435,8 +436,8 @@ def close_up(
     faces: BoolArray,
     extent: FloatArray,
     eyes: ArrayLike = (),
-    is_own: Callable[[Scene, FaceImage], BoolArray] = lambda scene, face: face >= 0,
-) -> Scene | None:
+    is_own: Callable[[DrawnScene, FaceImage], BoolArray] = lambda scene, face: face >= 0,
+) -> DrawnScene | None:
     """Some faces, (F,), of an extent, (2, 3), from near; None where no side has any.
 
     Where they are hidden from every side, they are beneath what hides them. `is_own` gives the
@@ -450,16 +451,16 @@ def close_up(
     front = normal / max(float(np.linalg.norm(normal)), 1e-300)
     tried = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
 
-    def shown(scene: Scene, image: FaceImage) -> FaceImage:
+    def shown(scene: DrawnScene, image: FaceImage) -> FaceImage:
         """A face image with nothing but the fronts of the faces."""
-        found = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
-        return np.where(is_own(scene, found), found, np.int32(-1))
+        values = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
+        return np.where(is_own(scene, values), values, np.int32(-1))
 
-    def alone(scene: Scene) -> FaceImage:
+    def alone(scene: DrawnScene) -> FaceImage:
         rows = np.flatnonzero(faces & scene.fronts)
         return shown(scene, part_drawn(mesh, scene.camera, scene.pose, rows).face)
 
-    def count(scene: Scene, *images: FaceImage) -> int:
+    def count(scene: DrawnScene, *images: FaceImage) -> int:
         return sum(int((shown(scene, image) >= 0).sum()) for image in images)
 
     scenes = [look(mesh, side, scale=0.15, eyes=eyes, around=around) for side in tried]
@@ -492,7 +493,7 @@ def _reason_keys(rows: Sequence[int], devices: Mapping[str, int]) -> list[Key]:
 
 def _with_zones(
     zones: DeadZones,
-    scene: Scene,
+    scene: DrawnScene,
     listed: Sequence[ReadByName],
     named: Sequence[int],
     devices: Mapping[str, int],
@@ -513,13 +514,13 @@ def _with_zones(
     known[zones.face[part]] = ASKED
 
     def zone_of(face: Int32Array, points: FloatArray) -> IntArray:
-        found = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
-        return np.where(found.any(axis=1), found.argmax(axis=1), -1)
+        is_inside = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
+        return np.where(is_inside.any(axis=1), is_inside.argmax(axis=1), -1)
 
     def own(face: FaceImage, at: IntArray) -> Pixels:
-        found = known.take(face, mode="wrap")
-        asked = found == ASKED
-        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int32(-1), asked), found))
+        take = known.take(face, mode="wrap")
+        asked = take == ASKED
+        layers.append(np.where(asked, scene.at_points(face, zone_of, np.int32(-1), asked), take))
         of_zones = layers[-1].ravel()[at]
         rows = own_reasons[of_zones]
         counts = np.bincount(rows, minlength=len(NAMES))

@@ -37,26 +37,27 @@ from rastercov.base.format import (
     sampling,
     verb,
 )
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses
-from rastercov.camera.projection import view_border, view_frame
-from rastercov.camera.rig import Cameras, cameras_of, names_of
-from rastercov.camera.viewpoints import upwards
-from rastercov.coverage.advice import task_in_words
-from rastercov.coverage.area.union import Covered
-from rastercov.coverage.area.zones import DeadZones, zone_line
-from rastercov.coverage.network import Network, reasons_of
-from rastercov.coverage.parts import part_rows
-from rastercov.coverage.reasons import REASONS
-from rastercov.mesh import Mesh
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.core.area.advice import task_in_words
+from rastercov.core.area.union import Covered
+from rastercov.core.area.zones import DeadZones, zone_line
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.projection import view_border, view_frame
+from rastercov.core.camera.rig import Cameras, cameras_of, names_of
+from rastercov.core.camera.viewpoints import upwards
+from rastercov.core.coverage.network import Network, reasons_of
+from rastercov.core.coverage.parts import part_rows
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.feature import InPhases
 from rastercov.report.images import png, png_in_the_dark
 from rastercov.report.modes import MODES, Mode, OfCameras, Painted
 from rastercov.report.overview import best_covering
 from rastercov.report.panorama import front_of, is_inside, scene_box, sides, upright
+from rastercov.report.script import texts_script
 from rastercov.report.theme import DARK, LIGHT
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def _environment(package: str) -> "Environment":
 
     environment = Environment(
         autoescape=True,
-        finalize=_with_signs,
+        finalize=lambda value: value.replace("W/m2", "W/m²") if type(value) is str else value,
         keep_trailing_newline=True,
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("rastercov.report")]),
         lstrip_blocks=True,
@@ -123,11 +124,6 @@ def _environment(package: str) -> "Environment":
         "most_embedded": MOST_EMBEDDED,
     }
     return environment
-
-
-def _with_signs(value: object) -> object:
-    """A value as a page shows it: text with the sign in W/m²; other markup as it is."""
-    return value.replace("W/m2", "W/m²") if type(value) is str else value
 
 
 def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
@@ -321,7 +317,7 @@ def values_of(
     if areas is None:
         return values
     area = areas.area[need - 1, np.arange(mesh.n_faces)]
-    return {"area": area / np.maximum(mesh.areas, np.finfo(float).tiny)} | values
+    return {"area": area / np.maximum(mesh.areas, TINY)} | values
 
 
 def figures_of(
@@ -497,12 +493,12 @@ def described_camera(camera: Camera) -> ByName:
 
 def zone_entries(mesh: Mesh, zones: DeadZones, said: ReadByName) -> list[ByName]:
     """Dead zones, the largest first, ready for JSON; `said` has them as in `summary.json`."""
-    found = []
+    items = []
     for row, entry in enumerate(said["dead_zones"]):
         faces = np.unique(zones.face[zones.zone == row])
         normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
         length = max(float(np.linalg.norm(normal)), 1e-300)
-        found.append(
+        items.append(
             {
                 "area": entry["area_m2"],
                 "percent": entry["percent"],
@@ -514,7 +510,7 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: ReadByName) -> list[ByName]
                 "faces": faces[:MOST_FACES_OF_ZONE].tolist(),
             }
         )
-    return found
+    return items
 
 
 def soup_origin(mesh: Mesh) -> FloatArray:
@@ -586,10 +582,12 @@ def bundled(name: str) -> str:
         for imported in _IMPORT.findall(text):
             if imported[1] not in made:
                 add(imported[1])
-        exports = ", ".join(found[1] for found in _EXPORT.findall(text))
-        text = _IMPORT.sub(lambda found: f"const {found[1]} = {found[2]}_js;", text)
+        exports = ", ".join(result[1] for result in _EXPORT.findall(text))
+        text = _IMPORT.sub(
+            lambda result: f"const {result[1].replace(' as ', ': ')} = {result[2]}_js;", text
+        )
         made[module] = (
-            f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda found: found[1], text)}\n"
+            f"const {module}_js = (() => {{\n{_EXPORT.sub(lambda result: result[1], text)}\n"
             f"return {{ {exports} }};\n}})();\n"
         )
 
@@ -604,7 +602,7 @@ def _inside(data: object) -> str:
 
 def page_text(name: str, **parts: str) -> str:
     """A page, `index.html` or `one_file.html`, with its parts."""
-    return (files("rastercov.viewer") / "page" / name).read_text("utf-8").format(**parts)
+    return (files("rastercov.page") / "web" / name).read_text("utf-8").format(**parts)
 
 
 def static_file(name: str) -> bytes | None:
@@ -615,8 +613,10 @@ def static_file(name: str) -> bytes | None:
         return None
     if name == "features.js":
         return _features().encode()
-    folder = "rastercov" if name.startswith("shaders/") else "rastercov.viewer"
-    place = files(folder) / name if folder == "rastercov" else files(folder) / "page" / name
+    if name == "texts.js":
+        return texts_script().encode()
+    folder = "rastercov" if name.startswith("shaders/") else "rastercov.page"
+    place = files(folder) / name if folder == "rastercov" else files(folder) / "web" / name
     return place.read_bytes() if place.is_file() else None
 
 

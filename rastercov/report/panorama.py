@@ -25,14 +25,14 @@ from rastercov.base.memory import (
     Int32Array,
     IntArray,
 )
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.projection import box_corners, rays_of, starts_of, to_camera, to_image
-from rastercov.camera.rig import apparent
-from rastercov.camera.viewpoints import look_at, upwards
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.raster.contract import VisibilityBuffer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.projection import box_corners, rays_of, starts_of, to_camera, to_image
+from rastercov.core.camera.rig import apparent
+from rastercov.core.camera.viewpoints import look_at, upwards
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report.images import (
     FaceImage,
     Key,
@@ -107,7 +107,7 @@ _KEPT: WeakKeyDictionary[Mesh, dict[str, tuple[bytes, Any]]] = WeakKeyDictionary
 
 
 @frozen_record(kw_only=True)
-class Scene:
+class DrawnScene:
     """A mesh as it is drawn: the faces at the pixels of a picture, in layers.
 
     Attributes
@@ -179,14 +179,14 @@ class Scene:
         if asked is None:
             asked = on_pixels(self.mesh.task_mask, face)
         pixels, start = np.flatnonzero(asked), np.asarray(nothing)
-        found = np.full((face.size, *start.shape), start)
+        result = np.full((face.size, *start.shape), start)
         for at in range(0, len(pixels), PIXELS_AT_A_TIME):
             part = pixels[at : at + PIXELS_AT_A_TIME]
             faces = face.ravel()[part]
             rows, columns = np.divmod(part, face.shape[1])
             points = points_of_pixels(self.mesh, self.camera, self.pose, faces, rows, columns)
-            found[part] = values(faces, points)
-        return found.reshape((*face.shape, *start.shape))
+            result[part] = values(faces, points)
+        return result.reshape((*face.shape, *start.shape))
 
 
 def seen(
@@ -196,12 +196,12 @@ def seen(
     buffer: VisibilityBuffer,
     task: ArrayLike = (),
     setting: Setting = OF_CAMERA,
-) -> Scene:
+) -> DrawnScene:
     """A mesh as a camera sees it, with targets, and some faces of the task behind occluders."""
     matrix = np.asarray(pose, np.float64)
     targets, beneath = layers(mesh, camera, matrix, buffer, np.asarray(task, np.int64))
     cosine = np.abs(mesh.normals @ matrix[:3, 2])  # one for all faces of a plane
-    return Scene(
+    return DrawnScene(
         mesh=mesh,
         face=buffer.face,
         targets=targets,
@@ -222,7 +222,7 @@ def look(
     scale: float = FINE,
     eyes: ArrayLike = (),
     around: ArrayLike | None = None,
-) -> Scene:
+) -> DrawnScene:
     """View a mesh from a direction, so that its task and more points (N, 3) just fit in.
 
     The direction leads from the centre of the scene to the viewer, in the axes of `upright`, and
@@ -348,7 +348,7 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
     than `AROUND` of its length.
     """
     task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, np.bool_)
-    found = []
+    items = []
     for rows in (np.flatnonzero(task), np.flatnonzero(~mesh.target_mask | mesh.target_mask.all())):
         corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
         ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
@@ -357,8 +357,8 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
         box = np.quantile(ends[some], BEYOND, axis=0, weights=weights, method="inverted_cdf")
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
-        found.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
-    return found[0], np.stack((found[1].min(axis=0), found[1].max(axis=0)))
+        items.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
+    return items[0], np.stack((items[1].min(axis=0), items[1].max(axis=0)))
 
 
 def front_of(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray | None:
@@ -431,7 +431,7 @@ def remembered(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLi
     return known[make.__name__][1]
 
 
-def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixels:
+def paint(scene: DrawnScene, colours: Pixels, own: OwnColours | None = None) -> Pixels:
     """Pixels of a scene, (H, W, 3), with faces in `colours` (F, 3), lit from the viewer.
 
     `own` gives the colours of points instead, for those of evaluated faces. Those seen from behind
@@ -448,7 +448,7 @@ def paint(scene: Scene, colours: Pixels, own: OwnColours | None = None) -> Pixel
     return pixels
 
 
-def _painted(scene: Scene, face: FaceImage, colours: Pixels, own: OwnColours | None) -> Pixels:
+def _painted(scene: DrawnScene, face: FaceImage, colours: Pixels, own: OwnColours | None) -> Pixels:
     """Pixels of the opaque faces of one image."""
     mesh, light = scene.mesh, scene.light
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
@@ -540,7 +540,7 @@ def beside(images: Sequence[Image.Image]) -> Pixels:
     return np.concatenate(parts, axis=1)[:, 6:]
 
 
-def scene_keys(scenes: Sequence[Scene]) -> list[Key]:
+def scene_keys(scenes: Sequence[DrawnScene]) -> list[Key]:
     """Entries for what several pictures may have: occluders, backs, targets."""
     keys, mesh, setting = [], scenes[0].mesh, scenes[0].setting
     if any(not mesh.task_mask[scene.counts > 0].all() for scene in scenes):
@@ -572,7 +572,9 @@ class Line(NamedTuple):
     pieces: int
 
 
-def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line], colour: Colour) -> None:
+def draw_in_space(
+    image: Image.Image, scene: DrawnScene, lines: Sequence[Line], colour: Colour
+) -> None:
     """Draw lines over the picture of a scene, fainter where the part hides them."""
     draw, depth, slack = ImageDraw.Draw(image), scene.depth, 1e-3 * scene.mesh.diagonal
     faint = tuple(round(0.3 * c + 0.7 * 205) for c in colour)
@@ -595,7 +597,7 @@ def draw_in_space(image: Image.Image, scene: Scene, lines: Sequence[Line], colou
                 draw.line(places[piece : piece + 2], faint, max(1, width // 2))
 
 
-def in_picture(scene: Scene, points: ArrayLike) -> tuple[IntArray, FloatArray]:
+def in_picture(scene: DrawnScene, points: ArrayLike) -> tuple[IntArray, FloatArray]:
     """Rows of points (N, 3) before the viewer and within the picture, and their places, px."""
     seen = to_camera(np.asarray(points, np.float64).reshape(-1, 3), scene.pose)
     with np.errstate(all="ignore"):
@@ -648,7 +650,7 @@ def is_enclosed(mesh: Mesh, eyes: ArrayLike) -> bool:
     if not is_inside(mesh, points):
         return False
     some = points[np.unique(np.linspace(0, len(points) - 1, MOST_EYES).astype(int))]
-    middle, size = mesh.bounds.mean(axis=0), mesh.diagonal
+    middle, size = mesh.centre, mesh.diagonal
     tree = TriangleTree.over((mesh.vertices - middle) / size, mesh.faces[~mesh.target_mask])
     axes = np.concatenate((np.eye(3), -np.eye(3)))
     starts, directions = np.repeat((some - middle) / size, 6, axis=0), np.tile(axes, (len(some), 1))

@@ -20,16 +20,16 @@ import pyarrow.parquet as pq
 from rastercov.base.format import ByName, ReadByName
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.output import json_bytes, named, replacing, writing
-from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.union import Covered
-from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.reasons import NAMES
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import BoundKind
+from rastercov.core.area.frames import frames_of
+from rastercov.core.area.table import Regions
+from rastercov.core.area.union import Covered
+from rastercov.core.coverage.coverage import FIGURES, Coverage
+from rastercov.core.coverage.reasons import NAMES
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import BoundKind
 
 if TYPE_CHECKING:
-    from rastercov.coverage.records import PairRows
+    from rastercov.core.coverage.records import PairRows
 
 COVERED_M2 = "covered_m2"
 """Column by area only."""

@@ -11,26 +11,21 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, percent
-from rastercov.camera.rig import gates_of, names_of_poses, rows_of_result
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.table import taken
-from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.evaluation import regions
-from rastercov.coverage.parts import MOST_ROWS
-from rastercov.mesh.groups import body_of
+from rastercov.base.format import ReadByName, percent
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.table import taken
+from rastercov.core.area.zones import ZONES
+from rastercov.core.camera.rig import gates_of, names_of_poses, rows_of_result
+from rastercov.core.coverage.evaluation import regions
+from rastercov.core.coverage.parts import MOST_ROWS
+from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import KeepOutBox
-from rastercov.placement.plan.assured import Verdict
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.flight import Flight
 from rastercov.placement.plan.goals import goals_apart
-from rastercov.placement.plan.network import (
-    Requirement,
-    limits_of,
-    views_by_group,
-)
+from rastercov.placement.plan.network import limits_of, views_by_group
+from rastercov.placement.plan.product import Judged
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.select.problem import views_of
@@ -97,63 +92,64 @@ def pages_of(
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         choices={word: each.table() for word, each in placement.choices.items()},
-        route=_route(placement.flight),
+        sections={name: each.section() for name, each in placement.made.items()},
+        products=[each.figure() for each in placement.products],
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
 
 
-def _route(flight: Flight | None) -> ByName | None:
-    """Map of the route of a flight, as `route.svg` draws it."""
-    if flight is None:
-        return None
-    from rastercov.report.geo.route import route_of  # with a flight only
-
-    return route_of(flight)
-
-
 def _hiders(left: ReadByName | None) -> list[tuple[tuple[str, str], float]]:
     """Parts, what hides them, and the hidden area, m^2: the `MOST_ROWS` largest."""
-    found: dict[tuple[str, str], float] = defaultdict(float)
+    values: dict[tuple[str, str], float] = defaultdict(float)
     for group in left["groups"] if left else ():
         for name, m2 in group["hidden_by"].items():
-            found[body_of(group["name"]), body_of(name)] += m2
-    return sorted(found.items(), key=lambda each: -each[1])[:MOST_ROWS]
+            values[body_of(group["name"]), body_of(name)] += m2
+    return sorted(values.items(), key=lambda each: -each[1])[:MOST_ROWS]
 
 
-def _out_of_reach(found: Openings | None) -> list[str]:
+def _out_of_reach(openings: Openings | None) -> list[str]:
     """Sentences on faces of cavities that no camera gets to see."""
-    if found is None:
+    if openings is None:
         return []
-    shut = np.flatnonzero(found.access != Access.REACHED)
-    sentences = [found.words(row) for row in shut[:MAX_SENTENCES].tolist()]
+    shut = np.flatnonzero(openings.access != Access.REACHED)
+    sentences = [openings.words(row) for row in shut[:MAX_SENTENCES].tolist()]
     more = len(shut) - MAX_SENTENCES
     return sentences + ([f"And {more:,} more."] if more > 0 else [])
 
 
-def verdicts(requirements: Sequence[Requirement | Verdict]) -> list[tuple[str, str | None]]:
+def verdicts(requirements: Sequence[Judged]) -> list[tuple[str, str | None]]:
     """Lines on requirements for `report.html`: what was wanted, and the status."""
     return [(each.words(), each.status) for each in requirements]
 
 
 def network_of(
-    found: Placement | Checked, content: ReadByName, *, has_parts: bool = True
+    placement: Placement | Checked, content: ReadByName, *, has_parts: bool = True
 ) -> NetworkPage:
     """Page of the cameras that a plan has placed, or that a check was given.
 
     Parameters
     ----------
-    found : Placement or Checked
+    placement : Placement or Checked
     content : mapping
         That of `plan.json` or `check.json`.
     has_parts : bool
         Measure what each of them covers, too, where the result is by area, which takes longest.
     """
-    of, asked = (found, found.asked_views) if isinstance(found, Checked) else (found.prepared, None)
-    plan, cameras, placed, areas = of.plan, found.cameras, found.cameras.placed, found.cameras.areas
+    of, asked = (
+        (placement, placement.asked_views)
+        if isinstance(placement, Checked)
+        else (placement.prepared, None)
+    )
+    plan, cameras, placed, areas = (
+        of.plan,
+        placement.cameras,
+        placement.cameras.placed,
+        placement.cameras.areas,
+    )
     title = f"Camera placement: {plan.name}"
-    names = found.names if isinstance(found, Checked) else ()
-    if isinstance(found, Checked):
-        title = f"Check of {found.poses_file.name} against {plan.name}"
+    names = placement.names if isinstance(placement, Checked) else ()
+    if isinstance(placement, Checked):
+        title = f"Check of {placement.poses_file.name} against {plan.name}"
     figures = {name: content[name] for name in ("covered_area", *ZONES) if name in content}
     parts = None
     if areas is not None and has_parts:
@@ -186,7 +182,7 @@ def network_of(
             plan.build_task(asked),
             plan.task.method,
             views_by_group(plan, asked),
-            _limits(found) if plan.task.weight_by == "area" else {},
+            _limits(placement) if plan.task.weight_by == "area" else {},
             goals=Goals(of.scene, *goals_apart(plan, of.scene))
             if plan.goals and of.scene
             else None,
@@ -195,24 +191,24 @@ def network_of(
     )
 
 
-def _limits(found: Checked | Placement) -> dict[str | None, float]:
+def _limits(checked: Checked | Placement) -> dict[str | None, float]:
     """Shares that are required, of all (None) and of groups."""
-    if isinstance(found, Checked):
-        return {each.group: each.limit for each in found.requirements if not each.goal}
-    return limits_of(found.prepared.plan.selection)
+    if isinstance(checked, Checked):
+        return {each.group: each.limit for each in checked.requirements if not each.goal}
+    return limits_of(checked.prepared.plan.selection)
 
 
 def _volumes(plan: Plan) -> list[Volume]:
     """Limits of the places of cameras in a plan."""
     limits = plan.constraints
-    found = [
+    volumes = [
         Volume.box("mounting box", SPACES, np.array(each.low), np.array(each.high))
         for each in limits.spaces[:MOST_VOLUMES]
     ]
     for entry in limits.keep_out[:MOST_VOLUMES]:
         own, words = entry.volume(), f"keep-out: {entry.name}"
         if isinstance(own, KeepOutBox):
-            found.append(Volume.box(words, KEEP_OUT, np.array(own.low), np.array(own.high)))
+            volumes.append(Volume.box(words, KEEP_OUT, np.array(own.low), np.array(own.high)))
         else:
-            found.append(Volume.sphere(words, KEEP_OUT, np.array(own.centre), own.radius))
-    return found
+            volumes.append(Volume.sphere(words, KEEP_OUT, np.array(own.centre), own.radius))
+    return volumes

@@ -25,6 +25,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.advice.headline import first_lines, other_lines
 from rastercov.base.features import hooks_of
 from rastercov.base.files import seen_from
 from rastercov.base.format import (
@@ -39,20 +40,18 @@ from rastercov.base.format import (
 )
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.output import write_bytes, write_json, write_text
-from rastercov.coverage.area.zones import ZONES
-from rastercov.coverage.headline import first_lines, other_lines
-from rastercov.coverage.provenance import named_cameras, provenance_of
-from rastercov.placement.improve.tolerance import Tolerance
+from rastercov.core.area.zones import ZONES
+from rastercov.core.coverage.provenance import named_cameras, provenance_of
+from rastercov.core.raster.contract import RasterizerInfo
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
-from rastercov.placement.plan.run import Chooser, Placement, is_lowered, place
+from rastercov.placement.plan.run import Chooser, Placement, Products, is_lowered, place
 from rastercov.placement.plan.withheld import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.uncovered import Sight
-from rastercov.raster.contract import RasterizerInfo
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
@@ -102,7 +101,7 @@ def run_into(
     pdf : bool
         True for the page on paper, too.
     level : int, optional
-        Of the parts in the table of the page, as of `rastercov.coverage.parts.entries_at`.
+        Of the parts in the table of the page, as of `rastercov.core.coverage.parts.entries_at`.
 
     Raises
     ------
@@ -116,10 +115,10 @@ def run_into(
         if pdf:
             browser()  # none fails before the work
 
-        def save_unfinished(found: Placement) -> None:
+        def save_unfinished(placement: Placement) -> None:
             """Save the result before the step `interrupted`, unless there is a whole report."""
             if not files.has_earlier and monotonic() - began >= WORTH_SAVING:
-                save(found, files)
+                save(placement, files)
 
         placed = place(plan, out, step, save_unfinished, workers)
         pages: Mapping[str, str] = {}
@@ -153,10 +152,8 @@ def save(
         write_json(folder.file("poses.json"), poses_of(placement))
         for name, text in placement.carried.files().items() if placement.carried else ():
             write_text(folder.file(name), text)
-        if placement.flight is not None:
-            from rastercov.report.geo.flight import files_of  # with a flight only
-
-            for name, content in files_of(placement.flight).items():
+        for each in placement.products:
+            for name, content in each.files().items():
                 write_bytes(folder.file(name), content)
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
@@ -205,7 +202,6 @@ def summary(placement: Placement) -> ByName:
     if prepared.cells is not None:
         selection["cells_covered"] = selection["faces_covered"]
     selection |= {"proved_on": placement.proved_on, "status_of": _status_of(placement)}
-    flight = placement.flight
     opened = prepared.openings
     network = summary_of(plan, cameras)
     zones = {name: network.pop(name) for name in ZONES if name in network}
@@ -217,7 +213,7 @@ def summary(placement: Placement) -> ByName:
         "plan": plan.model_dump(),
         "met": placement.is_met if placement.requirements else None,
         "interrupted": placement.interrupted or None,
-        "notes": [*prepared.notes, *(flight.notes if flight else ())],
+        "notes": [*prepared.notes, *(note for each in placement.products for note in each.notes)],
         "warnings": prepared.mesh.warnings,
         "result_warnings": placement.doubts,
         "doubts": placement.doubts,
@@ -231,7 +227,7 @@ def summary(placement: Placement) -> ByName:
         **{e.key: placement.carried and placement.carried.to_json() for e in carriers()},
         **dict.fromkeys(each.word for each in hooks_of(Chooser)),
         **{word: choice.summary() for word, choice in placement.choices.items()},
-        **({} if flight is None else {"flight": flight.summary()}),
+        **{each.word: each.summary() for each in placement.products},
         "candidates": prepared.pool.summary()
         | {"segments": prepared.segmentation.n_segments if prepared.segmentation else None},
         "cavities": opened.summary() if opened is not None else None,
@@ -240,7 +236,8 @@ def summary(placement: Placement) -> ByName:
         "goal": asdict(prepared.problem.goal),
         "selection": selection,
         "improvement": moved,
-        "tolerance": _tolerance(placement),
+        **dict.fromkeys(name for each in hooks_of(Products) for name, *_ in each.steps),
+        **{name: each.summary() for name, each in placement.made.items()},
         "left": placement.leftover.summary() if placement.leftover else None,
         "seed": plan.selection.seed,
         "made_from": made_from(prepared),
@@ -266,24 +263,16 @@ def _moved(placement: Placement) -> tuple[ByName, dict[str, float]]:
     moved: ByName = {}
     seconds: dict[str, float] = {}
     steps = {"search": placement.optimised, "refinement": placement.refined}
-    for step, found in steps.items():
-        if found is None:
+    for step, result in steps.items():
+        if result is None:
             continue
-        seconds[step] = found.seconds
-        moved[step] = {name: getattr(found, name) for name in STEP_FIGURES[step]}
+        seconds[step] = result.seconds
+        moved[step] = {name: getattr(result, name) for name in STEP_FIGURES[step]}
         if step == "refinement":
             moved[step]["left_out"] = list(placement.left_out)
         if placement.prepared.cells is not None:
             moved[step]["taken"] = STEP_WORDS[step] not in placement.kept_poses
     return moved, seconds
-
-
-def _tolerance(placement: Placement) -> ByName | None:
-    """Figures of installation errors: drawn, and proved."""
-    if placement.tolerance is None:
-        return None
-    found = placement.tolerance.summary()
-    return found | ({} if placement.assured is None else {"proof": placement.assured.summary()})
 
 
 def made_from(prepared: Prepared) -> ByName:
@@ -304,7 +293,7 @@ def made_from(prepared: Prepared) -> ByName:
 def _cameras(placement: Placement) -> list[ByName]:
     """Position, direction, cost and coverage of each camera, and the share covered so far."""
     cameras, mounts = placement.cameras, placement.prepared.mounts
-    costs, found = placement.prepared.pool.costs, []
+    costs, items = placement.prepared.pool.costs, []
     for row, pose in enumerate(cameras.poses):
         owner = int(cameras.owner[row])
         entry: ByName = {"origin": placement.origin[owner]}
@@ -318,8 +307,8 @@ def _cameras(placement: Placement) -> list[ByName]:
             entry["mount"] = owner
         entry["heading_deg"], entry["down_deg"] = heading_and_tilt(pose)
         entry["covered_faces"] = cameras.network.covered_faces[row]
-        found.append(entry | {"share_so_far": cameras.curve[row]})
-    return found
+        items.append(entry | {"share_so_far": cameras.curve[row]})
+    return items
 
 
 def cameras_table(placement: Placement) -> Table:
@@ -364,7 +353,7 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     elif not goal and isinstance(asked, BestCoverage):
         most = []
         if asked.cameras is not None:
-            what = f"{'more ' * (len(prepared.plan.given) > 0)}{_what(prepared)}"
+            what = f"{'more ' * (len(prepared.plan.given) > 0)}{prepared.noun}"
             most.append(f"at most {plural(asked.cameras, what)}")
         if asked.budget is not None:
             most.append(f"a cost of at most {asked.budget:g}")
@@ -380,7 +369,7 @@ def lines(
     Rows of dead zones `named` before are left out.
     """
     prepared, selection = placement.prepared, placement.selection
-    what = _what(prepared)
+    what = prepared.noun
     said = goal_lines(placement.requirements)[1]
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
@@ -414,17 +403,15 @@ def lines(
         )
     if placement.carried is not None:
         said.append(placement.carried.line())
-    if (flight := placement.flight) is not None:
-        said += flight.lines()
-        said += filter(None, (each.sampled_at(flight.mesh) for each in prepared.plan.candidates))
+    for product in placement.products:
+        said += product.lines()
+        said += filter(None, (each.sampled_at(prepared.mesh) for each in prepared.plan.candidates))
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses
     ]
-    if placement.tolerance is not None and len(placement.cameras.placed):
-        said.append(_with_errors(placement, placement.tolerance))
-    if placement.assured is not None:
-        said += placement.assured.lines()
+    for made in placement.made.values():
+        said += made.lines()
     is_any = prepared.problem.reachable.any()
     if not placement.is_met and is_any and "stricter selection" in placement.steps:
         said.append(
@@ -438,32 +425,11 @@ def lines(
     return said
 
 
-def _with_errors(placement: Placement, found: Tolerance) -> str:
-    """Coverage after draws of installation errors, in words."""
-    prepared = placement.prepared
-    error = f"{found.error.position_mm:g} mm, {found.error.angle_deg:g} deg"
-    error += "" if prepared.cells is None else " (on patches)"
-    kind = "of standard deviation" if found.error.distribution == "normal" else "up to"
-    text = (
-        f"with installation errors {kind} {error}: {percent(found.together.mean)} on average, "
-        f"{percent(found.together.worst)} in the worst of {plural(found.draws, 'draw')}"
-    )
-    if found.critical >= 0:
-        left = percent(found.cameras[found.critical].without)
-        text += f"; losing {_what(prepared)} {found.critical + 1} costs most: {left} remains"
-    return text
-
-
-def _what(prepared: Prepared) -> str:
-    """Word for what is chosen and moved."""
-    return "mount" if prepared.mounts.has_rigs else "camera"
-
-
 def _interrupted(placement: Placement) -> str:
     """Words on the step that was interrupted, and on what there is of it."""
     step = placement.interrupted
-    found = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
-    if found.get(step):
+    table = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
+    if table.get(step):
         return f"interrupted during {step}: best result so far"
     return f"interrupted before {step}: result so far"
 
@@ -495,28 +461,28 @@ def _of(prepared: Prepared) -> str:
 
 def _selected(placement: Placement) -> str:
     """Result of the selection and its distance from the best."""
-    prepared, found = placement.prepared, placement.selection
+    prepared, selection = placement.prepared, placement.selection
     of = _of(prepared)
-    text = f"{len(found.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
-    text += f" {verb(len(found.chosen), 'cover')} {percent(found.share)} of {of}"
+    text = f"{len(selection.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
+    text += f" {verb(len(selection.chosen), 'cover')} {percent(selection.share)} of {of}"
     if prepared.cells is not None:
         least = 100 * prepared.task.min_coverage
         text += f" (a patch counts if a camera covers at least {least:g} % of it)"
     if (prepared.pool.costs != 1).any():
-        text += f" at a cost of {found.cost:g}"
+        text += f" at a cost of {selection.cost:g}"
     if prepared.selection.goal == "all":
         return text
-    if not found.share > 0:
+    if not selection.share > 0:
         return f"{text}: no candidate covers any of the surface"
     if placement.is_least:
         return f"{text}; no smaller set of candidates reaches the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"
-    if found.status == "optimal":
+    if selection.status == "optimal":
         return f"{text}: proved optimal{on}{on and ', not for exact area'}"
     if isinstance(prepared.problem.goal, BestCoverage):
-        return f"{text}; upper bound for these candidates: {percent(found.bound)}"
+        return f"{text}; upper bound for these candidates: {percent(selection.bound)}"
     what = "cost" if (prepared.pool.costs != 1).any() else "number of cameras"
-    return f"{text}; lower bound on the {what}: {found.bound:g}{on}"
+    return f"{text}; lower bound on the {what}: {selection.bound:g}{on}"
 
 
 def _status_of(placement: Placement) -> str:

@@ -13,15 +13,15 @@ import numpy as np
 import shapely
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.frames import to_world
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh
-from rastercov.mesh.sections import cross, polygons_in, section
-from rastercov.mesh.solids import closed_faces
-from rastercov.mesh.topology import components_of, edge_table
+from rastercov.core.area.frames import to_world
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh
+from rastercov.core.mesh.sections import cross, polygons_in, section, solid
+from rastercov.core.mesh.solids import closed_faces
+from rastercov.core.mesh.topology import components_of, edge_table
 from rastercov.placement.candidates.ground import heights_at
 
 CREASE = np.cos(np.deg2rad(30))
@@ -71,12 +71,12 @@ def seen_on_plan(scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: 
     ]
     task = Task(min_facing_density=density)
     with closing(RegionPass(scene, sharp, task, only_task=True)) as finder:
-        found = finder.find(Poses.of(placed, camera=poses.camera))
-    corner_of = np.repeat(np.arange(len(found.face)), np.diff(found.starts))
-    corners = to_world(scene, found.face[corner_of].astype(np.int64), found.xy)[:, :2]
+        result = finder.find(Poses.of(placed, camera=poses.camera))
+    corner_of = np.repeat(np.arange(len(result.face)), np.diff(result.starts))
+    corners = to_world(scene, result.face[corner_of].astype(np.int64), result.xy)[:, :2]
     pieces = shapely.make_valid(shapely.polygons(shapely.linearrings(corners, indices=corner_of)))
     rows = range(len(poses))
-    seen = (shapely.union_all(pieces[found.pose == row], grid_size=1e-6) for row in rows)
+    seen = (shapely.union_all(pieces[result.pose == row], grid_size=1e-6) for row in rows)
     return [_without_gaps(each) for each in seen]
 
 
@@ -144,8 +144,8 @@ def planned(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
     if not any(map(len, boxes)):
         corners = mesh.vertices[mesh.faces[is_own]][..., :2].reshape(-1, 2)
         boxes.append(middle_part(corners, np.repeat(mesh.areas[is_own], 3)))
-    found = np.concatenate((*boxes, poses.world_from_camera[:, :2, 3]))
-    low, high = found.min(axis=0), found.max(axis=0)
+    values = np.concatenate((*boxes, poses.world_from_camera[:, :2, 3]))
+    low, high = values.min(axis=0), values.max(axis=0)
     if not len(walls):
         ends = np.asarray(mesh.opaque.bounds)[:, :2]
         low = np.minimum(low, np.maximum(low - WALL, ends[0]))
@@ -175,15 +175,15 @@ def distances_to_walls(walls: FloatArray, at: FloatArray) -> list[FloatArray]:
     nearest = start + np.clip(share, 0, 1)[:, None] * step
     row = np.linalg.norm(nearest - at, axis=1).argmin()
     along = step[row] / np.linalg.norm(step[row])
-    found = []
+    distances = []
     for axis in (along, np.array((-along[1], along[0]))):
         with np.errstate(divide="ignore", invalid="ignore"):
             t = cross(start - at, step) / cross(axis, step)
             s = cross(start - at, np.broadcast_to(axis, start.shape)) / cross(axis, step)
         hits = t[(s >= -1e-9) & (s <= 1 + 1e-9) & (abs(t) > 1e-3)]
         if len(hits):
-            found.append(np.stack((at, at + hits[abs(hits).argmin()] * axis)))
-    return found
+            distances.append(np.stack((at, at + hits[abs(hits).argmin()] * axis)))
+    return distances
 
 
 def edges_between(mesh: Mesh, drawn: BoolArray, low: float, high: float) -> FloatArray:
@@ -206,7 +206,7 @@ def seen_from_above(mesh: Mesh) -> Any:
     Its border is of edges that do not have one face on either side in plan; these edges go around
     places that are covered as a whole, or not at all.
     """
-    table, middle = edge_table(mesh.welded_faces, mesh.n_vertices), mesh.bounds.mean(axis=0)[:2]
+    table, middle = edge_table(mesh.welded_faces, mesh.n_vertices), mesh.centre[:2]
     ends = mesh.vertices[table.vertices.astype(np.int64), :2] - middle
     start, step = ends[:, 0], ends[:, 1] - ends[:, 0]
     rows = (table.faces[table.first + rest] for rest in (0, table.n_uses - 1))
@@ -218,3 +218,16 @@ def seen_from_above(mesh: Mesh) -> Any:
     within = shapely.get_coordinates(shapely.point_on_surface(cells)) + middle
     area = shapely.union_all(cells[~np.isnan(heights_at(mesh, within))])
     return shapely.transform(area, lambda xy: xy + middle)
+
+
+def rooms_of(mesh: Mesh, cut: float) -> list[tuple[str, str, Any]]:
+    """Name, number and outline of each space of a building that a cut crosses."""
+    rooms = []
+    for product, inside in mesh.spaces:
+        low, high = np.asarray(inside.bounds)[:, 2]
+        if low <= cut < high:
+            number = product.name if product.long_name else ""
+            name = product.long_name or product.name or product.global_id
+            outline = solid(section(inside.vertices, inside.welded_faces, cut))
+            rooms.append((name, number, outline))
+    return rooms

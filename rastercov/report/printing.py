@@ -28,22 +28,22 @@ MOST_SECONDS = 120
 
 def browser() -> str:
     """Program that prints pages; ConfigError without one."""
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is not None:
-        return found
+    item = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if item is not None:
+        return item
     try:
         from playwright.sync_api import sync_playwright
 
         with sync_playwright() as driver:
-            found = driver.chromium.executable_path
+            item = driver.chromium.executable_path
     except ImportError:
         pass
-    if found is None or not Path(found).exists():
+    if item is None or not Path(item).exists():
         raise ConfigError(
             f"--pdf: expected Chromium or Chrome, got none; {INSTALL_CHROMIUM}, or run "
             "`playwright install chromium`"
         )
-    return found
+    return item
 
 
 def write_page(folder: ReportFolder, name: str, text: str, *, pdf: bool = False) -> None:

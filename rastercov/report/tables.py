@@ -11,6 +11,8 @@ from rich.text import Text
 from rastercov.base.format import (
     ReadByName,
     area,
+    decimals_of,
+    in_decimals,
     percent,
     plural,
     signed,
@@ -18,12 +20,12 @@ from rastercov.base.format import (
     with_bound,
 )
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import angles_of_view
-from rastercov.coverage.densities import density_text
-from rastercov.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
-from rastercov.coverage.phases import said_of
-from rastercov.raster.observation import KIND_WORDS
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.projection import angles_of_view
+from rastercov.core.coverage.densities import density_text
+from rastercov.core.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
+from rastercov.core.coverage.phases import said_of
+from rastercov.core.raster.observation import KIND_WORDS
 
 STRAIGHT = 1e-4
 """Sine of the angle to the vertical below which a camera looks straight up or down."""
@@ -37,11 +39,10 @@ def summary_table(summary: ReadByName, level: int | None = None, unit: str = "m"
     """`Network.summary` for a terminal of 80 columns: parts or groups.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
-    as for `rastercov.coverage.parts.entries_at`. "main cause" is the reason of most of what is not
-    covered, "faces %" the share of faces where the result is by face, and "% of coverable", where
-    it differs, the covered share of the area that a camera outside all bodies can see. `unit` is of
-    lengths, as of `rastercov.base.format.area`; a `noun` of the summary
-    is a word for a pose.
+    as for `rastercov.core.coverage.parts.entries_at`. "main cause" is the reason of most of what is
+    not covered, "faces %" the share of faces where the result is by face, and "% of coverable",
+    where it differs, the covered share of the area that a camera outside all bodies can see. `unit`
+    is of lengths, as of `rastercov.base.format.area`; a `noun` of the summary is a word for a pose.
     """
     views, by_area = summary["required_views"], "covered_area" in summary
     title = f"Covered by {plural(summary['poses'], summary.get('noun', 'camera'))}"
@@ -147,7 +148,7 @@ def lens_text(camera: Camera) -> str:
         )
     if camera.focal_length is None:
         across, down = angles_of_view(camera)
-        return f"{across:.0f} x {down:.0f}°"
+        return f"{in_decimals(across, 0)} x {in_decimals(down, 0)}°"
     stop = camera.aperture and f" f/{camera.focal_length / camera.aperture:.2g}"
     return f"{1e3 * camera.focal_length:.3g} mm{stop or ''}"
 
@@ -159,7 +160,8 @@ def camera_words(camera: Camera) -> str:
         size = f"{camera.width} x {camera.height} px"
         shown = (camera.product, size, lens_text(camera), f"field of view {view}")
         return ", ".join(filter(None, shown))
-    across, down = (signed(each, 1) for each in angles_of_view(camera))
+    angles = angles_of_view(camera)
+    across, down = (signed(each, max(1, decimals_of(min(angles)) - 1)) for each in angles)
     lens = "" if camera.focal_length is None else lens_text(camera)
     # Some products end in it.
     lens = "" if not lens or camera.product.endswith(lens) else f"{lens} lens"

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import IntArray
-from rastercov.coverage.reasons import REASONS
-from rastercov.mesh import Mesh
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh import Mesh
 
 Colour = tuple[int, int, int]
 Pixels = NDArray[np.uint8]
@@ -82,7 +82,7 @@ DORI: dict[str, Colour] = {
     "detect": (223, 234, 245), "observe": (207, 232, 207), "recognise": (253, 235, 176),
     "identify": (248, 198, 168),
 }  # fmt: skip
-"""Of the levels of `rastercov.coverage.densities.DORI`, on paper and in the viewer."""
+"""Of the levels of `rastercov.core.coverage.densities.DORI`, on paper and in the viewer."""
 COARSE = (150, 156, 164)
 """Of what is covered at none of these levels."""
 CAMERAS: tuple[Colour, ...] = (

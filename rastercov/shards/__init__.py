@@ -15,7 +15,7 @@ process.py      processes of this machine, called through pipes
 inputs.py       header, mesh, cameras and poses in the folder of a store
 """
 
-from rastercov.shards.run import ALONE, Progress, Staff, fill, make_shards
+from rastercov.shards.run import ALONE, Progress, Staff, fill, make_shards, silent
 from rastercov.shards.store import ShardStore
 from rastercov.shards.work import Made, Tally
 from rastercov.shards.workers import Workers
@@ -30,4 +30,5 @@ __all__ = [
     "Workers",
     "fill",
     "make_shards",
+    "silent",
 ]

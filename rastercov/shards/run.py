@@ -32,6 +32,10 @@ Progress = Callable[[int, int], None]
 """Called with what is done and what there is in all."""
 
 
+def silent(done: int, total: int) -> None:
+    """Report nothing."""
+
+
 @dataclass(frozen=True)
 class Staff:
     """Processes that measure, and the functions that they report to.
@@ -51,7 +55,7 @@ class Staff:
     """
 
     workers: Workers | None = None
-    progress: Progress = lambda done, total: None
+    progress: Progress = silent
     watch: Callable[[Made], None] = lambda made: None
     note: Note = logging.getLogger("rastercov").warning
     answer: Callable[[ReadByName], object] = lambda summary: None

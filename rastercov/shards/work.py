@@ -104,12 +104,12 @@ def _guilty(
     """Poses of a part that kills its process, each with the end of the process."""
     if len(poses) == 1:
         return [(poses[0], end)]
-    found = []
+    guilty = []
     for half in (poses[: len(poses) // 2], poses[len(poses) // 2 :]):
         outcome = _in_process(store, number, half, is_trial=True)
         if not isinstance(outcome, Made):
-            found += _guilty(store, number, half, outcome)
-    return found
+            guilty += _guilty(store, number, half, outcome)
+    return guilty
 
 
 def _in_process(

@@ -1,12 +1,13 @@
 """Choice of the processes that make shards."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
-from rastercov.cluster.scheduler import OfScheduler, check_scheduler, pool_of, risk
+from rastercov.base.features import hooks_of
 from rastercov.shards.process import Processes
 
 MOST_WORKERS = 1024
@@ -20,6 +21,43 @@ ENVIRONMENT = {
     "MALLOC_MMAP_THRESHOLD_": str(1 << 30),
 }
 """Environment of a worker, which must be set before it starts."""
+
+
+class Pool(Protocol):
+    """Processes that make shards; PoolLostError by each method where they are lost."""
+
+    def submit(self, function: Callable[..., Any], *arguments: object) -> Any:
+        """Outcome of a call."""
+
+    def result(self, future: Any) -> Any:
+        """Result of a call that is done."""
+
+    def is_end(self, error: Exception) -> bool:
+        """True for the error of a call whose process ended."""
+
+    def n_threads(self) -> int:
+        """Calls that are made at a time."""
+
+
+class Elsewhere:
+    """Hooks of processes on other machines, which an address names."""
+
+    def check(self, address: str) -> None:
+        """Accept an address; ConfigError for another one, and where a package is missing."""
+        raise ConfigError(f"expected no scheduler in this installation, got {shown(address)}")
+
+    def risk(self, address: str) -> str:
+        """Line on who can reach the processes, "" where no other can."""
+        return ""
+
+    def pool(self, address: str) -> AbstractContextManager[Pool]:
+        """Processes of an address; ConfigError where it cannot be reached."""
+        raise NotImplementedError
+
+
+def elsewhere() -> Elsewhere:
+    """Hooks of the feature that has such processes."""
+    return next(iter(hooks_of(Elsewhere)), Elsewhere())
 
 
 @dataclass(frozen=True)
@@ -48,8 +86,8 @@ class Workers:
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.look_at([(0.6, 0, 0), (0, 0, 0.6)], (0, 0, 0))
     >>> own = rc.Workers(1)  # one process, which writes shards to the folder
-    >>> found = rc.evaluate(mesh, camera, poses, shards=("shards", own))
-    >>> round(found.covered.share(), 3)
+    >>> result = rc.evaluate(mesh, camera, poses, shards=("shards", own))
+    >>> round(result.covered.share(), 3)
     0.333
     """
 
@@ -68,7 +106,7 @@ class Workers:
                 f"expected workers to be from 1 to {MOST_WORKERS}, got {shown(number)}; correct it"
             )
         if self.scheduler is not None:
-            check_scheduler(self.scheduler)
+            elsewhere().check(self.scheduler)
 
     @classmethod
     def of(cls, number: int | None, scheduler: str | None) -> "Workers | None":
@@ -83,10 +121,10 @@ class Workers:
     @property
     def _risk(self) -> str:
         """Line on who can reach the processes, "" where no other can."""
-        return self._address and risk(self._address)
+        return self._address and elsewhere().risk(self._address)
 
     @contextmanager
-    def pool(self) -> "Iterator[Pool]":
+    def pool(self) -> Iterator[Pool]:
         """Processes; local ones start and end here.
 
         Raises
@@ -94,9 +132,9 @@ class Workers:
         ConfigError
             Where those on other machines cannot be reached.
         """
-        own = self.number or 1, ENVIRONMENT
-        with pool_of(self.scheduler) if self.scheduler else Processes(*own) as processes:
+        if self.scheduler is not None:
+            with elsewhere().pool(self.scheduler) as others:
+                yield others
+            return
+        with Processes(self.number or 1, ENVIRONMENT) as processes:
             yield processes
-
-
-Pool = Processes | OfScheduler

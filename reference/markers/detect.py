@@ -63,8 +63,8 @@ def detect(image: ByteArray, min_perimeter: float = MIN_PERIMETER) -> dict[int, 
     if numbers is None:
         return {}
     # (N, 1) up to OpenCV 4, (N,) from 5 on. OpenCV counts from pixel centres.
-    found = np.ravel(numbers)
+    values = np.ravel(numbers)
     return {
         int(number): np.reshape(corner, (4, 2)).astype(np.float64) + 0.5
-        for number, corner in zip(found, corners, strict=True)
+        for number, corner in zip(values, corners, strict=True)
     }

@@ -19,18 +19,19 @@ import numpy as np
 
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import entries_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import entries_of
 from rastercov.reference.markers.detect import MIN_PERIMETER, detect, patterns
 from rastercov.reference.markers.picture import reflected, sensor
 from rastercov.reference.markers.requirement import (
     DETECTOR,
     THESIS,
+    MarkerRequirement,
     PlateFigures,
-    Requirement,
     plate_figures,
 )
 from rastercov.reference.markers.scene import BOARD_SIDE, MARKER_SIDE, Plate
+from rastercov.shards import Progress, silent
 
 ICUBE = "icube-ns4133bu-8mm"
 FOCUS_DEPTHS = (*range(2, 15), 17, 18)
@@ -59,7 +60,7 @@ SMALL = 38.0
 
 
 @dataclass(frozen=True)
-class Row:
+class MarkerRow:
     """One marker of an experiment."""
 
     marker: int  # its number
@@ -81,7 +82,7 @@ class Experiment:
     name: str
     title: str
     criterion: str  # heading of the figures
-    rows: tuple[Row, ...]  # one a marker
+    rows: tuple[MarkerRow, ...]  # one a marker
     image: ByteArray  # the picture, (H, W)
     found: dict[int, FloatArray]  # corners (4, 2) of the markers found in it, by number
     seconds: float
@@ -97,16 +98,14 @@ class Experiment:
         return sum(row.printed_detected == row.detected for row in self.rows)
 
 
-def run_experiments(
-    seed: int = 0, progress: Callable[[int, int], None] = lambda done, total: None
-) -> list[Experiment]:
+def run_experiments(seed: int = 0, progress: Progress = silent) -> list[Experiment]:
     """All four, in the order of the thesis; the seed is that of the sensor's noise."""
-    found = []
+    experiments = []
     for done, run in enumerate((field_of_view, resolution, focus, visibility)):
         progress(done, 4)
-        found.append(run(seed))
+        experiments.append(run(seed))
     progress(4, 4)
-    return found
+    return experiments
 
 
 def field_of_view(seed: int = 0) -> Experiment:
@@ -220,22 +219,22 @@ def _run(
     began = time.perf_counter()
     light = reflected(plates, patterns(), camera)
     image = sensor(light, np.random.default_rng(seed))
-    found = detect(image, min_perimeter)
+    detections = detect(image, min_perimeter)
     by_table, by_detector = _relaxed(THESIS, min_perimeter), _relaxed(DETECTOR, min_perimeter)
     rows = tuple(
-        Row(
+        MarkerRow(
             marker=index,
             predicted=figures.is_met(by_table),
             predicted_by_detector=figures.is_met(by_detector),
-            detected=index in found,
+            detected=index in detections,
             **row(index, figures),
         )
         for index, figures in enumerate(plate_figures(plates, camera))
     )
-    return Experiment(*about, rows, image, found, time.perf_counter() - began)
+    return Experiment(*about, rows, image, detections, time.perf_counter() - began)
 
 
-def _relaxed(requirement: Requirement, min_perimeter: float) -> Requirement:
+def _relaxed(requirement: MarkerRequirement, min_perimeter: float) -> MarkerRequirement:
     """The requirement for another P_min: R_min is (P_min / 4)^2."""
     share = min_perimeter / MIN_PERIMETER
     contour = requirement.min_contour and requirement.min_contour - MIN_PERIMETER + min_perimeter

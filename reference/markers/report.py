@@ -21,7 +21,7 @@ from rich.table import Table
 
 from rastercov.base.format import ByName
 from rastercov.reference.markers.detect import opencv
-from rastercov.reference.markers.experiments import Experiment, Row
+from rastercov.reference.markers.experiments import Experiment, MarkerRow
 from rastercov.reference.markers.requirement import DETECTOR, THESIS
 from rastercov.reference.pages import publish
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -110,7 +110,7 @@ def write_validation(folder: ReportFolder, experiments: Sequence[Experiment]) ->
     return publish(folder, page, as_json(experiments), pictures)
 
 
-def row_of(row: Row) -> tuple[str, ...]:
+def row_of(row: MarkerRow) -> tuple[str, ...]:
     """A marker under `ROW_HEADINGS`."""
     answers = (row.predicted, row.predicted_by_detector, row.printed_detected, row.detected)
     return (

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_image
-from rastercov.coverage.coverage import Coverage
-from rastercov.coverage.job import evaluate
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.projection import to_image
+from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.job import evaluate
 from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, Plate, mesh_of
 
@@ -32,7 +32,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Requirement:
+class MarkerRequirement:
     """Thresholds of the marker task."""
 
     name: str  # in tables
@@ -45,9 +45,9 @@ class Requirement:
     min_visibility: float = 1.0  # V_min
 
 
-THESIS = Requirement(name="thesis", min_pixels=1024.0, max_blur=5.755, min_visibility=1.0)
+THESIS = MarkerRequirement(name="thesis", min_pixels=1024.0, max_blur=5.755, min_visibility=1.0)
 """Exactly Table 5.1."""
-DETECTOR = Requirement(
+DETECTOR = MarkerRequirement(
     name="detector",
     min_contour=132.0,
     min_cell=1.0,
@@ -86,7 +86,7 @@ class PlateFigures:
         """The blur circle over the side of a cell, the root of its image's area; 0 without one."""
         return CELLS * self.blur / math.sqrt(self.pixels) if self.pixels > 0 else 0.0
 
-    def resolution(self, requirement: Requirement) -> float:
+    def resolution(self, requirement: MarkerRequirement) -> float:
         """C_R, not capped."""
         shares = [self.pixels / requirement.min_pixels]
         if requirement.min_contour:
@@ -95,7 +95,7 @@ class PlateFigures:
             shares.append(self.cell / requirement.min_cell)
         return min(shares)
 
-    def coverage(self, requirement: Requirement) -> float:
+    def coverage(self, requirement: MarkerRequirement) -> float:
         """C, (3.6), graded; the depth of field is where the blur circle stays within its limit."""
         is_sharp = self.blur <= requirement.max_blur
         is_sharp &= self.blur_cells <= requirement.max_blur_cells
@@ -103,27 +103,27 @@ class PlateFigures:
             return 0.0
         return min(1.0, self.resolution(requirement)) * self.visibility
 
-    def is_met(self, requirement: Requirement) -> bool:
+    def is_met(self, requirement: MarkerRequirement) -> bool:
         """True when the model predicts a detection."""
         return self.coverage(requirement) >= requirement.min_visibility - ROUNDING
 
 
 def plate_figures(plates: Sequence[Plate], camera: Camera) -> list[PlateFigures]:
     """Figures of each plate's marker, method certified."""
-    found = evaluate(mesh_of(plates), camera, np.eye(4)[None], by="face")
-    return [_figures(found, camera, plate, index) for index, plate in enumerate(plates)]
+    result = evaluate(mesh_of(plates), camera, np.eye(4)[None], by="face")
+    return [_figures(result, camera, plate, index) for index, plate in enumerate(plates)]
 
 
-def _figures(found: Coverage, camera: Camera, plate: Plate, index: int) -> PlateFigures:
+def _figures(coverage: Coverage, camera: Camera, plate: Plate, index: int) -> PlateFigures:
     faces = slice(2 * index, 2 * index + 2)
     image, size = to_image(plate.corners, camera), np.array((camera.width, camera.height))
     return PlateFigures(
-        in_view=bool(found.in_view[0, faces].all()),
+        in_view=bool(coverage.in_view[0, faces].all()),
         border=float(min(image.min(), (size - image).min())),
-        pixels=float(found.drawn_pixels[0, faces].sum()),
-        visible_pixels=float(found.visible_pixels[0, faces].sum()),
+        pixels=float(coverage.drawn_pixels[0, faces].sum()),
+        visible_pixels=float(coverage.visible_pixels[0, faces].sum()),
         contour=contour_length(image),
-        cell=float(found.pixel_density[0, faces].min()) * MARKER_SIDE / CELLS,
+        cell=float(coverage.pixel_density[0, faces].min()) * MARKER_SIDE / CELLS,
         blur=abs(float(blur_circle(camera, np.array(plate.centre[2])))),
     )
 

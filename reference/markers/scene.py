@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.mesh import Group, Mesh
+from rastercov.core.mesh import Group, Mesh
 
 MARKER_SIDE = 0.30
 """Side of a marker with its black border, metres."""

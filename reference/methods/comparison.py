@@ -22,11 +22,11 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.provenance import provenance_of
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods.contenders import (
     REFERENCES,
@@ -52,6 +52,7 @@ from rastercov.reference.methods.error_statistics import (
     Comparison,
     Score,
 )
+from rastercov.shards import Progress, silent
 
 CANDIDATES = ("certified", "sampled", "sampled@4")
 """Methods that are compared by default."""
@@ -74,7 +75,7 @@ def compare(
     *,
     worst: int = 6,
     convergence: bool = True,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Comparison:
     """Errors of several visibility methods, and checks of their bounds.
 
@@ -121,15 +122,15 @@ def compare(
         progress(next(counter), total)
 
     with ExitStack() as stack:
-        reference = stack.enter_context(open_reference(against, mesh, camera))
         contenders = [
             stack.enter_context(open_contender(c, mesh, camera, matrices, worst)) for c in named
         ]
+        reference = stack.enter_context(open_reference(against, mesh, camera))
         own = chosen if sweeps else []
         scene = mesh, camera, matrices
         done, known, interrupted = _measure(*scene, reference, contenders, own, step)
-    found: list[Convergence] = []
-    interrupted = interrupted or _converge(sweeps, mesh, camera, known, step, found)
+    convergences: list[Convergence] = []
+    interrupted = interrupted or _converge(sweeps, mesh, camera, known, step, convergences)
     scores = tuple(contender.score() for contender in contenders)
     if not any(score.all_sizes.figures for score in scores):
         raise ConfigError("expected a face in view from the front, got none; change the poses")
@@ -144,7 +145,7 @@ def compare(
         passed=all(check.passed is not False for check in checks),
         checks=tuple(checks),
         scores=scores,
-        convergence=tuple(found),
+        convergence=tuple(convergences),
         interrupted=interrupted,
         run=_provenance(mesh, camera, matrices),
     )
@@ -199,13 +200,13 @@ def _converge(
     camera: Camera,
     known: Sequence[KnownFaces],
     step: Callable[[], None],
-    found: list[Convergence],
+    convergences: list[Convergence],
 ) -> bool:
-    """Add the errors of each sweep to `found`; True after an interrupt, which ends it."""
+    """Add the errors of each sweep to `convergences`; True after an interrupt, which ends it."""
     try:
         for engine, sweep in sweeps:
             opener = partial(open_engine, engine)
-            found.append(converge(str(engine), opener, sweep, mesh, camera, known, step))
+            convergences.append(converge(str(engine), opener, sweep, mesh, camera, known, step))
     except KeyboardInterrupt:
         return True
     return False

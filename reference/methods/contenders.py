@@ -10,13 +10,13 @@ import numpy as np
 
 from rastercov.base.memory import ByteArray, FloatArray, IntArray
 from rastercov.base.threads import thread_count
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.observer import ROLL, Observer, open_observer
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.observer import ROLL, Observer, open_observer
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import Observation
 from rastercov.reference.methods.convergence import fractions
 from rastercov.reference.methods.error_statistics import (
     ROUNDING,

@@ -17,12 +17,12 @@ import numpy as np
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import ByteArray, FloatArray, IntArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.coverage.coverage import arrays_for
-from rastercov.coverage.face_pass import FacePass, Measured
-from rastercov.coverage.observer import Observer
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.coverage import arrays_for
+from rastercov.core.coverage.face_pass import FacePass, Measured
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.mesh import Mesh
 
 SWEEPS = {"supersampling": (1.0, 2.0, 4.0, 8.0), "resolution": (0.5, 1.0, 2.0, 4.0)}
 """Samples along a side of a camera pixel: S, or the scale of its width and height."""

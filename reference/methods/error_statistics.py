@@ -11,7 +11,7 @@ import numpy as np
 
 from rastercov.base.format import ByName, frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.raster.observation import KIND_WORDS, BoundKind
+from rastercov.core.raster.observation import KIND_WORDS, BoundKind
 from rastercov.reference.methods.convergence import Convergence
 
 MUST_HOLD = 0.999
@@ -273,7 +273,7 @@ class ErrorStatistics:
         """The faces of greatest weight, those of `last` after all others; none below 0."""
         best = np.lexsort((figures.face, -weight, last))[: self.n_worst]
         held = figures.is_held()
-        found = [
+        face_errors = [
             FaceError(
                 pose=pose,
                 face=int(figures.face[at]),
@@ -283,7 +283,7 @@ class ErrorStatistics:
             )
             for at in best
         ]
-        order = zip(last[best].tolist(), (-weight[best]).tolist(), found, strict=True)
+        order = zip(last[best].tolist(), (-weight[best]).tolist(), face_errors, strict=True)
         new = [entry for entry in order if entry[1] <= 0]
         return sorted([*kept, *new], key=lambda entry: entry[:2])[: self.n_worst]
 

@@ -14,8 +14,8 @@ from shapely.geometry.base import BaseGeometry
 from rastercov.base.errors import RastercovError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 from rastercov.reference.methods.error_statistics import FaceError
 from rastercov.reference.pages import LIGHT, new_axes
 from rastercov.reference.polygons import images_of, visible_in

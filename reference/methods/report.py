@@ -11,7 +11,7 @@ They replace an earlier comparison together, when all are whole.
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,10 +22,10 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base.format import number, plural
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import KIND_WORDS
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.methods.convergence import Convergence
 from rastercov.reference.methods.error_statistics import (
     MUST_HOLD,
@@ -43,7 +43,7 @@ from rastercov.reference.pages import (
     LABEL,
     LIGHT,
     Curve,
-    Theme,
+    PageTheme,
     image_of,
     line_plot,
     milliseconds,
@@ -55,6 +55,7 @@ from rastercov.reference.pages import (
 )
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.pages import Picture, rendered
+from rastercov.shards import Progress, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,7 +89,7 @@ def write_comparison(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write the page, the JSON and the pictures; returns the path of the page.
 
@@ -116,7 +117,7 @@ def _draw(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> None:
     """Add the pictures by the names of their files."""
     light, dark = (comparison_plots(comparison, theme) for theme in (LIGHT, DARK))
@@ -184,11 +185,11 @@ def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
 def _face_pictures(score: Score, pictures: dict[str, Picture]) -> list[tuple[str, list[Picture]]]:
     """Titles and pictures of the faces of a method, without empty ones."""
     names = [name for name in _shown(score) if name in pictures]
-    found = [
+    items = [
         (title, [pictures[name] for name in names if name.startswith(kind)])
         for kind, title in FACE_TITLES.items()
     ]
-    return [(title, of_kind) for title, of_kind in found if of_kind]
+    return [(title, of_kind) for title, of_kind in items if of_kind]
 
 
 def score_row(score: Score) -> tuple[str, ...]:
@@ -290,7 +291,7 @@ def check_lines(checks: Sequence[Check]) -> list[str]:
     return [results[check.passed] + str(check) for check in checks]
 
 
-def comparison_plots(comparison: Comparison, theme: Theme) -> "dict[str, Figure]":
+def comparison_plots(comparison: Comparison, theme: PageTheme) -> "dict[str, Figure]":
     """Plots of a comparison by the name of their file; those without figures are left out."""
     scores = comparison.scores
     colours = {s.name: theme.series[i % len(theme.series)] for i, s in enumerate(scores)}
@@ -309,7 +310,7 @@ def file_name(name: str) -> str:
 
 
 def _error_by_size(
-    scores: Sequence[Score], colours: dict[str, str], theme: Theme
+    scores: Sequence[Score], colours: dict[str, str], theme: PageTheme
 ) -> "Figure | None":
     """RMS error of partly hidden faces over the area of their images, and the mean bound."""
     curves, notes = [], []
@@ -331,7 +332,7 @@ def _error_by_size(
     return line_plot(title, "area of the face in the image, px²", up, curves, theme, notes)
 
 
-def _error_distribution(score: Score, theme: Theme) -> "Figure | None":
+def _error_distribution(score: Score, theme: PageTheme) -> "Figure | None":
     """Share of faces whose error exceeds x, one curve for each size class."""
     curves = []
     least = LEAST_ERROR if score.all_sizes.greatest > NEGLIGIBLE_ERROR else 0.0
@@ -349,7 +350,7 @@ def _error_distribution(score: Score, theme: Theme) -> "Figure | None":
 
 
 def _bound_tightness(
-    scores: Sequence[Score], colours: dict[str, str], theme: Theme
+    scores: Sequence[Score], colours: dict[str, str], theme: PageTheme
 ) -> "Figure | None":
     """Share of partly hidden faces whose |error| / bound exceeds x."""
     curves = []
@@ -368,10 +369,10 @@ def _bound_tightness(
     return line_plot(title, "error / bound", "share of partly hidden faces", curves, theme)
 
 
-def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
+def _convergence(convergences: Sequence[Convergence], theme: PageTheme) -> "Figure | None":
     """RMS error of the same faces over the density of samples, with the fitted power law."""
     curves: list[Curve] = []
-    for i, sweep in enumerate(found):
+    for i, sweep in enumerate(convergences):
         if sweep.slope is None:
             continue
         colour = theme.series[i % len(theme.series)]
@@ -391,7 +392,7 @@ def _convergence(found: Sequence[Convergence], theme: Theme) -> "Figure | None":
     return line_plot(title, across, up, curves, theme, [note])
 
 
-def _time(comparison: Comparison, colours: dict[str, str], theme: Theme) -> "Figure":
+def _time(comparison: Comparison, colours: dict[str, str], theme: PageTheme) -> "Figure":
     """Time per pose of each method and of the reference, on a logarithmic scale."""
     times = {s.name: 1e3 * s.seconds_per_pose for s in comparison.scores}
     times[f"reference: {comparison.against}"] = 1e3 * comparison.truth_seconds_per_pose

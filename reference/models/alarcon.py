@@ -41,13 +41,13 @@ import math
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import to_camera
-from rastercov.reference.models.base import Criteria, View, coverage_model
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.projection import to_camera
+from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model
 
 
 @coverage_model(
-    Criteria(
+    ModelCriteria(
         field_of_view="image",
         resolution="distance from the frustum's centre, graded",
         focus="depth of field",
@@ -56,7 +56,7 @@ from rastercov.reference.models.base import Criteria, View, coverage_model
     ),
     pinhole_because="its frustum has flat sides",
 )
-def coverage(view: View) -> FloatArray:
+def coverage(view: ModelView) -> FloatArray:
     """Coverage of each face, (F,) in [0, 1].
 
     Depends on `max_blur` and `focus_rule` of the task.
@@ -96,7 +96,7 @@ def frustum(camera: Camera, z_n: float, z_f: float) -> tuple[FloatArray, FloatAr
     return centre, np.stack(axes, axis=1)
 
 
-def _depths(view: View) -> tuple[float, float]:
+def _depths(view: ModelView) -> tuple[float, float]:
     """Depth of field (z_n, z_f), clipped to the nearest and farthest vertex ahead, metres."""
     z_n, z_f = view.camera.depth_of_field(view.task.max_blur)
     depth = view.faces.depth

@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import BoolArray, FloatArray, check_memory
-from rastercov.camera.camera import Camera
-from rastercov.camera.models import MODELS as LENSES
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.projection import to_camera
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS as LENSES
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.projection import to_camera
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import FaceGeometry, in_focus, measured_geometry
 from rastercov.reference.models.line_of_sight import LineOfSight
 
 
 @dataclass(frozen=True, kw_only=True)
-class Criteria:
+class ModelCriteria:
     """Criteria of a model in a word or two each, empty for one that it does not have."""
 
     field_of_view: str = ""
@@ -35,7 +35,7 @@ class Criteria:
 
 
 @dataclass(frozen=True)
-class View:
+class ModelView:
     """A scene as one pose has it, for a model."""
 
     mesh: Mesh
@@ -93,8 +93,8 @@ class CoverageModel:
     """Coverage of each face in each pose by a function of one view."""
 
     name: str
-    strength: Callable[[View], FloatArray]
-    criteria: Criteria
+    strength: Callable[[ModelView], FloatArray]
+    criteria: ModelCriteria
     pinhole_because: str
     """Reason why it needs a pinhole, or ""."""
 
@@ -131,11 +131,11 @@ class CoverageModel:
 
 
 def coverage_model(
-    criteria: Criteria, *, pinhole_because: str = ""
-) -> Callable[[Callable[[View], FloatArray]], CoverageModel]:
+    criteria: ModelCriteria, *, pinhole_because: str = ""
+) -> Callable[[Callable[[ModelView], FloatArray]], CoverageModel]:
     """Decorator that makes a model, named after its module, of its strength in a view, (F,)."""
 
-    def decorate(strength: Callable[[View], FloatArray]) -> CoverageModel:
+    def decorate(strength: Callable[[ModelView], FloatArray]) -> CoverageModel:
         name = strength.__module__.rpartition(".")[2]
         return CoverageModel(name, strength, criteria, pinhole_because)
 
@@ -147,7 +147,7 @@ def each_view(
     camera: Camera,
     poses: ArrayLike,
     task: Task,
-    strength: Callable[[View], FloatArray],
+    strength: Callable[[ModelView], FloatArray],
 ) -> FloatArray:
     """`strength` of the view of every pose, (P, F)."""
     matrices = valid_poses(poses)
@@ -158,10 +158,10 @@ def each_view(
     )
     near = near_limit(camera, mesh.opaque.bounds, matrices)
     sight = LineOfSight(mesh)
-    found = np.empty((len(matrices), mesh.n_faces))
+    result = np.empty((len(matrices), mesh.n_faces))
     for row, pose in enumerate(matrices):  # a few milliseconds for 10k faces
-        found[row] = strength(View(mesh, camera, task, sight, pose, float(near[row])))
-    return found
+        result[row] = strength(ModelView(mesh, camera, task, sight, pose, float(near[row])))
+    return result
 
 
 def required_density(mesh: Mesh, task: Task) -> FloatArray:
@@ -184,7 +184,7 @@ def facing_density(points: FloatArray, camera: Camera) -> FloatArray:
     if camera.is_pinhole:
         z = points[..., 2]
         return np.where(z > 0, min(camera.fx, camera.fy) / np.where(z > 0, z, 1.0), 0.0)
-    from rastercov.camera.lenses.of_camera import lens_of
+    from rastercov.core.camera.lenses.of_camera import lens_of
 
     slopes = np.nan_to_num(lens_of(camera).jacobian(points))
     return np.asarray(np.linalg.svd(slopes, compute_uv=False)[..., 1], np.float64)

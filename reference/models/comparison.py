@@ -8,7 +8,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 4.3, does this for one mo
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from heapq import nlargest
 from itertools import product
@@ -19,16 +19,17 @@ from numpy.typing import ArrayLike
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.coverage.coverage import Coverage, evaluate_batches
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.provenance import provenance_of
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference.models import MODELS, zhang
+from rastercov.shards import Progress, silent
 
 Values = dict[str, FloatArray]
 """Coverage by the name of the model."""
@@ -121,7 +122,7 @@ def compare_models(
     task: Task | None = None,
     names: Sequence[str] | None = None,
     *,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> ModelComparison:
     """Coverage of every model, their disagreements, and the visibility of the faces there.
 

@@ -17,12 +17,12 @@ Caveats
 """
 
 from rastercov.base.memory import FloatArray
-from rastercov.coverage.job import evaluate
-from rastercov.reference.models.base import Criteria, View, coverage_model
+from rastercov.core.coverage.job import evaluate
+from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model
 
 
 @coverage_model(
-    Criteria(
+    ModelCriteria(
         field_of_view="image",
         resolution="pixels of the face, graded",
         focus="depth of field",
@@ -30,7 +30,7 @@ from rastercov.reference.models.base import Criteria, View, coverage_model
         angle="limit",
     )
 )
-def coverage(view: View) -> FloatArray:
+def coverage(view: ModelView) -> FloatArray:
     """Coverage of each face, (F,), in [0, 1] where resolution is capped; method certified.
 
     Depends on all of the task.

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import BOX_MARGIN, TriangleTree
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import BOX_MARGIN, TriangleTree
 from rastercov.reference.criteria import depth_from_near
 
 MARGIN = 1e-4
@@ -36,7 +36,7 @@ class LineOfSight:
         return TriangleTree.over(self._placed(self._mesh.vertices), self._faces, margin=BOX_MARGIN)
 
     def _placed(self, points: FloatArray) -> FloatArray:
-        return (points - self._mesh.bounds.mean(axis=0)) / self._mesh.diagonal
+        return (points - self._mesh.centre) / self._mesh.diagonal
 
     def hidden(
         self, points: FloatArray, pose: FloatArray, near: float, camera: Camera

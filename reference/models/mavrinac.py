@@ -47,11 +47,11 @@ import math
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.projection import to_image
+from rastercov.core.camera.projection import to_image
 from rastercov.reference.criteria import blur_circle, depth_from_near
 from rastercov.reference.models.base import (
-    Criteria,
-    View,
+    ModelCriteria,
+    ModelView,
     coverage_model,
     facing_density,
     focus_depth,
@@ -61,7 +61,7 @@ from rastercov.reference.models.base import (
 
 
 @coverage_model(
-    Criteria(
+    ModelCriteria(
         field_of_view="image",
         resolution="mm per px",
         focus="blur circle, graded",
@@ -69,7 +69,7 @@ from rastercov.reference.models.base import (
         angle="graded",
     )
 )
-def coverage(view: View) -> FloatArray:
+def coverage(view: ModelView) -> FloatArray:
     """Coverage of each face, (F,) in [0, 1].
 
     Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `max_incidence_deg` of the task.
@@ -77,7 +77,7 @@ def coverage(view: View) -> FloatArray:
     return strength_of_points(view).mean(axis=1)
 
 
-def strength_of_points(view: View) -> FloatArray:
+def strength_of_points(view: ModelView) -> FloatArray:
     """C(p) of the three vertices of each face, in the order of `mesh.faces`, (F, 3)."""
     camera, faces = view.camera, view.mesh.faces
     ahead = depth_from_near(view.points, camera) >= view.near
@@ -103,7 +103,7 @@ def strength_of_points(view: View) -> FloatArray:
     return graded
 
 
-def _sharpness(view: View, points: FloatArray) -> FloatArray:
+def _sharpness(view: ModelView, points: FloatArray) -> FloatArray:
     """C_F of points in camera axes, (N,); a camera with a `focus_range` is sharp within it."""
     camera, depth = view.camera, focus_depth(points, view.camera)
     if camera.aperture is None or camera.focus_distance is None:

@@ -11,7 +11,7 @@ difference of bivalent and graded occlusion in two hues.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, fields, replace
 from pathlib import Path
 
@@ -22,16 +22,16 @@ from rich.table import Table
 
 from rastercov.base.format import number, plural
 from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.projection import image_boxes
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.raster import open_rasterizer
-from rastercov.raster.observation import KIND_WORDS
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.projection import image_boxes
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.models import MODELS, zhang
-from rastercov.reference.models.base import Criteria
+from rastercov.reference.models.base import ModelCriteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
 from rastercov.reference.pages import milliseconds, opened, percent_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -43,8 +43,9 @@ from rastercov.report.images import (
     png,
 )
 from rastercov.report.pages import Picture, rendered
-from rastercov.report.panorama import Scene, neutral, paint, scene_keys, seen
+from rastercov.report.panorama import DrawnScene, neutral, paint, scene_keys, seen
 from rastercov.report.theme import Pixels
+from rastercov.shards import Progress, silent
 
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom in pixels of the camera's image."""
@@ -62,7 +63,7 @@ POSES_DRAWN = 3
 """Maximum number of poses with images: those with the largest errors of the bivalent test."""
 CRITERIA_HEADINGS = (
     "model",
-    *(field.name.replace("_", " ") for field in fields(Criteria)),
+    *(field.name.replace("_", " ") for field in fields(ModelCriteria)),
 )
 SCORE_HEADINGS = (
     *("model", "covered pairs", "of all pairs", "of these visible", "between 0 and 1", "mean"),
@@ -94,7 +95,7 @@ def write_model_comparison(
     camera: Camera,
     poses: ArrayLike,
     task: Task | None = None,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Path:
     """Write the page, the JSON and the pictures; returns the path of the page.
 
@@ -178,22 +179,22 @@ def _title(name: str) -> str:
 
 def bivalence_lines(comparison: ModelComparison) -> list[str]:
     """Errors of the bivalent test, in sentences."""
-    found = comparison.bivalence
+    test = comparison.bivalence
     lines = [
-        f"{found.partly_hidden:,} of {found.faces:,} pose-face pairs (front-facing, inside the "
+        f"{test.partly_hidden:,} of {test.faces:,} pose-face pairs (front-facing, inside the "
         "image) are partly hidden"
     ]
-    if found.called_hidden:
+    if test.called_hidden:
         lines.append(
-            f"a bivalent test (all or nothing) classifies {found.called_hidden:,} pairs as hidden, "
-            f"although {100 * found.called_hidden_visibility:.0f} % of the face is visible on "
-            f"average ({found.called_hidden_pixels:,.0f} px² in total)"
+            f"a bivalent test (all or nothing) classifies {test.called_hidden:,} pairs as hidden, "
+            f"although {100 * test.called_hidden_visibility:.0f} % of the face is visible on "
+            f"average ({test.called_hidden_pixels:,.0f} px² in total)"
         )
-    if found.called_seen:
+    if test.called_seen:
         lines.append(
-            f"it classifies {found.called_seen:,} pairs as visible, although "
-            f"{100 * (1 - found.called_seen_visibility):.0f} % of the face is hidden on average "
-            f"({found.called_seen_pixels:,.0f} px² in total)"
+            f"it classifies {test.called_seen:,} pairs as visible, although "
+            f"{100 * (1 - test.called_seen_visibility):.0f} % of the face is hidden on average "
+            f"({test.called_seen_pixels:,.0f} px² in total)"
         )
     return lines
 
@@ -274,7 +275,7 @@ def score_table(comparison: ModelComparison) -> Table:
     return table
 
 
-def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> Scene:
+def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDTH) -> DrawnScene:
     """The part of the image that holds the mesh, `width` wide or `MAX_ASPECT * width` high."""
     left, top, right, bottom = _box_of(mesh, camera, pose)
     across, down = right - left, bottom - top
@@ -294,7 +295,7 @@ def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDT
 
 
 def coverage_picture(
-    scene: Scene, values: ArrayLike, title: str = "", word: str = "coverage"
+    scene: DrawnScene, values: ArrayLike, title: str = "", word: str = "coverage"
 ) -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
@@ -319,7 +320,7 @@ def coverage_picture(
     return framed(coverage_pixels(scene, values), title, [scale, *scene_keys([scene])])
 
 
-def coverage_pixels(scene: Scene, values: ArrayLike) -> Pixels:
+def coverage_pixels(scene: DrawnScene, values: ArrayLike) -> Pixels:
     """Pixels of `coverage_picture` without its frame, (H, W, 3).
 
     The grey of a face is fixed by its coverage except for a head-light of at most 14 %, which keeps
@@ -333,7 +334,7 @@ def coverage_pixels(scene: Scene, values: ArrayLike) -> Pixels:
     return paint(scene, colours)
 
 
-def occlusion_sheet(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
+def occlusion_sheet(look: DrawnScene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
     """Bivalent occlusion, graded occlusion and their difference, of visible fractions, (F,)."""
     three = [coverage_picture(look, each, word="visible fraction") for each in (bivalent, graded)]
     three.append(difference_picture(look, bivalent, graded))
@@ -341,7 +342,7 @@ def occlusion_sheet(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Im
     return _sheet(three, [f"({letter}) {name}" for letter, name in zip("abc", names, strict=True)])
 
 
-def difference_picture(look: Scene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
+def difference_picture(look: DrawnScene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
     """The look in soft grey, with colour on faces whose bivalent and graded occlusion differ.
 
     The strength of the colour grows with the difference.

@@ -27,19 +27,19 @@ Caveats
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.projection import to_camera
-from rastercov.reference.models.base import Criteria, View, coverage_model, facing_density
+from rastercov.core.camera.projection import to_camera
+from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model, facing_density
 
 
 @coverage_model(
-    Criteria(
+    ModelCriteria(
         field_of_view="image",
         resolution="px/m at the centroid, graded",
         focus="depth of field",
         angle="part of resolution",
     )
 )
-def coverage(view: View) -> FloatArray:
+def coverage(view: ModelView) -> FloatArray:
     """Coverage of each face, (F,) in [0, 1].
 
     Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `focus_rule` of the task.

@@ -28,18 +28,18 @@ Caveats
 import numpy as np
 
 from rastercov.base.memory import FloatArray
-from rastercov.camera.projection import to_image
-from rastercov.reference.models.base import Criteria, View, coverage_model
+from rastercov.core.camera.projection import to_image
+from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model
 
 
 @coverage_model(
-    Criteria(
+    ModelCriteria(
         field_of_view="pyramid of the smaller angle of view",
         resolution="px/m along the worst edge, graded",
     ),
     pinhole_because="its edges are straight in the image",
 )
-def coverage(view: View) -> FloatArray:
+def coverage(view: ModelView) -> FloatArray:
     """Coverage of each face, (F,) in [0, 1].
 
     Depends on `min_pixels` and `min_pixel_density` of the task.

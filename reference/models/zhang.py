@@ -36,15 +36,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.camera import Camera
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import depth_from_near
-from rastercov.reference.models.base import Criteria, View, coverage_model, each_view
+from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model, each_view
 
 
 @coverage_model(
-    Criteria(
+    ModelCriteria(
         field_of_view="image",
         resolution="px/m over the vertices, graded",
         focus="depth of field",
@@ -53,7 +53,7 @@ from rastercov.reference.models.base import Criteria, View, coverage_model, each
     ),
     pinhole_because="its resolution is that of a plane across the optical axis",
 )
-def coverage(view: View) -> FloatArray:
+def coverage(view: ModelView) -> FloatArray:
     """Coverage of each face, (F,) in [0, 1].
 
     Depends on `min_pixels`, `min_pixel_density`, `max_blur` and `focus_rule` of the task.
@@ -73,14 +73,14 @@ def visible(mesh: Mesh, camera: Camera, poses: ArrayLike) -> FloatArray:
     Without field of view, focus and resolution; 0 where a vertex lies before the near plane.
     """
 
-    def strength(view: View) -> FloatArray:
+    def strength(view: ModelView) -> FloatArray:
         ahead = depth_from_near(view.points, view.camera) >= view.near
         return _unhidden(view, view.faces.is_front & ahead[mesh.faces].all(axis=1))
 
     return each_view(mesh, camera, poses, Task(), strength)
 
 
-def _unhidden(view: View, chosen: BoolArray) -> FloatArray:
+def _unhidden(view: ModelView, chosen: BoolArray) -> FloatArray:
     """1 for chosen faces none of whose vertices are hidden, 0 for all others, (F,)."""
     is_seen: BoolArray = chosen & ~view.hidden(chosen).any(axis=1)
     return is_seen.astype(np.float64)

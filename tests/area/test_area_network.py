@@ -12,14 +12,14 @@ from surface_cases import hostile_scene, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.figures import in_words
-from rastercov.coverage.area.network import AreaNetwork, unit_of_result
-from rastercov.coverage.area.polygons import polygon_areas
-from rastercov.coverage.area.regions import RegionObserver
-from rastercov.coverage.area.union import with_rest
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import Network
-from rastercov.mesh import Group
+from rastercov.core.area.figures import in_words
+from rastercov.core.area.network import AreaNetwork, unit_of_result
+from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.regions import RegionObserver
+from rastercov.core.area.union import with_rest
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.network import Network
+from rastercov.core.mesh import Group
 
 
 def network_of(mesh, camera, poses, task, step=2, *, closing=True):
@@ -73,13 +73,13 @@ def test_groups_add_up_to_the_whole():
     task = rc.Task(views=2)
     areas = network_of(mesh, camera, poses, task)
     network = Network(mesh, task)
-    found = network.summary()
-    areas.add_to(found, camera, poses)
-    parts = [group["covered_area"] for group in found["groups"] if "covered_area" in group]
-    assert sum(part["m2"] for part in parts) == pytest.approx(found["covered_area"]["m2"])
-    assert [row["views"] for row in found["covered_area"]["by_views"]] == [1, 2]
-    most, least = (row["m2"] for row in found["covered_area"]["by_views"])
-    assert most > least == found["covered_area"]["m2"] > 0
+    summary = network.summary()
+    areas.add_to(summary, camera, poses)
+    parts = [group["covered_area"] for group in summary["groups"] if "covered_area" in group]
+    assert sum(part["m2"] for part in parts) == pytest.approx(summary["covered_area"]["m2"])
+    assert [row["views"] for row in summary["covered_area"]["by_views"]] == [1, 2]
+    most, least = (row["m2"] for row in summary["covered_area"]["by_views"])
+    assert most > least == summary["covered_area"]["m2"] > 0
 
 
 def two_groups(**flags):
@@ -96,10 +96,10 @@ def test_groups_may_need_views_of_their_own():
     front = areas.summary({"back": 2})
     assert front["m2"] == pytest.approx(areas.covered.area[0, 2:].sum())
     assert areas.summary({"back": 2, "front": 2})["m2"] == 0
-    found = Network(mesh, areas.task).summary()
-    areas.add_to(found, camera, np.eye(4)[None], {"back": 2})
-    assert [group["covered_area"]["views"] for group in found["groups"]] == [2, 1]
-    assert found["groups"][1]["covered_area"]["percent"] == pytest.approx(100)
+    summary = Network(mesh, areas.task).summary()
+    areas.add_to(summary, camera, np.eye(4)[None], {"back": 2})
+    assert [group["covered_area"]["views"] for group in summary["groups"]] == [2, 1]
+    assert summary["groups"][1]["covered_area"]["percent"] == pytest.approx(100)
 
 
 @pytest.mark.slow
@@ -112,11 +112,11 @@ def test_an_observer_of_regions_measures_what_an_exact_observer_does(seed, lens)
     with rc.open_observer(mesh, camera) as plain:
         expected = plain.observe(poses)
     with RegionObserver(mesh, camera, rc.Task(), Engine()) as observer:
-        found = observer.observe(poses)
+        observation = observer.observe(poses)
     for name in ("visible_pixels", "drawn_pixels", "kind", "area_error", "clipped"):
-        assert np.array_equal(getattr(found, name), getattr(expected, name)), name
+        assert np.array_equal(getattr(observation, name), getattr(expected, name)), name
     again = rc.regions(mesh, camera, poses)
-    assert np.array_equal(found.regions.areas(), again.areas())
+    assert np.array_equal(observation.regions.areas(), again.areas())
 
 
 # --- the rest -------------------------------------------------------------------------------------
@@ -134,8 +134,8 @@ def test_covered_parts_and_the_rest_make_up_the_faces(views):
     assert set(parts.views.tolist()) <= set(range(views + 1))
     for level in range(views):
         rows = parts.views > level
-        found = np.bincount(parts.face[rows], sizes[rows], minlength=mesh.n_faces)
-        assert found == pytest.approx(areas.covered.area[level], abs=1e-9 * mesh.areas.max())
+        values = np.bincount(parts.face[rows], sizes[rows], minlength=mesh.n_faces)
+        assert values == pytest.approx(areas.covered.area[level], abs=1e-9 * mesh.areas.max())
 
 
 def test_occluders_have_no_rest():

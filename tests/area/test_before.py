@@ -10,8 +10,8 @@ from plans import write_obj
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.before import compared, lines_of
+from rastercov.advice.before import compared, lines_of
+from rastercov.core.camera.pose import Poses
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=40)
 TASKS = {
@@ -34,8 +34,8 @@ def scene(seed):
 
 
 def area(mesh, poses, task):
-    found = rc.evaluate(mesh, CAMERA, poses, task, by="area", fields=()).areas.summary()
-    return found["m2"], found["bound_m2"]
+    summary = rc.evaluate(mesh, CAMERA, poses, task, by="area", fields=()).areas.summary()
+    return summary["m2"], summary["bound_m2"]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -82,8 +82,8 @@ def test_cameras_that_differ_are_named():
     other, row = rc.Camera.from_fov(640, 480, hfov_deg=50), np.array([0, 0, 0, 0, 1])
     cameras, now = (CAMERA, other), Poses.of(poses, camera=row)
     told = compared(mesh, (cameras, now), (CAMERA, before), rc.Task())
-    found = [(each["before"], each["now"], each["is_exchanged"]) for each in told["cameras"]]
-    assert found == [(1, 1, False), (3, 3, False), (4, 4, True)]
+    items = [(each["before"], each["now"], each["is_exchanged"]) for each in told["cameras"]]
+    assert items == [(1, 1, False), (3, 3, False), (4, 4, True)]
     assert [each["moved_m"] for each in told["cameras"]] == pytest.approx([0, 0.25, 0], abs=1e-12)
     assert [each["turned_deg"] for each in told["cameras"]] == pytest.approx([60, 0, 0], abs=1e-6)
     lines = [line for line in lines_of({"poses": "old.json", **told}) if "changed" in line]
@@ -99,8 +99,8 @@ def test_cameras_that_are_added_or_removed_are_named():
     own = before.world_from_camera
     fewer = Poses.of(np.concatenate([own[[4, 0, 2]], now.world_from_camera[:1]]))
     told = compared(mesh, (CAMERA, fewer), (CAMERA, before), rc.Task())
-    found = [(each["before"], each["now"]) for each in told["cameras"]]
-    assert found == [(1, None), (3, None), (None, 3)]
+    items = [(each["before"], each["now"]) for each in told["cameras"]]
+    assert items == [(1, None), (3, None), (None, 3)]
     words = [line.split(" m: ")[-1] for line in lines_of({"poses": "", **told}) if "chang" in line]
     assert words == ["removed", "removed", "added"]
 

@@ -11,12 +11,12 @@ from surfaces import surface_of
 from timed import regions_over_time
 
 import rastercov as rc
-from rastercov.coverage.area.frames import frames_of
-from rastercov.coverage.area.motion import Sights
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.table import joined
-from rastercov.mesh.bodies import MOST_PARTNERS
-from rastercov.mesh.targets import with_target
+from rastercov.core.area.frames import frames_of
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.table import joined
+from rastercov.core.mesh.bodies import MOST_PARTNERS
+from rastercov.core.mesh.targets import with_target
+from rastercov.motion.regions import Sights
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 TASK = rc.Task(max_incidence_deg=75)
@@ -37,8 +37,8 @@ def rebuilt(motion, row):
 
 def check(motion, camera, poses, task=TASK, rows=None):
     """Areas of every frame are those of the mesh of moved vertices."""
-    found = regions_over_time(motion, camera, poses, task, threads=1)
-    areas, bounds, n = found.areas(), found.bounds(), len(found.pose_ids) // len(motion)
+    regions = regions_over_time(motion, camera, poses, task, threads=1)
+    areas, bounds, n = regions.areas(), regions.bounds(), len(regions.pose_ids) // len(motion)
     total = motion.mesh.areas[motion.mesh.task_mask].sum()
     for row in range(len(motion)) if rows is None else rows:
         mesh, there = rebuilt(motion, row)
@@ -47,7 +47,7 @@ def check(motion, camera, poses, task=TASK, rows=None):
         assert np.abs(areas[own, there] - expected.areas()).max() <= 1e-9 * total
         assert np.abs(bounds[own, there] - expected.bounds()).max() <= 1e-9 * total
         assert not areas[own, ~there].any()
-    return found
+    return regions
 
 
 def test_fifty_frames_of_a_robot_are_meshes_of_moved_vertices():
@@ -60,12 +60,12 @@ def test_frames_through_a_lens_are_meshes_of_moved_vertices():
         width=320, height=240, fx=160, fy=160, model="opencv_fisheye", distortion=(0.02, 0, 0, 0)
     )
     motion = rc.Motion(arm.cell(), arm.frames(arm.sweep(3)))
-    found = regions_over_time(motion, lens, arm.CAMERAS[:2], rc.Task(), threads=1)
+    regions = regions_over_time(motion, lens, arm.CAMERAS[:2], rc.Task(), threads=1)
     for row in range(3):
         mesh, _ = rebuilt(motion, row)
         expected = rc.regions(mesh, lens, arm.CAMERAS[:2], rc.Task(), threads=1)
-        gap = np.abs(found.areas()[2 * row : 2 * row + 2] - expected.areas())
-        bounds = found.bounds()[2 * row : 2 * row + 2] + expected.bounds()
+        gap = np.abs(regions.areas()[2 * row : 2 * row + 2] - expected.areas())
+        bounds = regions.bounds()[2 * row : 2 * row + 2] + expected.bounds()
         assert (gap <= bounds + 1e-12).all()
 
 
@@ -88,8 +88,8 @@ def test_faces_in_contact_and_their_partners_are_those_of_a_rebuild():
     for row in range(4):
         frame, _ = motion.frame(row)
         other = rebuilt(motion, row)[0]
-        found, expected = frame.contacts.faces_for(3), other.contacts.faces_for(3)
-        assert np.array_equal(found, expected)
+        faces, expected = frame.contacts.faces_for(3), other.contacts.faces_for(3)
+        assert np.array_equal(faces, expected)
         own, theirs = frame.contacts.partners_for(3), other.contacts.partners_for(3)
         assert np.array_equal(own.starts, theirs.starts)
         assert np.array_equal(own.faces, theirs.faces)
@@ -114,8 +114,8 @@ def test_cameras_that_no_moved_body_overlaps_keep_their_rows():
     is_beside = np.abs(np.linspace(-5, 5, 6)) > 2
     assert len({key for key, beside in zip(keys, is_beside, strict=True) if beside}) == 1
     assert len(set(keys)) == 1 + np.count_nonzero(~is_beside)
-    found = check(motion, CAMERA, above, rc.Task())
-    rows = [found.of_poses(np.arange(6) == row).xy.tobytes() for row in (0, 5)]
+    check_result = check(motion, CAMERA, above, rc.Task())
+    rows = [check_result.of_poses(np.arange(6) == row).xy.tobytes() for row in (0, 5)]
     assert rows[0] == rows[1]
 
 
@@ -125,11 +125,11 @@ def test_a_body_that_hides_the_part_is_no_earlier_row():
     poses = np.tile(np.eye(4), (40, 1, 1))
     poses[:, :3, 3] = rng.normal(size=(40, 3)) * 2.5
     motion = rc.Motion(mesh, {"b": poses})
-    keys, found = sight_keys(motion, AROUND[:1]), check(motion, CAMERA, AROUND[:1], rows=())
+    keys, check_result = sight_keys(motion, AROUND[:1]), check(motion, CAMERA, AROUND[:1], rows=())
     last = {}
     for row, key in enumerate(keys):
         areas = RegionPass(motion.frame(row)[0], CAMERA, TASK).find(rc.Poses.of(AROUND[:1])).areas()
-        assert np.allclose(areas[0, :20], found.areas()[row, :20], atol=1e-8)
+        assert np.allclose(areas[0, :20], check_result.areas()[row, :20], atol=1e-8)
         assert np.allclose(last.setdefault(key, areas), areas, atol=1e-8)
     assert 1 < len(last) < 40
 
@@ -281,8 +281,8 @@ def test_hostile_scenes_are_meshes_of_moved_vertices(seed):
 
 def check_within_bounds(motion):
     """Areas are those of a rebuild within both bounds: coincident surfaces may tie elsewhere."""
-    found = regions_over_time(motion, CAMERA, AROUND, TASK, threads=1)
-    areas, bounds = found.areas().reshape(4, 4, -1), found.bounds().reshape(4, 4, -1)
+    regions = regions_over_time(motion, CAMERA, AROUND, TASK, threads=1)
+    areas, bounds = regions.areas().reshape(4, 4, -1), regions.bounds().reshape(4, 4, -1)
     for row in range(len(motion)):
         mesh, there = rebuilt(motion, row)
         expected = rc.regions(mesh, CAMERA, AROUND, TASK, threads=1)

@@ -76,7 +76,7 @@ def test_occluders_have_no_cells():
 @pytest.mark.slow
 def test_too_small_cells_are_refused_with_a_size_that_fits(monkeypatch):
     mesh, _, _ = room()
-    monkeypatch.setattr("rastercov.coverage.area.cells.MOST_CELLS", 50_000)
+    monkeypatch.setattr("rastercov.core.area.cells.MOST_CELLS", 50_000)
     with pytest.raises(ResourceError, match=r"at most 50,000 patches, .* use 0\.\d+ m") as caught:
         rc.cells(mesh, 1e-5)
     fits = float(str(caught.value).split("; use ")[1].split(" m")[0])

@@ -8,7 +8,7 @@ from nightly import examples
 from surface_cases import building, room
 
 import rastercov as rc
-from rastercov.coverage.area.failures import CentrePass
+from rastercov.core.area.failures import CentrePass
 from rastercov.reference.regions import covers_points
 
 pytestmark = pytest.mark.native
@@ -28,10 +28,10 @@ CELLS = {name: rc.cells(mesh, SIZES[name]) for name, (mesh, _, _) in SCENES.item
 def listed(cells, camera, task, poses, threads=None):
     """(P, C) mask of the cells whose centre each pose covers."""
     lists = CentrePass(cells, camera, task, threads).find(poses)
-    found = np.zeros((len(poses), len(cells)), np.bool_)
+    mask = np.zeros((len(poses), len(cells)), np.bool_)
     for row in range(lists.n):
-        found[row, lists.row(row)] = True
-    return found
+        mask[row, lists.row(row)] = True
+    return mask
 
 
 def expected(cells, camera, task, poses):
@@ -54,8 +54,8 @@ def test_a_centre_is_covered_exactly_where_the_definition_says_so(name, task, se
         labels = (rng.random(mesh.n_faces) < 0.2).astype(int)
         mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, labels)
     cells = rc.cells(mesh, SIZES[name]) if seed % 2 else CELLS[name]
-    found = listed(cells, camera, task, moved)
-    np.testing.assert_array_equal(found, expected(cells, camera, task, moved))
+    result = listed(cells, camera, task, moved)
+    np.testing.assert_array_equal(result, expected(cells, camera, task, moved))
 
 
 def test_threads_change_nothing():

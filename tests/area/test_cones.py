@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nightly import amount, examples
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import blind_area, lens_of
+from rastercov.core.camera.lenses.of_camera import blind_area, lens_of
 
 DOWN = (0, 1, 0)
 
@@ -32,9 +32,9 @@ def looking(height, tilt_deg):
     return rc.look_at(eye, towards, DOWN)
 
 
-def check(found, true, mesh, length):
+def check(result, true, mesh, length):
     """Area and bound of regions, whose arcs have a length of at most so much."""
-    area, bound = found.area.sum(), found.bound.sum()
+    area, bound = result.area.sum(), result.bound.sum()
     assert abs(area - true) <= bound + 1e-12 * true
     assert bound <= 1.1e-6 * diagonal(mesh) * length + 1e-9
 
@@ -53,8 +53,8 @@ def test_a_cone_covers_an_ellipse(half_deg, tilt_deg):
     for camera in (cone_camera(half_deg), planar):
         if camera is planar and half_deg > 72:
             continue
-        found = rc.regions(mesh, camera, pose, rc.Task())
-        check(found, true, mesh, math.pi * reach)
+        regions = rc.regions(mesh, camera, pose, rc.Task())
+        check(regions, true, mesh, math.pi * reach)
     if tilt_deg == 0:
         assert true == pytest.approx(math.pi * (h * math.tan(a)) ** 2)
 
@@ -64,9 +64,9 @@ def test_a_cone_covers_an_ellipse(half_deg, tilt_deg):
 def test_parabolas_hyperbolas_and_what_is_outside_of_them(half_deg, tilt_deg):
     mesh, pose = sheet(12), looking(1.5, tilt_deg)
     eye, axis = pose[0, :3, 3], pose[0, :3, 2]
-    found = rc.regions(mesh, cone_camera(half_deg), pose, rc.Task())
+    regions = rc.regions(mesh, cone_camera(half_deg), pose, rc.Task())
     true = [area_in_cone(mesh.vertices[f], eye, axis, math.radians(half_deg)) for f in mesh.faces]
-    check(found, sum(true), mesh, 60)
+    check(regions, sum(true), mesh, 60)
 
 
 @pytest.mark.slow
@@ -75,9 +75,9 @@ def test_parabolas_hyperbolas_and_what_is_outside_of_them(half_deg, tilt_deg):
 def test_random_faces_in_random_cones(seed, half_deg):
     corners, eye, pose = triangle_case(np.random.default_rng(seed))
     mesh = rc.Mesh(corners, [(0, 1, 2)])
-    found = rc.regions(mesh, cone_camera(half_deg), pose, rc.Task())
+    regions = rc.regions(mesh, cone_camera(half_deg), pose, rc.Task())
     true = area_in_cone(corners, eye, pose[0, :3, 2], math.radians(half_deg))
-    check(found, true, mesh, 4 * diagonal(mesh))
+    check(regions, true, mesh, 4 * diagonal(mesh))
 
 
 def test_a_cone_past_an_edge_covers_a_segment_of_its_circle():
@@ -86,9 +86,9 @@ def test_a_cone_past_an_edge_covers_a_segment_of_its_circle():
     board = [(edge, -s, 1), (s, -s, 1), (s, s, 1), (edge, s, 1)]
     floor = sheet(2 * s)
     mesh = rc.Mesh([*floor.vertices, *board], [*floor.faces, (4, 5, 6), (4, 6, 7)])
-    found = rc.regions(mesh, cone_camera(50), looking(h, 0), rc.Task())
+    regions = rc.regions(mesh, cone_camera(50), looking(h, 0), rc.Task())
     area, bound = (
-        np.bincount(found.pair_face, each, 4)[:2].sum() for each in (found.area, found.bound)
+        np.bincount(regions.pair_face, each, 4)[:2].sum() for each in (regions.area, regions.bound)
     )
     radius, x = h * math.tan(half), 2 * edge
     hidden = radius**2 * math.acos(x / radius) - x * math.sqrt(radius**2 - x**2)
@@ -147,5 +147,5 @@ def test_valid_rays_are_those_of_the_cone():
             rays = np.column_stack(
                 (math.sin(a) * np.cos(turn), math.sin(a) * np.sin(turn), 0 * turn + math.cos(a))
             )
-            found = np.isfinite(lens_of(camera).project(rays)).all(axis=1)
-            assert (found == is_valid).all()
+            result = np.isfinite(lens_of(camera).project(rays)).all(axis=1)
+            assert (result == is_valid).all()

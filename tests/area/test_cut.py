@@ -9,9 +9,9 @@ from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.coverage.area import cut
-from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.failures import CentrePass
+from rastercov.core.area import cut
+from rastercov.core.area.cells import cells
+from rastercov.core.area.failures import CentrePass
 from rastercov.reference.regions import points_on, rig_covers_points
 
 pytestmark = pytest.mark.native
@@ -21,15 +21,15 @@ CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)
 
 
 def assert_as_by_points(mesh, rig, places, task, n):
-    found = rc.regions(mesh, rig, rig.poses(places), task)
+    regions = rc.regions(mesh, rig, rig.poses(places), task)
     points, face = points_on(mesh, n)
     truth = rig_covers_points(mesh, rig, np.asarray(places), task, points, face)
     total = mesh.areas.sum()
     for row, covered in enumerate(truth):
-        e = found.bounds()[row].sum() / total * n
-        wrong = int((in_regions(found, row, points, face) != covered).sum())
+        e = regions.bounds()[row].sum() / total * n
+        wrong = int((in_regions(regions, row, points, face) != covered).sum())
         assert wrong <= 2 + e + 6 * np.sqrt(e)
-    return found
+    return regions
 
 
 LIMITS = [
@@ -73,14 +73,14 @@ def test_the_bound_falls_with_the_width_of_what_is_undecided(monkeypatch):
     mesh, camera, poses = room()
     rig = rc.Rig([camera] * 2, rig_from_camera=poses[[2, 5]], rule=rc.All())
     both = rc.regions(mesh, rig, rig.poses(np.eye(4)), TASK)
-    eyes, found = poses[[2, 5], :3, 3][None], []
+    eyes, items = poses[[2, 5], :3, 3][None], []
     for width in (2e-3, 2e-4, 2e-5):
         monkeypatch.setattr(cut, "STRIP_REL", width)
-        found.append(both.where(rc.RayAngle(eyes, 40)))
-    bounds = [each.bound.sum() - both.bound.sum() for each in found]
+        items.append(both.where(rc.RayAngle(eyes, 40)))
+    bounds = [each.bound.sum() - both.bound.sum() for each in items]
     assert bounds[0] > 3 * bounds[1] > 9 * bounds[2] > 0
-    for each in found[:2]:
-        assert abs(each.area.sum() - found[2].area.sum()) <= each.bound.sum() + found[2].bound.sum()
+    for each in items[:2]:
+        assert abs(each.area.sum() - items[2].area.sum()) <= each.bound.sum() + items[2].bound.sum()
 
 
 def test_what_is_above_and_below_an_angle_is_all():
@@ -108,9 +108,9 @@ def test_cameras_at_one_place_have_no_baseline_and_eyes_on_a_face_are_undecided_
     assert rc.regions(square, rig, rig.poses(np.eye(4))).area.sum() == 0
     seen = rc.regions(square, CAMERA, np.eye(4)[None])
     on_it = np.array([[(0.3, 0.2, 1.0), (0.3, 0.2, 1.0)]])
-    found = seen.where(rc.RayAngle(on_it, 1, is_least=False))
-    assert abs(found.area.sum() - seen.area.sum()) <= found.bound.sum() + 1e-12
-    assert found.bound.sum() <= 1e-3 * seen.area.sum()
+    part = seen.where(rc.RayAngle(on_it, 1, is_least=False))
+    assert abs(part.area.sum() - seen.area.sum()) <= part.bound.sum() + 1e-12
+    assert part.bound.sum() <= 1e-3 * seen.area.sum()
 
 
 def test_a_zone_that_only_the_angle_leaves_is_named_for_it():
@@ -118,10 +118,10 @@ def test_a_zone_that_only_the_angle_leaves_is_named_for_it():
     places = np.repeat(np.eye(4)[None], 2, axis=0)
     places[1, 0, 3] = 0.2
     rig = rc.Rig([CAMERA] * 2, None, places, rule=rc.All(min_baseline_deg=20))
-    found = rc.evaluate(square, rig, rig.poses(np.eye(4))).summary()
-    assert found["covered_area"]["m2"] == 0
-    assert found["dead_zones"][0]["reason"] == "baseline"
-    missed = {each["device"]: each["missed"]["percent"] for each in found["by_device"]}
+    summary = rc.evaluate(square, rig, rig.poses(np.eye(4))).summary()
+    assert summary["covered_area"]["m2"] == 0
+    assert summary["dead_zones"][0]["reason"] == "baseline"
+    missed = {each["device"]: each["missed"]["percent"] for each in summary["by_device"]}
     assert missed[None] > 90
     # The other camera alone has no angle, so that this one could be anywhere.
     assert missed["camera 1"] == pytest.approx(missed[None], abs=10)
@@ -132,11 +132,11 @@ def test_centres_are_within_the_angle_too():
     rule = rc.All(min_baseline_deg=30, max_baseline_deg=80)
     rig = rc.Rig([camera] * 2, rig_from_camera=poses[[2, 5]], rule=rule)
     own = cells(mesh, 0.5)
-    found = CentrePass(own, rig, TASK).find(rig.poses(np.eye(4)))
+    result = CentrePass(own, rig, TASK).find(rig.poses(np.eye(4)))
     centres = own.vertices.reshape(-1, 3, 3).mean(axis=1)
     face = own.source_face.astype(np.int64)
     truth = rig_covers_points(mesh, rig, np.eye(4)[None], TASK, centres, face)[0]
-    assert found.row(0).tolist() == np.flatnonzero(truth).tolist()
+    assert result.row(0).tolist() == np.flatnonzero(truth).tolist()
 
 
 @pytest.mark.parametrize("limits", [(50, 40), (-1, 40), (0, 181), (float("nan"), 40), ("a", 40)])

@@ -15,8 +15,8 @@ from scenes import joined
 from surface_cases import assert_pointwise
 
 import rastercov as rc
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.native.lens_field import bounds_within
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.engine.lens_field import bounds_within
 
 pytestmark = pytest.mark.native
 CAMERAS = {
@@ -53,10 +53,10 @@ def test_the_bound_of_a_density_reaches_its_target(name, seed):
         rc.Task(min_facing_density=near * rng.uniform(0.5, 4)),
         rc.Task(min_pixels_per_m2=near**2 * rng.uniform(0.2, 5)),
     ):
-        found = rc.regions(mesh, CAMERAS[name], pose, task)
-        assert found.bound.sum() <= 2e-5 * diagonal * MOST_BORDER * diagonal
-        assert found.cut_short == 0
-        assert len(found) < 100_000
+        regions = rc.regions(mesh, CAMERAS[name], pose, task)
+        assert regions.bound.sum() <= 2e-5 * diagonal * MOST_BORDER * diagonal
+        assert regions.cut_short == 0
+        assert len(regions) < 100_000
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_what_divisions_leave_is_said():
     mesh = rc.Mesh(walls.vertices, walls.faces[:, ::-1])
     pose = rc.look_at(np.array([[2.0, 1.8, 1.5]]), np.array([[4.0, 3.0, 1.0]]))
     task = rc.Task(min_pixel_density=30)
-    found = rc.regions(mesh, camera, pose, task)
-    assert 0 < found.cut_short <= found.bound.sum()
+    regions = rc.regions(mesh, camera, pose, task)
+    assert 0 < regions.cut_short <= regions.bound.sum()
     lines = rc.evaluate(mesh, camera, pose, task, by="area", fields=()).summary()["doubts"]
     assert any("undecided and added to the bound" in line for line in lines)

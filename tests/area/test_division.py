@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.coverage.area import overlay
-from rastercov.coverage.area.polygons import polygon_areas
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.union import RegionUnion
+from rastercov.core.area import overlay
+from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.table import Regions
+from rastercov.core.area.union import RegionUnion
 
 pytestmark = pytest.mark.native
 

@@ -26,8 +26,8 @@ IN_PLANE[:3, 3] = 0, 0.5, -3
 
 
 def covered(mesh, camera, poses, task=None, **options):
-    found = rc.evaluate(mesh, camera, poses, task or rc.Task(), by="area", **options)
-    return found.areas.summary()
+    result = rc.evaluate(mesh, camera, poses, task or rc.Task(), by="area", **options)
+    return result.areas.summary()
 
 
 def turned(angle):
@@ -49,35 +49,35 @@ def warehouse():
 @pytest.mark.parametrize("camera", [CAMERA, WIDE, PANORAMA], ids=lambda camera: camera.model)
 @pytest.mark.parametrize("method", ["certified", "exact"])
 def test_a_cube_seen_from_the_plane_of_a_side_shows_its_front(camera, method):
-    found = covered(CUBE, camera, IN_PLANE[None], method=method)
-    assert found["m2"] == pytest.approx(1.0, abs=1e-5)
-    assert found["bound_m2"] < 6e-5
-    assert "doubtful_m2" not in found
+    is_covered = covered(CUBE, camera, IN_PLANE[None], method=method)
+    assert is_covered["m2"] == pytest.approx(1.0, abs=1e-5)
+    assert is_covered["bound_m2"] < 6e-5
+    assert "doubtful_m2" not in is_covered
 
 
 @pytest.mark.parametrize("height", [2.0, 2.1])
 def test_cameras_at_the_height_of_shelves_have_no_bound_of_their_tops(height):
     eyes = [(10, 0.2, height), (0.2, 10, height)]  # y = 10 is the plane of sides, too
     poses = rc.look_at(eyes, [(10, 10, 0)] * 2)
-    found = covered(warehouse(), CAMERA, poses)
+    is_covered = covered(warehouse(), CAMERA, poses)
     steep = covered(warehouse(), CAMERA, poses, rc.Task(max_incidence_deg=89.99))
-    assert found["bound_m2"] < 1e-6 * found["of_m2"]
-    assert steep["m2"] - steep["bound_m2"] <= found["m2"] + found["bound_m2"]
+    assert is_covered["bound_m2"] < 1e-6 * is_covered["of_m2"]
+    assert steep["m2"] - steep["bound_m2"] <= is_covered["m2"] + is_covered["bound_m2"]
     if height == 2.0:
-        assert found["m2"] == pytest.approx(164.2469, abs=1e-3)  # 164.3 +- 0.44 by points
+        assert is_covered["m2"] == pytest.approx(164.2469, abs=1e-3)  # 164.3 +- 0.44 by points
 
 
 @given(angle=st.floats(0, 6.25))
 @examples(13, at_night=40)
 def test_what_is_in_doubt_by_rounding_adds_to_the_upper_end_alone(angle):
     mesh, pose = turned(angle)
-    found = covered(mesh, CAMERA, pose[None])
-    assert found["m2"] - found["bound_m2"] == pytest.approx(1.0, abs=6e-5)
-    assert found["bound_m2"] < 6e-5
+    is_covered = covered(mesh, CAMERA, pose[None])
+    assert is_covered["m2"] - is_covered["bound_m2"] == pytest.approx(1.0, abs=6e-5)
+    assert is_covered["bound_m2"] < 6e-5
     is_before = (exact_sides(mesh, pose)[:2] > 0).any()
-    most = found["m2"] + found["bound_m2"] + found.get("doubtful_m2", 0.0)
+    most = is_covered["m2"] + is_covered["bound_m2"] + is_covered.get("doubtful_m2", 0.0)
     assert most >= 1.0 + mesh.areas[:2][exact_sides(mesh, pose)[:2] > 0].sum() - 1e-9
-    assert is_before == ("doubtful_m2" in found)
+    assert is_before == ("doubtful_m2" in is_covered)
 
 
 def before_by_rounding():
@@ -132,8 +132,8 @@ def test_a_moved_body_is_edge_on_by_its_moved_coordinates():
     for row, shift in enumerate(shifts):
         pose = IN_PLANE.copy()
         pose[0, 3] = shift
-        found = regions_over_time(motion, CAMERA, pose[None], rc.Task())
-        own = found.of_poses(np.arange(len(shifts)) == row)
+        regions = regions_over_time(motion, CAMERA, pose[None], rc.Task())
+        own = regions.of_poses(np.arange(len(shifts)) == row)
         side = exact_sides(motion.frame(row)[0], pose)
         unseen = side <= 0
         assert unseen[:2].all()  # coordinates 0 + shift are the eye's
@@ -150,12 +150,12 @@ def test_faces_whose_plane_has_the_eye_have_neither_area_nor_bound(seed):
     eyes = rng.integers(-8, 9, (6, 3)) / 2
     poses = np.array([rc.look_at(eye, eye + rng.normal(size=3))[0] for eye in eyes])
     for camera in (CAMERA, WIDE):
-        found = rc.regions(mesh, camera, poses)
+        regions = rc.regions(mesh, camera, poses)
         for row, pose in enumerate(poses):
             unseen = exact_sides(mesh, pose) <= 0
-            assert (found.areas()[row][unseen] == 0).all()
-            assert (found.bounds()[row][unseen] == 0).all()
-        assert (found.excess == found.bound).all()
+            assert (regions.areas()[row][unseen] == 0).all()
+            assert (regions.bounds()[row][unseen] == 0).all()
+        assert (regions.excess == regions.bound).all()
 
 
 def test_check_holds_by_what_is_certain(tmp_path):
@@ -171,5 +171,7 @@ def test_check_holds_by_what_is_certain(tmp_path):
     np.save(tmp_path / "rig.npy", pose[None])
     plan = read_plan(tmp_path / "plan.toml")
     for wanted, status in ((0.16, "holds"), (0.2, "undecided"), (0.4, "fails")):
-        (found,) = check(plan, tmp_path / "rig.npy", {None: wanted}).requirements
-        assert found.status == status, json.dumps([found.low, found.share, found.high])
+        (requirements,) = check(plan, tmp_path / "rig.npy", {None: wanted}).requirements
+        assert requirements.status == status, json.dumps(
+            [requirements.low, requirements.share, requirements.high]
+        )

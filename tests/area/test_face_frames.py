@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov.coverage.area.frames import Frames, frames_of
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.area.frames import Frames, frames_of
+from rastercov.core.mesh import Mesh, shapes
 
 pytestmark = pytest.mark.native
 
@@ -35,10 +35,10 @@ def twin(mesh):
     corners = np.zeros((mesh.n_faces, 3, 2))
     corners[:, 1, 0], corners[:, 2, 0], corners[:, 2, 1] = longest, x, y
     normal, areas = np.cross(x_axis, y_axis), longest * y / 2
-    found = Frames(origin.copy(), x_axis, y_axis, normal, corners, areas)
-    for array in found:
+    frames = Frames(origin.copy(), x_axis, y_axis, normal, corners, areas)
+    for array in frames:
         array[mesh.degenerate_mask | ~(areas > 0)] = 0.0
-    return found
+    return frames
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -48,9 +48,9 @@ def test_frames_are_those_of_numpy_bit_for_bit(seed):
     points[::5] = points[1::5] + 1e-9 * points[2::5]  # needles, and points of files in float32
     points[3::7] = points[3::7].round(2)
     mesh = Mesh(points, rng.integers(0, 30, (40, 3)))
-    for found, expected in zip(frames_of(mesh), twin(mesh), strict=True):
-        assert found.tobytes() == expected.tobytes()
-        assert not found.flags.writeable
+    for pair, expected in zip(frames_of(mesh), twin(mesh), strict=True):
+        assert pair.tobytes() == expected.tobytes()
+        assert not pair.flags.writeable
 
 
 def test_axes_are_orthonormal_and_the_face_is_where_it_was():

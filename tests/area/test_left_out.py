@@ -8,11 +8,11 @@ from nightly import examples
 from surface_cases import hostile_scene
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.exact_pass import room_for
-from rastercov.mesh import Group, Mesh
-from rastercov.raster.observation import BoundKind
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.exact_pass import room_for
+from rastercov.core.mesh import Group, Mesh
+from rastercov.core.raster.observation import BoundKind
 
 ARRAYS = ("xy", "starts", "face", "pair_face", "area")
 ROLES = [Group("task"), Group("hides", is_occluder=True), Group("hangs", is_target=True)]
@@ -33,14 +33,14 @@ def in_groups(mesh, rng):
 def measured(finder, poses, **options):
     """Regions with the figures of all faces: visible, area and bound (3, P, F), and their kind."""
     seen = room_for(len(poses), finder.mesh.n_faces)
-    found = finder.find(poses, seen=seen, **options)
-    return found, np.stack((seen.visible_pixels, seen.drawn_pixels, seen.area_error)), seen.kind
+    result = finder.find(poses, seen=seen, **options)
+    return result, np.stack((seen.visible_pixels, seen.drawn_pixels, seen.area_error)), seen.kind
 
 
-def assert_same_regions(found, others):
+def assert_same_regions(result, others):
     for name in ARRAYS:
-        assert np.array_equal(getattr(found, name), getattr(others, name)), name
-    assert_close(found.bound, others.bound)
+        assert np.array_equal(getattr(result, name), getattr(others, name)), name
+    assert_close(result.bound, others.bound)
 
 
 def assert_close(bounds, others):
@@ -69,8 +69,8 @@ def test_regions_are_the_same_with_and_without_figures(method, lens, seed, share
     assert np.array_equal(figures[1], kind)
 
     of_task = RegionPass(mesh, camera, method=method, threads=1, only_task=True)
-    found, part, its_kind = measured(of_task, poses, closed=closed)
-    assert_same_regions(found, whole)
+    measures, part, its_kind = measured(of_task, poses, closed=closed)
+    assert_same_regions(measures, whole)
     task = mesh.task_mask
     assert np.array_equal(part[:2, :, task], areas[:2, :, task])
     assert np.array_equal(its_kind[:, task], kind[:, task])
@@ -84,9 +84,9 @@ def test_faces_left_out_are_not_measured():
     poses = Poses.of(pose[None])
     _, areas, _ = measured(RegionPass(hidden, camera, threads=1), poses)
     of_task = RegionPass(hidden, camera, threads=1, only_task=True)
-    found, part, its_kind = measured(of_task, poses)
+    measures, part, its_kind = measured(of_task, poses)
     assert areas[0].any()
-    assert len(found) == 0
+    assert len(measures) == 0
     assert not part[0].any()
     assert (its_kind == BoundKind.EXACT).all()
     assert (part[2] >= areas[0]).all()

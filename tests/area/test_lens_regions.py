@@ -11,8 +11,8 @@ from nightly import amount, examples
 from surface_cases import assert_pointwise, cut_at_random, hostile_scene, room
 
 import rastercov as rc
-from rastercov.coverage.area import regions as area_regions
-from rastercov.coverage.area.failures import CentrePass
+from rastercov.core.area import regions as area_regions
+from rastercov.core.area.failures import CentrePass
 from rastercov.reference.regions import covers_points
 
 pytestmark = pytest.mark.native
@@ -93,22 +93,24 @@ def test_bounds_shrink_with_the_tolerance(monkeypatch):
     bounds = []
     for strip in (1e-3, 1e-4, 1e-5):
         monkeypatch.setattr(area_regions, "STRIP_REL", strip)
-        found = rc.regions(MESH, CAMERAS["brown"], POSES[:2], TASKS["density"])
-        bounds.append(found.bound.sum())
+        regions = rc.regions(MESH, CAMERAS["brown"], POSES[:2], TASKS["density"])
+        bounds.append(regions.bound.sum())
     assert bounds[1] < 0.3 * bounds[0]
     assert bounds[2] < 0.3 * bounds[1]
 
 
 @pytest.mark.slow
 def test_pieces_are_ordered_by_face_and_add_up_to_its_area():
-    found = rc.regions(MESH, CAMERAS["wide fisheye"], POSES[:2])
+    regions = rc.regions(MESH, CAMERAS["wide fisheye"], POSES[:2])
     for row in range(2):
-        assert (np.diff(found.face[found.pose == row]) >= 0).all()
+        assert (np.diff(regions.face[regions.pose == row]) >= 0).all()
     area = np.zeros((2, MESH.n_faces))
-    for piece in range(len(found)):
-        x, y = found.xy[found.starts[piece] : found.starts[piece + 1]].T
-        area[found.pose[piece], found.face[piece]] += (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-    np.testing.assert_allclose(area, found.areas(), rtol=0, atol=1e-9)
+    for piece in range(len(regions)):
+        x, y = regions.xy[regions.starts[piece] : regions.starts[piece + 1]].T
+        area[regions.pose[piece], regions.face[piece]] += (
+            x @ np.roll(y, -1) - y @ np.roll(x, -1)
+        ) / 2
+    np.testing.assert_allclose(area, regions.areas(), rtol=0, atol=1e-9)
 
 
 def test_a_mixed_rig_has_the_regions_of_each_camera():
@@ -128,9 +130,9 @@ def test_a_centre_is_covered_exactly_where_the_definition_says_so(lens, task):
     camera = replace(CAMERAS[lens], focus_range=(0.5, 7.0))
     cells = rc.cells(MESH, 0.7)
     lists = CentrePass(cells, camera, TASKS[task]).find(POSES[:3])
-    found = np.zeros((3, len(cells)), np.bool_)
+    mask = np.zeros((3, len(cells)), np.bool_)
     for row in range(3):
-        found[row, lists.row(row)] = True
+        mask[row, lists.row(row)] = True
     centres = cells.vertices.reshape(-1, 3, 3).mean(axis=1)
     truth = covers_points(MESH, camera, POSES[:3], TASKS[task], centres, cells.source_face)
-    np.testing.assert_array_equal(found, truth)
+    np.testing.assert_array_equal(mask, truth)

@@ -9,7 +9,7 @@ from scenes import square
 from surface_cases import assert_pointwise, building, room
 
 import rastercov as rc
-from rastercov.camera.projection import to_image
+from rastercov.core.camera.projection import to_image
 
 pytestmark = pytest.mark.native
 
@@ -71,15 +71,15 @@ def test_regions_of_any_triangles_hold_their_covered_points(seed):
 def test_areas_of_regions_are_those_of_images_over_the_cosine():
     mesh = rc.shapes.torus(24, 16)
     camera, poses, scale = view_of(mesh, np.random.default_rng(1))
-    found = rc.regions(mesh, camera, poses)
+    regions = rc.regions(mesh, camera, poses)
     with rc.open_observer(mesh, camera, "exact") as observer:
         seen = observer.observe(poses)
     cosine = np.abs(poses[:, :3, 2] @ mesh.normals.T)
     expected = seen.visible_pixels / (scale**2 * np.maximum(cosine, 1e-300))
-    slack = found.bounds() + seen.area_error / (scale**2 * np.maximum(cosine, 1e-300))
+    slack = regions.bounds() + seen.area_error / (scale**2 * np.maximum(cosine, 1e-300))
     expected[(poses[:, :3, 2] @ mesh.normals.T) >= 0] = 0
-    assert (np.abs(found.areas() - expected) <= slack + 1e-12).all()
-    assert found.bound.sum() <= 1e-6 * found.area.sum()
+    assert (np.abs(regions.areas() - expected) <= slack + 1e-12).all()
+    assert regions.bound.sum() <= 1e-6 * regions.area.sum()
 
 
 @pytest.mark.parametrize(("least", "covers"), [(199.0, True), (200.0, True), (201.0, False)])
@@ -88,8 +88,8 @@ def test_a_face_before_the_rays_has_the_density_of_the_lens_at_any_depth(least, 
     mesh, task = square(0.5, 0.0), rc.Task(min_pixel_density=least, min_facing_density=least)
     normal = mesh.normals[0]
     poses = rc.look_at([away * normal for away in (0.1, 3.0, 1e4)], (0, 0, 0))
-    found = rc.regions(mesh, camera, poses, task)
-    assert found.areas().sum(axis=1) == pytest.approx(np.full(3, mesh.areas.sum() * covers))
+    regions = rc.regions(mesh, camera, poses, task)
+    assert regions.areas().sum(axis=1) == pytest.approx(np.full(3, mesh.areas.sum() * covers))
 
 
 @pytest.mark.parametrize(
@@ -118,8 +118,8 @@ def test_the_shadow_of_an_overhang_is_as_large_as_on_paper(altitude, azimuth, ex
     to_sun = np.array((np.cos(h) * np.sin(a), -np.cos(h) * np.cos(a), np.sin(h)))
     camera = rc.Camera.orthographic(1000, 1000, px_per_m=50)
     poses = rc.look_at((5, 0, 1.5) + 20 * to_sun, (5, 0, 1.5))
-    found = rc.regions(mesh, camera, poses)
-    area = found.areas()[0, : len(wall)].sum()
+    regions = rc.regions(mesh, camera, poses)
+    area = regions.areas()[0, : len(wall)].sum()
     assert area == pytest.approx(expected, abs=1e-10)
 
 
@@ -128,11 +128,11 @@ def test_views_of_both_sides_of_a_sheet_do_not_count_together():
     mesh = rc.Mesh(sheet.vertices, sheet.faces, [rc.Group("leaf", is_two_sided=True)])
     camera = rc.Camera.orthographic(300, 300, px_per_m=100)
     axes = np.array([(0, 0.1, -1), (0.2, 0, -1), (0, 0, 1), (0.999999, 0, 1e-6)])
-    found = rc.regions(mesh, camera, rc.look_at(2 * axes, (0, 0, 0)))
-    assert found.areas().sum(axis=1) == pytest.approx(np.ones(4))
-    assert found.at_least(2).area.sum() == pytest.approx(1)
-    assert found.at_least(4, one_side=False).area.sum() == pytest.approx(1)
-    assert found.at_least(3).area.sum() == 0
+    regions = rc.regions(mesh, camera, rc.look_at(2 * axes, (0, 0, 0)))
+    assert regions.areas().sum(axis=1) == pytest.approx(np.ones(4))
+    assert regions.at_least(2).area.sum() == pytest.approx(1)
+    assert regions.at_least(4, one_side=False).area.sum() == pytest.approx(1)
+    assert regions.at_least(3).area.sum() == 0
 
 
 def test_lines_of_a_moving_part_are_one_parallel_image():
@@ -193,7 +193,7 @@ def test_a_camera_that_is_mounted_on_a_wall_looks_through_it(method):
         turn *= np.sign(np.linalg.det(turn))
         inside = rc.Mesh(cube.vertices @ turn.T, cube.faces[:, ::-1])
         pose = rc.look_at(turn @ (0.1, 0.2, 1 + off), turn @ (0.1, 0.2, -1))
-        found = rc.regions(inside, camera, pose, method=method)
-        assert found.areas().sum() == pytest.approx(1, rel=1e-12)
+        regions = rc.regions(inside, camera, pose, method=method)
+        assert regions.areas().sum() == pytest.approx(1, rel=1e-12)
         with rc.open_rasterizer(inside, camera, "cpu") as rasterizer:
             assert rasterizer.count(pose).visible.sum() == 100 * 100

@@ -10,10 +10,10 @@ from test_light import TASK, enough_light
 from test_rules import assert_as_by_points
 
 import rastercov as rc
-from rastercov.camera.rig import eyes_of, with_equipment
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import deviations_of
-from rastercov.coverage.reasons import ORDER, RANK, SEVERAL
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.features import deviations_of
+from rastercov.core.camera.rig import eyes_of, with_equipment
+from rastercov.core.coverage.reasons import SEVERAL, nearness
 from rastercov.reference.regions import points_on, reasons_of_points, rig_covers_points
 
 pytestmark = [pytest.mark.native, pytest.mark.slow]
@@ -65,14 +65,15 @@ def test_what_a_rig_with_parallel_rays_sees_together_is_as_by_points(name, kind)
     rule, n = RULES[name]
     pinhole = rc.Camera(width=600, height=500, fx=1500, fy=1500)
     rig = pair(LENS, *([LENS if kind == "both" else pinhole] * (n - 1)), rule=rule)
-    found = assert_as_by_points(SCENE, rig, POSES, rc.Task(max_incidence_deg=80), 3000)
+    regions = assert_as_by_points(SCENE, rig, POSES, rc.Task(max_incidence_deg=80), 3000)
     if kind == "both":
-        assert (found.area.sum() > 0) == (name != "too far apart")
+        assert (regions.area.sum() > 0) == (name != "too far apart")
     points, face = points_on(SCENE, 800)
     poses = rig.poses(POSES)
     ours = [reason for _, reason, _ in failures_of_rows(SCENE, rig, rc.Task(), poses, points, face)]
     truth = reasons_of_points(SCENE, rig, POSES, rc.Task(), points, face)
-    best = np.array(ORDER)[RANK[ours].max(axis=0)]
+    rows = nearness(np.array(ours)).argmax(axis=0)
+    best = np.array(ours)[rows, np.arange(len(rows))]
     of_cameras = truth < SEVERAL  # conditions are asked where all cameras see a point
     assert (best != truth)[of_cameras].sum() <= 0.02 * len(points)
 
@@ -84,14 +85,14 @@ def test_light_of_lamps_is_as_by_points(task):
         rc.look_at([(0.2, 0.2, 0.4), (-0.2, 0.1, 0.3)], (0, 0, 0)),
     )
     thresholds = replace(TASK, **task)
-    found = rc.regions(SCENE, with_equipment(LENS, {"lamps": lamps}, SCENE), POSES, thresholds)
+    regions = rc.regions(SCENE, with_equipment(LENS, {"lamps": lamps}, SCENE), POSES, thresholds)
     points, face = points_on(SCENE, 4000)
     eyes = POSES.copy()
     eyes[:, :3, 3] = eyes_of(LENS, rc.Poses.of(POSES))
     truth = enough_light(SCENE, lamps, LENS, POSES, thresholds, points, face, eyes=eyes)
     for row, covered in enumerate(truth):
-        wrong = int((in_regions(found, row, points, face) != covered).sum())
-        assert wrong <= 2 + found.bounds()[row].sum() / SCENE.areas.sum() * len(points)
+        wrong = int((in_regions(regions, row, points, face) != covered).sum())
+        assert wrong <= 2 + regions.bounds()[row].sum() / SCENE.areas.sum() * len(points)
     assert truth.any()
 
 
@@ -120,13 +121,13 @@ def test_the_uncertainty_of_a_pair_is_that_of_its_axes(kind, share):
     every = [deviation_of(free, pose, points, 0.2) for pose in POSES]
     limit = share * np.median(np.concatenate(every)[seen.ravel()])
     rig = pair(LENS, other, rule=rc.All(max_uncertainty=limit, noise_px=0.2))
-    found = rc.regions(SCENE, rig, rig.poses(POSES), task)
+    regions = rc.regions(SCENE, rig, rig.poses(POSES), task)
     n_held = 0
     for row, deviation in enumerate(every):
         truth = seen[row] & (deviation <= limit)
         n_held += int(truth.sum())
-        wrong = int((in_regions(found, row, points, face) != truth).sum())
-        assert wrong <= 2 + found.bounds()[row].sum() / SCENE.areas.sum() * len(points)
+        wrong = int((in_regions(regions, row, points, face) != truth).sum())
+        assert wrong <= 2 + regions.bounds()[row].sum() / SCENE.areas.sum() * len(points)
     assert (n_held > 0) == (kind == "one" or share > 1)
     placed = rig.poses(POSES)
     ours = deviations_of(rig, placed[: len(rig)], points)
@@ -145,9 +146,9 @@ def test_advice_on_dead_zones_of_parallel_rays_holds_when_it_is_tried(kind):
     middle = mesh.bounds.mean(axis=0)
     poses = rc.look_at(middle + size * np.array([(0.3, 0.2, 1), (1, 0.4, 0.3)]), middle)
     placed = rc.Poses.of(poses, camera=np.arange(2) % len(cameras))
-    found = rc.evaluate(mesh, cameras, placed)
-    before, n_tried = found.covered.area[0], 0
-    for zone in found.summary()["dead_zones"]:
+    result = rc.evaluate(mesh, cameras, placed)
+    before, n_tried = result.covered.area[0], 0
+    for zone in result.summary()["dead_zones"]:
         if not zone["tried"] or "focus_distance_m" in zone["tried"]:
             continue
         n_tried += 1

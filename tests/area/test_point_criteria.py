@@ -11,9 +11,9 @@ from surface_cases import PANORAMA, assert_pointwise, hostile_scene, in_regions,
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area import cut
-from rastercov.coverage.area.cut import values_of
-from rastercov.coverage.area.frames import frames_of, to_world
+from rastercov.core.area import cut
+from rastercov.core.area.cut import values_of
+from rastercov.core.area.frames import frames_of, to_world
 from rastercov.reference.regions import points_on
 
 pytestmark = pytest.mark.native
@@ -97,15 +97,15 @@ def assert_slopes(kind, *, is_one=True):
 def assert_where(criterion, regions, n, seed=0):
     """Points of regions of one row are on the right side of a criterion, up to the bound."""
     mesh = regions.mesh
-    found = regions.where(criterion)
+    part = regions.where(criterion)
     points, face = points_on(mesh, n, seed)
     before = in_regions(regions, 0, points, face)
     holds = by_definition(criterion, points, mesh.normals[face]) >= 0
-    wrong = int((in_regions(found, 0, points, face) != (before & holds)).sum())
-    e = (found.bound.sum() + regions.bound.sum()) / mesh.areas.sum() * n
+    wrong = int((in_regions(part, 0, points, face) != (before & holds)).sum())
+    e = (part.bound.sum() + regions.bound.sum()) / mesh.areas.sum() * n
     assert wrong <= 2 + e + 6 * np.sqrt(e)
-    assert (found.area <= frames_of(mesh).areas[found.pair_face] * (1 + 1e-9)).all()
-    return found
+    assert (part.area <= frames_of(mesh).areas[part.pair_face] * (1 + 1e-9)).all()
+    return part
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -141,14 +141,14 @@ def test_bounds_fall_with_the_width_of_what_is_undecided(kind, monkeypatch):
 
 
 def assert_tighter(criterion, monkeypatch):
-    mesh, found = room()[0], []
+    mesh, items = room()[0], []
     for width in (2e-3, 2e-4, 2e-5):
         monkeypatch.setattr(cut, "STRIP_REL", width)
-        found.append(whole(mesh).where(criterion))
-    bounds = [each.bound.sum() for each in found]
+        items.append(whole(mesh).where(criterion))
+    bounds = [each.bound.sum() for each in items]
     assert bounds[0] > 3 * bounds[1] > 9 * bounds[2] > 0
-    for each in found[:2]:
-        assert abs(each.area.sum() - found[2].area.sum()) <= each.bound.sum() + bounds[2]
+    for each in items[:2]:
+        assert abs(each.area.sum() - items[2].area.sum()) <= each.bound.sum() + bounds[2]
 
 
 def test_beams_of_a_scanner_are_pixels_of_its_panorama():
@@ -158,12 +158,12 @@ def test_beams_of_a_scanner_are_pixels_of_its_panorama():
     px = 1 / np.radians(0.2)
     scan = rc.Camera(width=1800, height=900, fx=px, fy=px, model="equirectangular")
     by_lens = rc.regions(mesh, scan, pose[None], rc.Task(min_pixels_per_m2=2000))
-    found = rc.regions(mesh, scan, pose[None]).where(rc.BeamDensity(place, (0, 0, 1), 0.2, 2000))
-    assert abs(found.area.sum() - by_lens.area.sum()) <= found.bound.sum() + by_lens.bound.sum()
+    part = rc.regions(mesh, scan, pose[None]).where(rc.BeamDensity(place, (0, 0, 1), 0.2, 2000))
+    assert abs(part.area.sum() - by_lens.area.sum()) <= part.bound.sum() + by_lens.bound.sum()
 
 
 def test_joined_regions_keep_their_devices():
-    from rastercov.coverage.area.table import joined
+    from rastercov.core.area.table import joined
 
     mesh = room()[0]
     one = replace(whole(mesh), devices=np.arange(48))
@@ -199,16 +199,16 @@ EQUAL_AREA = rc.Camera(
 def test_pixels_of_panoramas_and_lenses_of_equal_area_are_as_by_points(camera, least):
     mesh, _, poses = room()
     task = rc.Task(min_pixels_per_m2=least, max_incidence_deg=75)
-    found, _ = assert_pointwise(mesh, camera, poses[:2], task, 4000)
-    assert found.bound.sum() <= 1e-4 * mesh.areas.sum()
-    assert 0 < found.area.sum() < rc.regions(mesh, camera, poses[:2]).area.sum() * 0.9
+    result, _ = assert_pointwise(mesh, camera, poses[:2], task, 4000)
+    assert result.bound.sum() <= 1e-4 * mesh.areas.sum()
+    assert 0 < result.area.sum() < rc.regions(mesh, camera, poses[:2]).area.sum() * 0.9
 
 
 def test_pixels_of_lenses_are_limited_each_by_its_own_camera():
     mesh, camera, poses = room()
     cameras = [camera, PANORAMA, EQUAL_AREA]
     task, placed = rc.Task(min_pixels_per_m2=50_000), rc.Poses.of(poses[:3], camera=[0, 1, 2])
-    found = rc.regions(mesh, cameras, placed, task)
+    regions = rc.regions(mesh, cameras, placed, task)
     for row, each in enumerate(cameras):
         alone = rc.regions(mesh, each, poses[row : row + 1], task)
-        assert np.array_equal(found.areas()[row], alone.areas()[0])
+        assert np.array_equal(regions.areas()[row], alone.areas()[0])

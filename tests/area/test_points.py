@@ -8,7 +8,7 @@ from nightly import examples
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
-from rastercov.coverage.area.regions import covering_poses
+from rastercov.core.area.regions import covering_poses
 from rastercov.reference.regions import points_on
 from rastercov.report.camera_pictures import covered_pixels
 from rastercov.report.overview import nearest_covering
@@ -23,18 +23,18 @@ def assert_as_in_pieces(mesh, camera, poses, task, n):
     poses = poses.reshape(-1, 4, 4)
     regions = rc.regions(mesh, camera, poses, task)
     points, face = points_on(mesh, n, 0)
-    found = covering_poses(regions, face, points)
-    assert found.shape == (len(points), len(poses))
+    result = covering_poses(regions, face, points)
+    assert result.shape == (len(points), len(poses))
     for row in range(len(poses)):
         # One is compared with a slack, the other is not.
-        assert (found[:, row] != in_regions(regions, row, points, face)).sum() <= 2
-    return found
+        assert (result[:, row] != in_regions(regions, row, points, face)).sum() <= 2
+    return result
 
 
 def test_poses_cover_the_points_in_their_pieces():
-    found = assert_as_in_pieces(*room(), TASK, 5000)
-    assert found.any(axis=0).all()
-    assert not found.all(axis=0).any()
+    assert_as = assert_as_in_pieces(*room(), TASK, 5000)
+    assert assert_as.any(axis=0).all()
+    assert not assert_as.all(axis=0).any()
 
 
 @pytest.mark.slow

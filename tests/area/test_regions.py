@@ -24,8 +24,8 @@ from surface_cases import (
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.frames import frames_of, to_plane, to_world
-from rastercov.coverage.area.regions import OF_A_FACE, RegionPass
+from rastercov.core.area.frames import frames_of, to_plane, to_world
+from rastercov.core.area.regions import OF_A_FACE, RegionPass
 from rastercov.reference.regions import points_on
 
 pytestmark = pytest.mark.native

@@ -10,8 +10,8 @@ from surface_cases import assert_pointwise, room
 from target_scenes import beside, only, sheet_at, some_as_targets
 
 import rastercov as rc
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.union import with_rest
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.union import with_rest
 
 TASK = rc.Task(max_incidence_deg=80)
 
@@ -39,8 +39,8 @@ def test_targets_change_no_region_of_the_surface(seed):
     bare = only(mesh, ~is_target)
     # Lengths that all bounds are relative to are those of the whole mesh.
     assume(np.array_equal(mesh.bounds, bare.bounds))
-    found, expected = (rc.regions(each, camera, poses) for each in (mesh, bare))
-    assert found.areas()[:, ~is_target] == pytest.approx(expected.areas(), rel=1e-9, abs=1e-300)
+    regions, expected = (rc.regions(each, camera, poses) for each in (mesh, bare))
+    assert regions.areas()[:, ~is_target] == pytest.approx(expected.areas(), rel=1e-9, abs=1e-300)
 
 
 @pytest.mark.slow
@@ -56,8 +56,8 @@ def test_targets_are_scored_by_area_and_have_a_rest():
     areas = AreaNetwork(mesh, TASK)
     areas.add(rc.regions(mesh, camera, poses, TASK))
     sheet = mesh.face_group == len(mesh.groups) - 1
-    found = areas.of_faces(sheet)
-    assert found["of_m2"] == pytest.approx(28)
-    assert 50 < found["percent"] < 100
+    of_faces = areas.of_faces(sheet)
+    assert of_faces["of_m2"] == pytest.approx(28)
+    assert 50 < of_faces["percent"] < 100
     parts = with_rest(areas.covered)
     assert set(np.flatnonzero(sheet)) <= set(parts.face[parts.views == 0].tolist())

@@ -5,27 +5,27 @@ from dataclasses import replace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from edited import Session
 from exact_views import SEEDS
 from hypothesis import given
 from nightly import amount, examples
 from surface_cases import hostile_scene, in_regions, room, whole
 
 import rastercov as rc
+from rastercov.advice.headline import other_lines
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.camera.rule import rule_of
-from rastercov.coverage.area.cut import values_of
-from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.features import deviations_of
-from rastercov.coverage.area.frames import frames_of, to_plane, to_world
-from rastercov.coverage.area.sensors import deviations, is_certain
-from rastercov.coverage.headline import other_lines
-from rastercov.coverage.reasons import Reason
+from rastercov.core.area.cut import values_of
+from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.features import deviations_of
+from rastercov.core.area.frames import frames_of, to_plane, to_world
+from rastercov.core.camera.rule import rule_of
+from rastercov.core.coverage.reasons import Reason
+from rastercov.page.scene import open_mesh
 from rastercov.reference.regions import points_on
 from rastercov.report.coverage import Options, network_of, run
 from rastercov.report.modes import FIRST, MODES
 from rastercov.report.parquet import write_areas
-from rastercov.viewer.scene import open_mesh
-from rastercov.viewer.session import Session
+from rastercov.sensors.ray_limits import measured
 
 pytestmark = pytest.mark.native
 
@@ -58,9 +58,9 @@ def information(criterion, points, normals, sees=None):
 
 
 def holds(criterion, points, normals, sees=None):
-    found = information(criterion, points, normals, sees) * criterion.limit**2
+    values = information(criterion, points, normals, sees) * criterion.limit**2
     off = np.eye(3) if criterion.along == "worst" else normals[:, :, None] * normals[:, None]
-    return np.linalg.eigvalsh(found - off)[:, 0]
+    return np.linalg.eigvalsh(values - off)[:, 0]
 
 
 def deviation(criterion, point, normal=(0.0, 0.0, -1.0), direction=None):
@@ -113,16 +113,16 @@ F, NOISE = 2200.0, 0.2
 def test_stereo_is_as_by_monte_carlo_and_as_in_textbooks(baseline, z):
     sigma, point = NOISE / F, np.zeros(3)
     eyes = np.array([(-baseline / 2, 0, -z), (baseline / 2, 0, -z)])
-    found = deviation(rc.Uncertainty(eyes, 1, sigma), point)
+    result = deviation(rc.Uncertainty(eyes, 1, sigma), point)
     cloud = scattered(np.random.default_rng(0), [(eye, sigma) for eye in eyes], [])
     worst = np.linalg.eigvalsh(np.cov(cloud.T))[-1] ** 0.5
-    assert found == pytest.approx(worst, rel=0.02)
+    assert result == pytest.approx(worst, rel=0.02)
     normal = deviation(rc.Uncertainty(eyes, 1, sigma, along="normal"), point)
     assert normal == pytest.approx(cloud[:, 2].std(), rel=0.02)
     if z / baseline >= 4:
-        assert found == pytest.approx(z * z * np.sqrt(2) * NOISE / (F * baseline), rel=0.02)
+        assert result == pytest.approx(z * z * np.sqrt(2) * NOISE / (F * baseline), rel=0.02)
     if (baseline, z) == (0.12, 0.5):
-        assert found == pytest.approx(271.7e-6, rel=1e-3)
+        assert result == pytest.approx(271.7e-6, rel=1e-3)
 
 
 @pytest.mark.parametrize(("degrees", "um"), [(15, 140.5), (30, 72.7), (45, 51.4)])
@@ -130,19 +130,19 @@ def test_a_laser_sheet_is_as_its_footprint_over_the_sine(degrees, um):
     a, sigma = np.radians(degrees), NOISE / F
     camera, laser = 0.4 * np.array([np.sin(a), 0, -np.cos(a)]), np.array([0, 0, -0.4])
     eyes, stripes = np.array([camera, laser]), [(0, 0, 0), (0, 1, 0)]
-    found = deviation(rc.Uncertainty(eyes, 1, [sigma, 1e-9], stripes), np.zeros(3))
-    assert found == pytest.approx(um * 1e-6, rel=0.002)
-    assert found == pytest.approx(0.4 * sigma / np.sin(a), rel=0.02)
+    result = deviation(rc.Uncertainty(eyes, 1, [sigma, 1e-9], stripes), np.zeros(3))
+    assert result == pytest.approx(um * 1e-6, rel=0.002)
+    assert result == pytest.approx(0.4 * sigma / np.sin(a), rel=0.02)
 
 
 def test_stripes_of_a_projector_are_as_by_monte_carlo():
     camera, projector, sigma = np.array([0.0, 0.02, -0.6]), np.array([0.2, 0, -0.5]), 1e-4
     criterion = rc.Uncertainty([camera, projector], 1, [sigma, 3e-4], [(0, 0, 0), (0, 1, 0)])
-    found = deviation(criterion, np.zeros(3))
+    result = deviation(criterion, np.zeros(3))
     planes = [(projector, np.array([0.0, 1, 0]), 3e-4)]
     cloud = scattered(np.random.default_rng(1), [(camera, sigma)], planes)
     worst = np.linalg.eigvalsh(np.cov(cloud.T))[-1] ** 0.5
-    assert found == pytest.approx(worst, rel=0.02)
+    assert result == pytest.approx(worst, rel=0.02)
 
 
 def test_a_range_is_as_by_monte_carlo():
@@ -154,19 +154,19 @@ def test_a_range_is_as_by_monte_carlo():
         across = rng.normal(0, sigma * 10, (20_000, 2))
         cloud = np.column_stack([across, along])
         criterion = rc.Uncertainty([eye], 1, sigma, ranges=s)
-        found = deviation(criterion, np.zeros(3), normal)
-        assert found == pytest.approx(cloud.std(axis=0).max(), rel=0.02)
+        result = deviation(criterion, np.zeros(3), normal)
+        assert result == pytest.approx(cloud.std(axis=0).max(), rel=0.02)
         on_normal = deviation(replace(criterion, along="normal"), np.zeros(3), normal)
         assert on_normal == pytest.approx((cloud @ normal).std(), rel=0.02)
 
 
 def test_rays_that_are_nearly_parallel_are_uncertain():
-    found = []
+    items = []
     for degrees in (10, 20, 40, 90):
         a = np.radians(degrees) / 2
         eyes = 0.5 * np.array([(np.sin(a), 0, -np.cos(a)), (-np.sin(a), 0, -np.cos(a))])
-        found.append(deviation(rc.Uncertainty(eyes, 1, 1e-4), np.zeros(3)))
-    assert np.array(found[:3]) / found[3] == pytest.approx([8.1, 4.1, 2.1], abs=0.05)
+        items.append(deviation(rc.Uncertainty(eyes, 1, 1e-4), np.zeros(3)))
+    assert np.array(items[:3]) / items[3] == pytest.approx([8.1, 4.1, 2.1], abs=0.05)
 
 
 def random_uncertainty(rng, n, size=1.0, centre=(0, 0, 0)):
@@ -219,13 +219,13 @@ def test_regions_are_as_by_points(n, along, stripes):
     noise, axes = [1e-4, 1.5e-4, 1e-4], np.array([(0, 0, 0), (0, 1, 0.2), (0, 0, 0)])
     limit = {"worst": 1.35e-4 if n == 2 else 0.9e-4, "normal": 0.9e-4}[along] * (1 + 0.2 * stripes)
     criterion = rc.Uncertainty(eyes[:n], limit, noise[:n], axes[:n] * stripes, along=along)
-    found = whole(mesh).where(criterion)
+    part = whole(mesh).where(criterion)
     points, face = points_on(mesh, 6000)
     truth = holds(criterion, points, mesh.normals[face]) >= 0
-    e = found.bound.sum() / mesh.areas.sum() * len(points)
-    assert (in_regions(found, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
-    assert found.bound.sum() <= 0.002 * mesh.areas.sum()
-    assert 0.02 < found.area.sum() / mesh.areas.sum() < 0.98
+    e = part.bound.sum() / mesh.areas.sum() * len(points)
+    assert (in_regions(part, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
+    assert part.bound.sum() <= 0.002 * mesh.areas.sum()
+    assert 0.02 < part.area.sum() / mesh.areas.sum() < 0.98
 
 
 @pytest.mark.parametrize(("n", "along", "has_stripes"), [
@@ -244,11 +244,11 @@ def test_bounds_are_narrow_where_a_device_is_much_nearer_than_others(n, along, h
         else np.einsum("ni,nij,nj->n", normals, covariance, normals)
     )  # fmt: skip
     limit = float(np.median(variance) ** 0.5)
-    found = whole(mesh).where(replace(every, limit=limit))
-    assert found.bound.sum() <= 1e-3 * mesh.areas.sum()
+    part = whole(mesh).where(replace(every, limit=limit))
+    assert part.bound.sum() <= 1e-3 * mesh.areas.sum()
     truth = variance <= limit**2
-    e = found.bound.sum() / mesh.areas.sum() * len(points)
-    assert (in_regions(found, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
+    e = part.bound.sum() / mesh.areas.sum() * len(points)
+    assert (in_regions(part, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
 
 
 @pytest.mark.slow
@@ -263,9 +263,9 @@ def test_devices_in_hostile_scenes_are_as_by_points(seed):
     criterion = random_uncertainty(rng, 2 + seed % 4, size, mesh.bounds.mean(axis=0))
     with np.errstate(all="ignore"):
         truth = holds(criterion, points, mesh.normals[face])
-    found = whole(mesh).where(criterion)
-    e = found.bound.sum() / mesh.areas.sum() * len(points)
-    is_off = in_regions(found, 0, points, face) != (truth >= 0)
+    part = whole(mesh).where(criterion)
+    e = part.bound.sum() / mesh.areas.sum() * len(points)
+    is_off = in_regions(part, 0, points, face) != (truth >= 0)
     assert is_off.sum() <= 2 + e + 6 * np.sqrt(e)
 
 
@@ -274,13 +274,13 @@ def test_only_devices_that_see_a_piece_count():
     regions = whole(mesh)
     sets = np.random.default_rng(5).integers(0, 8, len(regions))
     criterion = rc.Uncertainty(eyes, 2e-3, 2e-4)
-    found = replace(regions, devices=sets).where(criterion)
+    part = replace(regions, devices=sets).where(criterion)
     points, face = points_on(mesh, 6000)
     sees = (sets[np.searchsorted(regions.face, face)][:, None] >> np.arange(3) & 1).astype(bool)
     truth = holds(criterion, points, mesh.normals[face], sees) >= 0
-    e = found.bound.sum() / mesh.areas.sum() * len(points)
-    assert (in_regions(found, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
-    assert 0 < found.area.sum() < mesh.areas.sum()
+    e = part.bound.sum() / mesh.areas.sum() * len(points)
+    assert (in_regions(part, 0, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
+    assert 0 < part.area.sum() < mesh.areas.sum()
 
 
 @pytest.mark.parametrize(
@@ -330,7 +330,7 @@ def test_rigs_measure_what_is_certain_enough(limit, stripes, n):
     places = rc.look_at(eyes=[(0, 0.05, -0.6), (0.1, 0.4, 0.5)], targets=(0, 0, 0))
     free = rc.Rig(rig.cameras, rig.names, rig.rig_from_camera, rule=rc.All())
     task, both = rc.Task(max_incidence_deg=80), rig.poses(places)
-    found = rc.regions(mesh, rig, both, task)
+    regions = rc.regions(mesh, rig, both, task)
     every = rc.regions(mesh, free, free.poses(places), task)
     points, face = points_on(mesh, 4000)
     shares = []
@@ -341,27 +341,27 @@ def test_rigs_measure_what_is_certain_enough(limit, stripes, n):
         criterion = rc.Uncertainty(placed[:, :3, 3], limit, noise, axes)
         truth = in_regions(every, row, points, face)
         truth &= holds(criterion, points, mesh.normals[face]) >= 0
-        e = (found.bounds()[row].sum() + every.bounds()[row].sum()) / mesh.areas.sum() * 4000
-        assert (in_regions(found, row, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
+        e = (regions.bounds()[row].sum() + every.bounds()[row].sum()) / mesh.areas.sum() * 4000
+        assert (in_regions(regions, row, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
         assert np.array_equal(
-            is_certain(rig.gates[0], placed, points),
+            measured(rig.gates[0], placed, points)[1] <= limit,
             holds(criterion, points, mesh.normals[face]) >= 0,
         )
-        shares.append(found.areas()[row].sum() / every.areas()[row].sum())
+        shares.append(regions.areas()[row].sum() / every.areas()[row].sum())
     assert 0 < shares[1] < 0.9 < shares[0] + 0.4
-    assert found.bound.sum() <= 1e-3 * mesh.areas.sum()
+    assert regions.bound.sum() <= 1e-3 * mesh.areas.sum()
 
 
 def test_centres_of_cells_are_certain_enough_too():
     mesh, rig = ball(), head(237e-6)
     places = rc.look_at(eyes=[(0, 0.05, -0.6)], targets=(0, 0, 0))
     own = rc.cells(mesh, 0.05)
-    found = CentrePass(own, rig, rc.Task()).find(rig.poses(places))
+    result = CentrePass(own, rig, rc.Task()).find(rig.poses(places))
     loose = CentrePass(own, head(1.0), rc.Task()).find(rig.poses(places))
     centres = own.vertices.reshape(-1, 3, 3).mean(axis=1)
-    certain = is_certain(rig.gates[0], rig.poses(places).world_from_camera, centres)
-    assert set(found.row(0)) == set(np.flatnonzero(certain)) & set(loose.row(0))
-    assert 0 < len(found.row(0)) < len(loose.row(0))
+    certain = measured(rig.gates[0], rig.poses(places).world_from_camera, centres)[1] <= 237e-6
+    assert set(result.row(0)) == set(np.flatnonzero(certain)) & set(loose.row(0))
+    assert 0 < len(result.row(0)) < len(loose.row(0))
 
 
 def test_zones_that_are_seen_and_too_uncertain_are_named_for_it():
@@ -439,11 +439,11 @@ def test_lengths_have_a_unit():
 def test_what_the_uncertainty_alone_loses_is_said_apart():
     mesh, places = ball(), rc.look_at(eyes=[(0, 0.05, -0.6)], targets=(0, 0, 0))
 
-    def found(limit):
+    def result(limit):
         rig = head(limit)
         return rc.evaluate(mesh, rig, rig.poses(places), by="area", fields=()).summary()
 
-    strict, loose = found(237e-6), found(1.0)
+    strict, loose = result(237e-6), result(1.0)
     lost = {entry["condition"]: entry["missed"]["m2"] for entry in strict["by_device"]}
     by_name = {entry["device"]: entry["missed"]["m2"] for entry in strict["by_device"]}
     both = [each["covered_area"]["m2"] for each in (strict, loose)]
@@ -471,8 +471,8 @@ def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
     mesh, rig = ball(), head(270e-6)
     places = rc.look_at(eyes=[(0, 0.05, -0.6), (0.1, 0.4, 0.5)], targets=(0, 0, 0))
     both = rig.poses(places)
-    found = rc.evaluate(mesh, rig, both, by="area", fields=())
-    um, bound = found.per_camera.of_faces["uncertainty_um"]
+    result = rc.evaluate(mesh, rig, both, by="area", fields=())
+    um, bound = result.per_camera.of_faces["uncertainty_um"]
     seen = rc.regions(mesh, rig, both)
     points, face = points_on(mesh, 20_000)
     worst = np.zeros(mesh.n_faces)
@@ -487,7 +487,7 @@ def test_the_largest_deviation_of_a_face_is_that_of_its_points(tmp_path):
     assert (worst <= (um + bound) * (1 + 1e-9)).all()
     assert (um[worst > 0] <= 270).all()
     assert (worst[worst > 0] >= 0.93 * um[worst > 0]).mean() > 0.95
-    write_areas(tmp_path / "areas.parquet", mesh, found.covered, found.per_camera.of_faces)
+    write_areas(tmp_path / "areas.parquet", mesh, result.covered, result.per_camera.of_faces)
     table = pq.read_table(tmp_path / "areas.parquet").to_pydict()
     assert np.array_equal(table["uncertainty_um"], np.where(um > 0, um, np.nan), equal_nan=True)
     assert np.array_equal(np.isnan(table["uncertainty_bound_um"]), um == 0)
@@ -500,13 +500,13 @@ def test_pages_map_the_uncertainty(tmp_path):
     assert (tmp_path / "r" / "uncertainty.png").exists()
     mode = MODES["uncertainty"]
     assert mode.words in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
-    found = rc.evaluate(mesh, rig, both, by="area", fields=())
-    own = network_of(found, found.summary()).values["uncertainty"]
+    result = rc.evaluate(mesh, rig, both, by="area", fields=())
+    own = network_of(result, result.summary()).values["uncertainty"]
     painted = mode.paint(mesh, own)
     assert painted.scale["unit"] == "um"
     assert painted.scale["is_log"]
     is_measured = painted.levels >= FIRST
-    assert np.array_equal(is_measured, found.covered.area[0] > 0)
+    assert np.array_equal(is_measured, result.covered.area[0] > 0)
 
 
 def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
@@ -516,8 +516,8 @@ def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
     assert "uncertainty" in session.scene.modes
     figures, placed = session.figures(), both.world_from_camera
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)
-    found = deviations(rig.gates[0], placed, corners)
-    truth = np.where(figures.failing[0] == Reason.COVERED, found.reshape(-1, 3).max(axis=1), 0.0)
+    _, result = measured(rig.gates[0], placed, corners)
+    truth = np.where(figures.failing[0] == Reason.COVERED, result.reshape(-1, 3).max(axis=1), 0.0)
     assert figures.values["uncertainty"]().values == pytest.approx(1e6 * truth)
     assert 0 < np.count_nonzero(truth) < mesh.n_faces
     session.close()

@@ -12,8 +12,8 @@ from surface_cases import building, hostile_scene, in_regions, off_clipper2, roo
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.frames import frames_of, to_plane
-from rastercov.coverage.area.union import RegionUnion
+from rastercov.core.area.frames import frames_of, to_plane
+from rastercov.core.area.union import RegionUnion
 from rastercov.reference.regions import points_on
 
 pytestmark = pytest.mark.native
@@ -46,10 +46,10 @@ def test_poses_added_one_by_one_cover_as_much_as_all_at_once():
         assert share >= before - 1e-12
         before = share
     at_once = rc.unite(rc.regions(mesh, camera, poses, TASK), 2)
-    found = union.covered()
-    assert np.abs(found.area - at_once.area).max() <= 1e-9 * mesh.areas.max()
+    is_covered = union.covered()
+    assert np.abs(is_covered.area - at_once.area).max() <= 1e-9 * mesh.areas.max()
     # Slivers aside, the bound is that of the same regions.
-    assert np.allclose(found.bound, at_once.bound, rtol=1e-3, atol=1e-9 * mesh.areas.max())
+    assert np.allclose(is_covered.bound, at_once.bound, rtol=1e-3, atol=1e-9 * mesh.areas.max())
 
 
 def test_a_face_that_k_cameras_cover_as_a_whole_is_closed():
@@ -85,17 +85,17 @@ def test_pieces_of_a_partition_do_not_overlap_and_know_their_views():
     points, face = points_on(mesh, 5000)
     views = sum(in_regions(regions, row, points, face).astype(int) for row in range(6))
     xy = to_plane(mesh, face, points)
-    found, times = np.zeros(len(points), int), np.zeros(len(points), int)
+    values, times = np.zeros(len(points), int), np.zeros(len(points), int)
     for piece in range(len(covered)):
         rows = np.flatnonzero(face == covered.face[piece])
         polygon = covered.xy[covered.starts[piece] : covered.starts[piece + 1]]
         sides = np.roll(polygon, -1, axis=0) - polygon
         away = xy[rows, None] - polygon
         inside = (sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] >= 0).all(axis=1)
-        found[rows[inside]] = covered.views[piece]
+        values[rows[inside]] = covered.views[piece]
         times[rows[inside]] += 1
     assert times.max() == 1
-    assert np.array_equal(found, views)
+    assert np.array_equal(values, views)
 
 
 @pytest.mark.slow

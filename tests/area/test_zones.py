@@ -13,16 +13,16 @@ from scenes import joined, square
 from surface_cases import building, cut_at_random, room
 
 import rastercov as rc
+from rastercov.advice.headline import advice_line
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.failures import first_failures
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.polygons import polygon_areas
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.union import RegionUnion
-from rastercov.coverage.area.zones import dead_zones, summary_of, zone_line, zone_place
-from rastercov.coverage.headline import advice_line
-from rastercov.coverage.reasons import BITS, REASONS
-from rastercov.mesh.formats.ifc import Product
+from rastercov.core.area.failures import first_failures
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.union import RegionUnion
+from rastercov.core.area.zones import dead_zones, summary_of, zone_line, zone_place
+from rastercov.core.coverage.reasons import BITS, REASONS
+from rastercov.formats.meshes.ifc import Product
 from rastercov.placement import NearestSurface, in_solid
 from rastercov.reference.regions import covers_points, points_on
 
@@ -194,9 +194,9 @@ def test_the_reason_of_a_zone(reason, task, change):
 
 
 def test_without_cameras_the_reason_is_that():
-    found = named(sheet((0, 0)), CAMERA, np.empty((0, 4, 4)), rc.Task())
-    assert found["dead_zones"][0]["reason"] == "no_cameras"
-    assert found["other_dead_zones"] == {"zones": 0, "area_m2": 0.0, "percent": 0.0}
+    names = named(sheet((0, 0)), CAMERA, np.empty((0, 4, 4)), rc.Task())
+    assert names["dead_zones"][0]["reason"] == "no_cameras"
+    assert names["other_dead_zones"] == {"zones": 0, "area_m2": 0.0, "percent": 0.0}
 
 
 def hidden_scene():
@@ -221,8 +221,8 @@ def test_a_hidden_zone_names_the_group_in_front():
 
 
 def test_where_nothing_is_covered_the_largest_zone_has_figures():
-    found = named(hidden_scene(), CAMERA, AHEAD, rc.Task(min_pixel_density=5000))
-    zone = found["dead_zones"][0]
+    names = named(hidden_scene(), CAMERA, AHEAD, rc.Task(min_pixel_density=5000))
+    zone = names["dead_zones"][0]
     assert "resolution too low" in zone_line(zone)
     assert re.fullmatch(
         r"advice: camera 1 comes closest to covering the zone's middle: .* px/m at .*, 5 px/mm "
@@ -237,8 +237,8 @@ def test_a_zone_names_its_cad_face_and_the_part_that_hides_it():
     names = ("arm/floor/face 1", "arm/sheet/face 2", "arm/sheet/face 13")
     groups = [replace(group, name=name) for group, name in zip(mesh.groups, names, strict=True)]
     mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, mesh.face_group)
-    found = named(mesh, CAMERA, AHEAD, rc.Task())
-    (zone,) = found["dead_zones"]
+    result = named(mesh, CAMERA, AHEAD, rc.Task())
+    (zone,) = result["dead_zones"]
     assert (zone["groups"], zone["hidden_by"]) == (["arm/floor/face 1"], "arm/sheet/face 13")
     assert zone_line(zone) == (
         "dead zone 4 m² around (-1.0, -1.0, 4.0) m in group arm/floor/face 1: occluded by arm/sheet"
@@ -255,8 +255,8 @@ def test_a_camera_at_the_place_that_is_advised_covers_what_was_hidden():
     )
     *numbers, share = map(float, re.match(said, zone["advice"]).groups())
     there = rc.look_at(numbers[:3], numbers[3:])
-    found = rc.regions(mesh, CAMERA, there)
-    assert found.area.sum() >= 0.5 * zone["area_m2"]
+    regions = rc.regions(mesh, CAMERA, there)
+    assert regions.area.sum() >= 0.5 * zone["area_m2"]
     assert zone["nearest"] is None
     tried = zone["tried"]
     assert (tried["pose"], tried["position"], tried["looking_at"]) == (
@@ -416,8 +416,8 @@ def test_a_camera_that_can_be_focused_is(focus):
         aperture=8e-3, focus_distance=focus,
     )  # fmt: skip
     poses = rc.look_at((4, 0.5, 0.5), (0, 0.5, 0.5))
-    found = named(mesh, camera, poses, rc.Task())
-    for zone in found["dead_zones"]:
+    names = named(mesh, camera, poses, rc.Task())
+    for zone in names["dead_zones"]:
         assert zone["reason"] == "out_of_focus"
         assert zone["tried"]["focus_distance_m"] == pytest.approx(4, rel=0.05)
         assert zone["tried"]["pose"] == 0
@@ -429,8 +429,8 @@ def test_a_change_that_would_cover_less_in_all_is_one_of_another_camera():
     small = rc.Mesh(large.vertices * (1, 0.25, 0.25) + (0, 12, 0), large.faces)
     mesh = joined(large, small)
     poses = rc.look_at((8, 2, 2), (0, 2, 2))
-    found = named(mesh, camera, poses, rc.Task())
-    zone = next(each for each in found["dead_zones"] if each["centroid"][1] > 10)
+    names = named(mesh, camera, poses, rc.Task())
+    zone = next(each for each in names["dead_zones"] if each["centroid"][1] > 10)
     assert zone["tried"]["pose"] is None
     assert "add a camera at the same place" in zone["advice"]
 
@@ -454,8 +454,8 @@ def test_points_fail_as_the_pointwise_reference_says(scene):
     points, face = points_on(mesh, 3000)
     covers = covers_points(mesh, camera, poses, task, points, face)
     failures = list(first_failures(mesh, camera, task, poses, points, face))
-    found = np.array([reason == rc.Reason.COVERED for reason, _ in failures])
-    assert (found != covers).mean() < 1e-3
+    values = np.array([reason == rc.Reason.COVERED for reason, _ in failures])
+    assert (values != covers).mean() < 1e-3
     assert covers.any()
     for reason, hidden_by in failures:
         assert ((hidden_by >= 0) == (BITS[reason] & BITS[rc.Reason.OCCLUDED] > 0)).all()
@@ -463,11 +463,11 @@ def test_points_fail_as_the_pointwise_reference_says(scene):
 
 def test_the_summary_lists_a_hundred_zones_and_the_sum_of_the_rest():
     mesh = sheet(*((2 * k % 40, 2 * (k // 20)) for k in range(150)))
-    found = summary_of(alone(mesh), CAMERA, rc.Task(), np.empty((0, 4, 4)))
-    assert len(found["dead_zones"]) == 100
-    assert found["other_dead_zones"]["zones"] == 50
-    total = sum(zone["area_m2"] for zone in found["dead_zones"])
-    assert total + found["other_dead_zones"]["area_m2"] == pytest.approx(150)
+    summary = summary_of(alone(mesh), CAMERA, rc.Task(), np.empty((0, 4, 4)))
+    assert len(summary["dead_zones"]) == 100
+    assert summary["other_dead_zones"]["zones"] == 50
+    total = sum(zone["area_m2"] for zone in summary["dead_zones"])
+    assert total + summary["other_dead_zones"]["area_m2"] == pytest.approx(150)
 
 
 @pytest.mark.slow
@@ -540,15 +540,15 @@ def test_what_no_camera_can_see_has_a_reason_of_its_own():
     mesh = joined(box, table)
     groups = [rc.Group("box"), rc.Group("table", is_occluder=True)]
     mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, np.repeat([0, 1], 12))
-    found = rc.evaluate(mesh, CAMERA, rc.look_at((0, 0, 4), (0, 0, 0), (0, 1, 0)), by="area")
-    summary = found.summary()
+    result = rc.evaluate(mesh, CAMERA, rc.look_at((0, 0, 4), (0, 0, 0), (0, 1, 0)), by="area")
+    summary = result.summary()
     found_m2 = {name: each["m2"] for name, each in summary["not_covered_because"].items()}
     assert found_m2 == pytest.approx({"back_facing": 4.0, "unseeable": 1.0})
     assert "unseeable" not in summary["seeable_not_covered_because"]
     (below,) = [zone for zone in summary["dead_zones"] if zone["reason"] == "unseeable"]
     assert below["centroid"] == pytest.approx([0, 0, 0], abs=1e-9)
     assert below["nearest"] is None
-    by_face = rc.evaluate(mesh, CAMERA, found.poses, by="face").summary()
+    by_face = rc.evaluate(mesh, CAMERA, result.poses, by="face").summary()
     assert by_face["not_covered_because"]["unseeable"]["faces"] == 2
 
 
@@ -565,10 +565,10 @@ def test_a_zone_is_advised_a_camera_of_its_own_room():
     table = rc.shapes.box((0.8, 1.0, 0.05), 1, (-0.5, 0, 0.5))
     camera = rc.Camera.from_fov(800, 600, hfov_deg=110)
     eyes, target = [(0.15, 0, 1.9), (-1.8, 0, 1.9)], (-0.5, 0, 0)
-    found = rc.evaluate(
+    result = rc.evaluate(
         joined(*rooms, table), camera, rc.look_at(eyes, target), by="area", fields=()
     )
-    zones = [zone for zone in found.summary()["dead_zones"] if zone["area_m2"] > 0.1]
+    zones = [zone for zone in result.summary()["dead_zones"] if zone["area_m2"] > 0.1]
     assert {zone["reason"] for zone in zones} >= {"occluded", "outside"}
     for zone in zones:
         x = zone["centroid"][0]
@@ -585,8 +585,8 @@ def test_a_coincident_surface_in_front_is_said_to_hide():
     f = 180 / np.pi
     camera = rc.Camera(width=360, height=180, fx=f, fy=f, model="equirectangular")
     poses = rc.look_at([(-1.8, 0, 1.9), (0.15, 0, 1.9)], (-0.5, 0, 0))
-    found = rc.evaluate(rooms, camera, poses, by="area", fields=()).summary()
-    for zone in found["dead_zones"]:
+    summary = rc.evaluate(rooms, camera, poses, by="area", fields=()).summary()
+    for zone in summary["dead_zones"]:
         assert "{" not in zone["advice"]
         assert zone["reason"] != "too_oblique"  # no such limit is set
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy
 from rastercov.placement.audit import audit, groups_of
 
@@ -33,11 +33,11 @@ def looking_in(seed, count):
     return rc.Poses.of(poses, camera=rng.integers(0, 2, count))
 
 
-def pairs_of(found):
+def pairs_of(result):
     """(P, E) bool: pairs of camera and element."""
-    covers = np.zeros((len(found.poses), found.problem.n_faces), bool)
+    covers = np.zeros((len(result.poses), result.problem.n_faces), bool)
     for row in range(len(covers)):
-        covers[row, found.problem.faces_of(row)] = 1
+        covers[row, result.problem.faces_of(row)] = 1
     return covers
 
 
@@ -80,26 +80,26 @@ def areas_are_defined(figures, owner, covers, covered, weights):
 )
 def test_every_figure_is_its_definition(seed, count, views, by):
     poses, task = looking_in(seed, count), rc.Task(views=views)
-    found = audit(MESH, CAMERAS, poses, task, by=by, resolution_of_result=0.4)
-    covers, on = pairs_of(found), MESH if by == "face" else found.cells.elements
+    result = audit(MESH, CAMERAS, poses, task, by=by, resolution_of_result=0.4)
+    covers, on = pairs_of(result), MESH if by == "face" else result.cells.elements
     weights = np.where(on.task_mask, on.areas, 0)
-    np.testing.assert_array_equal(found.views, covers.sum(axis=0))
-    np.testing.assert_array_equal(found.covered, (covers.sum(axis=0) >= views) & (weights > 0))
+    np.testing.assert_array_equal(result.views, covers.sum(axis=0))
+    np.testing.assert_array_equal(result.covered, (covers.sum(axis=0) >= views) & (weights > 0))
     for e in np.random.default_rng(seed).choice(on.n_faces, 12):
         cameras = np.flatnonzero(covers[:, e])
         point, normal = on.centroids[e], on.normals[e]
         rays = poses.world_from_camera[cameras, :3, 3] - point
         widest = max((angle(a, b) for a in rays for b in rays), default=0.0)
-        assert found.widest_angle[e] == pytest.approx(widest, abs=1e-7)
+        assert result.widest_angle[e] == pytest.approx(widest, abs=1e-7)
         best = {
             c: density(point, normal, poses.world_from_camera[c], CAMERAS[poses.camera[c]])
             for c in cameras
         }
         most = pytest.approx(max(best.values(), default=0), rel=1e-6)
-        assert found.best_density[e] == most
-        assert found.best_camera[e] == -1 if not best else best[found.best_camera[e]] == most
+        assert result.best_density[e] == most
+        assert result.best_camera[e] == -1 if not best else best[result.best_camera[e]] == most
     areas_are_defined(
-        found, np.arange(count), covers, lambda rows: covers[rows].sum(axis=0) >= views, weights
+        result, np.arange(count), covers, lambda rows: covers[rows].sum(axis=0) >= views, weights
     )
 
 
@@ -115,29 +115,29 @@ def test_a_subset_of_cameras_and_of_frames_covers_what_all_cover(seed, views, le
     numbers = np.random.default_rng(seed).integers(0, n_frames, 14)
     frames = [f"t{number}" for number in numbers]
     task = rc.Task(views=views, min_angle_deg=least)
-    found = audit(MESH, CAMERAS, looking_in(seed, 14), task, by="face", frames=frames)
-    covers, weights = pairs_of(found), np.where(MESH.task_mask, MESH.areas, 0)
+    result = audit(MESH, CAMERAS, looking_in(seed, 14), task, by="face", frames=frames)
+    covers, weights = pairs_of(result), np.where(MESH.task_mask, MESH.areas, 0)
 
     def covered(rows):
-        return found.problem.covered_by(np.flatnonzero(rows))[1] & (weights > 0)
+        return result.problem.covered_by(np.flatnonzero(rows))[1] & (weights > 0)
 
     names = list(dict.fromkeys(frames))
     owner = np.array([names.index(frame) for frame in frames])
-    assert list(found.frames.names) == names
-    areas_are_defined(found.frames, owner, covers, covered, weights)
-    areas_are_defined(found, np.arange(14), covers, covered, weights)
-    assert not np.any(found.redundant & (found.lost_m2 > 0))
-    for subset, owners in ((found.subset, np.arange(14)), (found.frames.subset, owner)):
-        np.testing.assert_array_equal(covered(np.isin(owners, subset.chosen)), found.covered)
+    assert list(result.frames.names) == names
+    areas_are_defined(result.frames, owner, covers, covered, weights)
+    areas_are_defined(result, np.arange(14), covers, covered, weights)
+    assert not np.any(result.redundant & (result.lost_m2 > 0))
+    for subset, owners in ((result.subset, np.arange(14)), (result.frames.subset, owner)):
+        np.testing.assert_array_equal(covered(np.isin(owners, subset.chosen)), result.covered)
         assert subset.bound <= len(subset.chosen)
     enough = [
         len(chosen)
         for n in range(len(names) + 1)
         for chosen in combinations(range(len(names)), n)
-        if (covered(np.isin(owner, chosen)) == found.covered).all()
+        if (covered(np.isin(owner, chosen)) == result.covered).all()
     ]
-    assert found.frames.subset.bound == len(found.frames.subset.chosen) == min(enough)
-    assert found.frames.subset.status == "optimal"
+    assert result.frames.subset.bound == len(result.frames.subset.chosen) == min(enough)
+    assert result.frames.subset.status == "optimal"
 
 
 @pytest.mark.parametrize("least", [0, 40])
@@ -146,17 +146,17 @@ def test_the_smallest_subset_is_proved_by_trying_all(views, least, monkeypatch):
     """And without an integer program its bound holds, with those that are needed one at a time."""
     task = rc.Task(views=views, min_angle_deg=least)
     poses = looking_in(5 + views, 11)
-    found = audit(MESH, CAMERAS, poses, task, by="face")
+    result = audit(MESH, CAMERAS, poses, task, by="face")
     size = next(
         n
         for n in range(12)
         for chosen in combinations(range(11), n)
-        if (found.problem.covered_by(chosen)[1] >= found.covered).all()
+        if (result.problem.covered_by(chosen)[1] >= result.covered).all()
     )
-    assert len(found.subset.chosen) == found.subset.bound == size
+    assert len(result.subset.chosen) == result.subset.bound == size
     monkeypatch.setattr(audits, "select_integer", Mock(side_effect=rc.ConfigError("no highspy")))
     without = audit(MESH, CAMERAS, poses, task, by="face").subset
-    assert (found.lost_m2 > 0).sum() <= without.bound <= size <= len(without.chosen)
+    assert (result.lost_m2 > 0).sum() <= without.bound <= size <= len(without.chosen)
 
 
 def test_an_interrupt_of_the_proof_ends_the_audit(monkeypatch):
@@ -172,10 +172,10 @@ def test_an_interrupt_of_the_proof_ends_the_audit(monkeypatch):
 
 def test_a_camera_twice_is_redundant_and_left_out_of_the_subset():
     poses = looking_in(3, 5).world_from_camera
-    found = audit(MESH, WIDE, np.concatenate([poses, poses]))
-    assert found.redundant.all()
-    assert not found.alone_m2.any()
-    chosen = set(found.subset.chosen.tolist())
+    result = audit(MESH, WIDE, np.concatenate([poses, poses]))
+    assert result.redundant.all()
+    assert not result.alone_m2.any()
+    chosen = set(result.subset.chosen.tolist())
     assert not any({row, row + 5} <= chosen for row in range(5))
 
 
@@ -198,29 +198,33 @@ def test_occluders_and_bad_poses_are_left_out():
     )
     matrices = looking_in(1, 6).world_from_camera.copy()
     matrices[2, 0, 0] = 9
-    found = audit(both, WIDE, rc.Poses.of(matrices, skip_bad=True), names=list("abcdef"), by="face")
-    assert found.names == ("a", "b", "d", "e", "f")
-    assert not found.views[MESH.n_faces :].any()
-    assert found.summary()["subset"]["names"] == [found.names[row] for row in found.subset.chosen]
-    assert found.summary()["covered_percent_on"] == "faces"
+    result = audit(
+        both, WIDE, rc.Poses.of(matrices, skip_bad=True), names=list("abcdef"), by="face"
+    )
+    assert result.names == ("a", "b", "d", "e", "f")
+    assert not result.views[MESH.n_faces :].any()
+    assert result.summary()["subset"]["names"] == [
+        result.names[row] for row in result.subset.chosen
+    ]
+    assert result.summary()["covered_percent_on"] == "faces"
 
 
 def test_cameras_of_a_rig_have_figures_by_name():
     poses = looking_in(4, 8)
-    found = audit(MESH, rc.Rig(CAMERAS, ["wide", "long"]), poses, by="face")
-    entries, covers = found.summary()["by_camera"], pairs_of(found)
+    result = audit(MESH, rc.Rig(CAMERAS, ["wide", "long"]), poses, by="face")
+    entries, covers = result.summary()["by_camera"], pairs_of(result)
     assert [entry["camera"] for entry in entries] == ["wide", "long"]
     for row, entry in enumerate(entries):
         own = poses.camera == row
         assert entry["poses"] == own.sum()
         assert entry["seen_m2"] == pytest.approx(MESH.areas[covers[own].any(axis=0)].sum())
-    assert "frames" not in found.summary()
+    assert "frames" not in result.summary()
     assert "by_camera" not in audit(MESH, WIDE, poses.world_from_camera).summary()
 
 
 def test_no_camera_covers_nothing():
-    found = audit(MESH, WIDE, np.empty((0, 4, 4)))
-    assert not found.views.any()
-    assert found.summary()["covered_percent"] == 0
-    assert len(found.subset.chosen) == 0
-    assert groups_of(found.problem, found.covered, []).names == ()
+    result = audit(MESH, WIDE, np.empty((0, 4, 4)))
+    assert not result.views.any()
+    assert result.summary()["covered_percent"] == 0
+    assert len(result.subset.chosen) == 0
+    assert groups_of(result.problem, result.covered, []).names == ()

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from nightly import amount, examples
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement import NearestSurface
 from rastercov.placement.audit import audit
 from rastercov.placement.reconstruction import (
@@ -45,8 +45,8 @@ def test_suggested_images_keep_the_size_of_a_camera_from_what_is_in_metres(unit)
 @given(seed=st.integers(0, 999), by=st.sampled_from(["area", "face"]), views=st.integers(1, 3))
 def test_the_promise_of_suggested_images_is_the_audit_of_all_images(seed, by, views):
     task, poses = rc.Task(views=views, min_angle_deg=8 * (views - 1)), from_above(5, seed)
-    found = audit(MESH, CAMERA, poses, task, by=by)
-    made = suggest(found, amount(2, at_night=3))
+    result = audit(MESH, CAMERA, poses, task, by=by)
+    made = suggest(result, amount(2, at_night=3))
     said, joined = made.summary(), np.concatenate([poses, made.poses.world_from_camera])
     for row in range(len(made.poses) + 1):
         after = audit(MESH, CAMERA, joined[: 5 + row], task, by=by)
@@ -60,11 +60,11 @@ def test_the_promise_of_suggested_images_is_the_audit_of_all_images(seed, by, vi
 @examples(2, at_night=12)
 @given(seed=st.integers(0, 999), count=st.integers(1, 9))
 def test_weak_zones_and_overlap_are_their_definitions(seed, count):
-    found = audit(MESH, CAMERA, from_above(count, seed, 3.0), by="face")
+    result = audit(MESH, CAMERA, from_above(count, seed, 3.0), by="face")
     covers = np.array(
-        [np.isin(np.arange(576), found.problem.faces_of(row)) for row in range(count)]
+        [np.isin(np.arange(576), result.problem.faces_of(row)) for row in range(count)]
     )
-    said, zones = summary_of(found), weak(found)
+    said, zones = summary_of(result), weak(result)
     graph, shared = said["overlap"], (covers * MESH.areas) @ covers.T
     for pair in graph["pairs"]:
         one, other = map(int, pair["images"])
@@ -75,7 +75,7 @@ def test_weak_zones_and_overlap_are_their_definitions(seed, count):
     assert {frozenset(map(int, part)) for part in graph["components"]} == {
         frozenset(np.flatnonzero(row).tolist()) for row in reach
     }
-    few, narrow = found.views < 2, found.widest_angle < np.radians(5)
+    few, narrow = result.views < 2, result.widest_angle < np.radians(5)
     np.testing.assert_array_equal(zones.kind == KINDS.index("few_views"), few)
     np.testing.assert_array_equal(zones.kind == KINDS.index("small_angle"), ~few & narrow)
     assert said["weak"]["percent"] == pytest.approx(100 * zones.area.sum() / MESH.areas.sum())
@@ -92,8 +92,8 @@ def test_weak_zones_and_overlap_are_their_definitions(seed, count):
 def test_images_that_are_said_to_mend_half_of_a_weak_zone_do(count, spread, by):
     """With them a new audit finds half of the zone or more not weak, but for a new median."""
     poses = from_above(count, spread=spread)
-    found = audit(MESH, CAMERA, poses, by=by)
-    zones, said = weak(found), summary_of(found)["weak"]["zones"]
+    result = audit(MESH, CAMERA, poses, by=by)
+    zones, said = weak(result), summary_of(result)["weak"]["zones"]
     tried = [(row, zone["tried"]) for row, zone in enumerate(said) if zone["tried"]]
     assert len(tried) >= 2
     for row, images in tried:
@@ -101,8 +101,8 @@ def test_images_that_are_said_to_mend_half_of_a_weak_zone_do(count, spread, by):
         assert f"take {n} more image" in said[row]["advice"]
         new = rc.look_at(images["positions"], images["looking_at"])
         after = audit(MESH, CAMERA, np.concatenate([poses, new]), by=by)
-        own, weights = zones.zone == row, found.problem.weights
-        wanted = 2, np.radians(5), 0.98 * coarse_density(found)
+        own, weights = zones.zone == row, result.problem.weights
+        wanted = 2, np.radians(5), 0.98 * coarse_density(result)
         figures = after.views, after.widest_angle, after.best_density
         is_strong = np.all([a >= b for a, b in zip(figures, wanted, strict=True)], axis=0)
         assert weights[own & is_strong].sum() >= 0.5 * weights[own].sum()

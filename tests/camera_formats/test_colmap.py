@@ -10,8 +10,8 @@ from view_files import has_note, pixels_of, refused, same, same_pixels, some_poi
 from wheels import with_wheel
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.models import PROGRAMS
+from rastercov.core.camera.models import PROGRAMS
+from rastercov.formats.cameras import read_views, write_views
 
 pycolmap = with_wheel("pycolmap")
 
@@ -61,8 +61,8 @@ def expected(model, points):
     rows = []
     for number in sorted(model.images):
         image = model.images[number]
-        found = [image.project_point(point) for point in points]
-        rows.append([np.full(2, np.nan) if each is None else each for each in found])
+        project_points = [image.project_point(point) for point in points]
+        rows.append([np.full(2, np.nan) if each is None else each for each in project_points])
     return np.array(rows)
 
 
@@ -122,8 +122,8 @@ def test_written_models_are_read_by_pycolmap_and_by_us(tmp_path, form):
     notes = write_views(tmp_path / "out", views, format=form)
     points = some_points(rng)
     again = pycolmap.Reconstruction(tmp_path / "out")
-    wanted, found = expected(model, points), expected(again, points)
-    same(found, wanted, 1e-9)
+    wanted, result = expected(model, points), expected(again, points)
+    same(result, wanted, 1e-9)
     read = read_views(tmp_path / "out")
     same_pixels(views, read, points)
     assert read.images == views.images
@@ -178,15 +178,15 @@ def test_the_last_image_may_lack_its_line_of_points_and_cameras_are_different(tm
 def test_text_files_may_begin_with_a_byte_order_mark(tmp_path, name):
     wanted = read_views(text_model(tmp_path))
     for head in ("", "# a comment\n"):
-        found = read_views(text_model(tmp_path, **{name: f"\ufeff{head}{FILES[name]}"}))
-        assert (found.cameras(), found.images) == (wanted.cameras(), ("a.png",))
+        views = read_views(text_model(tmp_path, **{name: f"\ufeff{head}{FILES[name]}"}))
+        assert (views.cameras(), views.images) == (wanted.cameras(), ("a.png",))
     (tmp_path / f"{name}.txt").write_bytes(FILES[name].encode("utf-16"))
     refused(tmp_path, f"{name}.txt: ", "got UTF-16; save it as UTF-8")
 
 
 def test_a_header_that_promises_less_than_there_is_is_noted(tmp_path):
-    found = read_views(text_model(tmp_path, images=f"# Number of images: 0\n{FILES['images']}"))
-    assert has_note(found, "the header declares 0 images; read all 1")
+    views = read_views(text_model(tmp_path, images=f"# Number of images: 0\n{FILES['images']}"))
+    assert has_note(views, "the header declares 0 images; read all 1")
 
 
 def test_a_model_is_replaced_as_a_whole_if_at_all(tmp_path):

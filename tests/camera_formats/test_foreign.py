@@ -23,7 +23,7 @@ from view_files import (
 )
 
 import rastercov as rc
-from rastercov.camera.formats import READERS, foreign, read_views
+from rastercov.formats.cameras import READERS, foreign, read_views
 
 TURN = st.tuples(*[st.floats(-2, 2)] * 3)
 SHIFT = st.tuples(*[st.floats(-3000, 3000)] * 3)

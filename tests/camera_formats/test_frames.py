@@ -23,7 +23,7 @@ from view_files import (
 from wheels import with_wheel
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.formats.cameras import read_views, write_views
 
 pycolmap = with_wheel("pycolmap")
 
@@ -92,17 +92,17 @@ def test_frames_and_rigs_come_back_from_colmap(tmp_path_factory, form, n, count,
     frames = [index[name].frame_id for name in views.images]
     assert sets_of(frames) == sets_of(views.frames)
     # COLMAP takes poses from frames and rigs, we from the images.
-    found, wanted = expected(other, points), pixels_of(views, points)
+    result, wanted = expected(other, points), pixels_of(views, points)
     order = [sorted(other.images).index(index[name].image_id) for name in views.images]
-    inside = np.isfinite(wanted).all(axis=-1) & np.isfinite(found[order]).all(axis=-1)
-    same(found[order][inside], wanted[inside], 1e-6)
+    inside = np.isfinite(wanted).all(axis=-1) & np.isfinite(result[order]).all(axis=-1)
+    same(result[order][inside], wanted[inside], 1e-6)
 
 
 def test_places_are_those_of_the_written_rig(tmp_path):
     views = views_of(3, 2, 4)
     write_views(tmp_path / "out", views)
-    found, given_ = read_views(tmp_path / "out").rig.rig_from_camera, views.rig.rig_from_camera
-    same(np.linalg.inv(found[:2]) @ found[1:], np.linalg.inv(given_[:2]) @ given_[1:])
+    rig, given_ = read_views(tmp_path / "out").rig.rig_from_camera, views.rig.rig_from_camera
+    same(np.linalg.inv(rig[:2]) @ rig[1:], np.linalg.inv(given_[:2]) @ given_[1:])
 
 
 def test_frames_that_do_not_fit_the_rig_are_left_out_and_said(tmp_path):
@@ -149,9 +149,9 @@ def test_images_of_a_scene_in_motion_have_the_frame_of_their_time(tmp_path, time
     ]
     path = tmp_path / "transforms.json"
     path.write_text(json.dumps({"fl_x": 500, "w": 640, "h": 480, "frames": frames}))
-    found = read_views(path).frames
-    assert [found.index(name) for name in found] == rows
-    assert all(name == "image 3" or name.startswith("time ") for name in found)
+    result = read_views(path).frames
+    assert [result.index(name) for name in result] == rows
+    assert all(name == "image 3" or name.startswith("time ") for name in result)
 
 
 def test_instances_of_an_opensfm_rig_are_frames(tmp_path):
@@ -200,6 +200,6 @@ def test_frames_with_names_that_print_alike_stay_apart(tmp_path):
     table = {"cameras": [CAMERA.to_json()], "world_from_camera": [np.eye(4).tolist()] * 8}
     path = tmp_path / "rig.json"
     path.write_text(json.dumps(table | {"frame": frames}))
-    found = read_views(path).frames
-    assert [found.index(name) for name in found] == [frames.index(name) for name in frames]
-    assert all(name.isprintable() and name for name in found)
+    result = read_views(path).frames
+    assert [result.index(name) for name in result] == [frames.index(name) for name in frames]
+    assert all(name.isprintable() and name for name in result)

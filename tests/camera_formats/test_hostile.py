@@ -15,8 +15,8 @@ from nightly import amount
 from view_files import ANSWERS, good_files, refused
 
 import rastercov as rc
-from rastercov.camera.formats import READERS, WRITERS, read_views, write_views
-from rastercov.camera.formats.source import Source
+from rastercov.formats.cameras import READERS, WRITERS, read_views, write_views
+from rastercov.formats.cameras.source import Source
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from view_files import RAYS, bent, cv_pixels, has_note, motion, pixels, projects, refused, same
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.formats.cameras import read_views, write_views
 
 K = np.array([[700.0, 0, 318.25], [0, 710.0, 241.5], [0, 0, 1]])
 BROWN = np.array([-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, 0.003, 0.001, 1e-3, 2e-3, 3e-3, 1e-3])

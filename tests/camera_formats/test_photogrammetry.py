@@ -24,7 +24,7 @@ from view_files import (
 )
 
 import rastercov as rc
-from rastercov.camera.formats import read_views
+from rastercov.formats.cameras import read_views
 
 RNG = np.random.default_rng(7)
 TURN, SHIFT = motion([0.3, -0.2, 0.5], [0, 0, 0])[:3, :3], np.array([1.0, -2.0, 3.0])
@@ -435,13 +435,13 @@ def test_shots_of_odm_have_their_centers_and_the_lens_of_the_project(tmp_path, h
             for prefix in ("", "v2 "):
                 known = {prefix + name: each for name, each in OPENSFM["cameras"].items()}
                 written(tmp_path, "cameras.json", known)
-                found = read_views(path)
-                assert found.camera() == same_lens
-                assert found.notes == views.notes
+                result = read_views(path)
+                assert result.camera() == same_lens
+                assert result.notes == views.notes
         other = {"properties": shot["properties"] | {"camera": "v2 another"}}
         written(tmp_path, "odm_report/shots.geojson", ODM | {"features": [other]})
-        found = read_views(path)
-        assert has_note(found, f"distortion of 'another': cameras.json has {names[0]}")
-        assert not found.camera().distortion
+        result = read_views(path)
+        assert has_note(result, f"distortion of 'another': cameras.json has {names[0]}")
+        assert not result.camera().distortion
     refused(written(tmp_path, "none.geojson", {"type": "FeatureCollection", "features": []}),
             "none.geojson")  # fmt: skip

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.formats.conventions import OPENGL_AXES, POSE_CONVENTIONS
-from rastercov.camera.formats.doubts import convention_doubts
-from rastercov.camera.pose import inverse
-from rastercov.mesh import shapes
+from rastercov.core.camera.conventions import OPENGL_AXES, POSE_CONVENTIONS
+from rastercov.core.camera.doubts import convention_doubts
+from rastercov.core.camera.pose import inverse
+from rastercov.core.mesh import shapes
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box((1, 1, 1)).moved(translation=(1, 2, 3))
@@ -23,9 +23,9 @@ def poses():
 def test_the_convention_of_the_poses_is_named(name):
     has_opengl_axes, is_inverse = POSE_CONVENTIONS[name]
     given = poses() @ OPENGL_AXES if has_opengl_axes else poses()
-    found = convention_doubts(MESH, CAMERA, inverse(given) if is_inverse else given)
+    result = convention_doubts(MESH, CAMERA, inverse(given) if is_inverse else given)
     wanted = [] if name == "opencv" else [True]
-    assert [f"--pose-convention {name}, or leave" in line for line in found] == wanted
+    assert [f"--pose-convention {name}, or leave" in line for line in result] == wanted
 
 
 def test_nothing_is_said_where_no_convention_helps_or_most_cameras_look_at_the_mesh():

@@ -22,7 +22,7 @@ from view_files import (
 )
 
 import rastercov as rc
-from rastercov.camera.formats import read_views
+from rastercov.formats.cameras import read_views
 
 
 def views_of(folder, name, text, **conventions):

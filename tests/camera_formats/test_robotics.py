@@ -16,8 +16,8 @@ from view_files import (
     same,
 )
 
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.models import PROGRAMS
+from rastercov.core.camera.models import PROGRAMS
+from rastercov.formats.cameras import read_views, write_views
 
 RADTAN = [-0.28, 0.07, 0.0002, 0.00002]
 EQUI = [-0.01, 0.02, -0.01, 0.003]

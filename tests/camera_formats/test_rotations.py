@@ -9,8 +9,8 @@ import pytest
 from view_files import ANSWERS, METASHAPE, SCENE, motion, refused
 
 import rastercov as rc
-from rastercov.camera.formats import read_views
-from rastercov.mesh.arrays import quaternions_of
+from rastercov.core.mesh.arrays import quaternions_of
+from rastercov.formats.cameras import read_views
 
 POSE = motion([0.3, -0.7, 0.4], [0.5, -1.0, 4.0])
 TURN = POSE[:3, :3]
@@ -177,12 +177,12 @@ def test_rotations_of_few_digits_are_those_they_round(tmp_path, write, off):
     exact, near = TURN, TURN * np.sqrt(1 + off)
     if write in OF_QUATERNIONS:
         exact, near = QUATERNION, QUATERNION * (1 + off)
-    found, true = (
+    items, true = (
         read_views(write(tmp_path, each), conventions=ANSWERS).poses.world_from_camera
         for each in (near, exact)
     )
-    np.testing.assert_allclose(found[:, :3, :3], true[:, :3, :3], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found[:, :3, 3], true[:, :3, 3], rtol=0, atol=5 * abs(off) + 1e-12)
+    np.testing.assert_allclose(items[:, :3, :3], true[:, :3, :3], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(items[:, :3, 3], true[:, :3, 3], rtol=0, atol=5 * abs(off) + 1e-12)
 
 
 def test_images_of_another_length_are_left_out_where_that_is_asked_for(tmp_path):

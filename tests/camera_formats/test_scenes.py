@@ -11,7 +11,7 @@ import trimesh
 from view_files import SCENE, SIZE, has_note, lens_of, refused, same, same_pixels, some_points
 
 import rastercov as rc
-from rastercov.camera.formats import POSE_CONVENTIONS, read_views, write_views
+from rastercov.formats.cameras import POSE_CONVENTIONS, read_views, write_views
 
 
 def views_of(n=5, **lens):

@@ -22,8 +22,8 @@ from view_files import (
 )
 
 import rastercov as rc
-from rastercov.camera.formats import basalt, read_views
-from rastercov.camera.formats.camodocal import MODELS as VINS_MODELS
+from rastercov.formats.cameras import basalt, read_views
+from rastercov.formats.cameras.camodocal import MODELS as VINS_MODELS
 
 NUMBERS = st.floats(-0.05, 0.05, allow_subnormal=False)
 TURNS = st.tuples(*[st.floats(-3, 3)] * 3)

@@ -20,7 +20,7 @@ from view_files import (
 )
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.formats.cameras import read_views, write_views
 
 INTRINSICS = {"fl_x": 500.0, "fl_y": 505.0, "cx": 318.5, "cy": 242.0, "w": 640, "h": 480}
 TURN = np.array([[0.0, 0, 1, 2], [1, 0, 0, 3], [0, 1, 0, 4], [0, 0, 0, 1]])
@@ -42,8 +42,8 @@ def pose(row):
 def test_axes_are_those_of_opengl(tmp_path):
     views = read_views(write(tmp_path / "transforms.json", **INTRINSICS))
     # A point to the right of the axis and above it, of a camera that looks along -z.
-    found = pixels_of(views, np.array([(0.4, 0.8, 0.0)]))[0]
-    same(found, [(318.5 + 500 * 0.1, 242 - 505 * 0.2)], 1e-9)
+    pixels = pixels_of(views, np.array([(0.4, 0.8, 0.0)]))[0]
+    same(pixels, [(318.5 + 500 * 0.1, 242 - 505 * 0.2)], 1e-9)
     assert views.images == ("./images/0.png", "./images/1.png")
     assert not views.has_unit
 

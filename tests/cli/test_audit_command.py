@@ -11,13 +11,13 @@ from mesh_files import obj
 from scipy.spatial.transform import Rotation
 
 from rastercov.base.files import PROJECTS
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, Views
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.task import Task
-from rastercov.mesh import shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, Views
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import shapes
+from rastercov.formats.cameras import read_views, write_views
 from rastercov.placement.audit import audit
 
 MESH = shapes.torus(40, 20)
@@ -39,17 +39,17 @@ def files(here):
 def test_files_of_an_audit_of_a_reconstruction_are_those_of_the_function(here, capsys):
     line = "audit sparse torus.obj --pose-unit 1 --min-pixels 4 -o out"
     summary, out = answer(capsys, line), here / "out"
-    found = audit(MESH, CAMERAS, POSES, Task(min_pixels=4), names=IMAGES)
+    result = audit(MESH, CAMERAS, POSES, Task(min_pixels=4), names=IMAGES)
     assert summary["by"] == "face"
     assert json.loads((out / "audit.json").read_text())["per_camera"] == summary["per_camera"]
     elements = pq.read_table(out / "elements.parquet")
-    np.testing.assert_array_equal(elements["views"].to_numpy(), found.views)
-    np.testing.assert_allclose(elements["best_density_px_per_m"].to_numpy(), found.best_density)
+    np.testing.assert_array_equal(elements["views"].to_numpy(), result.views)
+    np.testing.assert_allclose(elements["best_density_px_per_m"].to_numpy(), result.best_density)
     with np.load(out / "elements.npz") as arrays:
-        np.testing.assert_array_equal(arrays["covered"], found.covered)
+        np.testing.assert_array_equal(arrays["covered"], result.covered)
     cameras = pq.read_table(out / "cameras.parquet").to_pydict()
     assert (cameras["name"], len(set(cameras["camera"]))) == (list(IMAGES), 2)
-    assert sum(cameras["in_subset"]) == len(found.subset.chosen)
+    assert sum(cameras["in_subset"]) == len(result.subset.chosen)
     assert (out / "audit.glb").stat().st_size > 1000
     page = (out / "audit.html").read_text(encoding="utf-8")
     assert all(f">{name}</td>" in page for name in IMAGES)
@@ -94,8 +94,8 @@ def test_without_scale_all_is_in_units_and_suggested_images_keep_their_promise(h
     assert left <= said["after"]["weak_percent"] + 1e-9
     joined = answer(capsys, "audit out/suggested_joined.json torus.obj --views 6 -o joined")
     assert joined["unit"] == "unit"
-    found = joined["covered_percent"], joined["weak"]["percent"]
-    np.testing.assert_allclose(found, [said["after"][f"{k}_percent"] for k in ("covered", "weak")])
+    items = joined["covered_percent"], joined["weak"]["percent"]
+    np.testing.assert_allclose(items, [said["after"][f"{k}_percent"] for k in ("covered", "weak")])
     for image in re.findall(r"<img [^>]*>", page):
         assert re.search('alt="[^"]+"', image)
 
@@ -111,9 +111,9 @@ def test_pages_of_evaluate_and_audit_have_the_title_block_of_a_file(here, capsys
     block = "<dt>Customer</dt><dd>A &amp; B</dd></div><div><dt>Revision</dt><dd>C</dd>"
     for line, page in commands.items():
         done(capsys, f"{line} --sheet job.toml")
-        (found,) = here.glob(f"out*/{page}")
-        assert block in found.read_text()
-        assert "North" not in found.read_text()
+        (glob,) = here.glob(f"out*/{page}")
+        assert block in glob.read_text()
+        assert "North" not in glob.read_text()
     done(capsys, "sheet out2 --out plan.svg")
     assert "A &amp; B" in (here / "plan.svg").read_text()
     line = "evaluate torus.obj -c khepra -p sphere:2 -o no --sheet"
@@ -147,13 +147,13 @@ def test_what_cannot_be_audited_is_refused_in_one_line(here, capsys):
 def test_footprints_of_images_and_their_map(here, capsys):
     line = "audit sparse torus.obj --pose-unit 1 --resolution-of-result 0.5 -o out"
     files = "--footprints images.geojson --overlap-map map.png --map-cell 0.05"
-    summary, found = (
+    summary, content = (
         answer(capsys, f"{line} {files}"),
         json.loads((here / "images.geojson").read_text()),
     )
     figures = summary["footprints"]
     assert (figures["crs"], figures["surface"]) == (None, "the surface seen from above")
-    assert [each["properties"] for each in found["features"]] == figures["images"]
+    assert [each["properties"] for each in content["features"]] == figures["images"]
     assert (here / "map.png").exists()
     assert len((here / "map.pgw").read_text().split()) == 6
     assert any(text.startswith("Footprints on the surface seen") for text in summary["sentences"])
@@ -186,8 +186,8 @@ def test_footprints_of_an_odm_project_are_on_the_earth(here, capsys):
     printed, error = done(capsys, f"{line} --footprints f.geojson --overlap-map m.tif")
     assert "coordinates: WGS 84 / UTM zone 32N (EPSG:32632)" in error
     assert "Footprints on the surface seen from above cover" in printed
-    found = json.loads((here / "f.geojson").read_text())
-    corners = np.array(found["features"][0]["geometry"]["coordinates"][0][0])
+    result = json.loads((here / "f.geojson").read_text())
+    corners = np.array(result["features"][0]["geometry"]["coordinates"][0][0])
     assert np.abs(corners - (8.5, 47.0)).max() < 1e-4
     summary = json.loads((here / "out/audit.json").read_text())
     assert summary["footprints"]["crs"] == "WGS 84 / UTM zone 32N (EPSG:32632)"

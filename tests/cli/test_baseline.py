@@ -15,9 +15,9 @@ import pytest
 from commands import answer, call, refusal, write_part
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
-from rastercov.mesh import shapes
-from rastercov.mesh.groups import parts_above
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.groups import parts_above
 from rastercov.placement.plan.baseline import Tolerated, compare, words
 from rastercov.placement.plan.check import check, record
 from rastercov.placement.plan.file import plan_of
@@ -32,22 +32,24 @@ CHECK = "check plan.toml -p rig.json"
 def told():
     """Outcomes of all rigs that see some sides of a box, by the sides that none sees."""
     entries = {"meshes": [{"built_in": "box"}], "camera": CAMERA}
-    plan, every, found = plan_of(entries, Path("plan.toml")), range(6), {}
+    plan, every, table = plan_of(entries, Path("plan.toml")), range(6), {}
     for seen in (rows for n in range(1, 7) for rows in combinations(every, n)):
         outcome = record(check(plan, Path("rig.json"), {}, poses=POSES[list(seen)]))
-        found[frozenset(every) - set(seen)] = json.loads(json.dumps(outcome))
-    return found
+        table[frozenset(every) - set(seen)] = json.loads(json.dumps(outcome))
+    return table
 
 
 def test_a_rig_is_worse_exactly_if_a_side_is_lost(told):
     for before, now in ((before, now) for before in told for now in told):
-        found = compare({**told[before], "file": "base.json"}, told[now])
-        assert bool(found.losses()) == (not now <= before)
-        (whole,) = found.shares
+        comparison = compare({**told[before], "file": "base.json"}, told[now])
+        assert bool(comparison.losses()) == (not now <= before)
+        (whole,) = comparison.shares
         assert whole["share"] - whole["before"] == pytest.approx((len(before) - len(now)) / 6)
         assert whole["status"] == ("better", "same", "worse")[1 + np.sign(len(now) - len(before))]
-        assert sum(zone["more_m2"] for zone in found.zones) == pytest.approx(len(now - before))
-        assert {zone["status"] for zone in found.zones} <= {"new"} or not now.isdisjoint(before)
+        assert sum(zone["more_m2"] for zone in comparison.zones) == pytest.approx(len(now - before))
+        assert {zone["status"] for zone in comparison.zones} <= {"new"} or not now.isdisjoint(
+            before
+        )
 
 
 @pytest.fixture
@@ -104,7 +106,7 @@ def numbers_of(tree, path=()):
         return [path]
     items = tree.items() if isinstance(tree, dict) else enumerate(tree)
     inner = [pair for pair in items if isinstance(pair[1], dict | list | int | float)]
-    return [found for key, each in inner for found in numbers_of(each, (*path, key))]
+    return [number for key, each in inner for number in numbers_of(each, (*path, key))]
 
 
 HOSTILE = (math.nan, math.inf, -math.inf, -1e99, 1e99, -1, 1e-320, True, "7", [], None)
@@ -175,7 +177,7 @@ def test_all_parts_and_the_worst_faces_that_lost_more_than_is_accepted(tmp_path,
     sizes = [0.0, *rng.uniform(0, 60, 3), 100.0]
     for text in [*map(str, sizes), *(f"{1e4 * m2:.6f} cm2" for m2 in rng.uniform(0, 4, 4))]:
         value = float(text.split()[0])
-        found = compare({**before, "file": "b", "tolerated": Tolerated.of(text)}, now)
+        comparison = compare({**before, "file": "b", "tolerated": Tolerated.of(text)}, now)
         accepted = {
             place: 1e-4 * value if "cm2" in text else value / 100 * whole
             for place, (_, whole) in losses.items()
@@ -183,26 +185,26 @@ def test_all_parts_and_the_worst_faces_that_lost_more_than_is_accepted(tmp_path,
         worse = {
             place for place, (m2, whole) in losses.items() if m2 > accepted[place] + 1e-6 * whole
         }
-        said = {each["group"] or "" for each in found.shares if each["status"] == "worse"}
+        said = {each["group"] or "" for each in comparison.shares if each["status"] == "worse"}
         several = {
             place
             for place in losses
             if place in {"", "plate"} or place.count("/") or place == "arm"
         }
         assert said == worse & several
-        own = [each["kind"] for each in found.worse()]
+        own = [each["kind"] for each in comparison.worse()]
         assert own == sorted(own, key=["all", "goal", "part", "group"].index)
-        faces = [each["lost"] for each in found.worse() if each["kind"] == "group"]
+        faces = [each["lost"] for each in comparison.worse() if each["kind"] == "group"]
         assert faces == sorted(faces, reverse=True)
-        lines = [line for line in found.losses() if line.startswith("worse: group ")]
+        lines = [line for line in comparison.losses() if line.startswith("worse: group ")]
         assert len(lines) == min(5, len(faces))
-        assert (f"worse: {len(faces) - 5} more groups" in found.losses()) == (len(faces) > 6)
+        assert (f"worse: {len(faces) - 5} more groups" in comparison.losses()) == (len(faces) > 6)
         for level in (1, 2, 3):
             named = re.findall(
-                r"worse: (?:part|group) (\S.*?): down", "\n".join(found.losses(level))
+                r"worse: (?:part|group) (\S.*?): down", "\n".join(comparison.losses(level))
             )
             assert all(name.count("/") < level for name in named)
-        assert found.is_worse == bool(worse or found.zones)
+        assert comparison.is_worse == bool(worse or comparison.zones)
     much = Tolerated.of("1e6m2")
     assert not compare({**before, "file": "b", "tolerated": much}, now).is_worse
     assert not compare({**before, "file": "b"}, before).is_worse
@@ -271,8 +273,8 @@ def test_what_is_no_loss_is_refused(text):
      ("2.5 points", 0.025, 0), ("1m^2", 0, 1)],
 )  # fmt: skip
 def test_a_loss_is_of_points_or_of_an_area(text, share, m2):
-    found = Tolerated.of(text)
-    assert (found.share, found.m2) == pytest.approx((share, m2))
+    result = Tolerated.of(text)
+    assert (result.share, result.m2) == pytest.approx((share, m2))
 
 
 def test_the_accepted_loss_is_beside_the_verdict(told):
@@ -317,14 +319,36 @@ def test_a_goal_that_replaces_the_plans_is_stated_with_it(files, capsys):
     text = Path("plan.toml").read_text()
     Path("plan.toml").write_text(f"{text}{goal}")
     line = f"{CHECK} --min-coverage 0.5 --group rest=0.3 --views 1"
-    found = answer(capsys, line)
-    assert [(each["limit"], each["plan_limit"]) for each in found["requirements"]] == [
+    result = answer(capsys, line)
+    assert [(each["limit"], each["plan_limit"]) for each in result["requirements"]] == [
         (0.5, 0.9),
         (0.3, None),
     ]
-    assert "plan_views" not in found
+    assert "plan_views" not in result
     said = "goal for the whole task holds: 50.0 % required (90.0 % in the plan)"
     assert said in call(capsys, line)[1]
     line = f"{CHECK} --views 2"
     assert answer(capsys, line, code=1)["plan_views"] == 1
     assert "\nrequired views: 2 (1 in the plan)\n" in call(capsys, line)[1]
+
+
+@pytest.mark.parametrize("change", ["size", "corner", "order", "none"])
+def test_a_baseline_of_another_scene_of_the_same_groups_is_said(change, files, capsys):
+    """Also where the size, the area or the number of faces is the same; never of the same scene."""
+    part = Path("part.obj")
+    text = part.read_text()
+    lines = text.splitlines(keepends=True)
+    first = next(row for row, line in enumerate(lines) if line.startswith("f "))
+    changed = {
+        "size": re.sub(r"^v (\S+)", lambda at: f"v {2 * float(at[1])}", text, flags=re.MULTILINE),
+        "corner": text.replace(lines[0], "v -0.5 -0.5 -0.49\n"),
+        "order": "".join([*lines[:first], lines[first + 1], lines[first], *lines[first + 2 :]]),
+        "none": text + "# a comment\n",
+    }[change]
+    assert changed != text
+    part.write_text(changed)
+    code, out, _ = call(capsys, f"{CHECK} --baseline base/check.json")
+    said = "worse than base/check.json, which has another scene: differences are of the rig"
+    assert (said in out) == (change != "none")
+    told = answer(capsys, f"{CHECK} --baseline base/check.json", code=code)
+    assert told["baseline"]["is_other_scene"] == (change != "none")

@@ -31,11 +31,11 @@ from PIL import Image
 import rastercov
 from rastercov import cli
 from rastercov.base.interrupts import interrupt
-from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
 from rastercov.cli.inputs import poses_around
-from rastercov.mesh import shapes
-from rastercov.raster.gl import diagnose
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import shapes
+from rastercov.gl import diagnose
 from rastercov.report import coverage_files
 from rastercov.report.folder import ReportFolder, ReportKind
 
@@ -468,7 +468,7 @@ def test_an_interrupt_keeps_what_is_done(number):
     patient = "from rastercov.base import interrupts\ninterrupts.END_S = 60.0"
     out, code = (
         Path("report"),
-        f"from rastercov.coverage import shards\n{SMALL}\n{patient}\n{ENTRY}",
+        f"from rastercov.core.coverage import shards\n{SMALL}\n{patient}\n{ENTRY}",
     )
     line = [sys.executable, "-c", code, *LONG.split()]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:

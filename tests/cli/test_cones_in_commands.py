@@ -8,7 +8,7 @@ import pytest
 from commands import done, refusal
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
+from rastercov.core.camera.pose_file import write_poses
 
 SIDE, HEIGHT, EYE = 8.0, 2.0, 6.0
 DIAGONAL = math.sqrt(2) * SIDE
@@ -37,11 +37,11 @@ def circle(height, half_deg):
 def test_what_a_lens_is_trusted_with_is_a_circle(capsys, lens):
     Path("camera.json").write_text(json.dumps(CAMERA | lens | {"max_angle_deg": 25}))
     line = "evaluate floor.obj -c camera.json -p poses.json --pictures 0 --json"
-    found = json.loads(done(capsys, line)[0])
+    content = json.loads(done(capsys, line)[0])
     true, most = circle(EYE, 25)
-    covered = found["covered_area"]
+    covered = content["covered_area"]
     assert abs(covered["m2"] - true) <= covered["bound_m2"] <= most
-    assert abs(sum(zone["area_m2"] for zone in found["dead_zones"]) - (SIDE**2 - true)) <= most
+    assert abs(sum(zone["area_m2"] for zone in content["dead_zones"]) - (SIDE**2 - true)) <= most
 
 
 @pytest.mark.parametrize("angle", ["175.5", "179.9"])

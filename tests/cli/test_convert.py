@@ -10,7 +10,7 @@ import pytest
 from commands import answer, call, done, refusal
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
+from rastercov.formats.cameras import read_views, write_views
 from rastercov.placement.plan.file import read_plan
 
 
@@ -38,8 +38,8 @@ def test_a_list_of_matrices_is_a_pose_file(here, capsys):
 def test_a_model_passes_through_every_format_with_poses(here, capsys):
     line = "convert model transforms.json && convert transforms.json text --to colmap-text"
     assert all(call(capsys, command)[0] == 0 for command in line.split(" && "))
-    found = answer(capsys, "convert text rig.json --pose-unit mm")
-    assert (found["poses"], found["has_unit"], found["format"]) == (4, True, "rastercov")
+    result = answer(capsys, "convert text rig.json --pose-unit mm")
+    assert (result["poses"], result["has_unit"], result["format"]) == (4, True, "rastercov")
     wanted = rig().poses.world_from_camera
     poses = read_views("rig.json").poses.world_from_camera
     np.testing.assert_allclose(poses[:, :3, 3], wanted[:, :3, 3] / 1000, atol=1e-15)
@@ -166,11 +166,11 @@ def test_convert_says_which_poses_it_leaves_out(here, capsys):
         content["world_from_camera"][row][0][0] = 9
     (here / "rig.json").write_text(json.dumps(content))
     code, out, err = call(capsys, "convert rig.json out.json --skip-bad-poses --json")
-    found = json.loads(out)
-    assert (code, found["poses"]) == (0, 1)
+    result = json.loads(out)
+    assert (code, result["poses"]) == (0, 1)
     for text in ("pose 0 (from 0) skipped: it is not a rotation", "2 more poses skipped"):
         assert text in err
-        assert any(text in note for note in found["notes"])
+        assert any(text in note for note in result["notes"])
     assert "camera and image names: .npy holds" in call(capsys, "convert out.json o.npy")[2]
 
 

@@ -38,14 +38,18 @@ def files(here):
      "check plan.toml -p rig.json --min-coverage 0.1"],
 )  # fmt: skip
 def test_every_command_lists_dead_zones_that_add_up(capsys, line):
-    found = answer(capsys, line)
-    zones, others, covered = found["dead_zones"], found["other_dead_zones"], found["covered_area"]
+    result = answer(capsys, line)
+    zones, others, covered = (
+        result["dead_zones"],
+        result["other_dead_zones"],
+        result["covered_area"],
+    )
     assert zones
     assert all(set(zone) == set(ZONE.split()) for zone in zones)
     total = sum(zone["area_m2"] for zone in zones) + others["area_m2"]
     missing = covered["of_m2"] - covered["m2"]
     assert abs(total - missing) <= covered["bound_m2"] + 1e-12 * covered["of_m2"]
-    assert "dead_zones" not in found.get("network", {})
+    assert "dead_zones" not in result.get("network", {})
     assert LINE.search(call(capsys, line)[1])
 
 

@@ -17,10 +17,10 @@ from rich.console import Console
 from rastercov import open_rasterizer, shaders
 from rastercov.base.errors import DeviceError
 from rastercov.cli import doctor
-from rastercov.raster import self_test
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer, devices, diagnose, libraries
-from rastercov.raster.gl.devices import SURFACELESS, DeviceInfo
+from rastercov.core.raster import self_test
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer, devices, diagnose, libraries
+from rastercov.gl.devices import SURFACELESS, DeviceInfo
 
 ON_CPU = re.compile(r"The default device is the CPU, rastercov [\w.]+, \d+ threads?: .*\.$")
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False, cuda_index=3)
@@ -206,10 +206,10 @@ def test_one_wrong_count_on_the_cpu_fails_its_self_test(monkeypatch, what):
     measure = getattr(CPURasterizer, name)
 
     def wrong(self, poses):
-        found = measure(self, poses)
-        at = found.visible.argmax() if what in ("visible", "drawn") else 0
-        getattr(found, what).flat[at] += 1
-        return found
+        result = measure(self, poses)
+        at = result.visible.argmax() if what in ("visible", "drawn") else 0
+        getattr(result, what).flat[at] += 1
+        return result
 
     monkeypatch.setattr(CPURasterizer, name, wrong)
     with pytest.raises(DeviceError, match=r"^expected correct counts of box, got \d of 4 poses"):
@@ -252,8 +252,8 @@ def test_without_any_library_the_report_says_what_to_install(no_library):
 @pytest.mark.parametrize("system", ["darwin", "win32"])
 def test_no_packages_of_debian_are_advised_elsewhere(system, monkeypatch):
     monkeypatch.setattr(sys, "platform", system)
-    found = runpy.run_path(libraries.__file__)
-    for remedy in (found["INSTALL_EGL"], found["INSTALL_OSMESA"]):
+    path = runpy.run_path(libraries.__file__)
+    for remedy in (path["INSTALL_EGL"], path["INSTALL_OSMESA"]):
         assert remedy == "use the CPU: OpenGL needs Linux"
 
 

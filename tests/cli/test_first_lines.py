@@ -56,8 +56,8 @@ def test_answer_goal_worst_zone_advice_and_file_come_first(
     code, out, _ = call(capsys, line + level)
     lines = out.splitlines()
     wanted = [r"covered: [\d.]+ ± [\d.]+ % of the area", goal, ZONE, "advice: .+", rf"out/{file}"]
-    for text, found in zip(filter(None, wanted), lines, strict=False):
-        assert re.fullmatch(text, found), (text, found)
+    for text, pair in zip(filter(None, wanted), lines, strict=False):
+        assert re.fullmatch(text, pair), (text, pair)
     assert code in (0, 1)
     rest = out.replace("12 faces, 1 x 1 x 1 m", "").replace("│ faces", "")
     rest = rest.replace("pose-face pairs", "")
@@ -112,11 +112,11 @@ def test_coordinates_of_cameras_fit_80_columns(far, several):
         pool=SimpleNamespace(costs=np.ones(n)),
     )  # fmt: skip
     prepared.mounts.rig = type("Rig", (), {"names": names, "__len__": lambda _: 1 + 2 * several})()
-    found = SimpleNamespace(
+    simple_namespace = SimpleNamespace(
         cameras=cameras, prepared=prepared, origin=["walls, searched, refined"] * n
     )
     console = rc_console()
-    console.print(cameras_table(found))
+    console.print(cameras_table(simple_namespace))
     text = console.file.getvalue()
     assert all(len(line) <= 80 for line in text.splitlines())
     assert "…" not in text

@@ -17,7 +17,7 @@ from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.cli.console import COMMANDS, LazyCommand
-from rastercov.mesh.targets import box_grid
+from rastercov.core.mesh.targets import box_grid
 from rastercov.placement.plan.file import read_plan
 
 ROOT = Path(__file__).parents[2]
@@ -70,9 +70,9 @@ def test_commands_and_options_of_the_guide_exist():
     for name, line in named.items():
         assert set(re.findall(r"--[\w-]+", line)) <= options(name)
     every = set().union(*map(options, COMMANDS))
-    found = set(re.findall(r"--[a-z][\w-]+", GUIDE)) - {"--help"}
-    assert len(found) > 15
-    assert found <= every
+    values = set(re.findall(r"--[a-z][\w-]+", GUIDE)) - {"--help"}
+    assert len(values) > 15
+    assert values <= every
 
 
 def test_keys_of_the_guide_are_in_the_schema():

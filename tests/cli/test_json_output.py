@@ -17,7 +17,7 @@ from step_crate import crate
 
 from rastercov import cli
 from rastercov.base.streams import no_printing
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 C_LIBRARY = ctypes.CDLL(None)
 CAMERA = "width = 48\nheight = 36\nhfov_deg = 60\n"
@@ -82,9 +82,9 @@ def check_output(line, capfd):
     capfd.readouterr()
     code = cli.command(shlex.split(line))
     C_LIBRARY.fflush(None)
-    found = capfd.readouterr()
-    assert code in (0, 1), found.err
-    json.loads(found.out)
+    readouterr = capfd.readouterr()
+    assert code in (0, 1), readouterr.err
+    json.loads(readouterr.out)
 
 
 @pytest.mark.parametrize("name", LINES)

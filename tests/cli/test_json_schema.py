@@ -62,8 +62,10 @@ def schema_of(name):
 def faults(name, data):
     from jsonschema import Draft202012Validator  # it makes forty grammars
 
-    found = Draft202012Validator(schema_of(name)).iter_errors(data)
-    return [f"{'/'.join(map(str, each.absolute_path))}: {each.message[:200]}" for each in found]
+    iter_errors = Draft202012Validator(schema_of(name)).iter_errors(data)
+    return [
+        f"{'/'.join(map(str, each.absolute_path))}: {each.message[:200]}" for each in iter_errors
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +133,7 @@ def test_what_a_command_prints_has_the_form_of_its_schema(name, folder, capfd, m
 
 
 def test_what_is_missing_new_or_of_another_type_is_found():
-    found = {
+    table = {
         "cameras": ["a"],
         "poses": 2,
         "has_unit": True,
@@ -139,7 +141,7 @@ def test_what_is_missing_new_or_of_another_type_is_found():
         "notes": [],
         "file": "x",
     }
-    assert faults("convert", found) == []
-    without = {key: value for key, value in found.items() if key != "poses"}
-    for wrong in (found | {"poses": -1}, found | {"pose": 2}, found | {"notes": "none"}, without):
+    assert faults("convert", table) == []
+    without = {key: value for key, value in table.items() if key != "poses"}
+    for wrong in (table | {"poses": -1}, table | {"pose": 2}, table | {"notes": "none"}, without):
         assert len(faults("convert", wrong)) == 1

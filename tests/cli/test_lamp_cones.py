@@ -36,17 +36,17 @@ def luminaire(files):  # noqa: F811
 def test_what_a_lamp_lights_is_a_circle(capsys, kind):
     Path("lamps.toml").write_text(LAMPS[kind])
     line = "evaluate floor.obj -c camera.json -p poses.json --lamps lamps.toml --pictures 0 --json"
-    found = json.loads(done(capsys, line)[0])
+    content = json.loads(done(capsys, line)[0])
     true, most = circle(HEIGHT, 60)
-    covered, light = found["covered_area"], found["light"]
+    covered, light = content["covered_area"], content["light"]
     assert abs(covered["m2"] - true) <= covered["bound_m2"] <= most
     own = light["lamps"][0]
     bound = own["bound_percent"] / 100 * SIDE**2
     assert abs(own["lit_percent"] / 100 * SIDE**2 - true) <= bound + 1e-9 <= most
     dead = SIDE**2 - true
     assert abs(light["unlit"]["m2"] - dead) <= light["unlit"]["bound_m2"] <= most
-    assert [zone["reason"] for zone in found["dead_zones"]] == ["unlit"]
-    assert abs(found["dead_zones"][0]["area_m2"] - dead) <= most
+    assert [zone["reason"] for zone in content["dead_zones"]] == ["unlit"]
+    assert abs(content["dead_zones"][0]["area_m2"] - dead) <= most
 
 
 def test_a_plan_is_made_by_the_circle_that_a_lamp_lights(capsys):

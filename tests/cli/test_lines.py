@@ -138,9 +138,9 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
     def wait():
         time.sleep(0.5)
 
-    found = lines(wait)
-    assert found
-    assert set(found) <= {"audit: 0 s elapsed", "audit: 1 s elapsed"}
+    result = lines(wait)
+    assert result
+    assert set(result) <= {"audit: 0 s elapsed", "audit: 1 s elapsed"}
 
     def with_steps():
         with progress_bar("poses") as progress:
@@ -149,8 +149,8 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
         with progress_bar("area"):
             wait()
 
-    found = lines(with_steps)
-    starts = {line.partition(" s ")[0][:-1] for line in found}
+    result = lines(with_steps)
+    starts = {line.partition(" s ")[0][:-1] for line in result}
     assert starts >= {"poses: 4 of 4, finishing: ", "area: "}
     assert lines(lambda: None) == []
 
@@ -161,8 +161,8 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
                 wait()
             wait()
 
-    found = lines(within_a_limit)
-    assert {"smallest subset: at most 30 s left", "poses done; report: 1 s elapsed"} <= {*found}
+    result = lines(within_a_limit)
+    assert {"smallest subset: at most 30 s left", "poses done; report: 1 s elapsed"} <= {*result}
 
     def serve():
         with shown(None):
@@ -213,9 +213,9 @@ def test_help_has_no_line_about_a_wait(line, capsys, monkeypatch):
     monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 1e-4)
     monkeypatch.setattr("rastercov.cli.console.NEXT_LINE", 1e-4)
     assert exit_code(group(), line.split()) == 0
-    found = capsys.readouterr()
-    assert found.out
-    assert found.err == ""
+    readouterr = capsys.readouterr()
+    assert readouterr.out
+    assert readouterr.err == ""
 
 
 def test_a_module_that_loads_is_no_wait(capsys, monkeypatch):

@@ -16,8 +16,8 @@ from short_search import short_search  # noqa: F401 # a fixture
 
 import rastercov as rc
 from rastercov.base.locks import locked
-from rastercov.camera.pose_file import read_poses, write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import schema
 
@@ -108,8 +108,8 @@ def test_figures_hold_everything_that_made_them(capsys):
     Path("plan.toml").write_text(f"{QUICK}[[constraints.keep_out]]\n{table}")
     told = answer(capsys, "place plan.toml")
     assert told | {"folder": "..", "file": "plan.toml"} == figures()
-    found, selection = told["candidates"], told["selection"]
-    assert found["left"]["sphere"] + found["dropped"]["kept_out"] == 20 > found["left"]["sphere"]
+    result, selection = told["candidates"], told["selection"]
+    assert result["left"]["sphere"] + result["dropped"]["kept_out"] == 20 > result["left"]["sphere"]
     assert selection["gap"] == pytest.approx(1 - selection["bound"] / selection["objective"])
     (source,) = told["made_from"]["mesh"]
     assert (source["name"], len(source["sha256"])) == ("part.obj", 64)
@@ -268,7 +268,7 @@ EACH_STEP = QUICK.replace(
 
 STEPS = {
     "rastercov.placement.plan.run.refine": "refinement",
-    "rastercov.placement.plan.run.tolerance": "tolerance",
+    "rastercov.tolerances.plan_step.tolerance": "tolerance",
     "rastercov.placement.plan.run.left_over": "uncovered faces",
     "rastercov.report.placement.pages_of": "page",
 }
@@ -417,9 +417,9 @@ def test_a_rig_that_covers_enough_passes(capsys):
 def test_a_rig_that_lost_cameras_fails_by_as_much_as_they_covered(capsys, n_gone):
     write_poses("rig.json", axis_poses()[n_gone:])
     share = 1 - n_gone / 6
-    (found,) = answer(capsys, f"{CHECK} --min-coverage 0.95", code=1)["requirements"]
-    assert (found["status"], found["uncovered"]) == ("fails", 2 * n_gone)
-    assert (found["share"], found["short_by"]) == pytest.approx((share, 0.95 - share))
+    (result,) = answer(capsys, f"{CHECK} --min-coverage 0.95", code=1)["requirements"]
+    assert (result["status"], result["uncovered"]) == ("fails", 2 * n_gone)
+    assert (result["share"], result["short_by"]) == pytest.approx((share, 0.95 - share))
     text = call(capsys, f"{CHECK} --min-coverage 0.95")[1]
     assert f"{2 * n_gone} faces uncovered" in text
     assert ("back-facing" if n_gone < 6 else "no cameras") in text

@@ -14,8 +14,8 @@ from nightly import examples
 
 from rastercov.base.errors import ConfigError, MeshError, RastercovError
 from rastercov.cli.inputs import SceneOptions, are_arguments
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import FileGroups, Names, names_beside
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import FileGroups, Names, names_beside
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import named_scene, scene
 
@@ -184,13 +184,13 @@ def test_groups_keep_their_names_whatever_files_follow(files):
     names, own = names_beside(paths, files), [name for each in files for name in each]
     scenes = [FileGroups(p, [n for n, r in zip(names, rows, strict=True) if r == row])
               for row, p in enumerate(paths)]  # fmt: skip
-    found = Names(names, scenes)
+    result = Names(names, scenes)
     for name, short, row in zip(names, own, rows.tolist(), strict=True):
-        assert found.groups_of(f"f{row}/{short}") == [name]
+        assert result.groups_of(f"f{row}/{short}") == [name]
         assert Names(names, scenes, group_first=True).groups_of(name) == [name]
         if own.count(short) > 1:
             with pytest.raises(MeshError, match="expected one file with a group"):
-                found.groups_of(short)
+                result.groups_of(short)
 
 
 @pytest.mark.parametrize("deflection_mm", [None, 0.02, 1])

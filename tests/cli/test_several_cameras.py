@@ -8,8 +8,8 @@ import pytest
 from commands import answer, done, refusal, write_part
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.formats.cameras import read_views, write_views
 
 WIDE = rc.Camera(width=64, height=48, fx=50, fy=50)
 LONG = rc.Camera(width=96, height=72, fx=120, fy=120)
@@ -128,10 +128,10 @@ def checked(capsys, cameras, line):
      (f"[camera]\n{LONG_ENTRIES}", "-p named.json -c rig.json")],  # --camera replaces the plan's
 )  # fmt: skip
 def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys, cameras, line):
-    found, wanted = checked(capsys, cameras, line), answer(capsys, EVALUATE + "-p rig.json")
-    percents = [each["covered_area"]["percent"] for each in (found, wanted)]
+    result, wanted = checked(capsys, cameras, line), answer(capsys, EVALUATE + "-p rig.json")
+    percents = [each["covered_area"]["percent"] for each in (result, wanted)]
     assert percents[0] == pytest.approx(percents[1], abs=1e-9)
-    assert {each["camera"] for each in found["network"]["by_camera"]} == {"wide", "long"}
+    assert {each["camera"] for each in result["network"]["by_camera"]} == {"wide", "long"}
     one = "[camera]\n" + LONG_ENTRIES
     assert checked(capsys, one, "-p rig.json --camera-name long")["cameras"] == 3
 

@@ -78,6 +78,11 @@ def test_bounds_hold_the_time_step(step, folder, capsys):
         key = "least_piece_hours"
         assert abs(one[key] - other[key]) <= other["least_piece_bound_hours"]
     assert other["bound_hours"] < 2.5 * step / 60
+    faces = [dict(np.load(folder / f"step{each}" / "sun.npz")) for each in (1, step)]
+    for key in ("hours", "energy"):
+        bounds = faces[0][f"{key}_bound"] + faces[1][f"{key}_bound"]
+        assert (np.abs(faces[0][key] - faces[1][key]) <= bounds).all()
+    assert faces[1]["hours_bound"].max() < 2.5 * step / 60
     page = (folder / f"step{step}" / "sun.html").read_text(encoding="utf-8")
     cells = re.findall(r"<td[^>]*>([\d.,e+-]+)</td>", page)
     assert cells
@@ -116,8 +121,8 @@ def test_one_group_alone_gets_a_warning(others, warned, capsys):
 
 @pytest.mark.parametrize(("least", "code"), [("1.5h", 0), ("1.5", 0), ("13", 1)])
 def test_the_exit_code_says_whether_all_groups_get_enough(least, code, capsys):
-    found, out, _ = call(capsys, [*LINE.split(), "--at-least", least, "-o", "enough"])
-    assert found == code
+    answer, out, _ = call(capsys, [*LINE.split(), "--at-least", least, "-o", "enough"])
+    assert answer == code
     n = 2 if code == 0 else 0
     assert out.startswith(f"{n} of 2 groups get ")
 

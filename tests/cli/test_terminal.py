@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
 from rastercov.cli import console
+from rastercov.core.camera.pose_file import write_poses
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import Outputs
 
@@ -58,8 +58,8 @@ def test_nothing_but_json_is_printed_past_the_console():
 def test_tables_are_plain_but_for_their_own_styles(capsys):
     table = Table(HOSTILE, header_style="bold")
     table.add_row(Text(HOSTILE, "red"))
-    for found in (table, HOSTILE, Text(f"a\n{HOSTILE}")):
-        console.Console().print(found)
+    for item in (table, HOSTILE, Text(f"a\n{HOSTILE}")):
+        console.Console().print(item)
         assert not {c for c in capsys.readouterr().out if not (c.isprintable() or c == "\n")}
     console.Console(force_terminal=True, color_system="standard").print(table)
     out = capsys.readouterr().out

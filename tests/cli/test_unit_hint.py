@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from commands import call, write_part
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses
-from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import shapes
 
 CAMERA = "width = 64\nheight = 48\nfx = 80\nfy = 80\n"
 EYE = Camera(width=64, height=48, fx=80, fy=80)

@@ -22,9 +22,9 @@ def files():
 
 
 def figures(path):
-    found = json.loads(Path(path).read_text())
-    seconds = found.pop("seconds")
-    return found, seconds
+    content = json.loads(Path(path).read_text())
+    seconds = content.pop("seconds")
+    return content, seconds
 
 
 def test_place_by_workers_is_place(capsys):

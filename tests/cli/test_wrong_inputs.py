@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from commands import call, content, refusal, write_part
 
-from rastercov.camera.models import MODELS
-from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
 
 EVALUATE = "evaluate part.obj -c camera.toml -p rig.json"
 CHECK = "check plan.toml -p rig.json"
@@ -74,8 +74,7 @@ LINES = {
     "in, inch, ft or a positive number of metres, got 'furlong'",
     f"{EVALUATE} --pixel-centre 1": "--pixel-centre: expected 0 or 0.5, got 1.0",
     f"{EVALUATE} --by part": "--by: expected area or face, got 'part'",
-    f"{EVALUATE} --views 100000": "--views: expected a number from 1 to 10000, got 100000; give a "
-    "whole number",
+    f"{EVALUATE} --views 100000": "--views: expected a whole number, from 1 to 10000, got 100000",
     f"{EVALUATE} --max-incidence-deg 120": "--max-incidence-deg: expected a number greater than 0 "
     "and at most 90, got 120.0",
     f"{EVALUATE} --min-illuminance 100": "expected lamps for --min-illuminance, got none; give "

@@ -3,7 +3,7 @@
 import pytest
 
 from rastercov.base.errors import ConfigError
-from rastercov.cluster.scheduler import check_address, risk
+from rastercov.cluster.scheduler import HOOKS, check_address
 from rastercov.shards import Workers
 
 
@@ -13,7 +13,7 @@ from rastercov.shards import Workers
 )
 def test_loopback_and_tls_are_accepted_with_a_line_on_the_risk_of_the_first(address):
     check_address(address)
-    assert ("run programs as you" in risk(address)) == address.startswith("tcp:")
+    assert ("run programs as you" in HOOKS.risk(address)) == address.startswith("tcp:")
 
 
 @pytest.mark.parametrize(

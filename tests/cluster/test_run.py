@@ -81,10 +81,10 @@ def test_poses_that_kill_are_found_and_left_out(tmp_path):
     watch = Watch()
     run(job, watch)
     assert watch.numbers == list(range(6))
-    found = {number: left for number in range(6) if (left := job.left_out(number))}
-    assert {n: set(poses) for n, poses in found.items()} == {1: {1, 2}, 4: {3}}
-    assert set(found[1].values()) == {"was killed by SIGKILL"}
-    assert {made.number: made.quarantined for made in watch.made if made.quarantined} == found
+    table = {number: left for number in range(6) if (left := job.left_out(number))}
+    assert {n: set(poses) for n, poses in table.items()} == {1: {1, 2}, 4: {3}}
+    assert set(table[1].values()) == {"was killed by SIGKILL"}
+    assert {made.number: made.quarantined for made in watch.made if made.quarantined} == table
     left = {name: set(range(4)) - set(poses) for name, poses in shards(folder).items()}
     assert {int(name): poses for name, poses in left.items() if poses} == {1: {1, 2}, 4: {3}}
     assert any("worker process ended" in line for line in watch.lines)

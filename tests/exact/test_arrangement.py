@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet, square
 
-from rastercov.mesh import Mesh, contacts, shapes
-from rastercov.native.engine_visibility import CROSSED
+from rastercov.core.mesh import Mesh, contacts, shapes
+from rastercov.engine.solver_visibility import CROSSED
 
 
 def test_edges_behind_a_wall_cross_nothing():

@@ -13,13 +13,13 @@ from lens_cameras import CAMERAS
 from surfaces import surface_of
 
 import rastercov as rc
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.exact_pass import ExactPass, room_for
-from rastercov.exact.cameras import engine_camera
-from rastercov.mesh import shapes
-from rastercov.native import engine_visibility
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.exact_pass import ExactPass, room_for
+from rastercov.core.exact.cameras import engine_camera
+from rastercov.core.mesh import shapes
+from rastercov.engine import solver_visibility
 
 pytestmark = pytest.mark.native
 CAMERA = rc.Camera(width=160, height=120, fx=140, fy=150)
@@ -41,9 +41,9 @@ def test_the_number_of_threads_changes_no_bit(camera, method):
         other = seen_by(mesh, camera, poses, method, threads)
         for name in FIGURES:
             assert np.array_equal(getattr(one, name), getattr(other, name)), name
-    found = [rc.regions(mesh, camera, poses, method=method, threads=n) for n in (1, 3)]
+    regions = [rc.regions(mesh, camera, poses, method=method, threads=n) for n in (1, 3)]
     for name in ("xy", "starts", "face", "pose", "area", "bound", "excess"):
-        assert np.array_equal(*(getattr(each, name) for each in found)), name
+        assert np.array_equal(*(getattr(each, name) for each in regions)), name
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -78,7 +78,7 @@ def test_what_a_worker_raises_is_raised_once_and_the_pass_stays_usable(monkeypat
     mesh, poses = shapes.torus(24, 16), sphere_of_poses((0, 0, 0), 3, 200)
     seen = room_for(len(poses), mesh.n_faces)
     solvers = ExactPass(mesh, CAMERA, Engine("certified", threads=3))
-    monkeypatch.setattr("rastercov.mesh.contacts.touching_faces", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("rastercov.core.mesh.contacts.touching_faces", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         solvers.observe(rc.Poses.of(poses), seen)
     monkeypatch.undo()
@@ -90,8 +90,8 @@ def test_what_a_worker_raises_is_raised_once_and_the_pass_stays_usable(monkeypat
 
 def test_a_solver_that_failed_says_so(monkeypatch):
     mesh, pose = rc.Mesh(*arrays_of(shapes.torus(6, 5))), np.eye(4)
-    solver = engine_visibility.Solver(surface_of(mesh).native, True, False)
-    monkeypatch.setattr("rastercov.mesh.contacts.touching_faces", lambda *_, **__: 1 / 0)
+    solver = solver_visibility.Solver(surface_of(mesh).native, True, False)
+    monkeypatch.setattr("rastercov.core.mesh.contacts.touching_faces", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         solver.solve(engine_camera(CAMERA), pose, 1e-3, False)
     with pytest.raises(ValueError, match="create another one"):
@@ -146,9 +146,9 @@ def test_no_pose_or_camera_crashes_a_solver(seed, share, near, certified):
     for array in (pose.reshape(-1), numbers):
         rows = rng.random(array.size) < share * rng.random()
         array[rows] = rng.choice(few, rows.sum())
-    solver = engine_visibility.Solver(surface_of(shapes.torus(8, 6)).native, certified, True)
+    solver = solver_visibility.Solver(surface_of(shapes.torus(8, 6)).native, certified, True)
     with suppress(ValueError):
-        camera = engine_visibility.Camera(tuple(numbers.tolist()), 0.0, False)
+        camera = solver_visibility.Camera(tuple(numbers.tolist()), 0.0, False)
         solver.solve(camera, pose, near, bool(rng.integers(2)))
 
 

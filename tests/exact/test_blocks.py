@@ -10,10 +10,10 @@ from nightly import examples
 from scenes import joined
 from surfaces import Surface, surface_of
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.engine_visibility import (
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.engine.solver_visibility import (
     BLOCK,
     LIVE,
     MIXED,

@@ -9,8 +9,8 @@ from nightly import amount, examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=640, height=512, fx=400, fy=400)

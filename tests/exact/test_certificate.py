@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, sheet, square
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 
@@ -199,17 +199,25 @@ def test_a_fold_of_which_the_border_leaves_a_strip_is_decided_by_index_there(ang
     assert part == pytest.approx(truth.visible / truth.area, abs=1e-6)
 
 
-def compared(vertices, faces, path):
+BEFORE, ABOVE, BEHIND = (0.3, -0.4, 3.0), (1.0, -2.2, 1.5), (-1.5, 1.5, -2.0)
+
+
+def compared(vertices, faces, path, eye=BEFORE):
     """Faces compared with event edges, or taken from others, by a camera before a mesh."""
-    pose = look_at((0.3, -0.4, 3.0), (0, 0, 0))[0]
+    pose = look_at(eye, (0, 0, 0))[0]
     return look(Mesh(vertices, faces), window(1280, 960, 1200), pose, path).n_compared
 
 
-def nearly_coincident(n):
+def nearly_coincident(n, moved=1e-16):
     """Triangles that differ by rounding: each edge is one of all of them."""
     corners = np.array([(-1.0, -0.7, 0.1), (1.1, -0.6, -0.2), (0.1, 0.9, 0.3)])
-    noise = 1e-16 * np.random.default_rng(n).standard_normal((n, 3, 3))
+    noise = moved * np.random.default_rng(n).standard_normal((n, 3, 3))
     return (corners + noise).reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
+def coincident(n):
+    """The same, farther apart than rounding."""
+    return nearly_coincident(n, 1e-12)
 
 
 def thin_on_one_side(n):
@@ -232,10 +240,22 @@ def pages(n):
     return np.concatenate(([(0, -1, 0), (0, 1, 0)], outer)), rng.permuted(faces, axis=1)
 
 
+def in_any_order(scene):
+    """The same with its faces in any order."""
+
+    def made(n):
+        vertices, faces = scene(n)
+        return vertices, np.random.default_rng(n).permutation(faces)
+
+    return made
+
+
 @on_both_paths
-@pytest.mark.parametrize("scene", [nearly_coincident, thin_on_one_side, pages])
-def test_an_edge_is_compared_with_as_many_faces_in_any_number(scene, path):
-    few, many = compared(*scene(510), path), compared(*scene(2010), path)
+@pytest.mark.parametrize("eye", [BEFORE, ABOVE, BEHIND])
+@pytest.mark.parametrize("made", [lambda scene: scene, in_any_order])
+@pytest.mark.parametrize("scene", [nearly_coincident, coincident, thin_on_one_side, pages])
+def test_an_edge_is_compared_with_as_many_faces_in_any_number(scene, made, eye, path):
+    few, many = (compared(*made(scene)(n), path, eye) for n in (510, 2010))
     assert many < 8 * few + 1  # of all pairs, 16 times
 
 

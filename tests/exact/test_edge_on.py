@@ -9,8 +9,8 @@ from scenes import square
 from visible_fractions import fractions_of, visibility
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.mesh import shapes
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference import rational
 
 METHODS = ("certified", "exact")
@@ -68,7 +68,7 @@ def test_no_visible_fraction_breaks_its_bound_in_the_plane_of_a_face(seed):
     poses = np.array([hostile_pose(rng, mesh, camera) for _ in range(3)])
     for method in METHODS:
         with rc.open_observer(mesh, camera, method, threads=1) as observer:
-            seen, found = observer.observe(poses), fractions_of(observer, poses)
+            seen, fractions = observer.observe(poses), fractions_of(observer, poses)
         for row, pose in enumerate(poses):
             visible, area = (
                 of(mesh, camera, pose) for of in (rational.visible_area, rational.image_area)
@@ -76,14 +76,14 @@ def test_no_visible_fraction_breaks_its_bound_in_the_plane_of_a_face(seed):
             side = exact_sides(mesh, pose)
             is_known = (side <= 0) | (area > 0)
             true = np.where(side > 0, visible / np.where(area > 0, area, 1), 0.0)
-            off = np.abs(found.visibility[row] - true)[is_known]
-            assert (off <= found.visibility_bound[row][is_known]).all()
+            off = np.abs(fractions.visibility[row] - true)[is_known]
+            assert (off <= fractions.visibility_bound[row][is_known]).all()
             both = np.abs(seen.visible_pixels[row] - visible)
             both += np.abs(seen.drawn_pixels[row] - area)
             computed = seen.kind[row] == BoundKind.EXACT
             assert (both <= seen.area_error[row])[computed].all()
             assert (seen.drawn_pixels[row] + seen.area_error[row] == 0)[side == 0].all()
-            assert (found.visibility_bound[row] == 0)[side == 0].all()
+            assert (fractions.visibility_bound[row] == 0)[side == 0].all()
 
 
 def beside(distance):
@@ -105,30 +105,30 @@ LENSES = (
 @pytest.mark.parametrize("distance", [0.0, 1e-17, -1e-17])
 def test_the_side_of_a_face_in_whose_plane_the_camera_is_decides_exactly(method, camera, distance):
     pose = beside(distance)
-    found = visibility(square(0.5, 0.0), camera, pose[None], method)
+    observation = visibility(square(0.5, 0.0), camera, pose[None], method)
     is_before = exact_sides(square(0.5, 0.0), pose) > 0
     assert is_before.all() == (distance < 0)
-    assert (found.visibility_bound[0] == is_before).all()
-    assert (found.visibility == 0).all() or is_before.all()
+    assert (observation.visibility_bound[0] == is_before).all()
+    assert (observation.visibility == 0).all() or is_before.all()
 
 
 @pytest.mark.parametrize("method", [*METHODS, "sampled:cpu"])
 @pytest.mark.parametrize("camera", LENSES, ids=("pinhole", "lens"))
 def test_a_face_that_is_a_little_off_the_plane_of_the_camera_is_known(method, camera):
     poses = np.array([beside(-1e-3), beside(1e-3)])
-    found = visibility(square(0.5, 0.0), camera, poses, method)
-    assert found.visibility_bound[1].max() == 0  # from behind, by definition not seen
+    observation = visibility(square(0.5, 0.0), camera, poses, method)
+    assert observation.visibility_bound[1].max() == 0  # from behind, by definition not seen
     if method in METHODS:
-        assert found.visibility_bound[0].max() < 1e-6
-        assert found.visibility[0].min() == 1
+        assert observation.visibility_bound[0].max() < 1e-6
+        assert observation.visibility[0].min() == 1
 
 
 def test_faces_that_are_certainly_outside_the_image_stay_known():
     mesh = shapes.torus()
     aside = rc.look_at((8.0, 0.0, 0.5), (8.0, 9.0, 0.5))
-    found = visibility(mesh, EDGE_ON, aside)
-    assert (found.visibility_bound == 0).all()
-    assert (found.visibility == 0).all()
+    observation = visibility(mesh, EDGE_ON, aside)
+    assert (observation.visibility_bound == 0).all()
+    assert (observation.visibility == 0).all()
 
 
 def test_the_area_of_a_face_too_thin_for_the_plane_of_a_lens_has_a_bound():

@@ -22,10 +22,10 @@ from hypothesis import strategies as st
 from nightly import examples
 from visible_fractions import visibility
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference import rational
 from rastercov.reference.criteria import face_geometry
 

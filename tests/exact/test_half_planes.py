@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from nightly import examples
 from scenes import joined, square
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
 from rastercov.reference import rational
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)

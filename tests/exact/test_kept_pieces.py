@@ -8,8 +8,8 @@ from hypothesis import given
 from nightly import examples
 from surfaces import surface_of
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 
@@ -55,9 +55,9 @@ def test_pieces_are_those_of_the_last_pose(path):
     wanted, n = pieces_of(solver_with_pieces(mesh, CAMERA, np.eye(4), path))
     assert n > 100
     solver = solver_with_pieces(mesh, CAMERA, np.eye(4), path)
-    found, m = pieces_of(solver)
+    pieces, m = pieces_of(solver)
     assert m == n
-    assert np.array_equal(found, wanted)
+    assert np.array_equal(pieces, wanted)
     see_again(solver, mesh, CAMERA, look_at(eyes=[(1, 0, 0)], targets=(0, 0, 5))[0])
     see_again(solver, mesh, CAMERA, np.eye(4))
     assert np.array_equal(pieces_of(solver)[0], wanted)

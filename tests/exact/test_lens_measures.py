@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from lens_cameras import CAMERAS
 
-from rastercov.camera.lenses.of_camera import planes_of
-from rastercov.native.exact_lens import EDGE_ROUNDING, edge_bulges, vertex_images
-from rastercov.native.lens_edges import MOST, bulge, node_values
+from rastercov.core.camera.lenses.of_camera import planes_of
+from rastercov.engine.exact_lens import EDGE_ROUNDING, edge_bulges, vertex_images
+from rastercov.engine.lens_edges import MOST, bulge, node_values
 
 pytestmark = pytest.mark.native
 
@@ -33,17 +33,17 @@ def test_edges_of_any_lengths_agree_with_the_best_rule(camera):
         places, inside = np.empty((len(both), 4)), np.empty(len(both), np.bool_)
         vertex_images(uvw, record, places, inside)
         ends = np.arange(len(both), dtype=np.int32).reshape(2, -1).T[:-3].copy()
-        found, longer = np.empty(len(ends)), np.empty(len(ends), np.int32)
-        n_longer = edge_bulges(record, ends, places, found, longer)
+        result, longer = np.empty(len(ends)), np.empty(len(ends), np.int32)
+        n_longer = edge_bulges(record, ends, places, result, longer)
         length = np.linalg.norm(places[ends[:, 0], :2] - places[ends[:, 1], :2], axis=1)
         known = inside[ends].all(axis=1)
         assert set(longer[:n_longer]) == set(np.flatnonzero(known & (length / 2 > limits[-1])))
-        assert (np.isnan(found) == (~known | (length / 2 > limits[-1]))).all()
+        assert (np.isnan(result) == (~known | (length / 2 > limits[-1]))).all()
         rounding = EDGE_ROUNDING * (record.width + record.height)
-        for e in np.flatnonzero(~np.isnan(found)):
+        for e in np.flatnonzero(~np.isnan(result)):
             node_values(record, places[ends[e], :2].ravel(), values)
             size = np.abs(np.diff(values, axis=0)).sum() + 1
-            error = abs(found[e] - bulge(*values.T.copy()))
+            error = abs(result[e] - bulge(*values.T.copy()))
             assert error <= 2 * record.tolerance + rounding * size
             rules.add(int(np.searchsorted(record.longest, length[e] / 2)))
             n_taken += 1

@@ -13,24 +13,19 @@ from nightly import amount, examples
 from scenes import joined, square
 from surfaces import surface_of
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import (
-    blind_area,
-    lens_of,
-    optics_of,
-    planes_of,
-)
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.exact_pass import room_for
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.lenses.of_camera import blind_area, lens_of, optics_of, planes_of
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.exact_pass import room_for
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.raster.observation import BoundKind
 
 ROOM = shapes.room()
 TORUS = shapes.torus(40, 20)
@@ -59,9 +54,9 @@ def solved(mesh, camera, pose, kind=Certificate, near=1e-3):
 @pytest.mark.parametrize("seed", range(3))
 def test_visible_areas_in_a_closed_room_add_up_to_the_image(name, seed):
     camera = CAMERAS[name]
-    found = solved(ROOM, camera, inside(ROOM, seed))
-    assert abs(found.visible.sum() - camera.width * camera.height) < 1e-6
-    assert np.all(found.visible <= found.area + found.area_error + 1e-9)
+    solution = solved(ROOM, camera, inside(ROOM, seed))
+    assert abs(solution.visible.sum() - camera.width * camera.height) < 1e-6
+    assert np.all(solution.visible <= solution.area + solution.area_error + 1e-9)
 
 
 @pytest.mark.slow
@@ -79,9 +74,9 @@ def test_pixels_with_a_ray_see_the_room_through_random_lenses(seed, focal, k, p,
         width=800, height=600, fx=focal, fy=1.1 * focal, cx=390, cy=310, skew=0.5, model="opencv",
         distortion=(*k, p, -p / 2, 0, 0, 0, 0, 0, 0, 0, 0, tau, -tau),
     )  # fmt: skip
-    lens, found = lens_of(camera), solved(ROOM, camera, inside(ROOM, seed))
+    lens, solution = lens_of(camera), solved(ROOM, camera, inside(ROOM, seed))
     blind = 0.0 if lens.is_whole else blind_area(lens)  # of pixels without a ray
-    assert abs(found.visible.sum() + blind - 800 * 600) < 1e-6 + found.area_error.sum()
+    assert abs(solution.visible.sum() + blind - 800 * 600) < 1e-6 + solution.area_error.sum()
 
 
 BEHIND = {
@@ -113,10 +108,10 @@ def test_edges_that_run_where_a_wide_lens_does_not_see_change_nothing(name):
         offset = rng.normal(size=3) * 10.0 ** rng.uniform(-6, -1)
         eye, edge = rng.normal(0, 0.2, 3), start + (end - start) * rng.uniform(0.2, 0.8) + offset
         poses.append(look_at(eye, 2 * eye - edge, rng.normal(size=3))[0])
-        found = solved(room, camera, poses[-1])
-        seen = found.visible.sum()
-        assert abs(seen + blind - 300**2) <= 1e-6 + found.area_error.sum()
-        assert np.all(found.visible <= found.area + found.area_error + 1e-9)
+        solution = solved(room, camera, poses[-1])
+        seen = solution.visible.sum()
+        assert abs(seen + blind - 300**2) <= 1e-6 + solution.area_error.sum()
+        assert np.all(solution.visible <= solution.area + solution.area_error + 1e-9)
     figures = evaluate(room, camera, poses, fields=("projected_area", "drawn_pixels"), by="face")
     assert np.all(figures.projected_area >= figures.drawn_pixels - 1e-5)
     all_seen = figures.projected_area.sum(axis=1)
@@ -176,11 +171,11 @@ def test_what_is_hidden_has_no_area_and_a_lone_face_has_all_of_it(name):
     camera = CAMERAS[name]
     front, back = square(0.2, 1.0), square(0.19, 1.5)
     both = joined(front, back)
-    found = solved(both, camera, np.eye(4))
-    np.testing.assert_array_equal(found.visible[:2], found.area[:2])
-    assert np.all(found.area[:2] > 100)
-    assert np.all(found.visible[2:] <= found.area_error[2:])
-    assert np.all(found.area[2:] > 50)
+    solution = solved(both, camera, np.eye(4))
+    np.testing.assert_array_equal(solution.visible[:2], solution.area[:2])
+    assert np.all(solution.area[:2] > 100)
+    assert np.all(solution.visible[2:] <= solution.area_error[2:])
+    assert np.all(solution.area[2:] > 50)
 
 
 @pytest.mark.slow

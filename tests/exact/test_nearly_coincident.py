@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from exact_views import HalfPlanes
+from exact_views import PATHS, HalfPlanes, look
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from surfaces import surface_of
 
 import rastercov as rc
+from rastercov.reference import rational
 
 pytestmark = pytest.mark.native
 CAMERA = rc.Camera(width=640, height=480, fx=600, fy=600, cx=320, cy=240)
@@ -59,3 +60,36 @@ def test_the_lowest_of_copies_that_coincide_is_seen(moved):
     visible, _, area = solved(copies(20, moved, 2))
     np.testing.assert_allclose(visible[0], area[0], rtol=1e-9)
     assert visible[1:].max() <= 1e-6
+
+
+NEVER = 10**40
+"""No two depths differ by so little, relative to them, that they count as one."""
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    n=st.integers(2, 9), exponent=st.floats(-10.5, -7.5), seed=st.integers(0, 2**32 - 1),
+    kind=st.sampled_from(["copies", "sizes", "shifted"]),
+)  # fmt: skip
+def test_copies_are_within_their_bounds_of_exact_fractions(n, exponent, seed, kind):
+    """By the lower index if all that coincide do so with one another, and by depth if not."""
+    random = np.random.default_rng(seed)
+    corners = TRIANGLE + np.zeros((n, 1, 1))
+    if kind == "sizes":
+        corners = TRIANGLE * random.uniform(0.2, 1.2, (n, 1, 1))
+    elif kind == "shifted":
+        corners[..., :2] += random.uniform(-0.5, 0.5, (n, 1, 2))
+        corners[..., 2] = corners[..., :2] @ (0.1, -0.2)
+    corners = corners + 10**exponent * random.standard_normal((n, 3, 3))
+    mesh = rc.Mesh(vertices=corners.reshape(-1, 3), faces=np.arange(3 * n).reshape(n, 3))
+    eye = np.array([[0.3, -0.4, 3.0]]) + 0.3 * random.standard_normal(3)
+    pose = rc.look_at(eye, np.zeros((1, 3)))[0]
+    area = rational.image_area(mesh, CAMERA, pose)
+    with pytest.MonkeyPatch.context() as patch:
+        by_index = rational.visible_area(mesh, CAMERA, pose)
+        patch.setattr(rational, "TIE", NEVER)
+        by_depth = rational.visible_area(mesh, CAMERA, pose)
+    for path in PATHS:
+        view = look(mesh, CAMERA, pose, path)
+        off = np.minimum(*(np.abs(view.visible - each) for each in (by_index, by_depth)))
+        assert (off + np.abs(view.area - area) <= view.area_error + 1e-12).all()

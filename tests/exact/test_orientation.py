@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from rastercov.native.exact_setup import side_seen
+from rastercov.engine.exact_setup import side_seen
 
 pytestmark = pytest.mark.native
 

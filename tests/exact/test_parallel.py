@@ -6,11 +6,11 @@ from exact_views import assert_within_bounds, on_both_paths, soup
 from nightly import amount
 from target_scenes import beside, sheet_at
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.observer import open_observer
-from rastercov.mesh import shapes
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.mesh import shapes
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference import polygons, rational
 
 pytestmark = pytest.mark.native

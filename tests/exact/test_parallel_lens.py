@@ -11,9 +11,9 @@ from surface_cases import assert_pointwise, building, room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov.camera.projection import starts_of, to_image, view_frame
-from rastercov.coverage.coverage import FIGURES
-from rastercov.coverage.doubts import dead_pixels
+from rastercov.core.camera.projection import starts_of, to_image, view_frame
+from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.doubts import dead_pixels
 from rastercov.reference import polygons, regions, telecentric
 
 pytestmark = pytest.mark.native
@@ -56,8 +56,8 @@ def test_pixels_are_those_of_the_formula_on_the_sensor(k1, k2, p1, p2, k3, skew)
     )
     x, y, z = np.random.default_rng(1).uniform(-0.02, 0.02, (3, 200))
     expected = telecentric.image_of(camera, x, y).T
-    found = to_image(np.stack((x, y, z), axis=1), camera)
-    assert np.abs(found - expected).max() <= 1e-9
+    image = to_image(np.stack((x, y, z), axis=1), camera)
+    assert np.abs(image - expected).max() <= 1e-9
     back = starts_of(expected, camera)
     assert np.abs(back[:, :2] - np.stack((x, y), axis=1)).max() <= 1e-15
     assert not back[:, 2].any()
@@ -73,8 +73,8 @@ def test_the_division_model_is_undone_by_a_division(kappa):
     places = np.random.default_rng(2).uniform(-0.005, 0.005, (100, 2))
     pixels = places / SENSOR["pixel_size"] + (camera.cx, camera.cy)
     ideal = places / (1 + kappa * (places**2).sum(axis=1, keepdims=True))
-    found = starts_of(pixels, camera)[:, :2]
-    assert np.abs(found - ideal / SENSOR["magnification"]).max() <= 1e-15
+    starts = starts_of(pixels, camera)[:, :2]
+    assert np.abs(starts - ideal / SENSOR["magnification"]).max() <= 1e-15
 
 
 @pytest.mark.parametrize("name", LENSES)
@@ -83,8 +83,8 @@ def test_a_resized_image_is_the_same_image(name):
     x, y = np.random.default_rng(3).uniform(-0.02, 0.02, (2, 50))
     for size in (0.5, 3.0):
         expected = size * telecentric.image_of(camera, x, y)
-        found = telecentric.image_of(camera.resized(size), x, y)
-        assert np.abs(found - expected).max() <= 1e-9
+        image = telecentric.image_of(camera.resized(size), x, y)
+        assert np.abs(image - expected).max() <= 1e-9
         own = to_image(np.stack((x, y, x), axis=1), camera.resized(size)).T
         assert np.abs(own - expected).max() <= 1e-9
 
@@ -105,9 +105,9 @@ def test_a_lens_that_folds_in_the_image_is_refused_in_one_line(kappa):
     )
     with pytest.raises(
         rc.CameraError, match="expected distortion and skew that do not fold"
-    ) as found:
+    ) as raises:
         rc.visibility(rc.shapes.box(), camera, rc.look_at((0, 0, 3), (0, 0, 0)))
-    assert "max_angle" not in str(found.value)
+    assert "max_angle" not in str(raises.value)
 
 
 def test_pixels_beyond_the_fold_of_a_polynomial_see_nothing_and_have_a_line():
@@ -116,9 +116,9 @@ def test_pixels_beyond_the_fold_of_a_polynomial_see_nothing_and_have_a_line():
     pose = rc.look_at((0.3, 0.1, 0.4), (0, 0, 0))
     for k1, is_whole in ((-900.0, True), (-3000.0, False)):
         camera = rc.Camera.telecentric(4096, 3000, **SENSOR, distortion=(k1,))
-        found = rc.evaluate(mesh, camera, pose)
+        result = rc.evaluate(mesh, camera, pose)
         assert bool(dead_pixels(camera)) != is_whole
-        lines = " ".join(found.summary()["doubts"])
+        lines = " ".join(result.summary()["doubts"])
         assert (" m off axis): check its model" in lines) != is_whole
         starts, _ = view_frame(camera, 8, 1.0)
         assert np.isfinite(starts).all()
@@ -153,8 +153,8 @@ def test_areas_are_those_of_dense_outlines(path, k1):
         area = abs(np.sum(u * np.roll(v, -1) - np.roll(u, -1) * v)) / 2
         # What the chords of the outline cut off at each side: bend L^2 / 12 of a length L.
         chords = 6 * abs(k1) * 9e-3 * (700 / 20_000) ** 2 * 700 * 3 / 12 * 3.45e-6
-        for found in (view.area[f], view.visible[f]):
-            assert abs(found - area) <= 1e-7 + chords
+        for item in (view.area[f], view.visible[f]):
+            assert abs(item - area) <= 1e-7 + chords
     assert checked >= 90
 
 
@@ -168,8 +168,8 @@ def distorted_area(camera, shape, step=0.05):
             continue
         points = shapely.get_coordinates(shapely.segmentize(part, step))
         places = (points - (ideal.cx, ideal.cy)) / (ideal.fx, ideal.fy)
-        found = shapely.Polygon(telecentric.image_of(camera, *places.T).T)
-        total += shapely.intersection(found, frame).area
+        polygon = shapely.Polygon(telecentric.image_of(camera, *places.T).T)
+        total += shapely.intersection(polygon, frame).area
     return total
 
 
@@ -234,11 +234,11 @@ def test_densities_of_faces_are_those_of_the_formula_at_the_worst_vertex(name):
     mesh = rc.shapes.torus(24, 16)
     camera, poses, _ = around(mesh, np.random.default_rng(6), name)
     task = rc.Task(min_pixel_density=1.0, min_facing_density=1.0)
-    found = rc.evaluate(mesh, camera, poses, task, by="face")
+    result = rc.evaluate(mesh, camera, poses, task, by="face")
     for row, pose in enumerate(poses):
         local = (mesh.vertices[mesh.faces] - pose[:3, 3]) @ pose[:3, :3]
         normal = mesh.normals @ pose[:3, :3]
-        seen = np.flatnonzero((normal[:, 2] < 0) & found.in_view[row])
+        seen = np.flatnonzero((normal[:, 2] < 0) & result.in_view[row])
         assert len(seen) > 50
         worst = np.full((2, len(seen)), np.inf)
         for s in range(3):
@@ -247,10 +247,10 @@ def test_densities_of_faces_are_those_of_the_formula_at_the_worst_vertex(name):
             slopes = telecentric.slopes_of(camera, x, y)
             for own, each in zip(worst, (tangents, slopes), strict=True):
                 np.minimum(own, np.linalg.svd(each, compute_uv=False)[:, 1], out=own)
-        assert found.pixel_density[row, seen] == pytest.approx(worst[0], rel=1e-9, abs=1e-7)
-        assert found.facing_density[row, seen] == pytest.approx(worst[1], rel=1e-9)
+        assert result.pixel_density[row, seen] == pytest.approx(worst[0], rel=1e-9, abs=1e-7)
+        assert result.facing_density[row, seen] == pytest.approx(worst[1], rel=1e-9)
         angle = np.arccos(np.clip(-normal[seen, 2], -1, 1))
-        assert found.incidence[row, seen] == pytest.approx(angle, abs=1e-7)
+        assert result.incidence[row, seen] == pytest.approx(angle, abs=1e-7)
 
 
 @pytest.mark.parametrize("scene", ["torus", "hostile"])
@@ -297,15 +297,15 @@ def open_counts(mesh, camera, poses, method):
 def nearest(mesh, camera, pose, places):
     """Least depth beyond the near plane along rays at places across them, by all triangles."""
     local, (x, y) = (mesh.vertices - pose[:3, 3]) @ pose[:3, :3], places
-    found = np.full(x.shape, np.inf)
+    result = np.full(x.shape, np.inf)
     for a, b, c in local[mesh.faces]:
         det = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
         s = ((x - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (y - a[1])) / det
         t = ((b[0] - a[0]) * (y - a[1]) - (x - a[0]) * (b[1] - a[1])) / det
         depth = a[2] + s * (b[2] - a[2]) + t * (c[2] - a[2])
         is_in = (s >= 0) & (t >= 0) & (s + t <= 1) & (depth >= camera.near)
-        found = np.where(is_in, np.minimum(found, depth), found)
-    return found
+        result = np.where(is_in, np.minimum(result, depth), result)
+    return result
 
 
 TASKS = {

@@ -12,10 +12,10 @@ from hypothesis import given
 from nightly import examples
 from scenes import joined, square
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.observer import open_observer
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = Camera(width=640, height=512, fx=500, fy=520)
 

@@ -13,7 +13,7 @@ from surfaces import surface_of
 from target_scenes import only, some_as_targets
 
 import rastercov as rc
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.mesh import Mesh, shapes
 
 
 def scene(seed):
@@ -48,11 +48,11 @@ def test_sorted_faces_have_the_figures_of_the_mesh_through_a_lens(seed):
 
 def assert_same(seed, camera, method):
     """Observers of both copies agree; where faces tie, the first one of the mesh is seen."""
-    found = []
+    items = []
     for mesh in scene(seed):
         with rc.open_observer(mesh, camera, method, threads=1) as observer:
-            found.append(observer.observe(AHEAD))
-    one, other = found
+            items.append(observer.observe(AHEAD))
+    one, other = items
     np.testing.assert_allclose(one.drawn_pixels, other.drawn_pixels, rtol=1e-12, atol=1e-9)
     assert np.array_equal(one.kind, other.kind)
     off = np.abs(one.visible_pixels - other.visible_pixels)

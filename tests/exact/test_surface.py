@@ -13,18 +13,18 @@ from scenes import joined, square
 from surface_twin import part_of
 from surfaces import surface_of
 
-from rastercov.exact.surface import LEAST_SORTED
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.native import engine_surface
+from rastercov.core.exact.surface import LEAST_SORTED
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.engine import solver_surface
 
 pytestmark = pytest.mark.native
 
 
 def test_minus_zero_and_zero_are_one_place():
     points = [(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (-0.0, -0.0, 0), (1, 0, -0.0), (0, -1, 0)]
-    found = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (4, 3, 5)]))
-    assert len(found.vertices) == 4
-    assert (found.edges.faces >= 0).all(axis=1).sum() == 1
+    surface = surface_of(Mesh(vertices=points, faces=[(0, 1, 2), (4, 3, 5)]))
+    assert len(surface.vertices) == 4
+    assert (surface.edges.faces >= 0).all(axis=1).sum() == 1
 
 
 # --- bit for bit as by numpy ----------------------------------------------------------------------
@@ -32,12 +32,12 @@ def test_minus_zero_and_zero_are_one_place():
 
 def named(part):
     """Arrays of a surface or of its targets by name."""
-    found = {name: getattr(part, name) for name in ("vertices", "faces", "source")}
+    names = {name: getattr(part, name) for name in ("vertices", "faces", "source")}
     records = ["blocks"] + ["edges"] * hasattr(part, "edges")
     for record in records:
         fields = getattr(part, record)._asdict().items()
-        found |= {f"{record}.{name}": array for name, array in fields}
-    return found
+        names |= {f"{record}.{name}": array for name, array in fields}
+    return names
 
 
 def assert_same_part(part, expected):
@@ -64,30 +64,30 @@ def hostile_meshes(draw):
 
 
 def assert_same(mesh, least_sorted):
-    found, opaque = surface_of(mesh, least_sorted), mesh.opaque
+    surface, opaque = surface_of(mesh, least_sorted), mesh.opaque
     expected = part_of(opaque.vertices, opaque.welded_faces, opaque.degenerate_mask, least_sorted)
-    assert_same_part(found, expected)
-    assert np.array_equal(found.rank, expected["order"])
-    assert np.array_equal(found.centre, opaque.bounds.mean(axis=0))
-    assert found.diagonal == np.sqrt(np.sum(np.ptp(opaque.bounds, axis=0) ** 2))
+    assert_same_part(surface, expected)
+    assert np.array_equal(surface.rank, expected["order"])
+    assert np.array_equal(surface.centre, opaque.bounds.mean(axis=0))
+    assert surface.diagonal == np.sqrt(np.sum(np.ptp(opaque.bounds, axis=0) ** 2))
     for mine, theirs in zip(*(
-        (own.faces_for(1.0)[found.rank], np.diff(own.partners_for(1.0).starts)[found.rank])
+        (own.faces_for(1.0)[surface.rank], np.diff(own.partners_for(1.0).starts)[surface.rank])
         if own is opaque.contacts else (own[0], np.diff(own[1].starts))
-        for own in (opaque.contacts, found.contacts(1.0))
+        for own in (opaque.contacts, surface.contacts(1.0))
     ), strict=True):  # fmt: skip
         assert np.array_equal(mine, theirs)
     is_target = mesh.target_mask
     if is_target.any():
         flat = mesh.degenerate_mask[is_target]
         expected = part_of(mesh.vertices, mesh.welded_faces[is_target], flat, mesh.n_faces + 1)
-        assert_same_part(found.targets, expected)
+        assert_same_part(surface.targets, expected)
     else:
-        assert found.targets is None
-    order = np.empty(found.n_faces, np.int64)
+        assert surface.targets is None
+    order = np.empty(surface.n_faces, np.int64)
     n_opaque = np.count_nonzero(~is_target)
-    order[: len(found.faces)][:n_opaque] = np.flatnonzero(~is_target)[found.rank[:n_opaque]]
-    order[len(found.faces) :] = np.flatnonzero(is_target)
-    rows = np.arange(found.n_faces)[found.rows]
+    order[: len(surface.faces)][:n_opaque] = np.flatnonzero(~is_target)[surface.rank[:n_opaque]]
+    order[len(surface.faces) :] = np.flatnonzero(is_target)
+    rows = np.arange(surface.n_faces)[surface.rows]
     assert np.array_equal(order[rows], np.arange(mesh.n_faces))
 
 
@@ -128,31 +128,30 @@ def test_what_is_no_surface_is_refused(changed, error):
     vertices, faces = TRIANGLE
     named = {
         "vertices": vertices, "faces": faces, "all_vertices": vertices, "all_faces": faces,
-        "is_target": np.empty(0, bool), "diagonal": 1.0, "find_contacts": print, "least_sorted": 9,
-    }  # fmt: skip
+        "is_target": np.empty(0, bool),
+    } | changed  # fmt: skip
+    vertices, faces, *of_all, is_target = named.values()
     with pytest.raises(ValueError, match=error):
-        engine_surface.Surface(**(named | changed))
+        solver_surface.Surface((vertices, faces), tuple(of_all), is_target, 1.0, print, 9)
 
 
 @pytest.mark.parametrize(
-    "found",
+    "result",
     [
         (np.zeros(2, bool), np.zeros(2, np.int64), np.empty(0, np.int32)),
         (np.zeros(1, bool), np.array([0, 5]), np.empty(0, np.int32)),
         (np.zeros(1, bool), np.array([0, 1]), np.array([7], np.int32)),
     ],
 )
-def test_contacts_that_are_not_of_the_surface_are_refused(found):
-    vertices, faces = TRIANGLE
-    surface = engine_surface.Surface(
-        vertices, faces, vertices, faces, np.empty(0, bool), 1.0, lambda far: found, 9
+def test_contacts_that_are_not_of_the_surface_are_refused(result):
+    surface = solver_surface.Surface(
+        TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, lambda far: result, 9
     )
     with pytest.raises(ValueError, match=r"(contacts|partners) must"):
         surface.contacts(1.0)
 
 
 def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
-    vertices, faces = TRIANGLE
     answers = iter([ZeroDivisionError("nothing"), 1.0])
 
     def find(far):
@@ -160,9 +159,7 @@ def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
             raise answer
         return np.ones(1, bool), np.zeros(2, np.int64), np.empty(0, np.int32)
 
-    surface = engine_surface.Surface(
-        vertices, faces, vertices, faces, np.empty(0, bool), 1.0, find, 9
-    )
+    surface = solver_surface.Surface(TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, find, 9)
     with pytest.raises(ZeroDivisionError, match="nothing"):
         surface.contacts(1.0)
     assert surface.contacts(1.0)[0].all()
@@ -188,10 +185,10 @@ def test_whatever_is_at_equal_depth_from_afar_is_in_contact(seed, distance):
 
 def test_the_surface_of_a_mesh_is_worked_out_once_and_dropped_with_it():
     mesh = box((0, 0, 0), (1, 2, 3))
-    found = surface_of(mesh)
-    assert surface_of(mesh) is found
-    assert surface_of(box((0, 0, 0), (1, 2, 3))) is not found
-    kept = weakref.ref(found)
-    del mesh, found
+    surface = surface_of(mesh)
+    assert surface_of(mesh) is surface
+    assert surface_of(box((0, 0, 0), (1, 2, 3))) is not surface
+    kept = weakref.ref(surface)
+    del mesh, surface
     gc.collect()
     assert kept() is None

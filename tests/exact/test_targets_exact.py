@@ -10,7 +10,7 @@ from scenes import joined, square
 from surfaces import surface_of
 from target_scenes import beside, only, some_as_targets
 
-from rastercov.camera.near_plane import limits
+from rastercov.core.camera.near_plane import limits
 from rastercov.reference import polygons, rational
 
 FIGURES = ("visible", "area", "area_error", "is_certified")
@@ -42,10 +42,10 @@ def test_faces_have_the_same_bits_whatever_other_targets_there_are(path, share, 
     case, is_target, mesh = split(seed)
     pose = np.asarray(case.pose, np.float64)
     stays = ~is_target | (np.random.default_rng(seed + 1).random(mesh.n_faces) < share)
-    found = figures(mesh, case.camera, pose, path)
+    result = figures(mesh, case.camera, pose, path)
     expected = figures(only(mesh, stays), case.camera, pose, path)
     for name in FIGURES:
-        np.testing.assert_array_equal(found[name][stays], expected[name], err_msg=name)
+        np.testing.assert_array_equal(result[name][stays], expected[name], err_msg=name)
 
 
 @pytest.mark.slow
@@ -56,10 +56,10 @@ def test_areas_of_targets_are_within_their_bounds_of_the_exact_ones(path, seed):
     case, is_target, mesh = split(seed)
     pose = np.asarray(case.pose, np.float64)
     rows = np.flatnonzero(is_target)[:12]
-    found = figures(mesh, case.camera, pose, path)
-    off = np.abs(found["visible"][rows] - rational.visible_area(mesh, case.camera, pose, rows))
-    off += np.abs(found["area"][rows] - rational.image_area(mesh, case.camera, pose, rows))
-    assert (off <= found["area_error"][rows] + 1e-12).all()
+    result = figures(mesh, case.camera, pose, path)
+    off = np.abs(result["visible"][rows] - rational.visible_area(mesh, case.camera, pose, rows))
+    off += np.abs(result["area"][rows] - rational.image_area(mesh, case.camera, pose, rows))
+    assert (off <= result["area_error"][rows] + 1e-12).all()
 
 
 @on_both_paths
@@ -68,9 +68,9 @@ def test_a_target_on_a_surface_is_visible_and_so_is_the_surface(path, targets_fi
     wall, sheet = square(1, 3), square(0.5, 3)
     mesh = joined(sheet, wall) if targets_first else joined(wall, sheet)
     is_target = np.arange(4) // 2 == (0 if targets_first else 1)
-    found = figures(some_as_targets(mesh, is_target), WINDOW, AHEAD, path)
-    assert np.array_equal(found["visible"], found["area"])
-    assert (found["area"] > 0).all()
+    result = figures(some_as_targets(mesh, is_target), WINDOW, AHEAD, path)
+    assert np.array_equal(result["visible"], result["area"])
+    assert (result["area"] > 0).all()
 
 
 def test_targets_are_never_culled_with_back_faces():

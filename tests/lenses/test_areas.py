@@ -13,7 +13,7 @@ from lens_rooms import on_plane, room
 from nightly import amount, examples
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.lenses.of_camera import blind_area, polygon_areas
+from rastercov.core.camera.lenses.of_camera import blind_area, polygon_areas
 
 LENSES = of_all_kinds()
 

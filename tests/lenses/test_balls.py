@@ -15,7 +15,7 @@ from lens_cases import (
     rays_of_plane,
 )
 
-from rastercov.native import engine_lens
+from rastercov.engine import solver_lens
 from rastercov.reference import lenses
 
 LENSES = of_all_kinds()
@@ -56,7 +56,7 @@ def inner_points(plane, n, rng):
 def reach_at(plane, points, radius):
     """(2, N) bounds around points (N, 2) of a plane, within radii."""
     each = zip(*points.T.tolist(), radius.tolist(), strict=True)
-    return np.array([engine_lens.reach_at(plane, *numbers) for numbers in each]).reshape(-1, 2).T
+    return np.array([solver_lens.reach_at(plane, *numbers) for numbers in each]).reshape(-1, 2).T
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_values_at_complex_points_are_within_reach(name):
                 is_good = reach[k] < np.inf
                 assert (far[:, is_good] <= reach[k][is_good] * (1 + 1e-9) + 1e-9).all()
                 # One bound for the plane holds for all of its points.
-                assert engine_lens.reach(plane, radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
+                assert solver_lens.reach(plane, radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
 
 
 @pytest.mark.slow
@@ -131,11 +131,11 @@ def test_balls_hold_all_results(a, r, s, b, q, t):
     z = a + r * s[0] * np.exp(1j * s[1])
     w = b + q * t[0] * np.exp(1j * t[1])
     one, other = (np.array([each.real, each.imag, off]) for each, off in ((a, r), (b, q)))
-    found = np.empty((6, 3))
-    engine_lens.combine_balls(one, other, found)
+    result = np.empty((6, 3))
+    solver_lens.combine_balls(one, other, result)
     with np.errstate(all="ignore"):
         values = z + w, z - w, z * w, np.divide(z, w), np.sqrt(z), np.arctan(z)
-    for (real, imaginary, radius), value in zip(found, values, strict=True):
+    for (real, imaginary, radius), value in zip(result, values, strict=True):
         slack = 1e-12 * (1 + abs(value))
         if radius < np.inf:
             assert abs(complex(real, imaginary) - value) <= radius * (1 + 1e-9) + slack

@@ -9,8 +9,8 @@ import pytest
 from lens_cases import bounds_of, is_outside_hole, of_all_kinds, pixels_of_plane, points_of
 from nightly import amount
 
-from rastercov.native import engine_lens
-from rastercov.native.engine_lens import LINES, ORDER
+from rastercov.engine import solver_lens
+from rastercov.engine.solver_lens import LINES, ORDER
 
 LENSES = of_all_kinds()
 NODES = 32
@@ -50,9 +50,9 @@ def test_no_coefficient_is_above_its_bound(name):
         assert np.isfinite(bounds[:, 1:]).all()
         for half in (0.3, 0.1, 0.03):
             ends = segments(plane, half, amount(300, at_night=1000), rng)
-            found = np.abs(chebyshev_coefficients(plane, *ends))
+            values = np.abs(chebyshev_coefficients(plane, *ends))
             allowed = 2 * (half / 2) ** k * bounds[:, 1:]
-            assert (found[:, 1 : ORDER + 1] <= allowed[:, :, None] + 1e-9).all()
+            assert (values[:, 1 : ORDER + 1] <= allowed[:, :, None] + 1e-9).all()
 
 
 @pytest.mark.slow
@@ -60,8 +60,8 @@ def test_no_coefficient_is_above_its_bound(name):
 def test_bounds_are_near_the_truth(name):
     rng, k = np.random.default_rng(4), np.arange(1, 5)
     for plane in LENSES[name].planes[:1]:
-        found = np.abs(chebyshev_coefficients(plane, *segments(plane, 0.05, 4000, rng)))
-        truth = found[:, 1:5].max(axis=2) / (2 * (0.05 / 2) ** k)[:, None].T
+        values = np.abs(chebyshev_coefficients(plane, *segments(plane, 0.05, 4000, rng)))
+        truth = values[:, 1:5].max(axis=2) / (2 * (0.05 / 2) ** k)[:, None].T
         assert (bounds_of(plane)[1][:, 1:5] <= 4 * truth).all()
 
 
@@ -74,9 +74,9 @@ def test_expansions_hold_those_of_all_points(operation):
     width = np.array([0.3, 0.2, 0.0, 0.1])[:, None] * rng.uniform(0, 1, (2, 4, LINES))
     one, two = np.stack((centre, width), axis=1)
     out = np.empty((3, 2, ORDER + 1, LINES))
-    engine_lens.combine_series(np.ascontiguousarray(one), np.ascontiguousarray(two), out)
+    solver_lens.combine_series(np.ascontiguousarray(one), np.ascontiguousarray(two), out)
     power = {"product": None, "quotient": -1, "root": 0.5}[operation]
-    found, radius = out[["product", "quotient", "root"].index(operation)]
+    result, radius = out[["product", "quotient", "root"].index(operation)]
     for _ in range(20):
         a, b = centre + width * rng.choice([-1, -0.5, 1], width.shape)
         true = np.zeros((7 if power is None else ORDER + 1, LINES))
@@ -91,6 +91,6 @@ def test_expansions_hold_those_of_all_points(operation):
             else:  # a power of a polynomial from its logarithmic derivative
                 true[n] = sum((power * i - (n - i)) * a[i] * true[n - i] for i in terms)
                 true[n] /= n * a[0]
-        assert not found[len(true) :].any()
-        off = np.abs(true - found[: len(true)])
+        assert not result[len(true) :].any()
+        off = np.abs(true - result[: len(true)])
         assert (off <= radius[: len(true)] + 1e-12 * (1 + np.abs(true))).all()

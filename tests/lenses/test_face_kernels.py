@@ -8,13 +8,19 @@ from lens_cameras import CAMERAS
 from nightly import examples
 
 from rastercov import Task
-from rastercov.camera.projection import rays_of
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.records import Seen, figures_of, lens_of, scene_of, workspace
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.coverage_figures import judge_poses
-from rastercov.native.coverage_lens_faces import polygon_areas
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.projection import rays_of
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.records import (
+    ObservationRecord,
+    figures_of,
+    lens_of,
+    scene_of,
+    workspace,
+)
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.observation import BoundKind
+from rastercov.engine.coverage_figures import judge_poses
+from rastercov.engine.coverage_lens_faces import polygon_areas
 
 pytestmark = pytest.mark.native
 NEAR = 0.05
@@ -28,12 +34,13 @@ def figures(mesh, camera, pose, points, names, drawn=None):
         np.empty((0, 0), np.uint8) if drawn is None else np.full(shape, BoundKind.EXACT, np.uint8)
     )
     areas = np.zeros(shape) if drawn is None else drawn[None]
-    seen = Seen(
+    seen = ObservationRecord(
         pose[None], np.array([NEAR]), np.zeros(shape), areas, 1.0, kind, np.empty((0, 0)), 1.0
     )
     out = {name: np.empty(shape, np.bool_ if name == "in_view" else np.float64) for name in names}
     rules = Task().rules(camera)
-    judge_poses(0, 1, scene_of(mesh), lens_of(camera), seen, points, rules, figures_of(out))
+    scope = scene_of(mesh), lens_of(camera), seen, points
+    judge_poses(0, 1, scope, rules, figures_of(out))
     return [out[name][0] for name in names]
 
 
@@ -94,10 +101,10 @@ def test_an_area_by_edges_is_that_of_the_polygon(lens, seed):
     mesh, sizes = faces_along_the_border(camera, np.random.default_rng(seed))
     numbers, scene = lens_of(camera), scene_of(mesh)
     points, polygons = workspace(mesh.n_vertices, numbers), np.empty(mesh.n_faces)
-    found = fields_of_view(mesh, camera, points)
+    fields = fields_of_view(mesh, camera, points)
     polygon_areas(scene.vertices, scene.faces, AHEAD, NEAR, numbers, points, polygons)
-    is_inside = (found[:, 0] == 1) & (polygons > 0)
-    error = np.abs(found[:, 2] - polygons)[is_inside]
+    is_inside = (fields[:, 0] == 1) & (polygons > 0)
+    error = np.abs(fields[:, 2] - polygons)[is_inside]
     assert (error <= 6 * numbers.tolerance + 1e-11 * (1 + polygons[is_inside])).all()
     assert (polygons[is_inside & (sizes.ravel() < 0.1)] > 0).any()
 
@@ -107,12 +114,12 @@ def test_no_derivative_is_left_from_another_pose():
     mesh, camera = shapes.box(), next(iter(CAMERAS.values()))
     kept = workspace(mesh.n_vertices, lens_of(camera))
     poses = sphere_of_poses((0, 0, 0), 5.0, 4)
-    found, fresh = np.empty((2, len(poses), mesh.n_faces))
-    for pose, one, other in zip(poses, found, fresh, strict=True):
+    values, fresh = np.empty((2, len(poses), mesh.n_faces))
+    for pose, one, other in zip(poses, values, fresh, strict=True):
         (one[:],) = figures(mesh, camera, pose, kept, ["facing_density"])
         new = workspace(mesh.n_vertices, lens_of(camera))
         (other[:],) = figures(mesh, camera, pose, new, ["facing_density"])
-    np.testing.assert_array_equal(found, fresh)
+    np.testing.assert_array_equal(values, fresh)
     assert len(np.unique(fresh[fresh > 0])) > 4
 
 

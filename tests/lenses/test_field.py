@@ -6,9 +6,9 @@ from lens_cameras import CAMERAS
 from lens_cases import heights, rays_of_plane
 
 from rastercov import Camera
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.lenses.planes import planes_in
-from rastercov.native import lens_field as kernels
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.lenses.planes import planes_in
+from rastercov.engine import lens_field as kernels
 
 pytestmark = pytest.mark.native
 TOLERANCE = 1e-4
@@ -75,7 +75,7 @@ def test_a_lens_without_distortion_has_four_lines_and_no_band():
 @pytest.mark.slow
 def test_undecided_cells_are_as_narrow_as_the_tolerance():
     lens = lens_of(CAMERAS["brown"])
-    found = [planes_in(lens.row_within(1e-9, tolerance))[0] for tolerance in (1e-2, 1e-4, 1e-6)]
-    counts = [len(each.field.lines) for each in found]
+    items = [planes_in(lens.row_within(1e-9, tolerance))[0] for tolerance in (1e-2, 1e-4, 1e-6)]
+    counts = [len(each.field.lines) for each in items]
     assert counts[0] < counts[1] < counts[2]
     assert check_cells(CAMERAS["brown"], 3, tolerance=1e-6) <= 1e-3

@@ -21,34 +21,34 @@ def lens(request):
 @pytest.mark.slow
 def test_pixel_to_ray_and_back(lens):
     given = pixels(4000)
-    found = lens.unproject(given)
-    assert np.isfinite(found).all()
+    rays = lens.unproject(given)
+    assert np.isfinite(rays).all()
     assert lens.is_whole
-    assert np.abs(np.linalg.norm(found, axis=1) - 1).max() < 1e-15
-    assert np.abs(lens.project(found) - given).max() < 1e-9
-    again = lens.unproject(lens.project(found))
-    assert np.abs(again - found).max() <= 1e-11
+    assert np.abs(np.linalg.norm(rays, axis=1) - 1).max() < 1e-15
+    assert np.abs(lens.project(rays) - given).max() < 1e-9
+    again = lens.unproject(lens.project(rays))
+    assert np.abs(again - rays).max() <= 1e-11
 
 
 def test_length_of_a_ray_does_not_matter(lens):
-    found = lens.unproject(pixels(50))
+    rays = lens.unproject(pixels(50))
     scale = np.geomspace(1e-6, 1e9, 50)[:, None]
-    assert np.abs(lens.project(scale * found) - lens.project(found)).max() < 1e-9
+    assert np.abs(lens.project(scale * rays) - lens.project(rays)).max() < 1e-9
 
 
 def test_jacobian_is_the_derivative(lens):
-    found = lens.unproject(pixels(200, margin=5.0))
+    rays = lens.unproject(pixels(200, margin=5.0))
     step, error = 1e-4, []
     for i in range(3):
         d = step * np.eye(3)[i]
-        far = lens.project(found + 2 * d) - lens.project(found - 2 * d)
-        near = lens.project(found + d) - lens.project(found - d)
+        far = lens.project(rays + 2 * d) - lens.project(rays - 2 * d)
+        near = lens.project(rays + d) - lens.project(rays - d)
         slope = (8 * near - far) / (12 * step)  # to the fourth power of the step
-        error.append(np.abs(slope - lens.jacobian(found)[:, :, i]))
-    scale = np.abs(lens.jacobian(found)).max()
+        error.append(np.abs(slope - lens.jacobian(rays)[:, :, i]))
+    scale = np.abs(lens.jacobian(rays)).max()
     assert np.nanmax(error) < 1e-6 * scale
     # A pixel does not move along its ray.
-    along = np.einsum("nij,nj->ni", lens.jacobian(found), found)
+    along = np.einsum("nij,nj->ni", lens.jacobian(rays), rays)
     assert np.abs(along).max() < 1e-12 * scale
 
 
@@ -61,17 +61,17 @@ def test_jacobian_on_the_axis(lens):
 
 
 def test_arrays_and_compiled_scalars_agree(lens):
-    found = lens.unproject(pixels(1000))
-    u, v = project(lens.code, lens.params, *found.T)
-    assert np.abs(np.column_stack((u, v)) - lens.project(found)).max() < 1e-9
+    rays = lens.unproject(pixels(1000))
+    u, v = project(lens.code, lens.params, *rays.T)
+    assert np.abs(np.column_stack((u, v)) - lens.project(rays)).max() < 1e-9
 
 
 def test_shapes_are_kept(lens):
-    found = lens.unproject(pixels(6).reshape(2, 3, 2))
-    assert found.shape == (2, 3, 3)
-    assert lens.project(found).shape == (2, 3, 2)
-    assert lens.jacobian(found).shape == (2, 3, 2, 3)
-    assert lens.project(found[0, 0]).shape == (2,)
+    rays = lens.unproject(pixels(6).reshape(2, 3, 2))
+    assert rays.shape == (2, 3, 3)
+    assert lens.project(rays).shape == (2, 3, 2)
+    assert lens.jacobian(rays).shape == (2, 3, 2, 3)
+    assert lens.project(rays[0, 0]).shape == (2,)
     assert lens.project(np.empty((0, 3))).shape == (0, 2)
 
 

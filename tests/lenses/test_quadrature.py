@@ -18,13 +18,13 @@ from lens_cases import (
 from nightly import amount
 from numpy.polynomial import chebyshev, legendre
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.lenses.planes import planes_in
-from rastercov.native import engine_lens
-from rastercov.native import lens_edges as kernels
-from rastercov.native.engine_lens import DEGREES
-from rastercov.native.lens_edges import FEWEST, MOST
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.lenses.planes import planes_in
+from rastercov.engine import lens_edges as kernels
+from rastercov.engine import solver_lens
+from rastercov.engine.lens_edges import FEWEST, MOST
+from rastercov.engine.solver_lens import DEGREES
 
 pytestmark = pytest.mark.native
 LENSES = of_all_kinds()
@@ -32,7 +32,7 @@ FINE = 40
 NODES, RULE = np.empty((MOST + 1, MOST + 1)), np.empty((MOST + 1, MOST + 1, MOST + 1))
 kernels.rules(NODES, RULE)
 PAIR_ERRORS = np.empty((MOST + 1, DEGREES + 1, DEGREES + 1))
-engine_lens.pair_errors(PAIR_ERRORS)
+solver_lens.pair_errors(PAIR_ERRORS)
 
 
 @cache
@@ -87,10 +87,10 @@ def test_rules_are_derived_from_legendre_polynomials(n):
     nodes, rule, bernstein = lobatto(n)
     np.testing.assert_allclose(NODES[n, own], nodes, rtol=0, atol=1e-15)
     np.testing.assert_allclose(RULE[n, own, own], rule, rtol=0, atol=1e-14)
-    found = np.empty((n + 1, n + 1))
-    for values, coefficients in zip(np.eye(n + 1), found, strict=True):
+    result = np.empty((n + 1, n + 1))
+    for values, coefficients in zip(np.eye(n + 1), result, strict=True):
         kernels.bernstein_of(values, 0.0, coefficients)
-    np.testing.assert_allclose(found.T, bernstein, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(result.T, bernstein, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_bound_of_an_edge_holds(name):
             own = slice(n + 1)
             error = np.abs(bulges(plane, a, b, n, RULE[n, own, own], NODES[n, own]) - wanted)
             bound = [
-                engine_lens.edge_error(*known, h / u, n)
+                solver_lens.edge_error(*known, h / u, n)
                 for h, u in zip(half[:FEW], unit[:FEW], strict=True)
             ]
             bound = np.array(bound)
@@ -238,18 +238,18 @@ def roots(values, level):
 def test_roots_are_found(n, places, scale, level):
     places = np.sort(places[:n])
     t = NODES[n, : n + 1]
-    found = roots(level + scale * np.prod([t - place for place in places], axis=0), level)
+    result = roots(level + scale * np.prod([t - place for place in places], axis=0), level)
     fine = np.linspace(0, 1, 2001)
     at = scale * np.prod([fine - place for place in places], axis=0)
     # Between the roots that were found the polynomial keeps its sign, to rounding.
-    part = np.searchsorted(found, fine)
+    part = np.searchsorted(result, fine)
     noise = max(2 * kernels.FLAT, 1e-13 * (abs(level) + scale))
-    near = np.abs(fine[:, None] - found).min(axis=1, initial=1.0) < 1e-9
-    for k in range(len(found) + 1):
+    near = np.abs(fine[:, None] - result).min(axis=1, initial=1.0) < 1e-9
+    for k in range(len(result) + 1):
         own = at[(part == k) & ~near]
         assert not ((own > noise).any() and (own < -noise).any())
     # And there are no more than it has, unless it is flat there.
-    for root in found:
+    for root in result:
         slack = np.abs(np.prod([root - place for place in places])) * scale
         assert slack <= 1e-9 * (1 + scale + abs(level))
 
@@ -264,8 +264,8 @@ def test_a_flat_edge_has_no_root():
 @pytest.mark.parametrize("known", [0.0, 1e300, math.inf])
 def test_a_bound_of_any_edge_is_found(half, size, known):
     bounds = np.array([(0.2, size, size)]), np.full((2, 19), known)
-    found = [engine_lens.edge_error(*bounds, half, n) for n in range(FEWEST, MOST + 1)]
-    assert all(error >= 0 for error in found)
-    assert half < 0.2 or all(math.isinf(error) for error in found)
+    edge_errors = [solver_lens.edge_error(*bounds, half, n) for n in range(FEWEST, MOST + 1)]
+    assert all(error >= 0 for error in edge_errors)
+    assert half < 0.2 or all(math.isinf(error) for error in edge_errors)
     nothing = np.empty((0, 3)), np.full((2, 5), math.inf)
-    assert engine_lens.edge_error(*nothing, 1.0, FEWEST) == math.inf
+    assert solver_lens.edge_error(*nothing, 1.0, FEWEST) == math.inf

@@ -10,9 +10,9 @@ from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, rays
 from nightly import examples
 
 from rastercov.base.errors import CameraError
-from rastercov.camera.camera import border_of
-from rastercov.camera.lenses import BASES, Lens
-from rastercov.native.engine_lens import base_limit, certified_radius, is_positive
+from rastercov.core.camera.camera import border_of
+from rastercov.core.camera.lenses import BASES, LensModel
+from rastercov.engine.solver_lens import base_limit, certified_radius, is_positive
 from rastercov.reference.lenses import based, project
 
 LENSES = of_all_kinds()
@@ -47,13 +47,13 @@ def slope_of(lens, r):
 
 def test_proof_reaches_the_fold(folding):
     lens, fold, _ = folding
-    found = certified_radius(lens.params, 50.0)
+    result = certified_radius(lens.params, 50.0)
     if math.isfinite(fold):
-        assert 0.999 * fold <= found
-        assert slope_of(lens, found) > 0
-        assert slope_of(lens, 1.001 * found) < 0
+        assert 0.999 * fold <= result
+        assert slope_of(lens, result) > 0
+        assert slope_of(lens, 1.001 * result) < 0
     else:
-        assert found == 50.0
+        assert result == 50.0
 
 
 def test_region_ends_at_the_fold_or_at_the_image(folding):
@@ -158,17 +158,17 @@ def test_any_coefficients_give_an_injective_lens_or_one_line(
         check_injective(lens)
 
 
-def check_injective(lens: Lens) -> None:
+def check_injective(lens: LensModel) -> None:
     """Each pixel has a ray that is projected to it, and each valid ray is that of its pixel."""
     turn = np.random.default_rng(1).uniform(0, 2 * np.pi, 300)
     angle = lens.valid_angle * np.sqrt(np.random.default_rng(2).uniform(0, 1, 300))
     sine = np.sin(angle)
-    found = np.column_stack((sine * np.cos(turn), sine * np.sin(turn), np.cos(angle)))
-    seen = lens.project(found)
+    values = np.column_stack((sine * np.cos(turn), sine * np.sin(turn), np.cos(angle)))
+    seen = lens.project(values)
     is_valid = np.isfinite(seen).all(axis=1)
     back = lens.unproject(seen[is_valid])
-    slopes = lens.jacobian(found[is_valid])
-    det = np.linalg.det(np.concatenate((slopes, found[is_valid][:, None]), axis=1))
+    slopes = lens.jacobian(values[is_valid])
+    det = np.linalg.det(np.concatenate((slopes, values[is_valid][:, None]), axis=1))
     norm = np.sqrt((slopes**2).sum(axis=(1, 2)))
     assert (det > -1e-9 * norm**2).all()
     # Rays next to the border of the region may be rounded across it.

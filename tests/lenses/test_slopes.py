@@ -6,8 +6,8 @@ from lens_cameras import CAMERAS
 from lens_cases import heights, pixels_of_plane, rays_of_plane
 
 from rastercov import Camera
-from rastercov.camera.lenses.of_camera import lens_of, planes_of
-from rastercov.native.lens_field import CELLS, bounds_within, sizes_within
+from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.engine.lens_field import CELLS, bounds_within, sizes_within
 
 pytestmark = pytest.mark.native
 STEP = 2e-3
@@ -44,12 +44,12 @@ def test_no_difference_is_above_its_bound(name):
         points = points[is_in]
         if not len(points):
             continue
-        found = np.array([bounds_within(slopes, x, x, y, y)[0] for x, y in points]).T
+        t = np.array([bounds_within(slopes, x, x, y, y)[0] for x, y in points]).T
         true = differences(plane, points)
         # Differences themselves are off by rounding and by their step.
-        slack = 1e-2 * true + np.array([[1e-5], [1e-1]]) + np.array([[0.01], [0.02]]) * found
-        assert (true <= found + slack).all()
-        ratios.append(np.median(found[0] / np.maximum(true[0], 1e-3)))
+        slack = 1e-2 * true + np.array([[1e-5], [1e-1]]) + np.array([[0.01], [0.02]]) * t
+        assert (true <= t + slack).all()
+        ratios.append(np.median(t[0] / np.maximum(true[0], 1e-3)))
     assert ratios
     assert min(ratios) < 100
 
@@ -71,8 +71,8 @@ def test_determinants_are_in_the_range_of_their_cells(name):
         jacobian = lens_of(camera).jacobian(rays_of_plane(plane, points)) @ plane.frame[:, :2]
         is_in = np.isfinite(jacobian).all(axis=(1, 2))
         sizes = np.abs(np.linalg.det(jacobian[is_in]))
-        found = [sizes_within(slopes, x, x, y, y) for x, y in points[is_in]]
-        least, most = np.array(found).reshape(-1, 2).T
+        result = [sizes_within(slopes, x, x, y, y) for x, y in points[is_in]]
+        least, most = np.array(result).reshape(-1, 2).T
         assert (least <= sizes * (1 + 1e-12)).all()
         assert (most >= sizes * (1 - 1e-12)).all()
     if name == "brown":

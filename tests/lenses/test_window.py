@@ -15,7 +15,7 @@ from lens_cases import (
 )
 
 from rastercov import Camera
-from rastercov.camera.lenses.of_camera import planes_of
+from rastercov.core.camera.lenses.of_camera import planes_of
 
 LENSES = of_all_kinds()
 

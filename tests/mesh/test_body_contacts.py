@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rastercov.mesh.contacts import TriangleTree, contact_partners, touching_faces
-from rastercov.native import mesh_bodies, mesh_contacts
+from rastercov.core.mesh.contacts import TriangleTree, contact_partners, touching_faces
+from rastercov.engine import mesh_bodies, mesh_contacts
 
 pytestmark = pytest.mark.native
 
@@ -19,15 +19,13 @@ def between(one, other, tolerance, room):
     trees = [TriangleTree.over(*each) for each in (one, other)]
     marks = [np.zeros(len(faces), np.bool_) for _, faces in (one, other)]
     pairs = np.empty((room, 2), np.int32)
-    arrays = [
-        array for tree in trees for array in (tree.points, tree.faces, tree.boxes, tree.nodes)
-    ]
+    arrays = [(tree.points, tree.faces, tree.boxes, tree.nodes) for tree in trees]
     n = mesh_contacts.list_between(*arrays, 0.1, tolerance * 0.1, *marks, pairs)
-    found = [np.zeros_like(each) for each in marks]
-    for own, tree, mark in zip(found, trees, marks, strict=True):
+    values = [np.zeros_like(each) for each in marks]
+    for own, tree, mark in zip(values, trees, marks, strict=True):
         own[tree.order[mark]] = True
     listed = np.stack([tree.order[pairs[:n, at]] for at, tree in enumerate(trees)], axis=1)
-    return n, listed if n <= room else None, found
+    return n, listed if n <= room else None, values
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mesh_files import WRITERS
 from nightly import amount
 
-from rastercov.mesh.formats.polygons import cut_concave
+from rastercov.formats.meshes.polygons import cut_concave
 
 
 def fan(n: int, first: int = 0) -> np.ndarray:

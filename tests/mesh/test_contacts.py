@@ -11,8 +11,8 @@ from nightly import examples
 from scenes import joined
 from solids import tessellated_plane
 
-from rastercov.mesh import Mesh, contacts, shapes
-from rastercov.mesh.contacts import touching_faces
+from rastercov.core.mesh import Mesh, contacts, shapes
+from rastercov.core.mesh.contacts import touching_faces
 from rastercov.reference.rational import cross, difference, dot, mpq
 
 pytestmark = pytest.mark.native
@@ -106,13 +106,13 @@ def exactly_touching(vertices, faces):
     ]
     corners = np.asarray(vertices, float)[faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    found = np.zeros(len(faces), bool)
+    mask = np.zeros(len(faces), bool)
     for i in range(len(faces)):
         near = np.all((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i]), axis=1)
         for j in i + 1 + np.flatnonzero(near):
-            if not found[[i, j]].all() and meet_elsewhere(triangles[i], triangles[j]):
-                found[[i, j]] = True
-    return found
+            if not mask[[i, j]].all() and meet_elsewhere(triangles[i], triangles[j]):
+                mask[[i, j]] = True
+    return mask
 
 
 def solid(vertices, faces):
@@ -169,13 +169,13 @@ def test_a_part_that_crosses_itself_does_so_where_exact_arithmetic_says(name):
 
 def nearest(one, other):
     """Distance of two triangles that do not cross, from corners and edges; (3, 3) each."""
-    found = []
+    items = []
     for a, b in ((one, other), (other, one)):
         for p in a:
             u, v = b[1] - b[0], b[2] - b[0]
             (s, t), *_ = np.linalg.lstsq(np.stack([u, v], axis=1), p - b[0], rcond=None)
             if s >= 0 and t >= 0 and s + t <= 1:
-                found.append(np.linalg.norm(p - b[0] - s * u - t * v))
+                items.append(np.linalg.norm(p - b[0] - s * u - t * v))
     for i in range(3):
         for j in range(3):
             p, u, q, v = one[i], one[i - 1] - one[i], other[j], other[j - 1] - other[j]
@@ -184,11 +184,11 @@ def nearest(one, other):
             if k @ k > 1e-20 * (u @ u) * (v @ v):
                 s, t = np.cross(r, v) @ k / (k @ k), np.cross(r, u) @ k / (k @ k)
                 if 0 <= s <= 1 and 0 <= t <= 1:
-                    found.append(np.linalg.norm(p + s * u - q - t * v))
+                    items.append(np.linalg.norm(p + s * u - q - t * v))
             for start, way, point in ((p, u, q), (p, u, q + v), (q, v, p), (q, v, p + u)):
                 s = np.clip((point - start) @ way / (way @ way), 0, 1)
-                found.append(np.linalg.norm(start + s * way - point))
-    return min(found)
+                items.append(np.linalg.norm(start + s * way - point))
+    return min(items)
 
 
 @pytest.mark.slow
@@ -335,12 +335,12 @@ def test_fans_are_compared_by_directions_like_pairs(monkeypatch, seed):
     faces = np.concatenate((fan, n + 1 + np.arange(30).reshape(10, 3)))
     mesh = Mesh(vertices=points + random.choice([0, 1e4]), faces=faces)
     given = mesh.vertices, mesh.faces, random.choice([0.0, 1e-9, 1e-6])
-    found, partners = [], []
+    items, partners = [], []
     for most in (10**9, 8):
         monkeypatch.setattr(contacts, "MOST_AT_A_CORNER", most)
-        found.append(contacts.touching_faces(*given))
-        partners.append(contacts.contact_partners(*given, found[-1]))
-    np.testing.assert_array_equal(*found)
+        items.append(contacts.touching_faces(*given))
+        partners.append(contacts.contact_partners(*given, items[-1]))
+    np.testing.assert_array_equal(*items)
     np.testing.assert_array_equal(*(each.starts for each in partners))
     np.testing.assert_array_equal(*(each.faces for each in partners))
 
@@ -351,12 +351,12 @@ def test_fans_are_compared_by_directions_like_pairs(monkeypatch, seed):
 def steps(monkeypatch, mesh):
     """Steps along the tree."""
     count = []
-    find = contacts.engine_contacts.find_touching
+    find = contacts.solver_contacts.find_touching
 
     def counted(*args):
         count.append(find(*args))
 
-    monkeypatch.setattr(contacts, "engine_contacts", SimpleNamespace(find_touching=counted))
+    monkeypatch.setattr(contacts, "solver_contacts", SimpleNamespace(find_touching=counted))
     of_mesh(mesh, threads=1)
     monkeypatch.undo()
     return sum(count)
@@ -400,9 +400,9 @@ def steps_to_partners(n):
     touching = contacts.touching_faces(vertices, faces, HAIR)
     assert touching.all()
     starts, partners = np.empty(n + 2, np.int64), np.empty(24 * n, np.int32)
-    given = vertices, faces.astype(np.int64), HAIR, touching, contacts.MOST_AT_A_CORNER
-    found, count = contacts.engine_contacts.find_partners(*given, starts, partners)
-    assert found == n  # the triangle, of each thin face; it has too many itself
+    given = (vertices, faces.astype(np.int64)), HAIR, touching, contacts.MOST_AT_A_CORNER
+    result, count = contacts.solver_contacts.find_partners(*given, starts, partners)
+    assert result == n  # the triangle, of each thin face; it has too many itself
     return count
 
 

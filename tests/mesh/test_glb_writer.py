@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rastercov.mesh import Mesh
-from rastercov.mesh.formats.gltf_file import Y_UP, GlbBuffer
+from rastercov.core.mesh import Mesh
+from rastercov.formats.meshes.gltf_file import Y_UP, GlbBuffer
 
 COORDINATES = st.floats(-1e3, 1e3, width=32)
 NAMES = st.text(min_size=1, max_size=12).filter(

@@ -10,8 +10,8 @@ from scenes import joined
 
 from rastercov.base.errors import MeshError
 from rastercov.base.format import size_in_words
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.mesh.topology import first_equal_row
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.mesh.topology import first_equal_row
 
 #      7-----6
 #     /|    /|      z
@@ -169,7 +169,7 @@ def test_cube_has_unit_normals_outwards_and_area_six(offset):
 def test_blocks_do_not_show(monkeypatch):
     whole, parts = shapes.torus(20, 10), shapes.torus(20, 10)
     expected = whole.normals, whole.areas, whole.centroids, whole.can_cull_back_faces
-    monkeypatch.setattr("rastercov.mesh.arrays.BLOCK", 7)
+    monkeypatch.setattr("rastercov.core.mesh.arrays.BLOCK", 7)
     np.testing.assert_array_equal(parts.normals, expected[0])
     np.testing.assert_array_equal(parts.areas, expected[1])
     np.testing.assert_array_equal(parts.centroids, expected[2])

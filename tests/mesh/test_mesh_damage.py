@@ -59,9 +59,9 @@ def damaged(text, pattern, words):
 def test_a_wrong_word_of_a_text_is_refused_noted_or_of_no_matter(name, load):
     text, whole = VALID[name].decode(), load(name, VALID[name])
     faults = {
-        (content, found)
+        (content, result)
         for content, word in islice(damaged(text, r"\S+", WORDS), 0, None, EACH)
-        if (found := fault(load, name, content.encode(), whole, is_right=word in COORDINATES))
+        if (result := fault(load, name, content.encode(), whole, is_right=word in COORDINATES))
     }
     assert not faults
 
@@ -100,8 +100,8 @@ def test_a_wrong_value_of_a_scene_is_refused_noted_or_of_no_matter(load):
             is_right = not {*path[-2:]}.isdisjoint(MOVES)
             is_optional = isinstance(path[-1], int) or path in OPTIONAL or path[-1] in OPTIONAL
             is_right |= value is ... and is_optional
-            found = fault(load, "a.glb", data, whole, is_right=is_right)
-            faults += [(path, value, found)] if found else []
+            result = fault(load, "a.glb", data, whole, is_right=is_right)
+            faults += [(path, value, result)] if result else []
     assert not faults
 
 
@@ -141,8 +141,8 @@ def test_a_wrong_value_of_xml_is_refused_noted_or_of_no_matter(name, load):
     whole = load(name, make(text))
     pattern = r"(?<=[ >])-?\d[\d.]*(?=[ <])|(?<==\")[^\"]*(?=\")"
     faults = {
-        (content, found)
+        (content, result)
         for content, word in damaged(text, pattern, ("", "x", "1_0", "99", "1e999"))
-        if (found := fault(load, name, make(content), whole, is_right=word == "99"))
+        if (result := fault(load, name, make(content), whole, is_right=word == "99"))
     }
     assert not faults

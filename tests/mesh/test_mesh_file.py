@@ -27,8 +27,8 @@ from nightly import examples
 from repeated_parts import dae, threemf
 
 from rastercov.base.errors import MeshError, RastercovError, ResourceError
-from rastercov.mesh import Group, Mesh
-from rastercov.mesh.formats import READERS
+from rastercov.core.mesh import Group, Mesh
+from rastercov.formats.meshes import READERS
 
 every_format = pytest.mark.parametrize("name", VALID)
 
@@ -60,8 +60,8 @@ UNITS |= {"ft": 0.3048, 2.5: 2.5, 1: 1}
 @pytest.mark.parametrize("name", ["a.obj", "a.glb"])
 def test_unit_scales(name, load):
     for unit, metres in UNITS.items():
-        found = load(name, VALID[name], unit=unit).vertices
-        np.testing.assert_array_equal(found, POINTS * metres, err_msg=str(unit))
+        vertices = load(name, VALID[name], unit=unit).vertices
+        np.testing.assert_array_equal(vertices, POINTS * metres, err_msg=str(unit))
 
 
 def test_several_files_are_one_scene_in_order(tmp_path):

@@ -206,8 +206,8 @@ PLACES = [
 def test_a_header_that_is_wrong_in_one_place_is_refused(load):
     """`test_mesh_damage` has values of wrong types in all places."""
     for keys, value, text in PLACES:
-        found = refusal(lambda _, data: load(data), "a.glb", Glb().put(keys, value))
-        assert re.search(f"a.glb: .*{text}", found), (keys, value, found)
+        message = refusal(lambda _, data: load(data), "a.glb", Glb().put(keys, value))
+        assert re.search(f"a.glb: .*{text}", message), (keys, value, message)
 
 
 def instances(**attributes):
@@ -254,8 +254,8 @@ def test_a_scene_with_one_wrong_part_is_refused(load):
     for change, text in CHANGES:
         glb = Glb()
         change(glb)
-        found = refusal(lambda _, data: load(data), "a.glb", glb.data())
-        assert re.search(f"a.glb: .*{text}", found), (text, found)
+        message = refusal(lambda _, data: load(data), "a.glb", glb.data())
+        assert re.search(f"a.glb: .*{text}", message), (text, message)
 
 
 CHUNK = b"glTF" + struct.pack("<I", 2)

@@ -13,7 +13,7 @@ from wheels import with_wheel
 
 import rastercov as rc
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.mesh.formats import ifc
+from rastercov.formats.meshes import ifc
 from rastercov.placement import Room
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.plan.file import PlanError, plan_of
@@ -194,3 +194,27 @@ def test_what_has_no_name_is_called_by_its_number_or_type(load):
     ground.Name, ground.LongName = None, "Ground floor"
     names = {group.name for group in load("a.ifc", file.to_string().encode()).groups}
     assert {"Ground floor/IfcDoor/D-101", "Ground floor/IfcFurniture/Table"} <= names
+
+
+@pytest.mark.slow
+def test_rooms_of_half_storeys_with_slab_finish_and_covering_count_once(monkeypatch, tmp_path):
+    """A raised hall over the slab of the house, on layers that overlap in part, as in public files.
+
+    The sheet above the slab of the house passes through the hall, whose floor is another one.
+    """
+    layers = {
+        ("IfcSlab", "Screed"): ((0.2, 0.2, 0), (5.9, 5.8, 0.05)),
+        ("IfcSlab", "Finish"): ((1, 0.2, 0.05), (4, 4, 0.07)),
+        ("IfcSlab", "Carpet"): ((3, 3, 0.05), (5, 5, 0.08)),
+        ("IfcSlab", "Podium"): ((6.1, 0.2, 1.0), (9.8, 5.8, 1.2)),
+        ("IfcSlab", "Parquet"): ((6.5, 1, 1.2), (9, 4, 1.23)),
+    }
+    monkeypatch.setattr("bungalow.PARTS", layers | PARTS)
+    raised = SPACES | {"Hall": ((6.1, 0.2, 1.2), (9.8, 5.8, 3))}
+    monkeypatch.setattr("bungalow.SPACES", raised)
+    (tmp_path / "a.ifc").write_bytes(bungalow())
+    for number, (name, whole) in enumerate({"0 Kitchen": 5.7 * 5.6, "1 Hall": 3.7 * 5.6}.items()):
+        rooms = {"a": {"space": f"Ground/{name}"}}
+        target = {"above": "IfcSlab", "height": 1.5, "room": "a"}
+        mesh, _, _ = named_scene(plan_of(PLAN | {"rooms": rooms, "targets": [target]}))
+        assert mesh.areas[mesh.target_mask].sum() == pytest.approx(whole, rel=1e-9), number

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mesh_files import Glb, ascii_stl, binary_stl, obj, off, ply, strips
 
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 MOST_GROWTH = 3.4  # of a file twice as long, which may leave a cache; quadratic time would be 4
 

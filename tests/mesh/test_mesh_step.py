@@ -12,7 +12,7 @@ from nightly import examples
 from step_crate import HEADER, SIDES, crate, rod
 
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.mesh.formats import polygons, step
+from rastercov.formats.meshes import polygons, step
 
 
 @pytest.fixture
@@ -58,8 +58,8 @@ NAMED = {
 def test_occurrences_have_the_names_of_their_products(gap):
     data = crate(name="hinge", occurrences=NAMED).replace(b",", f"{gap},{gap}".encode())
     named = step.with_product_names(data).decode().replace(f"{gap},{gap}", ",")
-    found = re.findall(r"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','(.*?)','',#\d+,#\d+,\$\);", named)
-    assert found == list(NAMED.values())
+    matches = re.findall(r"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','(.*?)','',#\d+,#\d+,\$\);", named)
+    assert matches == list(NAMED.values())
     rest = re.sub(r"('1',).*?(,'',)", r"\1\2", named)  # nothing else is changed
     assert rest == re.sub(
         r"('1',)[^#]*?(,'',)", r"\1\2", data.decode().replace(f"{gap},{gap}", ",")
@@ -269,6 +269,29 @@ def test_products_of_an_assembly_without_geometry_are_named_with_their_files():
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_cascadio")
+def test_a_loaded_file_has_hidden_bodies_and_notes_on_them_and_on_products_elsewhere(load):
+    data = crate(name="hinge", occurrences=["''"])
+    plain = load("a.step", data)
+    body = number_of(data, "FACETED_BREP")
+    whole = re.search(rb"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','','',#(\d+)", data)[1].decode()
+    context = number_of(data, "PRODUCT_CONTEXT")
+    bolt = [
+        f"#8000=PRODUCT('bolt','bolt','',(#{context}));",
+        "#8001=PRODUCT_DEFINITION_FORMATION('','',#8000);",
+        f"#8002=PRODUCT_DEFINITION('','',#8001,#{context});",
+        f"#8003=NEXT_ASSEMBLY_USAGE_OCCURRENCE('2','','',#{whole},#8002,$);",
+    ]
+    mesh = load("b.step", with_lines(hidden(painted(data, body), "#5007"), *bolt))
+    said = {"read bodies that the file marks as invisible: 'hinge'",
+            "products without geometry in this file: 'bolt'"}  # fmt: skip
+    assert said <= {note.partition("b.step: ")[2] or note for note in mesh.notes}
+    assert not said & {note.partition("a.step: ")[2] or note for note in plain.notes}
+    np.testing.assert_array_equal(mesh.vertices, plain.vertices)
+    np.testing.assert_array_equal(mesh.faces, plain.faces)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_cascadio")
 def test_parts_that_have_no_name_in_the_file_have_that_of_their_product(load):
     data = crate(name="bracket")
     shape = number_of(data, "FACETED_BREP_SHAPE_REPRESENTATION")
@@ -293,10 +316,10 @@ def test_parts_that_have_no_name_in_the_file_have_that_of_their_product(load):
 def said_error(mesh):
     """Deflection, distance and degrees of facets, and change of the area, from the note."""
     note = next(note for note in mesh.notes if "triangulated by" in note)
-    found = re.search(
+    result = re.search(
         r"within (\S+) mm \(facets are about (\S+) mm .*, (\S+) degrees .* by (\S+) %\)", note
     )
-    return tuple(map(float, found.groups()))
+    return tuple(map(float, result.groups()))
 
 
 @pytest.mark.slow

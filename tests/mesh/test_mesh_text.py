@@ -62,8 +62,8 @@ PLACES = [
 def test_a_file_that_is_wrong_in_one_place_is_refused_with_its_line(load):
     for name, old, new, text in PLACES:
         assert old in VALID[name], old
-        found = refusal(load, name, VALID[name].replace(old, new, 1))
-        assert re.search(f"{name}: .*{text}", found), (old, new, found)
+        message = refusal(load, name, VALID[name].replace(old, new, 1))
+        assert re.search(f"{name}: .*{text}", message), (old, new, message)
 
 
 @pytest.mark.parametrize("word", ["+1", "01", "1.", "1E0", "10e-1", ".1e1", "+1.0e+00", "1e+000"])

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from rastercov.base.errors import MeshError
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.mesh import Group, Mesh, shapes
 
 
 def assert_same(one, other):

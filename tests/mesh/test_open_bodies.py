@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.mesh.contacts import TriangleTree
+from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.placement import Place, PoseSpace, in_solid
 
 GOLDEN = (1 + 5**0.5) / 2
@@ -42,9 +42,9 @@ def test_enclosed_points_are_those_of_single_rays(seed, n):
     corners = 0.5 * rng.uniform(-0.5, 0.5, (n, 1, 3)) + rng.uniform(-0.25, 0.25, (n, 3, 3))
     counts, points = rng.random(n) < 0.8, rng.uniform(-0.4, 0.4, (20, 3))
     tree = TriangleTree.over(corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3))
-    found = tree.behind(points, counts)
+    behind = tree.behind(points, counts)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    for point, is_enclosed in zip(points, found, strict=True):
+    for point, is_enclosed in zip(points, behind, strict=True):
         hits = [first_hit(corners, point, way) for way in directions()]
         rows = zip(hits, directions(), strict=True)
         backs = sum(hit >= 0 and counts[hit] and normals[hit] @ way > 0 for hit, way in rows)
@@ -67,10 +67,10 @@ def test_an_open_body_encloses_what_the_closed_one_does(name, part):
     points = rng.uniform(low, high, (400, 3))
     if not in_solid(whole, points).any():
         points = rng.uniform(-0.2, 0.2, (400, 3)) * (high - low) + (low + high) / 2
-    inside, found = in_solid(whole, points), in_solid(mesh, points)
-    assert not found[~inside].any() or name == "aeroplane"
+    inside, result = in_solid(whole, points), in_solid(mesh, points)
+    assert not result[~inside].any() or name == "aeroplane"
     deep = inside & (points[:, 2] < low[2] + 0.5 * (high[2] - low[2]))
-    assert found[deep].mean() > 0.9 if deep.any() else True
+    assert result[deep].mean() > 0.9 if deep.any() else True
     away = points + 2 * (high - low)
     assert not in_solid(mesh, away).any()
 
@@ -103,6 +103,6 @@ def test_places_within_an_open_body_are_not_allowed():
     body = opened(rc.shapes.box(), 0.4)
     space = PoseSpace(mesh=body, stand_off=(0, 5), clearance=0.1)
     assert space.judge([(0, 0, 0), (2, 0, 0)]).tolist() == [Place.IN_SOLID, Place.ALLOWED]
-    moved, found = space.project_to_allowed([(0.1, 0, 0)])
-    assert found.all()
+    moved, result = space.project_to_allowed([(0.1, 0, 0)])
+    assert result.all()
     assert space.allows(moved).all()

@@ -10,11 +10,11 @@ from scenes import joined
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
-from rastercov.coverage.parts import PartRow, part_rows
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.mesh.formats.polygons import names_in_tree
-from rastercov.mesh.groups import Names
-from rastercov.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
+from rastercov.core.coverage.parts import PartRow, part_rows
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.mesh.groups import Names
+from rastercov.core.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
+from rastercov.formats.meshes.polygons import names_in_tree
 from rastercov.placement.plan.network import judge
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import (
@@ -43,7 +43,7 @@ def test_a_face_is_unseeable_only_where_all_in_front_of_it_is_in_another_body(en
     """Boxes in contact, one in another, or through each other; of two, it is then found, too."""
     rng = np.random.default_rng(seed)
     mesh = boxes(*ends, turn=Rotation.random(None, rng))
-    flat, found = boxes(*ends), unseeable_areas(mesh) > 0
+    flat, is_met = boxes(*ends), unseeable_areas(mesh) > 0
     diagonal = np.linalg.norm(np.ptp(mesh.bounds, axis=0))
     corners = flat.vertices[flat.faces] + GAP_REL * diagonal * flat.normals[:, None]
     middle = corners.mean(axis=1, keepdims=True)
@@ -51,10 +51,10 @@ def test_a_face_is_unseeable_only_where_all_in_front_of_it_is_in_another_body(en
     points = middle + (weights @ corners - middle) * (1 - 30 * INSET_REL)
     low, high = np.array(ends, float).transpose(2, 0, 1)[:, :, None, None]
     is_in = ((points > low) & (points < high)).all(axis=-1)
-    assert is_in.any(axis=0)[found].all()
+    assert is_in.any(axis=0)[is_met].all()
     if len(ends) == 2:
-        np.testing.assert_array_equal(found, is_in.all(axis=-1).any(axis=0))
-        np.testing.assert_allclose(unseeable_areas(mesh)[found], mesh.areas[found], rtol=1e-3)
+        np.testing.assert_array_equal(is_met, is_in.all(axis=-1).any(axis=0))
+        np.testing.assert_allclose(unseeable_areas(mesh)[is_met], mesh.areas[is_met], rtol=1e-3)
 
 
 @pytest.mark.parametrize("is_target", [True, False])
@@ -68,8 +68,8 @@ def test_a_two_sided_face_is_unseeable_where_both_sides_are_inside(is_target):
     names = ["in", "on", "through", "out"]
     mesh = Mesh.joined([body, *sheets], names=["body", *names])
     mesh = mesh.with_groups(two_sided=names, targets=names if is_target else ())
-    found = unseeable_areas(mesh)[12:]
-    assert found.tolist() == [pytest.approx(0.5, rel=1e-3), 0, 0, 0]
+    result = unseeable_areas(mesh)[12:]
+    assert result.tolist() == [pytest.approx(0.5, rel=1e-3), 0, 0, 0]
     one_sided = mesh.with_groups(two_sided=[])
     assert (unseeable_areas(one_sided)[12:] > 0).tolist() == [True, False, False, False]
 
@@ -80,8 +80,8 @@ def test_a_sealed_cavity_can_be_seen_and_so_can_all_where_a_camera_is_inside():
     assert unseeable_areas(mesh).any()
     assert not unseeable_areas(Mesh(mesh.vertices, faces, mesh.groups, mesh.face_group)).any()
     pose = rc.look_at((6, 6, 6), (3, 3, 3))
-    found = rc.evaluate(mesh, rc.Camera.from_fov(200, 200, hfov_deg=60), pose, by="face")
-    assert found.network.summary()["unseeable_m2"] == 0
+    result = rc.evaluate(mesh, rc.Camera.from_fov(200, 200, hfov_deg=60), pose, by="face")
+    assert result.network.summary()["unseeable_m2"] == 0
 
 
 @pytest.mark.parametrize("is_beside", [False, True])
@@ -91,8 +91,8 @@ def test_what_is_outside_of_a_room_that_holds_all_is_a_body(is_beside):
     mesh = boxes([(0, 9)] * 3, [(0, 2)] * 3, [(0.5, 1)] * 3, *beside)
     room = mesh.face_group == 0
     faces = np.where(room[:, None], mesh.faces[:, ::-1], mesh.faces)
-    found = unseeable_areas(Mesh(mesh.vertices, faces, mesh.groups, mesh.face_group))
-    areas = np.bincount(mesh.face_group, found, len(mesh.groups))
+    result = unseeable_areas(Mesh(mesh.vertices, faces, mesh.groups, mesh.face_group))
+    areas = np.bincount(mesh.face_group, result, len(mesh.groups))
     # Three sides of the cupboard are on walls; where a box is beside, there may be cameras, too.
     expected = [0, 0, 0, 0] if is_beside else [0, 12, 1.5]
     np.testing.assert_allclose(areas, expected, rtol=1e-3)
@@ -123,9 +123,9 @@ def test_figures_of_a_part_are_those_of_its_faces_as_one_group():
 def test_names_are_places_in_the_tree_below_what_all_share():
     names = ["cell", "arm", "bolt", "bolt", "", "a/b", "arm", "bolt"]
     parents = [-1, 0, 1, 1, 1, 4, 0, 6]
-    found = names_in_tree(parents, names, [2, 3, 5, 7])
+    result = names_in_tree(parents, names, [2, 3, 5, 7])
     expected = ["arm/bolt", "arm/bolt #2", "arm/a\u2215b", "arm #2/bolt"]
-    assert [found[row] for row in (2, 3, 5, 7)] == expected
+    assert [result[row] for row in (2, 3, 5, 7)] == expected
     assert names_in_tree([-1, 0, 0], ["root", "a/b", "c"], [1, 2])[1:] == ["a/b", "c"]
     taken = names_in_tree([-1] * 3, ["bolt", "bolt", "bolt #2"], range(3))
     assert taken == ["bolt", "bolt #2", "bolt #2 #2"]
@@ -144,21 +144,21 @@ def test_a_part_is_the_sum_of_its_groups_in_any_order(ends, order):
     told = []
     for rows in (range(4), order):
         mesh = boxes(*(ends[row] for row in rows), names=[NAMES[row] for row in rows])
-        found = rc.evaluate(mesh, camera, poses, by="area").summary()
-        told.append({each["name"]: each for each in found["groups"]})
-        parts = {each["name"]: each for each in found["parts"]}
+        summary = rc.evaluate(mesh, camera, poses, by="area").summary()
+        told.append({each["name"]: each for each in summary["groups"]})
+        parts = {each["name"]: each for each in summary["parts"]}
         for name, own in {"arm": NAMES[:3], "arm/tool": NAMES[1:3]}.items():
             each = [told[-1][group] for group in own]
             for key in ("area_m2", "unseeable_m2", "faces"):
                 assert parts[name][key] == pytest.approx(sum(one[key] for one in each))
             covered = sum(one["covered_area"]["m2"] for one in each)
             assert parts[name]["covered_area"]["m2"] == pytest.approx(covered, abs=1e-9)
-        for one in (found, *found["groups"], *found["parts"]):
+        for one in (summary, *summary["groups"], *summary["parts"]):
             of_seeable = one["covered_of_seeable_percent"]
             assert of_seeable is None or of_seeable >= one["covered_area"]["percent"] - 1e-9
-        dead = sum(each["area_m2"] for each in found["dead_zones"])
-        left = found["area_m2"] - found["covered_area"]["m2"]
-        assert dead + found["other_dead_zones"]["area_m2"] == pytest.approx(left, rel=1e-9)
+        dead = sum(each["area_m2"] for each in summary["dead_zones"])
+        left = summary["area_m2"] - summary["covered_area"]["m2"]
+        assert dead + summary["other_dead_zones"]["area_m2"] == pytest.approx(left, rel=1e-9)
     one, other = told
     for name in NAMES:
         for key in ("area_m2", "unseeable_m2", "covered_of_seeable_percent"):
@@ -212,8 +212,8 @@ def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
     covers, shares = np.eye(4), {"arm": 0.5, "arm/tool": 1.0}
     problem = problem_of_matrix(covers, BestCoverage(4), groups=NAMES, face_group=range(4))
     goal = FewestCameras(0.0, shares)
-    found = select_greedy(grouped(problem, goal))
-    assert sorted(found.chosen.tolist()) == [1, 2]  # and arm lacks nothing then
+    selection = select_greedy(grouped(problem, goal))
+    assert sorted(selection.chosen.tolist()) == [1, 2]  # and arm lacks nothing then
     names = Names(NAMES)
     assert names.places_of("arm") == ["arm"]
     assert names.places_of("arm/*") == ["arm/base", "arm/tool"]

@@ -11,8 +11,8 @@ from scenes import joined
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.camera.near_plane import can_cull
-from rastercov.mesh import shapes
+from rastercov.core.camera.near_plane import can_cull
+from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 
 CAMERA = rc.Camera(width=320, height=320, fx=300, fy=300)
@@ -36,11 +36,11 @@ def prism(ring):
 
 def assert_right(mesh, poses):
     for method in METHODS:
-        found = visibility(mesh, CAMERA, poses, method)
+        observation = visibility(mesh, CAMERA, poses, method)
         for row, pose in enumerate(poses):
-            is_front = found.visibility[row] > 0
-            off = np.abs(found.visibility[row] - fractions(mesh, CAMERA, pose)[0])[is_front]
-            assert (off <= found.visibility_bound[row][is_front] + 1e-12).all()
+            is_front = observation.visibility[row] > 0
+            off = np.abs(observation.visibility[row] - fractions(mesh, CAMERA, pose)[0])[is_front]
+            assert (off <= observation.visibility_bound[row][is_front] + 1e-12).all()
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ from mesh_files import FACES, POINTS, Glb, triangles
 from repeated_parts import dae, source, words
 
 from rastercov.base.errors import MeshError, ResourceError
-from rastercov.mesh.arrays import rotations_of_quaternions
-from rastercov.mesh.formats import dae as dae_reader
+from rastercov.core.mesh.arrays import rotations_of_quaternions
+from rastercov.formats.meshes import dae as dae_reader
 
 SCALES = {"<u1": 255, "<u2": 65535}
 

@@ -5,7 +5,7 @@ import pytest
 from target_scenes import beside, only, sheet_at
 
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.mesh import Group, Mesh, shapes
 
 BOX, SHEET = shapes.box(), sheet_at((-2, -2), (2, 2), 1.5)
 SCENE = beside(BOX, SHEET)

@@ -6,8 +6,8 @@ from scenes import joined
 from target_scenes import sheet_at
 
 from rastercov.base.errors import MeshError, RastercovError
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.mesh.targets import MOST_BOXES, box_grid, count_for, sheet_above, with_target
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.mesh.targets import MOST_BOXES, box_grid, count_for, sheet_above, with_target
 
 ROOM = shapes.room(4)
 

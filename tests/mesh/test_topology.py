@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rastercov.mesh.topology import edge_table
+from rastercov.core.mesh.topology import edge_table
 
 
 @given(
@@ -31,8 +31,8 @@ def test_the_table_has_every_edge_with_all_its_uses(faces, n_vertices, dtype):
     assert list(map(tuple, table.vertices.tolist())) == sorted(uses)
     assert table.n_uses.tolist() == [len(uses[edge]) for edge in sorted(uses)]
     assert table.first.tolist() == (np.cumsum(table.n_uses) - table.n_uses).tolist()
-    found = np.split(table.uses.tolist(), table.first[1:])
-    for edge, mine in zip(sorted(uses), found, strict=bool(uses)):
+    values = np.split(table.uses.tolist(), table.first[1:])
+    for edge, mine in zip(sorted(uses), values, strict=bool(uses)):
         assert sorted(mine) == uses[edge]
         assert (np.diff(np.asarray(mine) // 3) >= 0).all()
     assert table.is_forward.tolist() == [forward[use] for use in table.uses.tolist()]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rastercov.mesh.contacts import LEAF, TriangleTree
+from rastercov.core.mesh.contacts import LEAF, TriangleTree
 
 pytestmark = pytest.mark.native
 
@@ -47,10 +47,10 @@ def test_a_segment_is_hit_where_a_triangle_alone_is_hit(seed, n):
     reaches = np.linalg.norm(ends - origins, axis=1)
     segments = (origins, (ends - origins) / reaches[:, None], reaches, np.full(30, -1))
     tree = TriangleTree.over(points, faces)
-    found = tree.first_hits(*segments)
+    first_hits = tree.first_hits(*segments)
     alone = [TriangleTree.over(points, face[None]).first_hits(*segments) >= 0 for face in faces]
-    np.testing.assert_array_equal(found >= 0, np.any(alone, axis=0))
-    for row in np.flatnonzero(found >= 0):  # without the first one, another or none
-        others = tree.first_hits(*(part[[row]] for part in (*segments[:3], found)))
-        assert others != found[row]
+    np.testing.assert_array_equal(first_hits >= 0, np.any(alone, axis=0))
+    for row in np.flatnonzero(first_hits >= 0):  # without the first one, another or none
+        others = tree.first_hits(*(part[[row]] for part in (*segments[:3], first_hits)))
+        assert others != first_hits[row]
         assert (others >= 0) == (np.sum(alone, axis=0)[row] > 1)

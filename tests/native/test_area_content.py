@@ -10,8 +10,8 @@ from nightly import examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.coverage.area import cells, failures, frames, point_pass, regions
-from rastercov.native import area_cell, area_point
+from rastercov.core.area import cells, failures, frames, point_pass, regions
+from rastercov.engine import area_cell, area_point
 
 pytestmark = pytest.mark.native
 
@@ -79,10 +79,10 @@ def calls():
         parts = rc.cells(mesh, 0.4)
         for task in TASKS:
             for camera in (PINHOLE, WIDE, ROUND):
-                found = rc.regions(mesh, camera, poses, task, threads=1)
-                parts.share(found)
+                result = rc.regions(mesh, camera, poses, task, threads=1)
+                parts.share(result)
                 points, face = parts.vertices[parts.faces].mean(axis=1), parts.source_face
-                regions.covering_poses(found, face, points)
+                regions.covering_poses(result, face, points)
                 list(failures.first_failures(mesh, camera, task, poses[:1], points, face))
     assert set(kept) == set(NAMES)
     return kept

@@ -13,14 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov import native
+from rastercov import engine
 
 pytestmark = pytest.mark.native
 FUNCTIONS = sorted(
     (name, function)
-    for name, topic in native.TOPICS.items()
-    for function, found in vars(topic).items()
-    if callable(found) and not isinstance(found, ModuleType)
+    for name, topic in engine.TOPICS.items()
+    for function, var in vars(topic).items()
+    if callable(var) and not isinstance(var, ModuleType)
 )
 """Functions and classes; the methods of a class are tried in the tests of what it does."""
 ARRAY = re.compile(
@@ -98,12 +98,12 @@ def calls(draw, wanted, share_of_wrong):
     rows = draw(st.sampled_from(((0,), (1,), (4,), (8,), (2, 4), (3, 8), (0, 5))))
     out = []
     for kind in wanted:
-        found = ARRAY.search(kind)
+        result = ARRAY.search(kind)
         if kind.startswith("tuple["):
             out.append(tuple(draw(calls(split(kind[6:-1]), share_of_wrong))))
-        elif found:
-            shape = [n.strip().replace("*", "") for n in (found[2] or "").split(",") if n.strip()]
-            array = draw(arrays(found[1], shape, rows))
+        elif result:
+            shape = [n.strip().replace("*", "") for n in (result[2] or "").split(",") if n.strip()]
+            array = draw(arrays(result[1], shape, rows))
             is_wrong = draw(st.floats(0, 1)) < share_of_wrong
             out.append(draw(spoilt(array)) if is_wrong else array)
         else:
@@ -118,7 +118,7 @@ def calls(draw, wanted, share_of_wrong):
 @examples(10, at_night=60)
 @given(data=st.data(), share_of_wrong=st.sampled_from((0.0, 0.1, 0.5)))
 def test_no_argument_crashes(topic, name, data, share_of_wrong):
-    function = getattr(native.TOPICS[topic], name)
+    function = getattr(engine.TOPICS[topic], name)
     wanted = data.draw(st.sampled_from(list(signatures(function))))
     arguments = data.draw(calls(wanted, share_of_wrong))
     with suppress(TypeError, ValueError):
@@ -155,21 +155,21 @@ def tree_arguments(**changed):
 )
 def test_what_an_argument_is_not_is_a_type_error(changed):
     with pytest.raises(TypeError, match="incompatible function arguments"):
-        native.mesh_tree.nearest(**tree_arguments(**changed))
+        engine.mesh_tree.nearest(**tree_arguments(**changed))
 
 
 def test_outputs_share_memory_with_nothing():
     memory = np.zeros(12)
     points, where = memory[:3].reshape(1, 3), memory[2:5].reshape(1, 3)
     with pytest.raises(ValueError, match="shares memory"):
-        native.mesh_tree.nearest(**tree_arguments(points=points, where=where))
-    native.mesh_tree.nearest(**tree_arguments(points=points, where=memory[3:6].reshape(1, 3)))
+        engine.mesh_tree.nearest(**tree_arguments(points=points, where=where))
+    engine.mesh_tree.nearest(**tree_arguments(points=points, where=memory[3:6].reshape(1, 3)))
 
 
 def test_indices_outside_and_lengths_that_differ_are_value_errors():
     points, keys = np.zeros((3, 3)), np.zeros(1, np.uint64)
     for outside in (3, -1, 2**40, -(2**63)):
         with pytest.raises(ValueError, match="faces must hold rows of points"):
-            native.mesh_tree.order_keys(points, np.array([[0, 1, outside]]), keys)
+            engine.mesh_tree.order_keys(points, np.array([[0, 1, outside]]), keys)
     with pytest.raises(ValueError, match="one row for each face"):
-        native.mesh_tree.order_keys(points, np.zeros((2, 3), np.int64), keys)
+        engine.mesh_tree.order_keys(points, np.zeros((2, 3), np.int64), keys)

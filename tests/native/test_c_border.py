@@ -14,10 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS as LENSES
+from mesh_files import VALID
 
 import rastercov as rc
-from rastercov.camera.models import MODELS
-from rastercov.camera.projection import view_border
+from rastercov.base.errors import MeshError, ResourceError
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.projection import view_border
 from rastercov.placement import NearestSurface, in_solid
 from rastercov.report.packed_lens import packed
 
@@ -32,8 +34,10 @@ COMPILERS = {"gcc": ["gcc"], "clang": ["clang"], "zig": ZIG}
 
 def has_compiler(name):
     if name == "zig":
-        found = subprocess.run([*COMPILERS[name][:3], "version"], capture_output=True, check=False)
-        return found.returncode == 0
+        run_result = subprocess.run(
+            [*COMPILERS[name][:3], "version"], capture_output=True, check=False
+        )
+        return run_result.returncode == 0
     return shutil.which(name) is not None
 
 
@@ -324,12 +328,71 @@ def test_memory_that_a_limit_denies_is_a_code_and_a_line():
     assert said == [f"3 {text} None", "0"]
 
 
-@pytest.mark.parametrize("program", ["cases", "fuzz"])
+@pytest.mark.parametrize("program", ["cases", "fuzz", "fuzz_files"])
 def test_the_tests_in_cpp_pass(program):
     if not (TESTS / program).exists():
         pytest.skip(f"no {TESTS / program}: doctest-dev was not there for make lib")
     ended = subprocess.run([TESTS / program], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout[-2000:]
+
+
+FORMATS = ("stl", "obj", "ply", "off")
+
+
+def mesh_of(library, extension, data, most_faces=2**31 - 1, memory_budget=2**33):
+    """Vertices, faces, polygons, groups, names and notes of a file that C reads."""
+    content = np.frombuffer(data or b"\0", np.uint8)
+    mesh = library.make(
+        "rc_read_mesh", content, len(data), ctypes.c_int32(FORMATS.index(extension)),
+        ctypes.c_double(0.001), most_faces, memory_budget,
+    )  # fmt: skip
+    sizes = [ctypes.c_int64() for _ in range(4)]
+    library.call("rc_mesh_size", mesh, *map(ctypes.byref, sizes))
+    n_vertices, n_faces, n_groups, n_text = (each.value for each in sizes)
+    vertices, faces = np.empty((n_vertices, 3)), np.empty((n_faces, 3), np.int32)
+    polygons, groups = np.empty(n_faces, np.int32), np.empty(n_faces, np.int32)
+    library.call("rc_mesh_read", mesh, n_vertices, n_faces, vertices, faces, polygons, groups)
+    text = np.empty(n_text, np.uint8)
+    library.call("rc_mesh_text", mesh, n_text, text)
+    library.call("rc_mesh_free", mesh)
+    lines = text.tobytes().decode("utf-8", "replace").split("\n")[:-1]
+    return vertices, faces, polygons, groups, lines[:n_groups], lines[n_groups:]
+
+
+@pytest.mark.parametrize("name", [name for name in VALID if not name.endswith(".glb")])
+def test_meshes_of_files_and_their_faults_are_those_of_python(library, name, load):
+    extension = name.rpartition(".")[2]
+    rng, data = np.random.default_rng(3), VALID[name]
+    mesh = load(name, data, unit="mm")
+    vertices, faces, polygons, groups, names, _ = mesh_of(library, extension, data)
+    np.testing.assert_array_equal(vertices, mesh.vertices)
+    np.testing.assert_array_equal(faces, mesh.faces)
+    np.testing.assert_array_equal(polygons, mesh.source_face)
+    own = [names[group] or name.rpartition(".")[0] for group in groups]
+    assert own == [mesh.groups[group].name for group in mesh.face_group]
+    n_refused = 0
+    for size in [0, *rng.integers(0, len(data), 30)]:
+        try:
+            whole = load(name, data[:size], unit="mm")
+        except (MeshError, ResourceError) as error:
+            line = str(error).partition(f"{name}: ")[2]
+            with pytest.raises(RuntimeError, match=re.escape(f"1: {line}")):
+                mesh_of(library, extension, data[:size])
+            n_refused += 1
+        else:
+            notes = [note.partition(f"{name}: ")[2] for note in whole.notes]
+            assert mesh_of(library, extension, data[:size])[-1] == notes
+    assert n_refused > 10
+    for limits in ({"most_faces": 3}, {"memory_budget": 1199}):
+        with pytest.raises(RuntimeError, match=r"1: expected at most \d+ bytes and \d+ triangles"):
+            mesh_of(library, extension, data, **limits)
+
+
+def test_a_concave_polygon_is_refused_in_c(library):
+    data = b"OFF 4 1\n0 0 0\n2 0 0\n.5 .5 0\n0 2 0\n4 "
+    assert len(mesh_of(library, "off", data + b"2 3 0 1")[1]) == 2
+    with pytest.raises(RuntimeError, match="face 0: expected a triangle or a convex polygon"):
+        mesh_of(library, "off", data + b"1 2 3 0")
 
 
 @pytest.mark.parametrize("name", LENSES)
@@ -350,7 +413,7 @@ def test_lenses_of_models_are_those_of_python(library, name):
 
 def test_the_header_says_what_the_library_has(library):
     header = (HEADERS / "rastercov.h").read_text()
-    assert (ROOT / "rastercov/native/include/rastercov.h").read_text() == header
+    assert (ROOT / "rastercov/engine/include/rastercov.h").read_text() == header
     names = set(re.findall(r"\b(rc_\w+)\(", header)) - {"rc_go_on"}
     assert len(names) >= 18
     assert all(hasattr(library._own, name) for name in names)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.native import base_interrupt, engine_union
+from rastercov.engine import base_interrupt, solver_union
 
 pytestmark = pytest.mark.native
 
@@ -47,16 +47,16 @@ def add(union, arguments, number=(), progress=None):
 def state_of(union):
     """All that a union says."""
     n, corners = union.size()
-    found = (
+    items = (
         np.empty((corners, 2)), np.empty(n + 1, np.int64), np.empty(n, np.int32),
         np.empty(n, np.int64), np.empty(n), np.empty((3, 2)), np.empty((2, 2)),
         np.empty(2, np.bool_),
     )  # fmt: skip
-    union.write(*found[:5])
-    union.write_areas(found[5])
-    union.write_bounds(found[6])
-    union.write_closed(found[7])
-    return b"".join(each.tobytes() for each in found)
+    union.write(*items[:5])
+    union.write_areas(items[5])
+    union.write_bounds(items[6])
+    union.write_closed(items[7])
+    return b"".join(each.tobytes() for each in items)
 
 
 def spoilt(arguments, rng, share):
@@ -81,7 +81,7 @@ def spoilt(arguments, rng, share):
 def test_no_content_of_an_array_crashes_and_errors_change_nothing(seed, share, views, most):
     rng = np.random.default_rng(seed)
     number = (0, 5, 63) if views == 0 else ()
-    union = engine_union.Union(FACES, 1e-15, views, most)
+    union = solver_union.Union(FACES, 1e-15, views, most)
     for _ in range(4):
         arguments = pieces_of(rng, int(rng.integers(0, 60)))
         before = state_of(union)
@@ -100,7 +100,7 @@ def test_no_partition_to_begin_with_crashes(seed):
     rng = np.random.default_rng(seed)
     pieces, _ = pieces_of(rng, 20, 1)
     tags, bounds = rng.integers(1, 4, 20), rng.random((2, 2)) * 1e-6
-    union = engine_union.Union(FACES, 1e-15, 2, 3)
+    union = solver_union.Union(FACES, 1e-15, 2, 3)
     with suppress(ValueError):
         union.begin(*(spoilt((pieces, (tags, *bounds)), rng, 0.1)[k] for k in (0,)), tags, *bounds)
     add(union, pieces_of(rng, 20))
@@ -112,7 +112,7 @@ def test_what_is_left_by_an_error_is_as_before_and_can_be_added_again(views):
     rng = np.random.default_rng(views)
     number = (0, 1, 2) if views == 0 else ()
     first, second = pieces_of(rng, 300), pieces_of(rng, 6000)
-    one, other = (engine_union.Union(FACES, 1e-15, views, 40) for _ in range(2))
+    one, other = (solver_union.Union(FACES, 1e-15, views, 40) for _ in range(2))
     add(one, first, number)
     add(other, first, number)
     before, said = state_of(one), []
@@ -133,7 +133,7 @@ def test_what_is_left_by_an_error_is_as_before_and_can_be_added_again(views):
 
 def test_an_interrupt_changes_nothing():
     rng = np.random.default_rng(0)
-    union = engine_union.Union(FACES, 1e-15, 2, 40)
+    union = solver_union.Union(FACES, 1e-15, 2, 40)
     add(union, pieces_of(rng, 300))
     before, ends = state_of(union), []
 
@@ -156,7 +156,7 @@ def test_an_interrupt_changes_nothing():
 
 def test_one_thread_at_a_time_uses_a_union():
     rng = np.random.default_rng(0)
-    union, inside, done = engine_union.Union(FACES, 1e-15, 2, 40), Event(), Event()
+    union, inside, done = solver_union.Union(FACES, 1e-15, 2, 40), Event(), Event()
 
     def wait(_, __):
         with pytest.raises(ValueError, match="expected one thread"):
@@ -187,7 +187,7 @@ def test_one_thread_at_a_time_uses_a_union():
     ],
 )
 def test_what_does_not_belong_together_is_refused(change, wanted):
-    union = engine_union.Union(FACES, 1e-15, 2, 40)
+    union = solver_union.Union(FACES, 1e-15, 2, 40)
     with pytest.raises(ValueError, match=wanted):
         add(union, change(*pieces_of(np.random.default_rng(1), 50)))
     assert union.size() == (0, 0)
@@ -199,17 +199,17 @@ def test_what_does_not_belong_together_is_refused(change, wanted):
 )
 def test_faces_and_tolerances_that_are_no_lengths_are_refused(corners, least):
     with pytest.raises(ValueError, match="corners must be finite, and least not negative"):
-        engine_union.Union((corners, FACES[1]), least, 2, 40)
+        solver_union.Union((corners, FACES[1]), least, 2, 40)
 
 
 def test_sets_have_up_to_64_poses():
-    union = engine_union.Union(FACES, 1e-15, 0, 40)
+    union = solver_union.Union(FACES, 1e-15, 0, 40)
     arguments = pieces_of(np.random.default_rng(1), 50)
     for number in ((0, 1, 64), (0, 1), (-1, 0, 1)):
         with pytest.raises(ValueError, match="number must"):
             add(union, arguments, number)
     with pytest.raises(ValueError, match="number must"):
-        add(engine_union.Union(FACES, 1e-15, 1, 40), arguments, (0, 1, 2))
+        add(solver_union.Union(FACES, 1e-15, 1, 40), arguments, (0, 1, 2))
 
 
 def test_what_is_known_of_an_area_stays_known():
@@ -235,7 +235,7 @@ OUT_OF_MEMORY = """
 import resource, sys
 sys.path.insert(0, "tests/native")
 from test_engine_union import *
-union = engine_union.Union(FACES, 1e-15, 3, 256)
+union = solver_union.Union(FACES, 1e-15, 3, 256)
 rng = np.random.default_rng(0)
 add(union, pieces_of(rng, 100))
 more, before = pieces_of(rng, 50_000), state_of(union)

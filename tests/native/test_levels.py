@@ -13,21 +13,21 @@ from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from processes import python, run_python
 
-from rastercov import native, shapes
-from rastercov.camera.lenses import of_camera
-from rastercov.camera.lenses.of_camera import Lens, lens_of
-from rastercov.mesh import contacts
+from rastercov import engine, shapes
+from rastercov.core.camera.lenses import of_camera
+from rastercov.core.camera.lenses.of_camera import LensModel, lens_of
+from rastercov.core.mesh import contacts
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.candidates import segments
 
 pytestmark = pytest.mark.native
 FUSED = Path(__file__).parents[2] / ".ci" / "fused"
-LEVELS = [level for level in native.built() if level in native.runnable()]
+LEVELS = [level for level in engine.built() if level in engine.runnable()]
 
 
 @pytest.fixture(params=LEVELS)
 def level(request):
-    return native.load(f"_{request.param}")
+    return engine.load(f"_{request.param}")
 
 
 def test_no_operations_are_fused(level):
@@ -38,7 +38,7 @@ def test_no_operations_are_fused(level):
 @pytest.mark.skipif(shutil.which("objdump") is None, reason="no objdump, of binutils")
 def test_no_module_has_a_fused_instruction(tmp_path):
     """Compilers may fuse in spite of `-ffp-contract=off`: GCC 12 did, by vfmaddsub."""
-    built = [str(native._file(f"_{level}")) for level in native.built()]
+    built = [str(engine._file(f"_{level}")) for level in engine.built()]
     done = python(str(FUSED), *built)
     assert (done.stdout, done.returncode) == ("", 0)
     source = tmp_path / "fused.s"
@@ -61,7 +61,7 @@ def test_vectors_are_sixteen_numbers(seed):
     wanted = (a * b + c, np.floor(a), np.sqrt(np.abs(a)), np.minimum(a, b), np.maximum(a, b))
     for name in LEVELS:
         out, masks = np.empty((6, 16)), np.empty(3, np.int64)
-        native.load(f"_{name}").base_check.combine((a, b, c, index, False), out, masks)
+        engine.load(f"_{name}").base_check.combine((a, b, c, index, False), out, masks)
         assert out.tobytes() == np.stack((*wanted, a[index])).tobytes()
         less = a.astype(np.float32) < b.astype(np.float32)
         assert masks.tolist() == [
@@ -75,8 +75,8 @@ def test_lenses_are_proved_alike_on_all_levels(monkeypatch):
         known = lens_of(camera)
         rows = set()
         for each in LEVELS:
-            monkeypatch.setattr(of_camera, "engine_lens", native.load(f"_{each}").engine_lens)
-            lens = Lens(camera.width, camera.height, known.code, known.coefficients)
+            monkeypatch.setattr(of_camera, "solver_lens", engine.load(f"_{each}").solver_lens)
+            lens = LensModel(camera.width, camera.height, known.code, known.coefficients)
             rows.add(lens.row.tobytes())
         assert rows == {known.row.tobytes()}, name
 
@@ -87,11 +87,11 @@ def test_trees_are_equal_on_all_levels(monkeypatch):
     ways /= np.linalg.norm(ways, axis=1)[:, None]
     answers = set()
     for name in LEVELS:
-        monkeypatch.setattr(contacts, "mesh_tree", native.load(f"_{name}").mesh_tree)
+        monkeypatch.setattr(contacts, "mesh_tree", engine.load(f"_{name}").mesh_tree)
         tree = contacts.TriangleTree.over(mesh.vertices / 8, mesh.faces)
         hits = tree.first_hits(points, ways, np.full(500, 0.7), np.full(500, -1))
-        found = (tree.order, tree.nodes, hits, *tree.nearest(points), tree.winding_numbers(points))
-        answers.add(b"".join(part.tobytes() for part in found))
+        items = (tree.order, tree.nodes, hits, *tree.nearest(points), tree.winding_numbers(points))
+        answers.add(b"".join(part.tobytes() for part in items))
     assert len(answers) == 1
 
 
@@ -102,12 +102,12 @@ def test_contacts_and_segments_are_equal_on_all_levels(monkeypatch):
     faces = np.concatenate((mesh.faces, mesh.faces + mesh.n_vertices))
     answers = set()
     for name in LEVELS:
-        monkeypatch.setattr(contacts, "engine_contacts", native.load(f"_{name}").engine_contacts)
-        monkeypatch.setattr(segments, "kernels", native.load(f"_{name}").placement_segments)
+        monkeypatch.setattr(contacts, "solver_contacts", engine.load(f"_{name}").solver_contacts)
+        monkeypatch.setattr(segments, "kernels", engine.load(f"_{name}").placement_segments)
         touching = contacts.touching_faces(vertices, faces, 1e-9)
         partners = contacts.contact_partners(vertices, faces, 1e-9, touching)
-        found = (touching, *partners, segments.segment(shapes.teapot(5), 20, None).labels)
-        answers.add(b"".join(part.tobytes() for part in found))
+        items = (touching, *partners, segments.segment(shapes.teapot(5), 20, None).labels)
+        answers.add(b"".join(part.tobytes() for part in items))
     assert touching.any()
     assert len(answers) == 1
 
@@ -123,7 +123,7 @@ def test_sums_over_bits_and_pairs_are_equal_on_all_levels(seed):
     prices, costs, kind = rng.random(300), rng.random(9), rng.integers(0, 2, 300).astype(np.int32)
     answers = set()
     for name in LEVELS:
-        module = native.load(f"_{name}")
+        module = engine.load(f"_{name}")
         of_bits, prices_of = module.placement_bits, module.placement_lagrange
         sums, totals = np.zeros((9, 2), np.int64), np.zeros((2, 320), np.int64)
         of_bits.sums(words, every, np.stack([words[0], words[1]]), values, sums)
@@ -132,8 +132,8 @@ def test_sums_over_bits_and_pairs_are_equal_on_all_levels(seed):
         prices_of.earn(limits, face, prices, earned)
         income = prices_of.most_earned(earned, costs, 4, 1.5, part)
         prices_of.cheapest(prices, prices + 1, kind, np.array([9.0, 3.0]), 40.0, share)
-        found = (sums, totals, earned, np.float64(income), part, share)
-        answers.add(b"".join(each.tobytes() for each in found))
+        items = (sums, totals, earned, np.float64(income), part, share)
+        answers.add(b"".join(each.tobytes() for each in items))
     masks = covers[:2, :]
     wanted = [(covers * mask) @ value[:300] for mask, value in zip(masks, values, strict=True)]
     np.testing.assert_array_equal(sums, np.transpose(wanted))
@@ -155,12 +155,12 @@ def test_figures_by_area_and_uncertainties_are_equal_on_all_levels():
 
 @pytest.mark.parametrize("name", LEVELS)
 def test_the_environment_chooses_a_level(name):
-    script = "from rastercov import native; print(native.LEVEL)"
+    script = "from rastercov import engine; print(engine.LEVEL)"
     assert python("-c", script, env=os.environ | {"RASTERCOV_LEVEL": name}).stdout.split() == [name]
 
 
 def test_a_level_that_is_not_here_is_refused():
-    done = python("-c", "import rastercov.native", env=os.environ | {"RASTERCOV_LEVEL": "v9"})
+    done = python("-c", "import rastercov.engine", env=os.environ | {"RASTERCOV_LEVEL": "v9"})
     *_, line = done.stderr.strip().split("\n")
     assert line.startswith("ImportError: expected RASTERCOV_LEVEL to be one of ")
     assert line.endswith(" got v9")
@@ -168,6 +168,6 @@ def test_a_level_that_is_not_here_is_refused():
 
 def test_modules_that_are_missing_are_named(tmp_path):
     done = python(
-        "-c", "import rastercov.native", env=os.environ | {"RASTERCOV_MODULES": str(tmp_path)}
+        "-c", "import rastercov.engine", env=os.environ | {"RASTERCOV_MODULES": str(tmp_path)}
     )
     assert "make native" in done.stderr.strip().split("\n")[-1]

@@ -13,11 +13,11 @@ PROGRAM = """
 import resource, sys
 import numpy as np
 import rastercov as rc
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.exact_pass import ExactPass, room_for
-from rastercov.exact.surface import surface_of
-from rastercov.mesh import shapes
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.exact_pass import ExactPass, room_for
+from rastercov.core.exact.surface import surface_of
+from rastercov.core.mesh import shapes
 
 MEBIBYTE = 1 << 20
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SOURCES = sorted((ROOT / "rastercov/native").glob("*/*.?pp"))
+SOURCES = sorted((ROOT / "rastercov/engine").glob("*/*.?pp"))
 TWIN = re.compile(r"tests/[\w/]+\.py|rastercov(?:\.\w+)+")
 
 

@@ -19,35 +19,37 @@ def dense_and_bits(draw):
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     dense = rng.random((n, m)) < draw(st.sampled_from((0.0, 0.05, 0.5, 1.0)))
     cut = draw(st.integers(0, n))
-    found = CoveredBits.from_dense(dense)
+    bits = CoveredBits.from_dense(dense)
     if draw(st.booleans()):
         first, rest = (CoveredBits.from_dense(part) for part in (dense[:cut], dense[cut:]))
-        found = first.joined(rest)
-    return dense, found, rng
+        bits = first.joined(rest)
+    return dense, bits, rng
 
 
 @examples(25)
 @given(dense_and_bits())
 def test_bits_are_the_pairs_of_the_dense_array(case):
-    dense, found, rng = case
+    dense, result, rng = case
     n, m = dense.shape
-    assert (found.n_rows, found.n_faces) == (n, m)
+    assert (result.n_rows, result.n_faces) == (n, m)
     for row in range(n):
-        faces = found.faces_of(row)
+        faces = result.faces_of(row)
         assert faces.dtype == np.int32
         assert faces.tolist() == np.flatnonzero(dense[row]).tolist()
-        np.testing.assert_array_equal(unpacked(found.row(row), m), dense[row])
+        np.testing.assert_array_equal(unpacked(result.row(row), m), dense[row])
     for count in range(4):
         counts = np.minimum(dense.sum(axis=0), count)
-        np.testing.assert_array_equal(found.counts_up_to(count), counts)
+        np.testing.assert_array_equal(result.counts_up_to(count), counts)
     rows = rng.integers(0, n, 7) if n else np.zeros(0, np.int64)  # in any order, some twice
     values = rng.integers(-(2**62), 2**62, (3, m))
     masks = rng.random((3, m)) < 0.7
-    some = found.sums(spread_out(values), np.stack([packed(mask) for mask in masks]), rows)
+    some = result.sums(spread_out(values), np.stack([packed(mask) for mask in masks]), rows)
     np.testing.assert_array_equal(some, dense[rows].astype(np.int64) @ (values * masks).T)
-    np.testing.assert_array_equal(found.sums(spread_out(values)), dense.astype(np.int64) @ values.T)
+    np.testing.assert_array_equal(
+        result.sums(spread_out(values)), dense.astype(np.int64) @ values.T
+    )
     amounts = rng.integers(-(2**62), 2**62, (len(rows), 2))
-    totals = found.totals(amounts, rows)
+    totals = result.totals(amounts, rows)
     np.testing.assert_array_equal(totals[:, :m], amounts.T @ dense[rows].astype(np.int64))
     assert not totals[:, m:].any()
 
@@ -58,7 +60,9 @@ def test_sums_do_not_depend_on_threads(monkeypatch, threads):
     dense, values = rng.random((300, 1000)) < 0.2, rng.integers(0, 2**40, (2, 1000))
     monkeypatch.setattr(bits, "WORDS_A_TURN", 64)
     monkeypatch.setattr(bits, "thread_count", lambda asked: threads)
-    found = CoveredBits.from_dense(dense)
-    np.testing.assert_array_equal(found.sums(spread_out(values)), dense.astype(np.int64) @ values.T)
+    result = CoveredBits.from_dense(dense)
+    np.testing.assert_array_equal(
+        result.sums(spread_out(values)), dense.astype(np.int64) @ values.T
+    )
     amounts = rng.integers(0, 2**40, (300, 1))
-    np.testing.assert_array_equal(found.totals(amounts)[0, :1000], amounts[:, 0] @ dense)
+    np.testing.assert_array_equal(result.totals(amounts)[0, :1000], amounts[:, 0] @ dense)

@@ -11,8 +11,8 @@ from nightly import examples
 from scenes import joined, sheet
 
 import rastercov as rc
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement import (
     Candidates,
     Framing,
@@ -72,12 +72,12 @@ ORIGIN = standing_at([(0, 0, 0)])
 @pytest.mark.parametrize("roll", [0.0, 90.0, -30.0])
 def test_the_eye_stands_along_the_average_normal_at_the_corrected_distance(roll):
     """eye = T_S + d n, d = max(z_n, W/2 cot(HFOV/2), H/2 cot(VFOV/2))."""
-    found = per_segment(NOISY, CAMERA, Framing(rolls_deg=(roll,)), segmentation=SEGMENTS)
-    assert found.index.tolist() == list(range(20))
+    segments = per_segment(NOISY, CAMERA, Framing(rolls_deg=(roll,)), segmentation=SEGMENTS)
+    assert segments.index.tolist() == list(range(20))
     for label in range(20):
         corners = NOISY.vertices[NOISY.faces[SEGMENTS.labels == label]].reshape(-1, 3)
         target, normal = corners.mean(axis=0), SEGMENTS.normals[label]
-        pose = found.poses[label]
+        pose = segments.poses[label]
         np.testing.assert_allclose(pose[:3, 2], -normal, atol=1e-12)
         in_camera = (corners - target) @ pose[:3, :3]
         width, height, _ = np.ptp(in_camera, axis=0)
@@ -104,8 +104,8 @@ def test_a_looser_blur_limit_lets_the_camera_nearer():
     lens = {"width": 640, "height": 400, "focal_length": 8e-3, "pixel_size": 5e-6}
     camera = rc.Camera.from_lens(**lens, f_number=2.0, focus_distance=1.0)
     for blur in (1.0, 4.0):
-        found = per_face(NOISY, camera, Framing(max_blur=blur), faces=[0])
-        distance = np.linalg.norm(eyes_of(found)[0] - NOISY.centroids[0])
+        result = per_face(NOISY, camera, Framing(max_blur=blur), faces=[0])
+        distance = np.linalg.norm(eyes_of(result)[0] - NOISY.centroids[0])
         assert distance == pytest.approx(camera.depth_of_field(blur)[0])
 
 
@@ -125,8 +125,8 @@ def test_all_vertices_are_in_view_and_focus_when_vertices_are_to_fit(
     camera = rc.Camera(width=640, height=400, fx=500, fy=700, cx=cx, focus_range=(near, 1e6))
     segments = segment(mesh, 20, 30)
     framing = Framing(fit="vertices", rolls_deg=(roll,), margin=margin)
-    found = per_segment(mesh, camera, framing, segmentation=segments)
-    for label, pose in enumerate(found.poses):
+    result = per_segment(mesh, camera, framing, segmentation=segments)
+    for label, pose in enumerate(result.poses):
         mine = segments.labels == label
         assert face_geometry(mesh, camera, pose).in_view[mine].all()
         depths = (mesh.vertices[mesh.faces[mine]].reshape(-1, 3) - pose[:3, 3]) @ pose[:3, 2]
@@ -185,11 +185,11 @@ def test_views_of_faces_leave_out_occluders_and_what_has_no_area():
 def test_cameras_around_a_part_see_all_of_it_and_look_at_its_middle():
     middle = np.array([5, 0, 1])
     part = moved(shapes.torus(20, 10), middle)
-    found = on_sphere(part, CAMERA, count=50)
-    assert all(face_geometry(part, CAMERA, pose).in_view.all() for pose in found.poses)
-    away = eyes_of(found) - middle
+    points = on_sphere(part, CAMERA, count=50)
+    assert all(face_geometry(part, CAMERA, pose).in_view.all() for pose in points.poses)
+    away = eyes_of(points) - middle
     directions = away / np.linalg.norm(away[0])
-    np.testing.assert_allclose(views_of(found), -directions, atol=1e-9)
+    np.testing.assert_allclose(views_of(points), -directions, atol=1e-9)
     nearest = (directions @ directions.T - 2 * np.eye(50)).max(axis=1)
     assert np.degrees(np.arccos(nearest)).min() > 20  # evenly: 50 caps of 16 degrees fill a sphere
     assert np.allclose(directions.mean(axis=0), 0, atol=0.02)
@@ -197,26 +197,26 @@ def test_cameras_around_a_part_see_all_of_it_and_look_at_its_middle():
 
 def test_cameras_around_a_part_stand_beyond_the_near_limit_of_focus():
     ball = shapes.sphere(2, radius=0.1)
-    found = on_sphere(ball, SHARP, count=7)
-    np.testing.assert_allclose(np.linalg.norm(eyes_of(found), axis=1), 0.6)
-    found = on_sphere(ball, SHARP, Framing(stand_off=(0.7, 0.9)), count=7)
-    np.testing.assert_allclose(np.linalg.norm(eyes_of(found), axis=1), 0.8)
+    points = on_sphere(ball, SHARP, count=7)
+    np.testing.assert_allclose(np.linalg.norm(eyes_of(points), axis=1), 0.6)
+    points = on_sphere(ball, SHARP, Framing(stand_off=(0.7, 0.9)), count=7)
+    np.testing.assert_allclose(np.linalg.norm(eyes_of(points), axis=1), 0.8)
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, -2, 0.5), (0, 0, -1)])
 def test_a_hemisphere_is_where_up_is_up(up):
-    found = on_hemisphere(NOISY, CAMERA, Framing(up=up), count=40, distances=(1.0, 2.5))
-    away = eyes_of(found) - NOISY.bounds.mean(axis=0)
+    result = on_hemisphere(NOISY, CAMERA, Framing(up=up), count=40, distances=(1.0, 2.5))
+    away = eyes_of(result) - NOISY.bounds.mean(axis=0)
     heights = away @ up / np.linalg.norm(up)
     assert (heights > 0).all()
     np.testing.assert_allclose(np.linalg.norm(away, axis=1), np.repeat((1.0, 2.5), 40))
     np.testing.assert_allclose(heights[:40].mean(), 0.5, atol=1e-9)
-    assert (found.poses[:, :3, 1] @ up < 1e-9).all()  # down in the image is not up
+    assert (result.poses[:, :3, 1] @ up < 1e-9).all()  # down in the image is not up
 
 
 def test_positions_on_a_box_are_on_its_sides_once_and_close_enough():
-    found = on_box(NOISY, CAMERA, spacing=0.5, bounds=[(0, 0, 0), (2, 1, 1.2)], outward=0.25)
-    eyes = eyes_of(found)
+    points = on_box(NOISY, CAMERA, spacing=0.5, bounds=[(0, 0, 0), (2, 1, 1.2)], outward=0.25)
+    eyes = eyes_of(points)
     low, high = np.array([-0.25] * 3), np.array([2.25, 1.25, 1.45])
     assert ((eyes == low) | (eyes == high)).any(axis=1).all()
     assert ((eyes >= low) & (eyes <= high)).all()
@@ -238,8 +238,8 @@ def test_cameras_look_where_the_rule_says():
     crates = room.face_group == 1
 
     def looking(aim):
-        found = on_box(room, CAMERA, spacing=1.0, bounds=[(-2, -2, 1), (2, 2, 3)], aim=aim)
-        return eyes_of(found), views_of(found)
+        points = on_box(room, CAMERA, spacing=1.0, bounds=[(-2, -2, 1), (2, 2, 3)], aim=aim)
+        return eyes_of(points), views_of(points)
 
     middle = (0, 0, 1.4)
     for aim, target in ((at_point((1, 0, 0)), (1, 0, 0)), (at_middle(), middle), (None, middle)):
@@ -325,9 +325,9 @@ def test_nearest_points_are_those_of_brute_force(seed, n, shift):
     corners = rng.normal(size=(n, 1, 3)) + rng.normal(size=(n, 3, 3)) * rng.uniform(0.01, 1)
     mesh = Mesh((corners + shift).reshape(-1, 3), np.arange(3 * n).reshape(n, 3))
     points = rng.normal(size=(20, 3)) * 2 + shift
-    found, triangles = NearestSurface(mesh).query(points), mesh.vertices[mesh.faces]
+    query, triangles = NearestSurface(mesh).query(points), mesh.vertices[mesh.faces]
     for point, face, near, distance in zip(
-        points, found.face, found.point, found.distance, strict=True
+        points, query.face, query.point, query.distance, strict=True
     ):
         of_all = trimesh.triangles.closest_point(triangles, np.broadcast_to(point, (n, 3)))
         distances = np.linalg.norm(of_all - point, axis=1)

@@ -12,13 +12,9 @@ from scenes import joined, sheet
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.placement.candidates.cavities import (
-    Access,
-    Hemicube,
-    openings,
-)
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.placement.candidates.cavities import Access, Hemicube, openings
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
 from rastercov.placement.candidates.pool import Framing, per_face
 
@@ -71,23 +67,23 @@ def test_the_ground_of_a_blind_hole_is_reached_where_views_from_around_miss_it()
     beside = np.linalg.norm(around.poses[:, :2, 3] - 2.5, axis=1) > 2.5
     assert beside.sum() > 50
     assert not covered_by(mesh, around.poses[beside], ground).any()
-    found = openings(mesh, CAMERA, FAR, faces=ground)
-    assert (found.access == Access.REACHED).all()
-    assert covered_by(mesh, found.candidates.poses, ground).all()
+    result = openings(mesh, CAMERA, FAR, faces=ground)
+    assert (result.access == Access.REACHED).all()
+    assert covered_by(mesh, result.candidates.poses, ground).all()
     # From the centroid one sees a square of side 1 at height 4: about 1/16 of a steradian.
-    assert found.open_share == pytest.approx(1 / 16 / (2 * np.pi), rel=0.15)
+    assert result.open_share == pytest.approx(1 / 16 / (2 * np.pi), rel=0.15)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [scenes.blind_hole, scenes.overhang, scenes.bottle])
 def test_a_face_with_candidates_of_its_own_is_covered_by_one(scene):
     mesh = scene()
-    found = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::3], finest=64)
-    reached = found.face[found.access == Access.REACHED]
+    result = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::3], finest=64)
+    reached = result.face[result.access == Access.REACHED]
     assert len(reached) > 10
-    covered = covered_by(mesh, found.candidates.poses, reached)
+    covered = covered_by(mesh, result.candidates.poses, reached)
     assert covered.mean() > 0.97
-    assert set(found.candidates.index) == set(reached)
+    assert set(result.candidates.index) == set(reached)
 
 
 @pytest.mark.slow
@@ -97,13 +93,13 @@ def test_through_a_narrow_neck_only_what_lies_before_it_is_reached():
     below = scenes.faces_at(mesh, (3.5, 3.5, 1.0), (0, 0, 1))
     # The shoulder of the chamber turns away from the neck: no camera outside can see it.
     ceiling = scenes.faces_at(mesh, (1.5, 1.5, 4.0), (0, 0, -1))
-    found = openings(mesh, CAMERA, farther, faces=[*below, *ceiling])
-    assert found.access.tolist() == 2 * [Access.REACHED] + 2 * [Access.CLOSED]
+    result = openings(mesh, CAMERA, farther, faces=[*below, *ceiling])
+    assert result.access.tolist() == 2 * [Access.REACHED] + 2 * [Access.CLOSED]
     outside = outer_poses(200, np.array([3.5, 3.5, 3.0]), 9.0)
     assert (visibility(mesh, CAMERA, outside).visibility[:, ceiling] == 0).all()
-    assert (found.missed_deg[2:] < 0.7).all()
-    assert found.proof == ("",) * 4  # it is open to the outside: nothing to prove
-    assert "open cones are narrower than 0.63°" in found.words(2)
+    assert (result.missed_deg[2:] < 0.7).all()
+    assert result.proof == ("",) * 4  # it is open to the outside: nothing to prove
+    assert "open cones are narrower than 0.63°" in result.words(2)
 
 
 @pytest.mark.slow
@@ -111,8 +107,8 @@ def test_the_end_of_a_bent_channel_is_closed_to_cameras_outside_and_reached_from
     mesh = scenes.bent_channel(blind=True)
     end = scenes.faces_at(mesh, (6.0, 2.5, 1.5), (-1, 0, 0))
     assert len(end) == 2
-    found = openings(mesh, CAMERA, FAR, faces=end)
-    assert (found.access == Access.CLOSED).all()
+    result = openings(mesh, CAMERA, FAR, faces=end)
+    assert (result.access == Access.CLOSED).all()
     outside = outer_poses(100, np.array([3.5, 2.5, 3.5]), 10.0)
     assert (visibility(mesh, CAMERA, outside).visibility[:, end] == 0).all()
     near = openings(mesh, CAMERA, Framing(stand_off=(0.5, 3.0)), faces=end)
@@ -131,12 +127,12 @@ def test_the_end_of_a_bent_channel_is_closed_to_cameras_outside_and_reached_from
 )
 def test_a_closed_cavity_is_proved_out_of_reach_where_limits_exclude_it(framing, limits, words):
     mesh = scenes.closed_cavity()
-    found = openings(mesh, CAMERA, framing, faces=inner(mesh), **limits)
-    assert len(found.face) == 108
-    assert (found.access == Access.ENCLOSED).all()
-    assert not len(found.candidates)
-    assert words in found.words(0)
-    assert "proved" in found.words(0)
+    result = openings(mesh, CAMERA, framing, faces=inner(mesh), **limits)
+    assert len(result.face) == 108
+    assert (result.access == Access.ENCLOSED).all()
+    assert not len(result.candidates)
+    assert words in result.words(0)
+    assert "proved" in result.words(0)
 
 
 @pytest.mark.slow
@@ -153,10 +149,10 @@ def test_nothing_is_proved_of_a_cavity_in_which_a_camera_may_stand(limits):
     limits = dict(limits)
     mesh = scenes.closed_cavity()
     framing = Framing(stand_off=(limits.pop("least", 0.0), 30.0))
-    found = openings(mesh, CAMERA, framing, faces=inner(mesh)[::4], finest=64, **limits)
-    assert (found.access != Access.ENCLOSED).all()
-    assert (found.access == Access.REACHED).any()
-    assert not filter_candidates(found.candidates, mesh, **limits)[1].any()
+    result = openings(mesh, CAMERA, framing, faces=inner(mesh)[::4], finest=64, **limits)
+    assert (result.access != Access.ENCLOSED).all()
+    assert (result.access == Access.REACHED).any()
+    assert not filter_candidates(result.candidates, mesh, **limits)[1].any()
 
 
 @pytest.mark.parametrize(
@@ -167,12 +163,14 @@ def test_a_face_on_which_matter_lies_as_a_whole_is_out_of_reach(n, height, x, n_
     low = shapes.box((2.0, 2.0, 1.0), n, (0, 0, 0.5))
     mesh = joined(low, shapes.box((-2 * x, 4.0, 1.0), 1, (x, 0, height)))
     top = np.flatnonzero((mesh.centroids[:, 2] == 1.0) & (mesh.normals[:, 2] > 0.9))
-    found = openings(mesh, CAMERA, Framing(stand_off=(0.5, 20)), faces=top)
-    under = (mesh.centroids[found.face, 0] < 0) & (n == 2)
-    assert (under.sum(), len(found.face)) == (n_shut, 2 * n**2)
-    assert ((found.access == Access.ENCLOSED) == under).all()
-    assert n == 1 or (found.access[~under] == Access.REACHED).all()
-    assert all("solid material covers it" in found.words(int(row)) for row in np.flatnonzero(under))
+    result = openings(mesh, CAMERA, Framing(stand_off=(0.5, 20)), faces=top)
+    under = (mesh.centroids[result.face, 0] < 0) & (n == 2)
+    assert (under.sum(), len(result.face)) == (n_shut, 2 * n**2)
+    assert ((result.access == Access.ENCLOSED) == under).all()
+    assert n == 1 or (result.access[~under] == Access.REACHED).all()
+    assert all(
+        "solid material covers it" in result.words(int(row)) for row in np.flatnonzero(under)
+    )
 
 
 @pytest.mark.slow
@@ -184,10 +182,10 @@ def test_no_camera_within_the_limits_sees_a_face_that_is_proved_out_of_reach(see
     solid[1:4, 1:4, 1:4] = rng.random((3, 3, 3)) < share
     mesh = scenes.of_cubes(solid)
     least = 4.5
-    found = openings(mesh, CAMERA, Framing(stand_off=(least, 20)), faces=inner(mesh), finest=32)
-    shut = found.face[found.access == Access.ENCLOSED]
+    result = openings(mesh, CAMERA, Framing(stand_off=(least, 20)), faces=inner(mesh), finest=32)
+    shut = result.face[result.access == Access.ENCLOSED]
     eyes = np.concatenate((rng.uniform(0, 5, (60, 3)), rng.uniform(-8, 13, (60, 3))))
-    targets = mesh.centroids[rng.choice(found.face, len(eyes))] if len(found.face) else eyes + 1
+    targets = mesh.centroids[rng.choice(result.face, len(eyes))] if len(result.face) else eyes + 1
     seen = visibility(mesh, CAMERA, rc.look_at(eyes, targets)).visibility
     away = np.linalg.norm(eyes[:, None] - mesh.centroids[None], axis=2) >= least
     assert not (seen[:, shut][away[:, shut]] > 0).any()
@@ -198,10 +196,10 @@ def test_every_place_is_clear_within_the_stand_off_and_out_of_keep_out_volumes()
     mesh = scenes.blind_hole()
     framing = Framing(stand_off=(5.0, 12.0), rolls_deg=(0.0, 90.0))
     volume = KeepOutBox((-20, -20, 5), (2.4, 20, 20), "half")
-    found = openings(mesh, CAMERA, framing, faces=inner(mesh), clearance=0.3, keep_out=[volume])
-    poses, index = found.candidates.poses, found.candidates.index
+    result = openings(mesh, CAMERA, framing, faces=inner(mesh), clearance=0.3, keep_out=[volume])
+    poses, index = result.candidates.poses, result.candidates.index
     assert len(poses) > 20
-    assert len(filter_candidates(found.candidates, mesh, 0.3, [volume])[0]) == len(poses)
+    assert len(filter_candidates(result.candidates, mesh, 0.3, [volume])[0]) == len(poses)
     away = np.linalg.norm(poses[:, :3, 3] - mesh.centroids[index], axis=1)
     assert ((away >= 5 - 1e-6) & (away <= 12 + 1e-6)).all()
     # Each view comes once for each roll.
@@ -217,11 +215,11 @@ def test_where_no_camera_can_stand_or_only_behind_what_hides_the_face_there_are_
     before = KeepOutBox((-500, -500, -5.1), (500, 500, 0.5), "all the room before the wall")
     near = Framing(stand_off=(3, 90))
     for mesh, framing, faces, volume in ((hole, FAR, ground, above), (walls, near, [0, 1], before)):
-        found = openings(mesh, CAMERA, framing, faces=faces, keep_out=[volume])
-        assert (found.access == Access.NO_ROOM).all()
-        assert (found.places > 0).all()
-        assert "places" in found.words(0)
-        assert found.summary()["no_room"] == 2
+        result = openings(mesh, CAMERA, framing, faces=faces, keep_out=[volume])
+        assert (result.access == Access.NO_ROOM).all()
+        assert (result.places > 0).all()
+        assert "places" in result.words(0)
+        assert result.summary()["no_room"] == 2
 
 
 @pytest.mark.slow
@@ -230,9 +228,9 @@ def test_the_open_side_of_a_two_sided_sheet_is_found():
     mesh = joined(part, shapes.box((4.0, 4.0, 1.0), centre=(0, 0, -0.5005)))
     groups = (Group("sheet", is_two_sided=True), Group("block"))
     mesh = Mesh(mesh.vertices, mesh.faces, groups, np.repeat([0, 1], [2, 12]))
-    found = openings(mesh, CAMERA, Framing(stand_off=(3, 9)), faces=[0, 1])
-    assert (found.access == Access.REACHED).all()
-    assert (found.candidates.poses[:, 2, 3] > 0).all()
+    result = openings(mesh, CAMERA, Framing(stand_off=(3, 9)), faces=[0, 1])
+    assert (result.access == Access.REACHED).all()
+    assert (result.candidates.poses[:, 2, 3] > 0).all()
     one_sided = mesh.with_groups(two_sided=())
     shut = openings(one_sided, CAMERA, Framing(stand_off=(3, 9)), faces=[0, 1])
     assert (shut.access != Access.REACHED).all()
@@ -241,9 +239,9 @@ def test_the_open_side_of_a_two_sided_sheet_is_found():
 @pytest.mark.slow
 def test_views_of_a_face_differ():
     mesh = scenes.overhang()
-    found = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::3], views=3)
-    for face in np.unique(found.candidates.index):
-        ahead = found.candidates.poses[found.candidates.index == face][:, :3, 2]
+    result = openings(mesh, CAMERA, FAR, faces=inner(mesh)[::3], views=3)
+    for face in np.unique(result.candidates.index):
+        ahead = result.candidates.poses[result.candidates.index == face][:, :3, 2]
         cosines = (ahead @ ahead.T)[np.triu_indices(len(ahead), 1)]
         assert len(ahead) <= 3
         assert (cosines <= math.cos(math.radians(15)) + 1e-9).all()

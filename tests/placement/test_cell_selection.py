@@ -10,8 +10,8 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.coverage.area.cells import USUAL_CELLS, usual_size
-from rastercov.coverage.area.regions import RegionPass
+from rastercov.core.area.cells import USUAL_CELLS, usual_size
+from rastercov.core.area.regions import RegionPass
 from rastercov.placement.improve.objective import CellObjective
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.select.greedy import select_greedy
@@ -30,8 +30,8 @@ def chosen_on_cells(mesh, size=SIZE, poses=POSES):
     """Network that the greedy selection takes on cells, and the share that cells give it."""
     cells = rc.cells(mesh, size)
     matrix = build_matrix((mesh, CAMERA), poses, TASK, cells=cells)
-    found = select_greedy(problem_of(matrix, cells, BestCoverage(cameras=CAMERAS)))
-    return poses[found.chosen], found.share
+    selection = select_greedy(problem_of(matrix, cells, BestCoverage(cameras=CAMERAS)))
+    return poses[selection.chosen], selection.share
 
 
 @pytest.mark.slow
@@ -61,15 +61,15 @@ def test_the_choice_does_not_depend_on_the_triangles():
 def test_shares_of_cells_add_up_to_the_exact_area_of_each_pose():
     cells = rc.cells(MESH, SIZE)
     regions = rc.regions(MESH, CAMERA, POSES, TASK)
-    found = cells.share(regions)
-    row = np.repeat(np.arange(len(POSES)), np.diff(found.starts))
-    areas = np.bincount(row, found.share * cells.area[found.cell], len(POSES))
+    shares = cells.share(regions)
+    row = np.repeat(np.arange(len(POSES)), np.diff(shares.starts))
+    areas = np.bincount(row, shares.share * cells.area[shares.cell], len(POSES))
     np.testing.assert_allclose(areas, regions.areas().sum(axis=1), rtol=1e-9)
     matrix = build_matrix((MESH, CAMERA), POSES, TASK, cells=cells)
-    np.testing.assert_array_equal(matrix.indptr, found.starts)
-    np.testing.assert_array_equal(matrix.face, found.cell)
-    np.testing.assert_array_equal(matrix.covered, found.share >= 0.5)
-    np.testing.assert_allclose(matrix.coverage, found.share, rtol=1e-7)
+    np.testing.assert_array_equal(matrix.indptr, shares.starts)
+    np.testing.assert_array_equal(matrix.face, shares.cell)
+    np.testing.assert_array_equal(matrix.covered, shares.share >= 0.5)
+    np.testing.assert_allclose(matrix.coverage, shares.share, rtol=1e-7)
 
 
 def test_an_objective_on_cells_counts_as_the_problem_does():
@@ -88,13 +88,13 @@ def test_an_objective_on_cells_counts_as_the_problem_does():
 
 
 def test_bounds_of_faces_come_with_a_matrix_of_cells():
-    found = []
+    items = []
     for cells in (None, rc.cells(MESH, SIZE)):
         bounds = CandidateBounds(MESH.n_faces, MESH.task_mask)
         build_matrix((MESH, CAMERA), POSES[:8], TASK, cells=cells, bounds=bounds)
-        found.append(bounds)
+        items.append(bounds)
     for name in ("low", "high", "covering", "n_poses"):
-        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+        np.testing.assert_array_equal(getattr(items[0], name), getattr(items[1], name))
 
 
 def test_matrices_of_faces_and_of_cells_are_not_mistaken_for_each_other(tmp_path):

@@ -55,13 +55,13 @@ def test_parts_of_the_bits_change_nothing(problem, n_parts):
 @given(problems(**LARGER))
 def test_lists_have_the_pairs_of_the_dense_array(problem):
     large = presolve(problem)
-    found, dense = large.listed(), dense_of(problem)[large.candidates][:, large.kept]
+    result, dense = large.listed(), dense_of(problem)[large.candidates][:, large.kept]
     wanted = np.nonzero(dense)
-    row = np.repeat(np.arange(found.n_candidates), np.diff(found.indptr))
-    np.testing.assert_array_equal((row, found.face), wanted)
-    column = np.repeat(np.arange(found.n_faces), np.diff(found.starts))
-    np.testing.assert_array_equal((column, found.covering), np.nonzero(dense.T))
-    assert (large.sizes >= np.diff(found.indptr)).all()
+    row = np.repeat(np.arange(result.n_candidates), np.diff(result.indptr))
+    np.testing.assert_array_equal((row, result.face), wanted)
+    column = np.repeat(np.arange(result.n_faces), np.diff(result.starts))
+    np.testing.assert_array_equal((column, result.covering), np.nonzero(dense.T))
+    assert (large.sizes >= np.diff(result.indptr)).all()
 
 
 @pytest.mark.slow
@@ -69,12 +69,12 @@ def test_lists_have_the_pairs_of_the_dense_array(problem):
 @given(problems(angles=(0,), max_views=3))
 def test_no_selection_is_better_than_a_bound_from_a_small_core(problem):
     best = best_by_trying_all(problem)
-    found = select_greedy(problem, effort=QUICK, core_pairs=SMALL_CORE)
-    covered = covers_faces(problem, found.chosen)
-    np.testing.assert_array_equal(found.covered, covered)
+    selection = select_greedy(problem, effort=QUICK, core_pairs=SMALL_CORE)
+    covered = covers_faces(problem, selection.chosen)
+    np.testing.assert_array_equal(selection.covered, covered)
     sign = sign_of(problem)
-    assert sign * found.bound >= sign * best - 1e-6
-    assert sign * best >= sign * found.objective - 1e-6
+    assert sign * selection.bound >= sign * best - 1e-6
+    assert sign * best >= sign * selection.objective - 1e-6
 
 
 def caps(n_candidates, n_faces, seed=0):

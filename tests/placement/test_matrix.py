@@ -21,8 +21,8 @@ from nightly import IS_NIGHTLY
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.base.locks import locked
-from rastercov.coverage import shards as evaluation_shards
-from rastercov.mesh import shapes
+from rastercov.core.coverage import shards as evaluation_shards
+from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import MatrixFolder, shortened
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
@@ -53,10 +53,10 @@ def dense(matrix):
 
 
 def covered(bits):
-    found = np.zeros((bits.n_rows, bits.n_faces), bool)
+    is_covered = np.zeros((bits.n_rows, bits.n_faces), bool)
     for row in range(bits.n_rows):
-        found[row, bits.faces_of(row)] = True
-    return found
+        is_covered[row, bits.faces_of(row)] = True
+    return is_covered
 
 
 def same(one, other):
@@ -197,7 +197,7 @@ def test_a_problem_has_the_pairs_views_and_weights_that_count(lists):
 def test_on_disk_and_in_memory_are_the_same_and_the_shards_plain_arrays(
     tmp_path, poses_a_shard, monkeypatch
 ):
-    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 3)
+    monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 3)
     with rc.open_observer(MESH, CAMERA) as observer:
         seen = []
         matrix = build_matrix(

@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.camera.installation import InstallationError
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.mesh import shapes
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.mesh import shapes
 from rastercov.placement import (
     BestCoverage,
     CellObjective,
@@ -23,6 +22,7 @@ from rastercov.placement import (
     tolerance,
 )
 from rastercov.placement.mounts import Mounts
+from rastercov.tolerances.installation import InstallationError
 
 MESH = shapes.torus(16, 8)
 WIDE = rc.Camera(width=160, height=120, fx=90, fy=90)
@@ -35,7 +35,7 @@ POSES = rc.sphere_of_poses((0, 0, 0), 4.0, 8)
 def small_batches():
     """Batches that end within a rig."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 2)
+        patch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 2)
         yield
 
 
@@ -60,9 +60,9 @@ def by_camera(matrix, n_faces, first=None):
     n = matrix.n_poses
     if first is not None:
         row, n = first[row] + matrix.on_rig, first[-1]
-    found = np.zeros((n, n_faces), np.float32)
-    np.maximum.at(found, (row, matrix.face), matrix.coverage)
-    return found
+    result = np.zeros((n, n_faces), np.float32)
+    np.maximum.at(result, (row, matrix.face), matrix.coverage)
+    return result
 
 
 @pytest.mark.slow
@@ -121,9 +121,9 @@ def test_a_rig_of_one_camera_is_that_camera():
     with rc.open_observer(MESH, WIDE) as observer:
         plain = build_matrix(observer, POSES, TASK)
         for mounts in (alone, rig):
-            found = build_matrix(observer, POSES, TASK, mounts=mounts)
-            assert found.header == plain.header
-            np.testing.assert_array_equal(found.coverage, plain.coverage)
+            matrix = build_matrix(observer, POSES, TASK, mounts=mounts)
+            assert matrix.header == plain.header
+            np.testing.assert_array_equal(matrix.coverage, plain.coverage)
         # One camera away from the origin of its rig is that camera at its place.
         turned = Mounts.of({"eye": rc.Rig([WIDE], ["a"], [place_of(5)])})
         moved = build_matrix(observer, POSES, TASK, mounts=turned)
@@ -209,8 +209,8 @@ def test_cameras_of_rigs_are_views_of_an_objective(need, least, seed, index):
                 camera=np.concatenate([part.camera for part in parts]),
             )
             cameras = mounts.cameras(poses)[0]
-            found = rc.evaluate(MESH, mounts.rig, cameras, task, by="face")
-            return seen_by(MESH, found, cameras, need, least)
+            result = rc.evaluate(MESH, mounts.rig, cameras, task, by="face")
+            return seen_by(MESH, result, cameras, need, least)
 
         covers, eyes, width = objective.covers(placed), objective.eyes(placed), objective.width
         covered, others = definition(placed), placed[1:]
@@ -234,14 +234,14 @@ def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
     with rc.open_observer(MESH, mounts.rig) as observer:
         objective = Objective.of(observer, task, mounts=mounts)
         space = PoseSpace(mesh=MESH, boxes=MESH.bounds + np.array([[-4.0], [4.0]]))
-        found = refine(objective, space, placed, budget=150)
-        cameras, _ = mounts.cameras(rc.Poses.of(found.poses, camera=placed.camera))
+        refinement = refine(objective, space, placed, budget=150)
+        cameras, _ = mounts.cameras(rc.Poses.of(refinement.poses, camera=placed.camera))
         coverage = rc.evaluate(MESH, mounts.rig, cameras, task, by="face")
         spread = tolerance(objective, placed, InstallationError(position_mm=0.0), draws=2)
     covered = seen_by(MESH, coverage, cameras, need, least)
-    assert found.share > found.start_share
+    assert refinement.share > refinement.start_share
     share = MESH.areas[covered].sum() / MESH.areas[MESH.task_mask].sum()
-    assert found.share == pytest.approx(share, abs=1e-9)
-    assert spread.nominal == pytest.approx(found.start_share, abs=1e-12)
-    assert spread.together.worst == pytest.approx(found.start_share, abs=1e-12)
+    assert refinement.share == pytest.approx(share, abs=1e-9)
+    assert spread.nominal == pytest.approx(refinement.start_share, abs=1e-12)
+    assert spread.together.worst == pytest.approx(refinement.start_share, abs=1e-12)
     assert [each.alone.mean for each in spread.cameras] == pytest.approx([spread.nominal] * 3)

@@ -14,8 +14,8 @@ def test_all_is_sorted_and_every_name_is_there():
 @pytest.mark.slow
 def test_importing_placement_loads_no_file_format_and_no_solver():
     slow = "{'pyarrow', 'highspy', 'pydantic', 'typer', 'rich', 'moderngl'}"
-    found = python("-c", f"import sys, rastercov.placement; print({slow} & set(sys.modules))")
-    assert found.stdout.strip() == "set()"
+    result = python("-c", f"import sys, rastercov.placement; print({slow} & set(sys.modules))")
+    assert result.stdout.strip() == "set()"
 
 
 @pytest.mark.parametrize("name", ["BitMatrix", "measure_matrix", "read_spaces"])

@@ -9,14 +9,14 @@ from scenes import joined, square
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import enclosing_distance
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.viewpoints import enclosing_distance
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import Framing, Objective, openings, per_segment, segment
-from rastercov.placement.candidates.facade import facade
 from rastercov.placement.candidates.mounting import on_sphere
-from rastercov.placement.candidates.strips import Survey, strips
 from rastercov.placement.uncovered import in_front
+from rastercov.survey.facade import facade
+from rastercov.survey.strips import Survey, strips
 
 LENS = {"magnification": 0.02, "pixel_size": 5e-6, "working_distance": 0.3, "depth_of_field": 0.1}
 CAMERA = rc.Camera.telecentric(400, 300, **LENS)  # 100 x 75 mm
@@ -34,10 +34,10 @@ def test_images_side_by_side_hold_every_point_of_a_segment(seed):
     segments = segment(mesh, 15, 25)
     assert segments.n_segments == 6
     framing = Framing(rolls_deg=(0.0, float(rng.uniform(0, 90))))
-    found = per_segment(mesh, CAMERA, framing, segmentation=segments)
+    result = per_segment(mesh, CAMERA, framing, segmentation=segments)
     weights = rng.dirichlet(np.ones(3), 200)
     for label in range(6):
-        poses = found.poses[found.index == label]
+        poses = result.poses[result.index == label]
         corners = mesh.vertices[mesh.faces[segments.labels == label]]
         points = (weights @ corners).reshape(-1, 3)
         pixels = np.array([to_image(to_camera(points, pose), CAMERA) for pose in poses])
@@ -51,8 +51,8 @@ def test_images_side_by_side_hold_every_point_of_a_segment(seed):
 
 def test_a_square_larger_than_the_image_gets_the_fewest_images():
     mesh = square(0.145, 0)
-    found = per_segment(mesh, CAMERA, segmentation=segment(mesh, 15, 25))
-    assert len(found) == 3 * 4
+    segments = per_segment(mesh, CAMERA, segmentation=segment(mesh, 15, 25))
+    assert len(segments) == 3 * 4
     assert len(per_segment(mesh, VIEW, segmentation=segment(mesh, 15, 25))) == 3 * 4
     with pytest.raises(ConfigError, match="expected at most 1,000,000 views"):
         per_segment(square(1e4, 0), CAMERA, segmentation=segment(square(1e4, 0), 15, 25))
@@ -60,14 +60,14 @@ def test_a_square_larger_than_the_image_gets_the_fewest_images():
 
 def test_no_image_is_made_where_a_segment_has_no_face():
     mesh = joined(square(0.025, 0), square(0.025, 0, (1, 1)))
-    found = per_segment(mesh, CAMERA, segmentation=segment(mesh, 15, 25))
-    assert 2 <= len(found) <= 4
+    segments = per_segment(mesh, CAMERA, segmentation=segment(mesh, 15, 25))
+    assert 2 <= len(segments) <= 4
 
 
 def test_depths_of_a_step_lie_around_the_working_distance_of_each_image():
     mesh = joined(square(0.03, 0), square(0.03, 0.04, (0.4, 0)))
-    found = per_segment(mesh, CAMERA, segmentation=segment(mesh, 15, 25))
-    z = np.unique(found.poses[:, 2, 3].round(9))
+    segments = per_segment(mesh, CAMERA, segmentation=segment(mesh, 15, 25))
+    z = np.unique(segments.poses[:, 2, 3].round(9))
     assert z == pytest.approx([-0.3, -0.26])  # it faces down
 
 
@@ -92,10 +92,10 @@ def test_faces_of_a_cavity_get_views_that_see_them(camera):
     lid = inner.centroids[:, 2] > 0.019
     pit = Mesh(inner.vertices, inner.faces[~lid])
     floor = np.flatnonzero(pit.centroids[:, 2] < -0.019)
-    found = openings(pit, camera, faces=floor)
-    assert (found.candidates.index[:, None] == floor).any(axis=0).all()
-    seen = rc.evaluate(pit, camera, found.candidates.poses, by="face")
-    assert len(found.candidates)
+    result = openings(pit, camera, faces=floor)
+    assert (result.candidates.index[:, None] == floor).any(axis=0).all()
+    seen = rc.evaluate(pit, camera, result.candidates.poses, by="face")
+    assert len(result.candidates)
     assert (seen.network.covered[floor]).all()
 
 

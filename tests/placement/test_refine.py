@@ -9,11 +9,11 @@ from nightly import IS_NIGHTLY, examples, nightly
 from test_search import CAMERA, MESH, SPACE, TASK, holds
 
 from rastercov.base.memory import Lists
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.area.cells import cells
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.task import Task
+from rastercov.core.area.cells import cells
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.task import Task
 from rastercov.placement.improve import refine as refine_module
 from rastercov.placement.improve.objective import CellObjective, Objective
 from rastercov.placement.improve.refine import refine

@@ -10,7 +10,7 @@ from test_search import CAMERA as SMALL
 from test_search import MESH, SPACE, TASK
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement import (
     BestCoverage,
     FewestCameras,

@@ -87,35 +87,35 @@ def rig_problems(draw, **options):
 @examples(8, at_night=60)
 @given(problem=rig_problems(sizes=(5, 3, 6, 1)))
 def test_selections_are_what_they_say_and_bounds_hold(name, problem):
-    found = SELECTORS[name](problem)
-    covered = covers_faces(problem, found.chosen)
-    np.testing.assert_array_equal(found.covered, covered)
-    pairs = [problem.faces_of(c) for c in found.chosen]
+    result = SELECTORS[name](problem)
+    covered = covers_faces(problem, result.chosen)
+    np.testing.assert_array_equal(result.covered, covered)
+    pairs = [problem.faces_of(c) for c in result.chosen]
     counts = np.bincount(np.concatenate([*pairs, []]).astype(int), minlength=problem.n_faces)
-    np.testing.assert_array_equal(found.views, counts)
-    assert len(set(found.chosen.tolist())) == len(found.chosen) == len(found.curve)
-    assert found.share == pytest.approx(share(problem, covered), abs=1e-9)
-    assert found.cost == pytest.approx(problem.costs[found.chosen].sum())
-    missing = abs(found.bound - found.objective)
-    assert found.gap == (
+    np.testing.assert_array_equal(result.views, counts)
+    assert len(set(result.chosen.tolist())) == len(result.chosen) == len(result.curve)
+    assert result.share == pytest.approx(share(problem, covered), abs=1e-9)
+    assert result.cost == pytest.approx(problem.costs[result.chosen].sum())
+    missing = abs(result.bound - result.objective)
+    assert result.gap == (
         math.inf
-        if found.objective == 0 < missing
-        else pytest.approx(missing / max(found.objective, 1e-300))
+        if result.objective == 0 < missing
+        else pytest.approx(missing / max(result.objective, 1e-300))
     )
     goal, sign, is_thesis = problem.goal, sign_of(problem), name == "thesis"
     best = best_by_trying_all(problem)
     if isinstance(goal, BestCoverage):
-        met = len(found.chosen) <= (math.inf if goal.cameras is None else goal.cameras)
-        met &= found.cost <= (math.inf if goal.budget is None else goal.budget + 1e-9)
+        met = len(result.chosen) <= (math.inf if goal.cameras is None else goal.cameras)
+        met &= result.cost <= (math.inf if goal.budget is None else goal.budget + 1e-9)
     else:
         met = is_met(problem, covered)
     assert met or (is_thesis and sign == -1)
-    assert sign * found.bound >= sign * best - 1e-6
-    assert not met or sign * found.objective <= sign * best + 1e-6
+    assert sign * result.bound >= sign * best - 1e-6
+    assert not met or sign * result.objective <= sign * best + 1e-6
     if name == "integer":
-        assert (found.status, found.gap <= 1e-6) == ("optimal", True)
-    if found.status == "optimal" and not is_thesis:
-        assert found.objective == pytest.approx(best, abs=1e-5)
+        assert (result.status, result.gap <= 1e-6) == ("optimal", True)
+    if result.status == "optimal" and not is_thesis:
+        assert result.objective == pytest.approx(best, abs=1e-5)
 
 
 @examples(25)
@@ -196,6 +196,6 @@ def test_a_solver_that_ends_at_a_wrong_optimum_begins_anew():
         eyes=np.array(eyes),
         centroids=np.array(centroids),
     )
-    found = integer_module.select_integer(problem)
-    assert found.status == "optimal"
-    assert found.objective == pytest.approx(best_by_trying_all(problem), abs=1e-9)
+    selection = integer_module.select_integer(problem)
+    assert selection.status == "optimal"
+    assert selection.objective == pytest.approx(best_by_trying_all(problem), abs=1e-9)

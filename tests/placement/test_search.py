@@ -4,11 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.camera.camera import Camera
-from rastercov.coverage.observer import open_observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import shapes
-from rastercov.mesh.solids import in_solid
+from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
     KeepOutSphere,
@@ -58,21 +58,21 @@ def test_a_search_spends_its_budget_within_the_constraints_and_by_its_seed(objec
         sizes.append(len(poses))
         return plain(observer, poses, task, **options)
 
-    def found(seed):
+    def answer(seed):
         return optimise(objective, SPACE, 2, budget=300, seed=seed)
 
     # The state of the old generator is the one that a search must leave alone.
     state = np.random.get_state()[1].copy()  # noqa: NPY002
     with monkeypatch.context() as patch:
         patch.setattr(objective_module, "evaluate_batches", spied)
-        result = found(3)
+        result = answer(3)
     assert sizes == [256, 44]
     assert result.evaluations == 300
     assert holds(SPACE, result.poses[:, :3, 3])
     assert result.share == result.trace[-1] == objective.share_of(result.poses)
     assert (np.diff(result.trace) > 0).all()
-    np.testing.assert_array_equal(result.poses, found(3).poses)
-    assert (result.poses != found(4).poses).any()
+    np.testing.assert_array_equal(result.poses, answer(3).poses)
+    assert (result.poses != answer(4).poses).any()
     np.testing.assert_array_equal(np.random.get_state()[1], state)  # noqa: NPY002
 
 
@@ -154,8 +154,8 @@ def test_every_reason_to_refuse_a_place_is_told():
         (1, 0, 0): Place.IN_SOLID,
         (0, 0, 3.1): Place.OUTSIDE,
     }
-    found = space.judge(np.array(list(places), float))
-    assert [Place(value) for value in found] == list(places.values())
+    result = space.judge(np.array(list(places), float))
+    assert [Place(value) for value in result] == list(places.values())
 
 
 def test_cameras_on_walls_stay_on_walls(objective):

@@ -10,7 +10,7 @@ from nightly import examples
 from scenes import joined, sheet
 from solids import tessellated_plane
 
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.segments import ANGLE_TOLERANCE_DEG, segment
 
 pytestmark = pytest.mark.native
@@ -27,11 +27,11 @@ def bumpy(draw):
 
 
 def neighbours_of(mesh):
-    found = [set() for _ in range(mesh.n_faces)]
+    members = [set() for _ in range(mesh.n_faces)]
     for a, b in mesh.topology.neighbours.tolist():
-        found[a].add(b)
-        found[b].add(a)
-    return found
+        members[a].add(b)
+        members[b].add(a)
+    return members
 
 
 def grown_by_comparing_all(mesh, alpha_deg):
@@ -189,22 +189,22 @@ def test_the_same_mesh_gives_the_same_segments_turned_and_scaled(merge):
 
 def test_a_segment_has_the_averages_of_its_faces():
     mesh = shapes.aeroplane()
-    found = segment(mesh, 15, 25)
-    np.testing.assert_allclose(found.normals, averages(mesh, found.labels), atol=1e-12)
-    assert (np.diff(np.unique(found.labels, return_index=True)[1]) > 0).all()  # in their order
-    for label in range(found.n_segments):
-        mine = found.labels == label
+    result = segment(mesh, 15, 25)
+    np.testing.assert_allclose(result.normals, averages(mesh, result.labels), atol=1e-12)
+    assert (np.diff(np.unique(result.labels, return_index=True)[1]) > 0).all()  # in their order
+    for label in range(result.n_segments):
+        mine = result.labels == label
         corners = mesh.vertices[mesh.faces[mine]].reshape(-1, 3)
-        np.testing.assert_allclose(found.centroids[label], corners.mean(axis=0), atol=1e-9)
-        assert found.sizes[label] == mine.sum()
-        assert found.areas[label] == pytest.approx(mesh.areas[mine].sum())
+        np.testing.assert_allclose(result.centroids[label], corners.mean(axis=0), atol=1e-9)
+        assert result.sizes[label] == mine.sum()
+        assert result.areas[label] == pytest.approx(mesh.areas[mine].sum())
     with pytest.raises(ValueError, match="read-only"):
-        found.labels[0] = 1
+        result.labels[0] = 1
 
 
 @merges
 def test_angles_up_to_the_right_angle_are_allowed(merge):
     most = np.nextafter(90, 0)
-    found = segment(shapes.sphere(1), most, most, merge=merge)
-    assert 2 <= found.n_segments <= 8
-    assert np.isfinite(found.normals).all()
+    result = segment(shapes.sphere(1), most, most, merge=merge)
+    assert 2 <= result.n_segments <= 8
+    assert np.isfinite(result.normals).all()

@@ -5,8 +5,8 @@ import pytest
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.mesh.solids import in_solid
+from rastercov.core.mesh import shapes
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement import build_matrix, filter_candidates, on_box
 from rastercov.placement.candidates.clearance import nearest_obstacle
 from rastercov.placement.candidates.mounting import at_point
@@ -27,12 +27,12 @@ def test_a_camera_may_be_inside_a_target():
 
 def test_boxes_and_clearance_are_those_of_opaque_faces():
     aim = at_point((0, 0, 0))
-    alone, found = (
+    alone, result = (
         on_box(mesh, CAMERA, spacing=0.7, aim=aim, outward=-0.3) for mesh in (ROOM, SCENE)
     )
-    np.testing.assert_array_equal(found.poses, alone.poses)
+    np.testing.assert_array_equal(result.poses, alone.poses)
     expected, _ = filter_candidates(alone, ROOM, clearance=0.2)
-    left, _ = filter_candidates(found, SCENE, clearance=0.2)
+    left, _ = filter_candidates(result, SCENE, clearance=0.2)
     np.testing.assert_array_equal(left.poses, expected.poses)
     assert len(left)
 
@@ -48,18 +48,18 @@ def test_allowed_positions_are_those_without_the_target():
     boxes = np.array([[(-2, -2, 0.2), (2, 2, 2.5)]])
     points = np.random.default_rng(1).uniform(-2, 2, (200, 3))
     options = {"boxes": boxes, "clearance": 0.2, "stand_off": (0.0, 20.0)}
-    found = PoseSpace(mesh=SCENE, **options).judge(points)
-    np.testing.assert_array_equal(found, PoseSpace(mesh=ROOM, **options).judge(points))
-    assert (found == Place.ALLOWED).any()
+    result = PoseSpace(mesh=SCENE, **options).judge(points)
+    np.testing.assert_array_equal(result, PoseSpace(mesh=ROOM, **options).judge(points))
+    assert (result == Place.ALLOWED).any()
 
 
 def test_lines_of_sight_pass_through_targets():
     points = np.random.default_rng(2).uniform(*ROOM.bounds, (100, 3))
     pose = rc.look_at([(2.5, 2, 2.5)], [(0, 0, 1)])[0]
     seen = points, pose, 1e-6, rc.Camera.from_fov(64, 64, hfov_deg=60)
-    found = LineOfSight(SCENE).hidden(*seen)
-    np.testing.assert_array_equal(found, LineOfSight(ROOM).hidden(*seen))
-    assert found.any()
+    hidden = LineOfSight(SCENE).hidden(*seen)
+    np.testing.assert_array_equal(hidden, LineOfSight(ROOM).hidden(*seen))
+    assert hidden.any()
 
 
 @pytest.mark.slow
@@ -72,5 +72,5 @@ def test_columns_of_the_matrix_are_those_without_targets(tmp_path):
         kept = matrix.face < ROOM.n_faces
         rows[name] = pose[kept], matrix.face[kept], matrix.coverage[kept]
         assert name == "without" or not kept.all()  # targets have columns, too
-    for found, expected in zip(*rows.values(), strict=True):
-        np.testing.assert_array_equal(found, expected)
+    for pair, expected in zip(*rows.values(), strict=True):
+        np.testing.assert_array_equal(pair, expected)

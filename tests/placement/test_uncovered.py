@@ -12,10 +12,10 @@ from scenes import joined, sheet
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import RANK, REASONS, Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.reasons import REASONS, Reason, nearness
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement import uncovered
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
@@ -57,23 +57,23 @@ def around(count, seed, radius=3.0):
 def test_the_reason_is_that_of_the_nearest_camera_and_no_camera_gets_further(seed, cameras):
     mesh = joined(shapes.torus(12, 8), shapes.box((0.4, 0.4, 0.4), centre=(1.6, 0, 0)))
     poses, task = around(cameras, seed, 4.0), Task(min_pixels=30, max_incidence_deg=70)
-    found = what_is_left((mesh, CAMERA), poses, task)
+    rest = what_is_left((mesh, CAMERA), poses, task)
     coverage = rc.evaluate(mesh, CAMERA, poses, task, by="face")
-    left = np.flatnonzero(found.left)
-    assert (found.left == ~(coverage.reason == Reason.COVERED).any(axis=0)).all()
-    ranks = RANK[coverage.reason[:, left]]
-    assert (RANK[found.reason[left]] == ranks.max(axis=0)).all()
-    assert (coverage.reason[found.nearest_camera[left], left] == found.reason[left]).all()
+    left = np.flatnonzero(rest.left)
+    assert (rest.left == ~(coverage.reason == Reason.COVERED).any(axis=0)).all()
+    ranks = nearness(coverage.reason[:, left])
+    assert (nearness(rest.reason[left]) == ranks.max(axis=0)).all()
+    assert (coverage.reason[rest.nearest_camera[left], left] == rest.reason[left]).all()
 
 
 def test_of_cameras_before_which_a_face_is_hidden_that_which_sees_more_is_nearest():
     part, wall = sheet((-1, -1), (1, 1), 5.0), sheet((-2, -2), (0.2, 2), 4.0)
     mesh = grouped(("part", part, False), ("wall", wall, True))
     poses = straight((0.0, 0, 0), (0.3, 0, 0), (-0.3, 0, 0))
-    found = what_is_left((mesh, CAMERA), poses, Task(min_visibility=0.9))
+    rest = what_is_left((mesh, CAMERA), poses, Task(min_visibility=0.9))
     seen = visibility(mesh, CAMERA, poses).visibility
-    assert (found.left & (found.reason == Reason.OCCLUDED))[:2].all()
-    assert (found.nearest_camera[:2] == seen[:, :2].argmax(axis=0)).all()
+    assert (rest.left & (rest.reason == Reason.OCCLUDED))[:2].all()
+    assert (rest.nearest_camera[:2] == seen[:, :2].argmax(axis=0)).all()
     assert len(np.unique(seen[:, 0])) == 3  # they differ, so that the choice means something
 
 
@@ -84,26 +84,26 @@ def test_the_group_that_hides_most_is_named_and_shares_add_up():
         "right": sheet((0.15, -2), (2, 2), 6.0),  # hides x > 0.2 at depth 8
     }
     mesh = grouped(("part", part, False), *((name, wall, True) for name, wall in walls.items()))
-    found = what_is_left((mesh, CAMERA), pose, Task(min_visibility=0.5))
-    assert found.left[:2].all()
+    rest = what_is_left((mesh, CAMERA), pose, Task(min_visibility=0.5))
+    assert rest.left[:2].all()
     wanted = mesh.areas[:2].sum() * np.array([0, 0.4, 0.4])
-    assert found.hidden_area[0] == pytest.approx(wanted, rel=0.03)
+    assert rest.hidden_area[0] == pytest.approx(wanted, rel=0.03)
     hidden = []
     for name, wall in walls.items():
         alone = grouped(("part", part, False), (name, wall, True))
         hidden.append(1 - visibility(alone, CAMERA, pose).visibility[0, :2])
-    assert (found.occluder[:2] == 1 + np.argmax(hidden, axis=0)).all()
-    assert found.occluder_share[:2] == pytest.approx(np.max(hidden, axis=0), abs=0.03)
-    assert found.summary()["groups"][0]["hidden_by"].keys() == {"left", "right"}
+    assert (rest.occluder[:2] == 1 + np.argmax(hidden, axis=0)).all()
+    assert rest.occluder_share[:2] == pytest.approx(np.max(hidden, axis=0), abs=0.03)
+    assert rest.summary()["groups"][0]["hidden_by"].keys() == {"left", "right"}
 
 
 def test_a_duplicate_sheet_hides_the_second():
     part = sheet((-1, -1), (1, 1), 5.0)
     mesh = grouped(("first", part, False), ("second", part, False))
-    found = what_is_left((mesh, CAMERA), straight((0, 0, 0)))
-    assert found.left.tolist() == [False, False, True, True]
-    assert (found.occluder[2:] == 0).all()
-    assert (found.occluder_share[2:] > 0.9).all()
+    rest = what_is_left((mesh, CAMERA), straight((0, 0, 0)))
+    assert rest.left.tolist() == [False, False, True, True]
+    assert (rest.occluder[2:] == 0).all()
+    assert (rest.occluder_share[2:] > 0.9).all()
 
 
 @given(
@@ -144,9 +144,9 @@ def test_no_candidate_sees_a_shut_face_is_proved_by_bounds_and_never_by_samples(
     without = what_is_left((mesh, CAMERA), network)
     with rc.open_observer(mesh, CAMERA, "sampled:cpu") as observer:
         counted = what_is_left(observer, network, candidates=poses)
-    for found in (without, counted):
-        assert (found.sight[:2] == Sight.UNKNOWN).all()
-        assert (found.seen_at_most[:2] > 1e-6).all()
+    for item in (without, counted):
+        assert (item.sight[:2] == Sight.UNKNOWN).all()
+        assert (item.seen_at_most[:2] > 1e-6).all()
     assert without.summary()["unknown"]["faces"] == 2
 
 
@@ -155,10 +155,10 @@ def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
     faces = np.flatnonzero((mesh.normals[:, 2] < -0.9) & (mesh.centroids[:, 2] < 0.2))
     eyes = np.stack([np.full(12, 2.9), np.linspace(-2, 2, 12), np.full(12, 0.1)], axis=1)
     poses = rc.look_at(eyes, [0, 0, 1.4])
-    found = what_is_left((mesh, CAMERA), poses[:0], candidates=poses)
+    rest = what_is_left((mesh, CAMERA), poses[:0], candidates=poses)
     # By rounding, some of these cameras have an image of the undersides, and know nothing of it.
     assert visibility(mesh, CAMERA, poses).visibility_bound[:, faces].max() == 1
-    assert (found.sight[faces] == Sight.NONE).all()
+    assert (rest.sight[faces] == Sight.NONE).all()
 
 
 @pytest.mark.slow
@@ -167,13 +167,13 @@ def test_a_candidate_in_the_plane_of_a_face_does_not_see_it():
 def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed):
     mesh = joined(shapes.torus(10, 7), shapes.box((0.3, 0.3, 0.3), centre=(0, 0, 0)))
     task, poses = Task(min_visibility=0.6, max_incidence_deg=60), around(30, seed, 4.0)
-    found = what_is_left((mesh, CAMERA), poses[:2], task, candidates=poses)
-    left, sight = found.left, found.sight[found.left]
+    rest = what_is_left((mesh, CAMERA), poses[:2], task, candidates=poses)
+    left, sight = rest.left, rest.sight[rest.left]
     is_covered = rc.evaluate(mesh, CAMERA, poses, task, by="face").reason == Reason.COVERED
     exact = visibility(mesh, CAMERA, poses, "exact").visibility.max(axis=0)[left]
-    assert (found.seen_at_least[left] <= exact + 1e-8).all()
-    assert (found.seen_at_most[left] >= exact - 1e-8).all()
-    assert (found.n_covering[left] == is_covered.sum(axis=0)[left]).all()
+    assert (rest.seen_at_least[left] <= exact + 1e-8).all()
+    assert (rest.seen_at_most[left] >= exact - 1e-8).all()
+    assert (rest.n_covering[left] == is_covered.sum(axis=0)[left]).all()
     assert (sight[exact > 1e-3] == Sight.SOME).all()
     assert (exact[sight == Sight.NONE] <= 1e-6).all()
 
@@ -187,44 +187,44 @@ def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
         alive.append(sum(each() is not None for each in batches))
         add(self, batch)
 
-    monkeypatch.setattr("rastercov.coverage.coverage.POSES_A_BATCH", 20)
+    monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 20)
     monkeypatch.setattr(uncovered.CandidateBounds, "add", watched)
     poses = around(300, 5, 4.0)
-    found = what_is_left((shapes.torus(10, 8), CAMERA), poses[:1], candidates=poses)
-    assert found.left.any()
+    rest = what_is_left((shapes.torus(10, 8), CAMERA), poses[:1], candidates=poses)
+    assert rest.left.any()
     assert len(batches) == 15
     assert max(alive) <= 2
 
 
 def test_a_face_with_too_few_views_says_so_and_so_do_views_that_are_too_much_alike():
     view, poses = (sheet((-1, -1), (1, 1), 5.0), CAMERA), straight((0, 0, 0))
-    for found, reason in (
+    for item, reason in (
         (what_is_left(view, poses, Task(views=2)), "too_few_views"),
         (what_is_left(view, poses, covered=np.zeros(2, bool)), "too_few_views"),
         (what_is_left(view, poses[:0]), "no_cameras"),
     ):
-        assert found.left.all()
-        assert found.summary()["reasons"].keys() == {reason}
+        assert item.left.all()
+        assert item.summary()["reasons"].keys() == {reason}
         has_camera = reason == "too_few_views"
-        assert (found.views == has_camera).all()
-        assert (found.nearest_camera == has_camera - 1).all()
+        assert (item.views == has_camera).all()
+        assert (item.nearest_camera == has_camera - 1).all()
     assert len(what_is_left(view, poses).lines()) == 1  # all is covered
 
 
 def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     mesh, task = shapes.room(4), Task(min_pixels=5)
     poses = rc.look_at([[2.5, 2, 2.5], [-2, -2, 2.2]], [0, 0, 0.5])
-    found = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
+    rest = what_is_left((mesh, CAMERA), poses, task, candidates=poses)
     network = Network(mesh, task)
     network.add(rc.evaluate(mesh, CAMERA, poses, task, by="face"))
-    told, known = found.summary(), network.summary()
+    told, known = rest.summary(), network.summary()
     assert told["left"] == known["not_covered"]
     assert told["reasons"] == known["not_covered_because"]
     parts = ("could_be_covered", "seen_never_covered", "seen_by_no_candidate", "unknown")
     for entries in ([told[part] for part in parts], [each["left"] for each in told["groups"]]):
         assert sum(entry["faces"] for entry in entries) == told["left"]["faces"]
     assert told["could_be_covered"]["faces"] == 0  # the network is all the candidates
-    assert all(REASONS[name].sentence in "\n".join(found.lines()) for name in told["reasons"])
+    assert all(REASONS[name].sentence in "\n".join(rest.lines()) for name in told["reasons"])
 
 
 @given(seed=st.integers(0, 2**32 - 1), n_poses=st.integers(0, 5))
@@ -240,13 +240,13 @@ def test_bounds_of_candidates_are_those_of_the_twin(seed, n_poses):
         "reason": rng.integers(0, 9, shape).astype(np.uint8),
     }
     expected = candidate_bounds(*figures.values(), EDGE_ON)
-    found = CandidateBounds(40, np.ones(40, bool))
+    result = CandidateBounds(40, np.ones(40, bool))
     for rows in np.array_split(np.arange(n_poses), 2):  # batch by batch
         parts = {name: array[rows] for name, array in figures.items()}
-        found.add(SimpleNamespace(pose_ids=rows, **parts))
-    for one, other in zip((found.low, found.high, found.covering), expected, strict=True):
+        result.add(SimpleNamespace(pose_ids=rows, **parts))
+    for one, other in zip((result.low, result.high, result.covering), expected, strict=True):
         np.testing.assert_array_equal(one, other)
-    assert found.n_poses == n_poses
+    assert result.n_poses == n_poses
 
 
 def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
@@ -259,10 +259,10 @@ def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
         cameras = measured(objective, poses[:2])
         again = left_over(observer, cameras, lambda *_: None, poses)
         monkeypatch.setattr(uncovered, "evaluate_batches", None)  # raises when it is called
-        found = left_over(observer, cameras, lambda *_: None, poses, bounds)
-    assert found.summary() == again.summary()
+        rest = left_over(observer, cameras, lambda *_: None, poses, bounds)
+    assert rest.summary() == again.summary()
     for name in ("n_covering", "sight", "seen_at_least", "seen_at_most"):
-        one, other = (getattr(each, name)[found.left] for each in (found, again))
+        one, other = (getattr(each, name)[rest.left] for each in (rest, again))
         np.testing.assert_array_equal(one, other)
 
 
@@ -272,8 +272,8 @@ def test_a_rig_with_a_rule_counts_once(rule):
     places[1, 0, 3] = 0.3
     rig = rc.Rig([CAMERA, CAMERA], rig_from_camera=places, rule=rule)
     network, others = rig.poses(around(2, 0)), rig.poses(around(5, 1))
-    found = what_is_left((shapes.torus(12, 8), rig), network, candidates=others)
+    rest = what_is_left((shapes.torus(12, 8), rig), network, candidates=others)
     each = 2 if rule is None else 1
-    assert (found.n_cameras, found.n_candidates) == (2 * each, 5 * each)
+    assert (rest.n_cameras, rest.n_candidates) == (2 * each, 5 * each)
     line = f"Of these, judged by {5 * each} candidate poses:"
-    assert line in found.lines()
+    assert line in rest.lines()

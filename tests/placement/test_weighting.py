@@ -8,7 +8,7 @@ from nightly import examples
 from selection_cases import QUICK, covers_faces, is_met, problems
 from set_cover_cases import COVERS, FOLDER, OPTIMA, read_set_cover, steiner
 
-from rastercov.native import placement_weighting as kernels
+from rastercov.engine import placement_weighting as kernels
 from rastercov.placement.bits import by_face
 from rastercov.placement.select import weighting
 from rastercov.placement.select.bounds import NEVER
@@ -134,16 +134,16 @@ def test_it_takes_part_only_where_cameras_are_counted_to_cover_all(problem):
     if not weighting.is_for(state):
         return
     kept = state.reduced.candidates
-    for found in weighting.fewer(state, 0, 50, QUICK, 0, NEVER):
-        chosen = kept[sorted(found)]
+    for item in weighting.fewer(state, 0, 50, QUICK, 0, NEVER):
+        chosen = kept[sorted(item)]
         assert is_met(problem, covers_faces(problem, chosen))
         assert len(chosen) < len(state.chosen)
 
 
 @pytest.mark.parametrize("n_points", [9, 15, 27, 45])
 def test_triple_systems_reach_the_known_optimum(n_points):
-    found = select_greedy(problem_of_matrix(steiner(n_points), ALL), effort=50 * QUICK)
-    assert found.objective == COVERS[n_points]
+    selection = select_greedy(problem_of_matrix(steiner(n_points), ALL), effort=50 * QUICK)
+    assert selection.objective == COVERS[n_points]
 
 
 def test_the_search_beats_the_greedy_rule_on_a_published_cover():

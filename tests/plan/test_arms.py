@@ -16,10 +16,10 @@ from tours import best_of
 
 import rastercov as rc
 from rastercov import placement
-from rastercov.mesh.kinematics import pose_error
-from rastercov.placement.plan import arm as plan_arm
+from rastercov.page.scene import scene_of_place
 from rastercov.placement.plan.file import plan_of
-from rastercov.viewer.scene import scene_of_place
+from rastercov.robots import plan_arm as plan_arm
+from rastercov.robots.kinematics import pose_error
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
 MOUNT = {"translation": [0, 0, 0.06]}
@@ -65,10 +65,10 @@ def areas_with_arm(robot, poses, joints, camera, task, **given):
     total = []
     for pose, angles in zip(poses, joints, strict=True):
         scene = rc.Mesh.joined([part(), rc.Robot.load(ARM, rest=angles, name="arm").mesh])
-        found = rc.regions(scene, camera, pose[None], task, **given)
-        total.append(found.area.sum())
+        regions = rc.regions(scene, camera, pose[None], task, **given)
+        total.append(regions.area.sum())
         own = np.arange(scene.n_faces) < part().n_faces
-        assert not len(found._of_faces(~own).face)
+        assert not len(regions._of_faces(~own).face)
     return total
 
 
@@ -220,10 +220,10 @@ def test_the_bodies_in_the_way_are_named_with_what_is_missing():
         placed = rc.Mesh(table @ pose[:3, :3].T + pose[:3, 3], box.faces)
         scene = rc.Mesh.joined([placed, rc.shapes.sphere(1, 0.1).moved(translation=(3, 3, 3))],
                                ["table", "ball"])  # fmt: skip
-        found = rc.Collisions(robot, [scene]).contacts(joints)[0]
-        assert (found.link, found.body) == ("head", "table")
-        assert found.depth == pytest.approx(max(way, 0), abs=1e-9)
-        assert found.distance == pytest.approx(max(-way, 0), abs=1e-9)
+        contacts = rc.Collisions(robot, [scene]).contacts(joints)[0]
+        assert (contacts.link, contacts.body) == ("head", "table")
+        assert contacts.depth == pytest.approx(max(way, 0), abs=1e-9)
+        assert contacts.distance == pytest.approx(max(-way, 0), abs=1e-9)
 
 
 @pytest.mark.parametrize("limit", [0.0, 0.01, 0.03])
@@ -245,11 +245,12 @@ def test_the_clearance_of_links_is_apart_from_that_of_the_scene(limit):
     both = np.minimum(*(cell.clearance(reached.joints, of=of) for of in ("scene", "links")))
     assert np.array_equal(cell.clearance(reached.joints), both)
     for of in ("scene", "links"):
-        found = cell.contacts(reached.joints, of)
+        contacts = cell.contacts(reached.joints, of)
         assert (
-            np.abs([e.distance for e in found] - cell.clearance(reached.joints, of=of)).max() == 0
+            np.abs([e.distance for e in contacts] - cell.clearance(reached.joints, of=of)).max()
+            == 0
         )
-        assert all((each.body in robot.links) == (of == "links") for each in found)
+        assert all((each.body in robot.links) == (of == "links") for each in contacts)
 
 
 def test_candidates_are_counted_by_the_reasons_of_the_arm():
@@ -345,8 +346,8 @@ def test_the_tour_is_shorter_where_the_first_joint_angles_are_far_apart():
     assert [int(each["position"]) - 1 for each in rows] == written["tour"]
     names = np.array(written["camera"])[written["tour"]].tolist()
     assert [each["camera"] for each in rows] == names
-    found = [[float(each[name]) for name in robot.joint_names] for each in rows]
-    assert np.array_equal(found, np.array(written["joints"])[written["tour"]])
+    items = [[float(each[name]) for name in robot.joint_names] for each in rows]
+    assert np.array_equal(items, np.array(written["joints"])[written["tour"]])
 
 
 TABLE = """
@@ -434,12 +435,12 @@ def turned_by(angle):
 
 def in_the_cell(joints, around, of="scene"):
     """Clearance in the frame of the robot: the part turns, and nothing else."""
-    robot, found = rc.Robot.load(ARM), []
+    robot, items = rc.Robot.load(ARM), []
     for *angles, turn in joints:
         motion = turned_by(turn)
         there = rc.Mesh(part().vertices @ motion[:3, :3].T + motion[:3, 3], part().faces)
-        found.append(rc.Collisions(robot, [there, *around]).clearance(angles, 0.1, of)[0])
-    return np.array(found)
+        items.append(rc.Collisions(robot, [there, *around]).clearance(angles, 0.1, of)[0])
+    return np.array(items)
 
 
 def random_cell(rng):
@@ -471,11 +472,11 @@ def test_what_is_beside_a_turntable_is_met_in_the_frame_of_the_robot(seed):
 
     def is_free(joints, slack):
         """The same in the frame of the robot, where only the part turns."""
-        found = in_the_cell(joints, [wall, *solids]) >= 0.02 + slack
-        found &= in_the_cell(joints, [], "links") > 0
+        is_met = in_the_cell(joints, [wall, *solids]) >= 0.02 + slack
+        is_met &= in_the_cell(joints, [], "links") > 0
         places = poses_of(rc.Robot.load(ARM), joints[:, :-1], tip)[:, :3, 3]
-        found &= placement.NearestSurface(wall).query(places).distance >= 0.03
-        return found & ~np.any([each.contains(places) for each in volumes], axis=0)
+        is_met &= placement.NearestSurface(wall).query(places).distance >= 0.03
+        return is_met & ~np.any([each.contains(places) for each in volumes], axis=0)
 
     assert is_free(reached.joints, -1e-9).all()
     solved = robot.kinematics.solve(poses[sorted(reached.missed)], "head", tip, (24,), 9, 24)
@@ -483,8 +484,8 @@ def test_what_is_beside_a_turntable_is_met_in_the_frame_of_the_robot(seed):
     at = poses_of(rc.Robot.load(ARM), reached.joints[:, :-1], tip)[:, :3, 3]
     there = placement.KeepOutSphere(tuple(at[0].tolist()), 0.05, "there")
     is_there = there.contains(at)
-    found = replace(arm, keep_out=[*volumes, there]).is_free(reached.joints)
-    assert not found[is_there].any()
+    result = replace(arm, keep_out=[*volumes, there]).is_free(reached.joints)
+    assert not result[is_there].any()
     own = plan_arm.PlanArm(plan_of(PLAN), arm)
     moves = np.concatenate([own._moves(each, 0.3) for each in reached.joints[:3]])
     assert is_free(moves, -1e-9).all()
@@ -605,8 +606,8 @@ def test_a_robot_that_moves_by_a_path_is_in_front_of_cameras():
     mesh = rc.Mesh.joined([part(), robot.mesh])
     camera, task = rc.Camera.from_fov(320, 256, hfov_deg=40), rc.Task(max_incidence_deg=70)
     motion = rc.Motion(mesh, robot.poses(rows))
-    found = regions_over_time(motion, camera, pose, task)
-    assert told()["share"] == pytest.approx(rc.unite(over_time(found, motion, "all")).share())
+    regions = regions_over_time(motion, camera, pose, task)
+    assert told()["share"] == pytest.approx(rc.unite(over_time(regions, motion, "all")).share())
     shown, equipment = scene_of_place(Path("out"))
     assert np.array_equal(shown.motion.mesh.vertices, mesh.vertices)
     assert equipment == {}
@@ -633,8 +634,8 @@ def test_a_camera_rides_on_a_link_of_a_robot_that_moves():
     """Its poses are those at rest; the part is seen by the head that the path moves over it."""
     robot = rc.Robot.load(ARM)
     goals = rc.look_at(eyes=[(0.45, 0.1, 0.6), (0.6, 0.2, 0.55)], targets=(0.5, 0.1, 0.2))
-    found = robot.solve(goals, "head", TIP)
-    joints = np.array([found.joints[found.pose == row][0] for row in (0, 1)])
+    solution = robot.solve(goals, "head", TIP)
+    joints = np.array([solution.joints[solution.pose == row][0] for row in (0, 1)])
     lines = [",".join(robot.joint_names), *(",".join(map(repr, row)) for row in joints.tolist())]
     Path("path.csv").write_text("\n".join(lines))
     at_rest = poses_of(robot, robot.rest)
@@ -654,7 +655,7 @@ def test_a_camera_rides_on_a_link_of_a_robot_that_moves():
 def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
     none = np.zeros((0, 6))
     near = {"scene": [], "links": []}
-    found = plan_arm.CarriedPoses(
+    carried_poses = plan_arm.CarriedPoses(
         (), none, near, none[:, 0], (), none[:, 0].astype(int), 0.0, "rad", 0
     )
-    assert "inf" not in found.line()
+    assert "inf" not in carried_poses.line()

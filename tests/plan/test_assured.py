@@ -11,9 +11,10 @@ from nightly import amount
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.coverage.area.tolerance import Errors, errors_in
-from rastercov.placement.plan import assured, outcome
+from rastercov.placement.plan import outcome
 from rastercov.placement.plan.file import PlanError
+from rastercov.tolerances import assured
+from rastercov.tolerances.passes import Errors, errors_in
 
 PLAN = {
     "meshes": [{"built_in": "teapot-5"}],
@@ -46,21 +47,23 @@ def checked(share, **options):
 @pytest.fixture(scope="module")
 def shares():
     """Share that is sure, and least and nominal shares."""
-    found = checked(0.1).assured.found
-    return [value / found.sure.whole for value in (found.sure.m2, found.least, found.nominal.m2)]
+    result = checked(0.1).assured.found
+    return [
+        value / result.sure.whole for value in (result.sure.m2, result.least, result.nominal.m2)
+    ]
 
 
 def test_a_goal_that_is_sure_holds_under_errors(shares):
-    found = checked(shares[0] - 1e-5)
-    assert found.is_met
-    assert [each.status for each in found.assured.verdicts] == ["holds under errors"]
+    result = checked(shares[0] - 1e-5)
+    assert result.is_met
+    assert [each.status for each in result.assured.verdicts] == ["holds under errors"]
 
 
 def test_a_goal_that_a_drawn_installation_misses_fails(shares, tmp_path):
-    found = checked((shares[1] + shares[2]) / 2, out=tmp_path)
-    assert [each.status for each in found.requirements] == ["holds"]
-    assert [each.status for each in found.assured.verdicts] == ["fails"]
-    assert not found.is_met
+    result = checked((shares[1] + shares[2]) / 2, out=tmp_path)
+    assert [each.status for each in result.requirements] == ["holds"]
+    assert [each.status for each in result.assured.verdicts] == ["fails"]
+    assert not result.is_met
     told = json.loads((tmp_path / "check.json").read_text())
     assert told["tolerance"]["verdicts"][0]["status"] == "fails"
     page = (tmp_path / "check.html").read_text()
@@ -69,14 +72,14 @@ def test_a_goal_that_a_drawn_installation_misses_fails(shares, tmp_path):
 
 
 def test_a_goal_in_between_is_undecided(shares, tmp_path):
-    found = checked((shares[0] + shares[1]) / 2, out=tmp_path)
-    assert [each.status for each in found.assured.verdicts] == ["undecided"]
-    assert not found.is_met
+    result = checked((shares[0] + shares[1]) / 2, out=tmp_path)
+    assert [each.status for each in result.assured.verdicts] == ["undecided"]
+    assert not result.is_met
     again = rc.check(PLAN, tmp_path / "worst_poses.json", min_coverage=0.1)
-    assert again.whole.share == pytest.approx(found.assured.verdicts[0].least, abs=1e-9)
-    worst = found.assured.summary()["worst"]
+    assert again.whole.share == pytest.approx(result.assured.verdicts[0].least, abs=1e-9)
+    worst = result.assured.summary()["worst"]
     assert worst == json.loads((tmp_path / "worst_poses.json").read_text())
-    assert worst["draw"] == int(np.argmin(found.assured.found.draws))
+    assert worst["draw"] == int(np.argmin(result.assured.found.draws))
 
 
 @pytest.mark.slow
@@ -108,21 +111,21 @@ def test_the_command_says_what_holds(tmp_path, monkeypatch, capsys):
 def test_files_for_build_servers_fail_with_the_goal_that_errors_may_break(tmp_path, shares):
     failing = (shares[1] + shares[2]) / 2
     for share, status in ((shares[0] - 1e-5, ""), (failing, "fails")):
-        found = checked(share)
-        planned, under = (case for case in outcome.cases(found) if case.kind == "goal")
+        result = checked(share)
+        planned, under = (case for case in outcome.cases(result) if case.kind == "goal")
         assert (planned.status, under.status) == ("", status)
         assert under.name == "coverage of whole task under installation errors"
         outcome.write(tmp_path / "j.xml", tmp_path / "s.md", Path("plan.toml"), [planned, under])
         suite = ElementTree.parse(tmp_path / "j.xml").getroot()
-        assert suite.get("failures") == str(int(not found.is_met))
+        assert suite.get("failures") == str(int(not result.is_met))
         title, *rows = (tmp_path / "s.md").read_text().splitlines()
         assert title == f"## rastercov check plan.toml: {status or 'holds'}"
         assert any("in the worst random installation: fails" in row for row in rows) == bool(status)
-    verdict, *_ = found.assured.lines()
-    assert found.lines()[1] == verdict
+    verdict, *_ = result.assured.lines()
+    assert result.lines()[1] == verdict
     assert any(
         line.startswith("goal for the whole task holds (rig as planned, without errors): ")
-        for line in found.lines()
+        for line in result.lines()
     )
 
 
@@ -131,11 +134,11 @@ def test_a_placement_has_the_area_that_is_sure():
     plan = PLAN | {"selection": PLAN["selection"] | {"tolerance": tolerance}}
     tolerance["proof"] = True
     placed = rc.place(plan)
-    found = placed.assured.found
-    assert found.sure.m2 < found.nominal.m2
+    result = placed.product("tolerance").proved.found
+    assert result.sure.m2 < result.nominal.m2
     areas = placed.cameras.areas
     nominal = areas.of_faces(areas.mesh.task_mask, 1)["m2"]
-    assert found.nominal.m2 == pytest.approx(nominal, rel=1e-9)
+    assert result.nominal.m2 == pytest.approx(nominal, rel=1e-9)
     without = rc.place(PLAN)
     assert np.array_equal(placed.cameras.poses, without.cameras.poses)
 
@@ -149,15 +152,15 @@ def test_a_placement_has_the_area_that_is_sure():
 )
 def test_a_proof_of_what_has_none_is_refused_before_the_run(change):
     selection = PLAN["selection"] | {"tolerance": {"position_mm": 1, "proof": True}}
-    with pytest.raises(PlanError, match="proof"):
+    with pytest.raises(PlanError, match=r"selection\.tolerance\.proof: expected"):
         rc.place(PLAN | change | {"selection": selection})
 
 
 def test_an_angle_between_rays_is_proved_by_area():
     task = {"max_incidence_deg": 75, "views": 2, "min_angle_deg": 20, "by": "area"}
-    found = rc.check(PLAN | {"task": task}, RIG, min_coverage=0.1, tolerance="1 mm")
-    assert found.assured.holds
-    assert found.assured.found.sure.share() < found.whole.share
+    check_result = rc.check(PLAN | {"task": task}, RIG, min_coverage=0.1, tolerance="1 mm")
+    assert check_result.assured.holds
+    assert check_result.assured.found.sure.share() < check_result.whole.share
 
 
 def test_of_normal_errors_one_in_a_hundred_installations_may_fail(shares, monkeypatch):
@@ -184,10 +187,10 @@ def test_a_room_that_is_covered_as_planned_is_not_for_certain_until_a_camera_is_
 
 
 def test_errors_of_cameras_differ_by_name():
-    found = errors_in("2 mm, camera 2 0.5 mm, bracket 0.1 deg, part 3 mm")
-    assert found.position_mm == {"camera 2": 0.5, "*": 2}
-    assert found.angle_deg == {"bracket": 0.1, "*": 0}
-    assert found.part_mm == 3
+    errors = errors_in("2 mm, camera 2 0.5 mm, bracket 0.1 deg, part 3 mm")
+    assert errors.position_mm == {"camera 2": 0.5, "*": 2}
+    assert errors.angle_deg == {"bracket": 0.1, "*": 0}
+    assert errors.part_mm == 3
     checked = rc.check(PLAN, RIG, min_coverage=0.1, tolerance="2 mm, camera 0.5 mm")
     assert checked.assured.found.sizes[:, 0].tolist() == [0.0005] * 5
     with pytest.raises(ConfigError, match="bracket"):

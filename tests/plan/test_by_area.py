@@ -17,12 +17,13 @@ from surface_cases import room
 from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
-from rastercov.coverage.area.network import AreaNetwork
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.coverage.required import FAILS, HOLDS, UNDECIDED
 from rastercov.placement.plan import fewer, shortfall
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import plan_of
-from rastercov.placement.plan.network import FAILS, HOLDS, UNDECIDED, judge_areas
+from rastercov.placement.plan.network import judge_areas
 from rastercov.report import plan as report
 
 SIZED = {"max_incidence_deg": 75, "min_pixels_per_m2": 4000}
@@ -58,16 +59,16 @@ def beyond(tmp_path_factory):
         patch.setattr(log, "handlers", [*log.handlers, kept])
         plans.write_obj("room.obj", MESH)
         write_poses("candidates.json", POSES)
-        found = placed(selection=FEWEST | {"coverage": 1.0})
-    return found, [record.getMessage() for record in kept.buffer]
+        placement = placed(selection=FEWEST | {"coverage": 1.0})
+    return placement, [record.getMessage() for record in kept.buffer]
 
 
-def exact_share(found):
-    return area_of(MESH, CAMERA, found.cameras.poses, TASK)
+def exact_share(result):
+    return area_of(MESH, CAMERA, result.cameras.poses, TASK)
 
 
-def text_of(found):
-    return "\n".join(report.lines(found))
+def text_of(result):
+    return "\n".join(report.lines(result))
 
 
 # --- selection ------------------------------------------------------------------------------------
@@ -75,23 +76,23 @@ def text_of(found):
 
 @pytest.mark.slow
 def test_a_plan_by_area_chooses_about_as_well_as_greedy_on_exact_areas():
-    found, (_, best) = placed(), greedy_by_area(MESH, CAMERA, POSES, TASK, 4)
-    share = found.cameras.share
-    assert share == found.cameras.curve[-1] == pytest.approx(exact_share(found), abs=1e-9)
+    placement, (_, best) = placed(), greedy_by_area(MESH, CAMERA, POSES, TASK, 4)
+    share = placement.cameras.share
+    assert share == placement.cameras.curve[-1] == pytest.approx(exact_share(placement), abs=1e-9)
     assert share >= best - 0.005
-    assert (np.diff(found.cameras.curve) > 0).all()
+    assert (np.diff(placement.cameras.curve) > 0).all()
     matrix, n_cells = told()["matrix"], len(rc.cells(MESH, 0.5))
     assert [matrix[name] for name in ("cells", "cell_m", "least_share")] == [n_cells, 0.5, 0.5]
-    assert told()["selection"]["share"] == found.selection.share != told()["share"]
+    assert told()["selection"]["share"] == placement.selection.share != told()["share"]
     assert share == pytest.approx(told()["covered_area"]["percent"] / 100, abs=1e-12)
     assert f"of the area on {n_cells:,} patches up to 0.5 m long (a patch counts if a" in text_of(
-        found
+        placement
     )
-    assert report.head_lines(found)[0].startswith("covered: ")
-    (worst,) = (line for line in report.head_lines(found) if line.startswith("dead zone "))
-    assert worst not in report.lines(found)
-    assert worst in report.lines(found, named=())
-    assert "point by point" not in text_of(found)
+    assert report.head_lines(placement)[0].startswith("covered: ")
+    (worst,) = (line for line in report.head_lines(placement) if line.startswith("dead zone "))
+    assert worst not in report.lines(placement)
+    assert worst in report.lines(placement, named=())
+    assert "point by point" not in text_of(placement)
     by_face = placed(task=SIZED | {"by": "face"})
     whole = exact_share(by_face)
     assert whole < share - 0.05
@@ -117,14 +118,14 @@ def test_a_matrix_is_used_again_and_one_of_other_cells_is_not():
 @pytest.mark.parametrize(("share", "size"), [(0.5, 0.5), (0.7, 0.5), (0.7, 2.0)])
 def test_a_goal_that_can_be_reached_is_met_by_exact_area(share, size):
     goal = FEWEST | {"coverage": share}
-    found = placed(selection=goal, task=SIZED | {"resolution_of_result": size})
-    (required,) = found.requirements
-    assert found.is_met
+    placement = placed(selection=goal, task=SIZED | {"resolution_of_result": size})
+    (required,) = placement.requirements
+    assert placement.is_met
     assert required.low >= share - 1e-9
-    assert required.share == pytest.approx(exact_share(found), abs=1e-9)
-    is_raised = found.prepared.problem.goal.coverage > share
-    assert is_raised <= ("stricter selection" in found.steps)
-    assert is_raised == ("so that the exact area reaches" in text_of(found))
+    assert required.share == pytest.approx(exact_share(placement), abs=1e-9)
+    is_raised = placement.prepared.problem.goal.coverage > share
+    assert is_raised <= ("stricter selection" in placement.steps)
+    assert is_raised == ("so that the exact area reaches" in text_of(placement))
 
 
 @pytest.mark.parametrize(("margin", "count"), [(-1e-4, 2), (1e-4, 3)])
@@ -135,13 +136,15 @@ def test_the_fewest_candidates_are_those_of_all_sets_by_exact_area(margin, count
     own = [rc.regions(MESH, CAMERA, POSES[row : row + 1], TASK) for row in range(9)]
     best = max(rc.unite([own[a], own[b]]).share() for a, b in combinations(range(9), 2))
     goal = FEWEST | {"coverage": best + margin, "method": method}
-    found = placed(selection=goal, task=SIZED | {"resolution_of_result": 2.0})
-    assert found.is_met
-    assert len(found.chosen) == count
+    placement = placed(selection=goal, task=SIZED | {"resolution_of_result": 2.0})
+    assert placement.is_met
+    assert len(placement.chosen) == count
     chosen = told()["selection"]
     assert (chosen["proved_on"], chosen["status"]) == ("exact area", "optimal")
     assert chosen["bound"] == count
-    assert "no smaller set of candidates reaches the goal (proved for exact area)" in text_of(found)
+    assert "no smaller set of candidates reaches the goal (proved for exact area)" in text_of(
+        placement
+    )
 
 
 def test_candidates_that_reach_a_goal_are_among_the_sets_that_may(monkeypatch):
@@ -163,14 +166,14 @@ def test_candidates_that_reach_a_goal_are_among_the_sets_that_may(monkeypatch):
 
 
 def test_the_poses_of_a_placement_have_their_camera():
-    found = placed()
+    placement = placed()
     views = rc.read_views("out/poses.json")
     assert views.camera() == CAMERA
     evaluation = rc.evaluate(MESH, views.rig, views.poses, TASK)
     m2 = told()["covered_area"]["m2"]
     assert evaluation.areas.summary()["m2"] == pytest.approx(m2, rel=1e-9)
     checked = rc.check(PLAN, "out/poses.json", min_coverage=0.1)
-    assert checked.whole.share == pytest.approx(found.cameras.share, abs=1e-9)
+    assert checked.whole.share == pytest.approx(placement.cameras.share, abs=1e-9)
 
 
 def test_a_best_coverage_is_proved_on_patches_alone():
@@ -182,10 +185,10 @@ def test_a_best_coverage_is_proved_on_patches_alone():
 
 
 def test_what_is_out_of_reach_gives_most_of_what_cells_reach(beyond):
-    found, _ = beyond
-    (required,) = found.requirements
+    result, _ = beyond
+    (required,) = result.requirements
     assert required.status == FAILS
-    assert "candidates together reach" in found.prepared.notes[0]
+    assert "candidates together reach" in result.prepared.notes[0]
     assert "m² uncovered" in required.words()
     nothing = placed(task=CELLS | {"min_pixels_per_m2": 1e12})
     assert len(nothing.cameras.poses) == nothing.cameras.share == 0
@@ -195,14 +198,14 @@ def test_what_is_out_of_reach_gives_most_of_what_cells_reach(beyond):
 
 def test_a_goal_out_of_reach_is_said_at_once_and_searched_for_once(beyond):
     """All candidates together leave the side that none looks at, and what is too coarse."""
-    found, said = beyond
+    result, said = beyond
     start = "whole task out of reach: all candidates"
-    (bound,) = [line for line in found.prepared.notes if line.startswith(start)]
+    (bound,) = [line for line in result.prepared.notes if line.startswith(start)]
     assert bound in said
-    assert "stricter selection" not in found.steps
-    assert found.prepared.is_beyond
+    assert "stricter selection" not in result.steps
+    assert result.prepared.is_beyond
     high = float(re.search(r"cover at most ([\d.]+) %", bound)[1])
-    assert found.cameras.areas.summary()["percent"] <= high + 0.1 < 100
+    assert result.cameras.areas.summary()["percent"] <= high + 0.1 < 100
     missing = re.search(r"missing: (.*)", bound)[1]
     parts = [float(each) for each in re.findall(r"([\d.]+) % [a-z]", missing)]
     assert sum(parts) == pytest.approx(100 - high, abs=0.2)
@@ -228,8 +231,10 @@ def reached_by(line, task):
     [({}, 0.77, "max_incidence"), ({"min_pixels_per_m2": 16_000}, 0.75, "pixels")],
 )
 def test_what_is_said_to_bring_a_goal_into_reach_does(task, limit, kinds):
-    found = placed(selection=FEWEST | {"coverage": limit}, task=CELLS | task)
-    lines = [line for line in found.prepared.notes if line.startswith("goal within reach with ")]
+    placement = placed(selection=FEWEST | {"coverage": limit}, task=CELLS | task)
+    lines = [
+        line for line in placement.prepared.notes if line.startswith("goal within reach with ")
+    ]
     assert any(kinds in line for line in lines)
     assert any("candidates also at" in line for line in lines)
     for line in lines:
@@ -250,13 +255,13 @@ def test_what_nothing_that_is_tried_reaches_is_said(beyond):
 @pytest.mark.parametrize("selection", [FOUR, FEWEST | {"coverage": 0.4}])
 def test_cameras_that_differ_by_an_angle_are_chosen_and_judged_by_area(selection):
     task = CELLS | {"by": "area", "min_angle_deg": 40}
-    found = placed(selection=selection, task=task)
+    placement = placed(selection=selection, task=task)
     angled = rc.Task(**SIZED, min_angle_deg=40)
-    exact = rc.evaluate(MESH, CAMERA, found.cameras.poses, angled, by="area", fields=())
+    exact = rc.evaluate(MESH, CAMERA, placement.cameras.poses, angled, by="area", fields=())
     percent = exact.areas.summary()["percent"]
     assert told()["covered_area"]["percent"] == pytest.approx(percent, abs=1e-6)
     assert percent > 25
-    assert found.is_met
+    assert placement.is_met
 
 
 OF_REACHABLE = FEWEST | {"coverage": 0.9, "of_reachable": True}
@@ -265,11 +270,11 @@ OF_REACHABLE = FEWEST | {"coverage": 0.9, "of_reachable": True}
 @pytest.mark.slow
 @pytest.mark.parametrize("views", [1, 2, {"boxes": 2}])
 def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(views):
-    found = placed(selection=OF_REACHABLE, task=CELLS | {"views": views})
-    (required,) = found.requirements
+    placement = placed(selection=OF_REACHABLE, task=CELLS | {"views": views})
+    (required,) = placement.requirements
     covered = [
         rc.unite(rc.regions(MESH, CAMERA, poses, TASK), 2).area
-        for poses in (found.cameras.poses, POSES)
+        for poses in (placement.cameras.poses, POSES)
     ]
     of_walls, of_boxes = (views, views) if isinstance(views, int) else (1, 2)
     need = np.where(np.arange(MESH.n_faces) < 12, of_walls, of_boxes)
@@ -277,19 +282,19 @@ def test_a_share_of_what_is_reachable_is_of_the_exact_area_of_all_candidates(vie
     assert required.share == pytest.approx(own / most, abs=1e-6)
     assert required.of_m2 == pytest.approx(most)
     assert required.low <= required.share <= required.high
-    assert found.is_met
+    assert placement.is_met
     assert "of the area that candidates can cover, 90.0 % required" in required.words()
 
 
 @pytest.mark.slow
 def test_a_share_of_what_is_reachable_is_judged_on_cells_where_the_area_is_not_known(monkeypatch):
     monkeypatch.setattr(shortfall, "MOST_PAIRS", 0)
-    found = placed(selection=OF_REACHABLE)
-    (required,) = found.requirements
+    placement = placed(selection=OF_REACHABLE)
+    (required,) = placement.requirements
     assert required.of_reachable
     assert required.words().endswith("90.0 % required (on patches)")
-    reached = found.prepared.problem.share(found.prepared.problem.reachable)
-    assert 0.9 <= required.share == pytest.approx(found.selection.share / reached, abs=1e-12)
+    reached = placement.prepared.problem.share(placement.prepared.problem.reachable)
+    assert 0.9 <= required.share == pytest.approx(placement.selection.share / reached, abs=1e-12)
 
 
 @pytest.mark.parametrize("views", [1, 2, {"boxes": 2}])
@@ -310,17 +315,17 @@ def test_a_required_area_holds_fails_or_is_not_decided(views):
         gap = exact.high - exact.share
         limits = {exact.low - 2 * gap: HOLDS, exact.share: UNDECIDED, exact.high + 2 * gap: FAILS}
         for limit, status in limits.items():
-            (found,) = judge_areas(areas, {group: limit}, views)
-            assert found.status == status
-            assert ("undecided" in found.words()) == (status == UNDECIDED)
+            (result,) = judge_areas(areas, {group: limit}, views)
+            assert result.status == status
+            assert ("undecided" in result.words()) == (status == UNDECIDED)
 
 
 @pytest.mark.slow
 def test_check_judges_by_exact_area_and_place_agrees():
-    found = placed(selection=FEWEST)
-    checked = rc.check(PLAN, found.cameras.poses, min_coverage=0.7, groups={"boxes": 1.0})
+    placement = placed(selection=FEWEST)
+    checked = rc.check(PLAN, placement.cameras.poses, min_coverage=0.7, groups={"boxes": 1.0})
     whole, _ = checked.requirements
-    assert whole.share == pytest.approx(found.requirements[0].share, abs=1e-12)
+    assert whole.share == pytest.approx(placement.requirements[0].share, abs=1e-12)
     assert [each.status for each in checked.requirements] == [HOLDS, FAILS]
     (line,) = [each for each in checked.lines() if each.startswith("  group boxes: ")]
     assert re.search(r"m² (occluded|too few|too oblique|back-facing|not fully)", line)
@@ -342,23 +347,23 @@ STEPS = {
 def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
     alone, plain = placed(), plan_run.refine
     monkeypatch.setattr(plan_run, "refine", partial(plain, halvings=1))
-    found = placed(selection=FOUR | STEPS)
-    assert found.refined.share >= found.refined.start_share
-    assert 4 < found.refined.evaluations <= 600
-    assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
-    assert found.cameras.share >= alone.cameras.share
-    assert len(found.tolerance.face_chance) == len(rc.cells(MESH, 0.5))
-    assert found.leftover.left.any()
-    (line,) = report.left_lines(found)
+    placement = placed(selection=FOUR | STEPS)
+    assert placement.refined.share >= placement.refined.start_share
+    assert 4 < placement.refined.evaluations <= 600
+    assert placement.cameras.share == pytest.approx(exact_share(placement), abs=1e-9)
+    assert placement.cameras.share >= alone.cameras.share
+    assert len(placement.product("tolerance").drawn.face_chance) == len(rc.cells(MESH, 0.5))
+    assert placement.leftover.left.any()
+    (line,) = report.left_lines(placement)
     words = " of the uncovered area is visible to none of the candidates (proved)"
     assert re.fullmatch(rf"[\d.]+ m²{re.escape(words)}", line)
 
     def worse(objective, space, poses, **_):
         """Moves of all cameras to the first one, said to be a gain."""
-        found = plain(objective, space, poses, budget=len(poses), seed=0)
+        result = plain(objective, space, poses, budget=len(poses), seed=0)
         away = np.repeat(poses.world_from_camera[:1], len(poses), axis=0)
-        object.__setattr__(found, "poses", away)
-        return found
+        object.__setattr__(result, "poses", away)
+        return result
 
     monkeypatch.setattr(plan_run, "refine", worse)
     kept = placed(selection=FOUR | {"refine": True})
@@ -378,15 +383,15 @@ def test_an_interrupt_while_the_area_is_measured_keeps_the_selection():
 
         yield progress
 
-    found = report.run_into(plan_of(PLAN), Path("out"), step)
-    assert found.interrupted == told()["interrupted"] == "area"
-    assert len(found.cameras.poses) == 4
-    assert found.cameras.areas is None
+    into = report.run_into(plan_of(PLAN), Path("out"), step)
+    assert into.interrupted == told()["interrupted"] == "area"
+    assert len(into.cameras.poses) == 4
+    assert into.cameras.areas is None
 
 
 @pytest.mark.slow
 def test_cells_larger_than_the_scene_are_whole_faces():
-    found = placed(task=SIZED | {"resolution_of_result": 1e6})
+    placement = placed(task=SIZED | {"resolution_of_result": 1e6})
     assert told()["matrix"]["cells"] == MESH.n_faces
-    assert "are whole faces" in found.prepared.notes[0]
-    assert found.cameras.share == pytest.approx(exact_share(found), abs=1e-9)
+    assert "are whole faces" in placement.prepared.notes[0]
+    assert placement.cameras.share == pytest.approx(exact_share(placement), abs=1e-9)

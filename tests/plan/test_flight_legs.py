@@ -15,11 +15,12 @@ from short_search import short_search  # noqa: F401 # a fixture for every test
 from test_flight_plan import KML, ORBIT, PLACE, PLAN, placed, waypoints
 
 import rastercov as rc
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import KeepOutBox, KeepOutSphere, NearestSurface
-from rastercov.placement.plan.flight import FlightSection, flight_of
 from rastercov.placement.plan.legs import Airspace, course_of, length_of
 from rastercov.report.plan import summary
+from rastercov.survey.flight import flight_of
+from rastercov.survey.plan_section import FlightSection
 
 SHARES = np.linspace(0, 1, 2001)[:, None]
 TOWER = shapes.box((2, 30, 20)).moved(translation=(0, 0, 10))
@@ -46,12 +47,12 @@ def test_distances_are_those_of_the_nearest_points(seed):
     )
     stops = rng.uniform(-0.5, 0.5, (rng.integers(2, 5), 3))
     stops[1] = stops[0] if rng.random() < 0.1 else stops[1]
-    found = Airspace(mesh).distance(stops)
+    distance = Airspace(mesh).distance(stops)
     near = NearestSurface(mesh).query(points(stops)).distance.min()
     step = np.linalg.norm(np.diff(stops, axis=0), axis=1).max() / 4000
-    assert found <= near * (1 + 1e-9)
-    assert near <= found + step + 1e-12
-    assert Airspace(mesh).distance(stops, 0.01) == pytest.approx(min(found, 0.01))
+    assert distance <= near * (1 + 1e-9)
+    assert near <= distance + step + 1e-12
+    assert Airspace(mesh).distance(stops, 0.01) == pytest.approx(min(distance, 0.01))
 
 
 @pytest.mark.parametrize("volume", VOLUMES)
@@ -147,11 +148,11 @@ def test_climbs_have_a_height_of_their_own():
 
 def test_a_home_below_something_is_refused(tmp_path):
     volume = {"name": "trees", "low": [-23, -1, 0.2], "high": [-21, 1, 0.3]}
-    found = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [volume]},
+    placement = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [volume]},
                    flight=PLAN["flight"] | {"home": [-22, 0, 0]})  # fmt: skip
-    assert summary(found)["flight"]["blocked"] == [1, 3]
-    assert "first to waypoint 1" in found.flight.lines()[-1]
-    assert "move home in [flight]" in found.flight.lines()[-1]
+    assert summary(placement)["flight"]["blocked"] == [1, 3]
+    assert "first to waypoint 1" in placement.product("flight").lines()[-1]
+    assert "move home in [flight]" in placement.product("flight").lines()[-1]
     assert not list((tmp_path / "out").glob("flight.*"))
 
 
@@ -168,8 +169,8 @@ def test_legs_at_the_clearance_itself_are_clear(distance):
 @pytest.mark.parametrize("clearance", [0.0, 3.0])
 def test_files_lead_over_the_part(tmp_path, clearance):
     changes = {"candidates": [ACROSS], "constraints": {"clearance": clearance}}
-    found = placed(tmp_path / "out", **changes)
-    flight, out = found.flight, tmp_path / "out"
+    placement = placed(tmp_path / "out", **changes)
+    flight, out = placement.product("flight"), tmp_path / "out"
     surface = NearestSurface(flight.mesh)
     assert surface.query(points(flight.places)).distance.min() < 1e-3  # straight it would collide
     assert [len(each) for each in flight.over] == [1, 2, 2]
@@ -179,7 +180,7 @@ def test_files_lead_over_the_part(tmp_path, clearance):
     away = surface.query(points(stops)).distance.min()
     assert away >= max(clearance, 1e-3)
     assert flight.clearance == (pytest.approx(away, abs=0.01), 1)
-    figures = summary(found)["flight"]
+    figures = summary(placement)["flight"]
     assert (figures["detours"], figures["blocked"]) == (2, [])
     assert figures["length_m"] == pytest.approx(flight.legs.sum())
     assert flight.legs.sum() == pytest.approx(length_of(home, *stops, home))
@@ -204,8 +205,8 @@ def test_the_first_leg_leads_over_the_part(tmp_path):
         "candidates": [ACROSS | {"count": 1}],
     }
     opposite = changes | {"flight": changes["flight"] | {"home": [-40, 0, -1]}}
-    assert len(placed(**changes).flight.over[0]) == 1
-    flight = placed(tmp_path / "out", **opposite).flight
+    assert len(placed(**changes).product("flight").over[0]) == 1
+    flight = placed(tmp_path / "out", **opposite).product("flight")
     top = flight.mesh.bounds[1, 2] + 1 - flight.home[2]
     items = json.loads((tmp_path / "out/flight.plan").read_text())["mission"]["items"]
     assert items[0]["Altitude"] == pytest.approx(top, abs=1e-3)
@@ -216,12 +217,12 @@ def test_the_first_leg_leads_over_the_part(tmp_path):
 
 def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
     wall = {"name": "wall", "low": [-0.1, -99, -99], "high": [0.1, 99, 99]}
-    found = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [wall]})
+    placement = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [wall]})
     assert not list((tmp_path / "out").glob("flight.*"))
-    assert summary(found)["flight"]["blocked"] == [2, 3]
+    assert summary(placement)["flight"]["blocked"] == [2, 3]
     assert (
         "no flight is written: the scene blocks 2 legs, the first to waypoint 2"
-        in found.flight.lines()[-1]
+        in placement.product("flight").lines()[-1]
     )
 
 

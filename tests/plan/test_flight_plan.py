@@ -13,15 +13,15 @@ from pydantic import ValidationError
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
-from rastercov.camera.georeference import GeoReference
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
+from rastercov.formats.georeference import GeoReference
 from rastercov.placement import NearestSurface
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.flight import FlightSection
-from rastercov.report.geo.flight import files_of
 from rastercov.report.plan import lines as plan_lines
 from rastercov.report.plan import summary
+from rastercov.survey.geo.flight import files_of
+from rastercov.survey.plan_section import FlightSection
 
 pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
 KML = "{http://www.opengis.net/kml/2.2}"
@@ -74,14 +74,14 @@ def waypoints(flight, mission):
 def test_waypoints_beside_the_surface_are_counted():
     wide = STRIPS | {"front": 0.4, "side": 0.2}
     wide |= {"polygon": [[-30, -5], [30, -5], [30, 5], [-30, 5]]}
-    found = placed(candidates=[wide])
-    flight = found.flight
+    placement = placed(candidates=[wide])
+    flight = placement.product("flight")
     x = np.abs(flight.places[:, 0])
     assert (x > 20).sum() <= flight.n_beside < len(x)
-    assert summary(found)["flight"]["beside_surface"] == flight.n_beside
+    assert summary(placement)["flight"]["beside_surface"] == flight.n_beside
     (line,) = (line for line in flight.lines() if "beside the surface" in line)
     assert line.startswith(f"{flight.n_beside} of {len(x)} waypoints look down beside the surface")
-    over = placed(meshes=[*PLAN["meshes"], GROUND], candidates=[STRIPS, ORBIT]).flight
+    over = placed(meshes=[*PLAN["meshes"], GROUND], candidates=[STRIPS, ORBIT]).product("flight")
     assert over.n_beside == 0
     assert over.notes == []
 
@@ -89,8 +89,8 @@ def test_waypoints_beside_the_surface_are_counted():
 @pytest.mark.parametrize("hover", [0.0, 2.0])
 def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path, hover):
     asked = PLAN["flight"] | {"hover": hover}
-    found = placed(tmp_path / "out", candidates=[STRIPS, ORBIT], flight=asked)
-    flight = found.flight
+    placement = placed(tmp_path / "out", candidates=[STRIPS, ORBIT], flight=asked)
+    flight = placement.product("flight")
     whole = json.loads((tmp_path / "out/flight.plan").read_text())
     assert {name: type(value) for name, value in whole.items()} == {
         "fileType": str, "geoFence": dict, "groundStation": str, "mission": dict,
@@ -132,7 +132,7 @@ def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path,
         elif item["command"] == 206:
             step = item["params"][0]
             images += [(at[n], pitch)] if step else []
-    assert len(images) == len(flight.rows) == len(found.cameras.mounted)
+    assert len(images) == len(flight.rows) == len(placement.cameras.mounted)
     np.testing.assert_allclose([eye for eye, _ in images], flight.places, atol=0.01)
     np.testing.assert_allclose([pitch for _, pitch in images], flight.views[1], atol=0.01)
     assert (206 in commands) == (hover == 0)
@@ -140,7 +140,7 @@ def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path,
 
 
 def test_headings_turn_with_the_meridian(tmp_path):
-    flight = placed().flight
+    flight = placed().product("flight")
     at = PLACE.geodetic(flight.places[:1])[0]
     convergence = np.degrees(np.tan(np.radians(at[0] - 9)) * np.sin(np.radians(at[1])))
     turned = (flight.headings_deg - 20 + 90) % 180 - 90  # to and fro
@@ -149,8 +149,11 @@ def test_headings_turn_with_the_meridian(tmp_path):
 
 
 def test_csv_and_kml_have_every_pose_in_order(tmp_path):
-    found = placed(tmp_path / "out", candidates=[ORBIT])
-    flight, poses = found.flight, json.loads((tmp_path / "out/poses.json").read_text())
+    placement = placed(tmp_path / "out", candidates=[ORBIT])
+    flight, poses = (
+        placement.product("flight"),
+        json.loads((tmp_path / "out/poses.json").read_text()),
+    )
     text = (tmp_path / "out/flight.csv").read_text()
     whole = list(csv.DictReader(text.splitlines()))
     rows = [row for row in whole if row["position"]]
@@ -179,27 +182,30 @@ def test_csv_and_kml_have_every_pose_in_order(tmp_path):
 
 
 def test_the_flight_is_audited_by_its_footprints(tmp_path):
-    found = placed(meshes=[*PLAN["meshes"], GROUND])
-    figures = summary(found)["flight"]
-    assert figures["waypoints"] == figures["images"] == len(found.cameras.placed)
+    placement = placed(meshes=[*PLAN["meshes"], GROUND])
+    figures = summary(placement)["flight"]
+    assert figures["waypoints"] == figures["images"] == len(placement.cameras.placed)
     assert sorted(figures["order"]) == list(range(figures["waypoints"]))
     assert figures["front_percent"] >= 60 - 1e-6  # less where the aeroplane hides the ground
     assert figures["side_percent"] >= 40 - 1e-6
     assert 0 < figures["front_least_percent"] < figures["front_percent"]
-    assert figures["length_m"] == pytest.approx(found.flight.legs.sum())
+    assert figures["length_m"] == pytest.approx(placement.product("flight").legs.sum())
     assert figures["duration_s"] == pytest.approx(figures["length_m"] / 5)
-    lines = found.flight.lines()
+    lines = placement.product("flight").lines()
     assert lines[0].startswith(f"flight: {figures['waypoints']} waypoints")
     assert "GSD" in lines[1]
     assert "median overlap: front 76.5 % (least 52.6 %), side 69.6 % (least " in lines[1]
     without = placed()
     assert summary(without)["flight"]["front_percent"] is None
-    assert "overlap unknown, as each image of a strip reaches the edge" in without.flight.lines()[1]
+    assert (
+        "overlap unknown, as each image of a strip reaches the edge"
+        in without.product("flight").lines()[1]
+    )
 
 
 def test_a_shorter_order_is_flown_where_there_is_one():
     apart = [{**ORBIT, "heights": [4.0, 30.0, 5.0, 29.0, 6.0], "count": 4}]
-    flight = placed(candidates=apart).flight
+    flight = placed(candidates=apart).product("flight")
     by_pattern = np.argsort(flight.rows)
     assert flight.legs.sum() < 0.8 * lengths(flight.places[by_pattern], flight.home)
 
@@ -213,7 +219,7 @@ def test_legs_through_the_part_are_seen():
     wall = Mesh(
         [(-1, -20, -20), (-1, 20, -20), (-1, 20, 20), (-1, -20, 20)], [(0, 1, 2), (0, 2, 3)]
     )
-    flight = placed(candidates=[{**ORBIT, "count": 2, "heights": [9]}]).flight
+    flight = placed(candidates=[{**ORBIT, "count": 2, "heights": [9]}]).product("flight")
     other = replace(flight, mesh=wall)
     assert other.clearance == (pytest.approx(0, abs=2e-3), 1)
     # Against points of the leg.
@@ -232,28 +238,28 @@ def test_rigs_of_different_cameras_fly_as_one():
     rig = {"cameras": [{"camera": "small"}, {"camera": "wide", "translation": [0.1, 0, 0]}]}
     plan = {name: value for name, value in PLAN.items() if name != "camera"}
     plan |= {"cameras": cameras, "rigs": {"pair": rig}, "meshes": [GROUND]}
-    found = rc.place(plan)
-    figures = summary(found)["flight"]
+    placement = rc.place(plan)
+    figures = summary(placement)["flight"]
     assert figures["images"] == 2 * figures["waypoints"]
     assert figures["front_least_percent"] >= 60 - 1e-3  # borders of fisheyes are chords
 
 
 def test_without_a_crs_only_local_files_are_written(tmp_path):
-    found = placed(tmp_path / "out", flight={"speed": 3.0})
+    placement = placed(tmp_path / "out", flight={"speed": 3.0})
     names = {path.name for path in (tmp_path / "out").glob("flight.*")}
     assert names == {"flight.csv"}
-    assert "local metres" in found.flight.lines()[-1]
+    assert "local metres" in placement.product("flight").lines()[-1]
     header = (tmp_path / "out/flight.csv").read_text().splitlines()[0]
     assert header.endswith("leg_m")
 
 
 def test_goal_all_takes_every_candidate():
-    found = placed(flight={})
-    n = len(found.prepared.pool.candidates)
-    assert found.selection.chosen.tolist() == list(range(n))  # in the order of the patterns
-    assert (np.diff(found.selection.curve) >= 0).all()
-    assert found.selection.curve[-1] == found.selection.share
-    assert found.selection.status == "optimal"
+    placement = placed(flight={})
+    n = len(placement.prepared.pool.candidates)
+    assert placement.selection.chosen.tolist() == list(range(n))  # in the order of the patterns
+    assert (np.diff(placement.selection.curve) >= 0).all()
+    assert placement.selection.curve[-1] == placement.selection.share
+    assert placement.selection.status == "optimal"
 
 
 def test_a_flight_far_from_where_its_crs_is_used_is_refused(tmp_path):
@@ -266,7 +272,7 @@ def test_a_flight_far_from_where_its_crs_is_used_is_refused(tmp_path):
 def test_heights_of_kml_are_of_the_ground_or_absolute(tmp_path):
     """Each point of the file is where it is flown; none is above a ground that is not there."""
     out = tmp_path / "out"
-    flight = placed(out, candidates=[ORBIT]).flight
+    flight = placed(out, candidates=[ORBIT]).product("flight")
     root = ElementTree.parse(out / "flight.kml").getroot()
     way = np.concatenate([flight.home[None], *(flight.way_to(row)[1:]
                           for row in range(len(flight.legs)))])  # fmt: skip
@@ -283,13 +289,10 @@ def test_heights_of_kml_are_of_the_ground_or_absolute(tmp_path):
     assert set(modes) == {"absolute", "relativeToGround"}
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_home_is_below_the_first_waypoint_unless_it_is_given(seed):
-    rng = np.random.default_rng(seed)
-    heights = rng.permutation([3.0, 30.0, 5.0, 29.0]).tolist()
-    flight = placed(candidates=[{**ORBIT, "heights": heights, "count": 3}]).flight
-    assert np.array_equal(flight.home[:2], flight.places[0, :2])
-    given = placed(candidates=[ORBIT], flight=PLAN["flight"] | {"home": [0, -30, -5]}).flight
+def test_home_may_be_given():
+    given = placed(candidates=[ORBIT], flight=PLAN["flight"] | {"home": [0, -30, -5]}).product(
+        "flight"
+    )
     assert given.home.tolist() == [0, -30, -5]
     assert given.blocked == []
 
@@ -300,12 +303,12 @@ def test_the_result_says_at_which_ground_a_gsd_holds():
         ({}, "gsd of strips, 20 mm/px, holds at the mean height of the ground, "),
         ({"follow": True}, "gsd of strips, 20 mm/px, holds at the height of the ground below each"),
     ):
-        found = placed(candidates=[own | changes], meshes=[*PLAN["meshes"], GROUND])
-        (line,) = (each for each in plan_lines(found, 0) if each.startswith("gsd of"))
+        placement = placed(candidates=[own | changes], meshes=[*PLAN["meshes"], GROUND])
+        (line,) = (each for each in plan_lines(placement, 0) if each.startswith("gsd of"))
         assert line.startswith(words)
         if not changes:
             level = float(line.split()[-2])
-            eyes = found.flight.places
+            eyes = placement.product("flight").places
             assert eyes[:, 2] == pytest.approx(level + 0.02 * 500, abs=1e-2)
 
 
@@ -315,7 +318,11 @@ SYSTEMS = ["EPSG:32632", "EPSG:3857", "EPSG:2056", "EPSG:4326", "EPSG:32761", "+
 
 def test_every_number_of_every_file_is_finite_or_nothing_is_written():
     """Of flights at random and hostile origins, and of scenes in other units than metres."""
-    known, rng, n_written = placed(candidates=[ORBIT]).flight, np.random.default_rng(14), 0
+    known, rng, n_written = (
+        placed(candidates=[ORBIT]).product("flight"),
+        np.random.default_rng(14),
+        0,
+    )
     for _ in range(amount(20, at_night=2000)):
         origin = rng.choice(HOSTILE, 3) * rng.choice((1, -1, 0.9), 3)
         if rng.random() < 0.4:

@@ -12,11 +12,19 @@ from nightly import amount, examples
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
+from rastercov.core.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
 from rastercov.placement.plan.baseline import compare
 from rastercov.placement.plan.check import record
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.goals import OF_GOALS, OF_TASK, _stacked
+from rastercov.placement.plan.goals import (
+    OF_GOALS,
+    OF_TASK,
+    _stacked,
+    goals_apart,
+    open_objectives,
+)
 from rastercov.placement.plan.run import _raised
+from rastercov.placement.plan.scene import named_scene
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -61,8 +69,8 @@ PRIVATE = {"groups": ["window"], "at_most": 0.0, "min_facing_density": "recognis
 
 
 def of(checked, name):
-    (found,) = [each for each in checked.requirements if each.goal == name]
-    return found
+    (result,) = [each for each in checked.requirements if each.goal == name]
+    return result
 
 
 def test_a_goal_is_what_a_plan_of_its_groups_alone_answers(room):
@@ -74,9 +82,9 @@ def test_a_goal_is_what_a_plan_of_its_groups_alone_answers(room):
     alone = [{"path": str(room), "role": "occluder", "groups": ["floor", "north", "window"]}]
     own = plan(room, meshes=alone, task=task | {"min_facing_density": "identify"})
     (wanted,) = rc.check(own, poses, min_coverage=0.7).requirements
-    found = of(checked, "doors")
-    assert 0 < found.m2 == wanted.m2
-    assert (found.low, found.high, found.status) == (wanted.low, wanted.high, wanted.status)
+    result = of(checked, "doors")
+    assert 0 < result.m2 == wanted.m2
+    assert (result.low, result.high, result.status) == (wanted.low, wanted.high, wanted.status)
     rest = [{"path": str(room), "role": "occluder", "groups": ["west"]}]
     (others,) = rc.check(plan(room, meshes=rest, task=task), poses, min_coverage=0.5).requirements
     assert checked.requirements[0] == others
@@ -92,7 +100,7 @@ def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed)
     limit = float(rng.choice([0.0, 0.2]))
     goal = PRIVATE | {"at_most": limit}
     checked = rc.check(plan(room, task=task, goals={"window": goal}), poses)
-    camera, found = checked.plan.rig.cameras[0], of(checked, "window")
+    camera, result = checked.plan.rig.cameras[0], of(checked, "window")
     points = np.column_stack(
         (rng.uniform(1, 2, 4000), np.full(4000, 3.99), rng.uniform(1, 2, 4000))
     )
@@ -102,11 +110,11 @@ def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed)
     v = np.einsum("pni,pi->pn", ways, poses[:, :3, 1]) / depth * camera.fy
     is_in = (depth > 0) & (abs(u) < 960) & (abs(v) < 540) & (camera.fx / depth >= 125)
     share = is_in.any(axis=0).mean()  # nothing hides the window; 6 standard deviations
-    assert abs(share - found.share) < 0.05
-    assert found.status == ("holds" if found.share <= limit + 1e-9 else "fails")
-    if found.status == "fails":
-        assert found.lack > 0
-        assert checked.reasons(found)[0].startswith("seen by camera ")
+    assert abs(share - result.share) < 0.05
+    assert result.status == ("holds" if result.share <= limit + 1e-9 else "fails")
+    if result.status == "fails":
+        assert result.lack > 0
+        assert checked.reasons(result)[0].startswith("seen by camera ")
 
 
 def test_what_must_not_be_seen_counts_from_either_side(room):
@@ -128,9 +136,9 @@ def test_what_must_not_be_seen_counts_from_either_side(room):
     assert one.status == other.status == "fails"
 
 
-def advised(found, plan):
+def advised(result, plan):
     """Cameras that advice for the dead zones of a result names."""
-    zones = found.cameras.areas.dead_zones(plan.rig, found.cameras.placed)["dead_zones"]
+    zones = result.cameras.areas.dead_zones(plan.rig, result.cameras.placed)["dead_zones"]
     tried = [zone["tried"] for zone in zones if zone["tried"]]
     return [rc.look_at([each["position"]], [each["looking_at"]]) for each in tried]
 
@@ -169,8 +177,8 @@ def test_a_baseline_holds_goals_of_their_own_too(room):
     ]
     for before, now, status in ((0, 1, "better"), (1, 0, "worse")):
         against = compare({**told[before], "file": "base.json"}, told[now])
-        found = {each["name"]: each["status"] for each in against.shares}
-        assert found["goal doors"] == found["goal window"] == status
+        table = {each["name"]: each["status"] for each in against.shares}
+        assert table["goal doors"] == table["goal window"] == status
     told[0]["requirements"] = []
     with pytest.raises(ConfigError, match=r"base\.json"):
         compare({**told[0], "file": "base.json"}, told[1])
@@ -200,7 +208,9 @@ def test_groups_of_the_task_may_have_shares_beside_goals(room):
     selection = {"goal": "fewest_cameras", "coverage": 0.4, "groups": groups}
     selection |= {"tolerance": {"position_mm": 1.0, "draws": 1}}
     placed = rc.place(plan(room, goals={"doors": DOORS, "window": PRIVATE}, selection=selection))
-    assert placed.tolerance.nominal == pytest.approx(placed.cameras.share, abs=0.02)
+    assert placed.product("tolerance").drawn.nominal == pytest.approx(
+        placed.cameras.share, abs=0.02
+    )
     assert placed.is_met
     short = [replace(each, status="fails", low=0.0) for each in placed.requirements]
     goal = placed.prepared.problem.goal
@@ -215,8 +225,8 @@ def test_no_candidate_that_sees_what_must_not_be_seen_is_chosen_and_none_else_is
     candidates = placed.prepared.pool.candidates.placed
     shares = placed.prepared.permitted["window"]
     for row, share in enumerate(shares):
-        found = of(rc.check(asked, candidates[row : row + 1]), "window")
-        assert found.high == pytest.approx(share, abs=1e-9)
+        result = of(rc.check(asked, candidates[row : row + 1]), "window")
+        assert result.high == pytest.approx(share, abs=1e-9)
     assert (shares[placed.chosen] == 0).all()
     left = np.diff(placed.prepared.problem.bits.pairs()[0]) > 0
     assert (left == (shares == 0)).all()
@@ -321,10 +331,10 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
     shares = [float(rng.choice([0.3, 0.6, 0.8])) for _ in own]
 
     def reached(rows):
-        found = [
+        items = [
             c[list(rows)].any(axis=0) @ w / w.sum() for c, w in zip(covers, weights, strict=True)
         ]
-        return all(a >= b - 1e-9 for a, b in zip(found, shares, strict=True))
+        return all(a >= b - 1e-9 for a, b in zip(items, shares, strict=True))
 
     asked = {OF_TASK: shares[0], f"{OF_GOALS}/a": shares[1], f"{OF_GOALS}/b": shares[2]}
     problem = _stacked(own[0], [("a", own[1]), ("b", own[2])])
@@ -332,10 +342,10 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
         with pytest.raises(ConfigError, match="reach"):
             grouped(problem, FewestCameras(0.0, asked))
         return
-    found = select_integer(grouped(problem, FewestCameras(0.0, asked)), time_limit=10)
+    selection = select_integer(grouped(problem, FewestCameras(0.0, asked)), time_limit=10)
     least = next(k for k in range(n + 1) if any(map(reached, combinations(range(n), k))))
-    assert reached(found.chosen)
-    assert len(found.chosen) == least == round(found.bound)
+    assert reached(selection.chosen)
+    assert len(selection.chosen) == least == round(selection.bound)
 
 
 @pytest.mark.parametrize(
@@ -355,3 +365,48 @@ def test_wrong_goals_are_refused_in_one_line(room, entries, line):
         rc.place(plan_of(plan(room, selection=selection, **entries)))
     assert line in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def of_squares(n, tmp_path):
+    """A plan of n + 1 squares side by side, and the n goals of all but the first."""
+    lines = []
+    for row in range(n + 1):
+        lines += [
+            f"v {row} 0 0",
+            f"v {row + 1} 0 0",
+            f"v {row + 1} 1 0",
+            f"v {row} 1 0",
+            f"g g{row}",
+        ]
+        lines += ["f -4 -3 -2", "f -4 -2 -1"]
+    path = tmp_path / f"{n}.obj"
+    path.write_text("\n".join(lines))
+    goals = {f"of {row}": {"groups": [f"g{row}"], "coverage": 0.5} for row in range(1, n + 1)}
+    return named_scene(plan_of(plan(path, goals=goals)))[:2]
+
+
+def test_twice_as_many_goals_make_twice_as_many_groups(tmp_path, monkeypatch):
+    """The scene of a goal differs from that of another in the groups of both alone."""
+    made, check = [], rc.Group.__post_init__
+    monkeypatch.setattr(rc.Group, "__post_init__", lambda group: made.append(check(group)))
+    counts = []
+    for n in (20, 40, 80):
+        whole, asked = of_squares(n, tmp_path)
+        made.clear()
+        mesh, goals = goals_apart(asked, whole)
+        counts.append(len(made))
+        assert [group.role for group in mesh.groups] == ["task", *["occluder"] * n]
+        assert whole.with_groups(["g1"]).groups[2] is whole.groups[2]
+        for row, goal in enumerate(goals, start=1):
+            assert [g.name for g in goal.mesh.groups if g.role == "task"] == [f"g{row}"]
+    assert counts[2] - counts[1] <= 2.5 * (counts[1] - counts[0])
+
+
+@pytest.mark.parametrize("n", [1, TOGETHER, 3 * TOGETHER])
+def test_goals_share_the_cells_of_a_few(n, tmp_path):
+    whole, asked = of_squares(n, tmp_path)
+    mesh, goals = goals_apart(asked, whole)
+    with open_objectives(asked, mesh, None, goals) as opened:
+        counts = [len(each.of.cells.cells) for each in opened.goals]
+    assert sum(counts) <= TOGETHER * USUAL_CELLS + n * (LEAST_CELLS + 2 * 2)
+    assert min(counts) >= min(USUAL_CELLS, TOGETHER * USUAL_CELLS // n) / 4

@@ -9,7 +9,7 @@ from plans import told
 from union_greedy import room_candidates
 
 import rastercov as rc
-from rastercov.camera.pose_file import write_poses
+from rastercov.core.camera.pose_file import write_poses
 from rastercov.placement.plan import prepare as held_module
 from rastercov.placement.select import integer
 
@@ -50,13 +50,13 @@ def placed(**sections):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_bits_choose_the_cameras_of_lists(listed, kind):
-    found, held_as = [], []
+    items, held_as = [], []
     for most in (held_module.MOST_LISTED_PAIRS, 0):
         listed(most)
-        found.append(placed(**KINDS[kind]))
+        items.append(placed(**KINDS[kind]))
         held_as.append(told()["matrix"]["held_as"])
     assert held_as == ["lists", "bits"]
-    lists, bits = found
+    lists, bits = items
     np.testing.assert_array_equal(bits.selection.chosen, lists.selection.chosen)
     assert bits.selection.bound == lists.selection.bound
     assert bits.cameras.share == lists.cameras.share

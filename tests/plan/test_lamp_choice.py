@@ -14,7 +14,7 @@ from plans import told
 from timed import evaluate_over_time
 
 import rastercov as rc
-from rastercov.placement.plan import lamps as choice
+from rastercov.light import lamp_choice as choice
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.prepare import cells_of
 from rastercov.placement.plan.scene import named_scene
@@ -104,25 +104,25 @@ def test_no_set_of_lamps_is_better_than_the_chosen(scene, exchanged):
         placed = placed_or_none(hostile(scene, goal="best_coverage", lamps=2))
     if placed is None:
         return
-    found, n = placed.choices["lamps"], len(placed.choices["lamps"].pool.candidates)
+    choices, n = placed.choices["lamps"], len(placed.choices["lamps"].pool.candidates)
     shares = {
         rows: share_of(placed, rows)
         for k in (1, 2) if k <= n
         for rows in combinations(range(n), k)
     }  # fmt: skip
-    chosen = tuple(sorted(found.chosen))
+    chosen = tuple(sorted(choices.chosen))
     assert placed.cameras.share == pytest.approx(shares[chosen], abs=1e-9)
-    assert found.together["percent"] == pytest.approx(100 * shares[chosen], abs=1e-7)
-    assert found.is_best is not exchanged
+    assert choices.together["percent"] == pytest.approx(100 * shares[chosen], abs=1e-7)
+    assert choices.is_best is not exchanged
     near = [share for rows, share in shares.items() if len({*rows} ^ {*chosen}) <= 2]
     assert shares[chosen] == pytest.approx(max(near), abs=1e-8)
-    if found.is_best:
+    if choices.is_best:
         assert shares[chosen] == pytest.approx(max(shares.values()), abs=1e-8)
-        assert found.n_tried == len(shares)
+        assert choices.n_tried == len(shares)
     singly = [share for rows, share in shares.items() if len(rows) == 1 and rows[0] in chosen]
     if not scene["limits"]:  # light that only adds up
-        assert 100 * max(singly) - 1e-7 <= found.alone["percent"]
-        assert found.alone["percent"] <= found.together["percent"] + 1e-7
+        assert 100 * max(singly) - 1e-7 <= choices.alone["percent"]
+        assert choices.alone["percent"] <= choices.together["percent"] + 1e-7
 
 
 @given(scene=SCENES, part=st.floats(0.3, 1.0))
@@ -134,8 +134,8 @@ def test_the_cheapest_set_that_reaches_a_goal_is_chosen(scene, part):
         return
     goal = part * most.cameras.share
     placed = rc.place(hostile(scene, goal="fewest_cameras", coverage=goal))
-    found, n = placed.choices["lamps"], len(placed.choices["lamps"].pool.candidates)
-    costs = found.pool.costs
+    choices, n = placed.choices["lamps"], len(placed.choices["lamps"].pool.candidates)
+    costs = choices.pool.costs
     enough = [
         costs[list(rows)].sum()
         for k in range(1, n + 1)
@@ -143,7 +143,7 @@ def test_the_cheapest_set_that_reaches_a_goal_is_chosen(scene, part):
         if share_of(placed, rows) >= goal + 1e-7
     ]
     assert placed.requirements[0].share >= goal - 1e-6
-    assert costs[found.chosen].sum() <= min(enough, default=np.inf)
+    assert costs[choices.chosen].sum() <= min(enough, default=np.inf)
 
 
 def test_three_lamps_reach_together_what_no_two_reach():
@@ -226,8 +226,8 @@ def test_lamps_that_stay_count_with_the_chosen_ones():
     assert lamps.names[:2] == ("stays", "rides")
     assert len(lamps) == 3
     mesh, task = placed.prepared.mesh, placed.prepared.task
-    found = rc.regions(mesh, rc.Camera(**CAMERA), EYES, task, lamps=lamps)
-    assert placed.cameras.share == pytest.approx(rc.unite(found).share(), abs=1e-9)
+    regions = rc.regions(mesh, rc.Camera(**CAMERA), EYES, task, lamps=lamps)
+    assert placed.cameras.share == pytest.approx(rc.unite(regions).share(), abs=1e-9)
 
 
 def test_cameras_and_lamps_are_chosen_in_turns():
@@ -237,11 +237,11 @@ def test_cameras_and_lamps_are_chosen_in_turns():
     alone = {"outputs": {"page": False}}
     placed = rc.place(plan | alone | {"candidates": own, "selection": goal}, out="out")
     assert (len(placed.cameras.placed), len(placed.choices["lamps"].chosen)) == (2, 2)
-    found = rc.regions(
+    regions = rc.regions(
         placed.prepared.mesh, rc.Camera(**CAMERA), placed.cameras.placed, placed.prepared.task,
         lamps=placed.choices["lamps"].lamps,
     )  # fmt: skip
-    assert placed.cameras.share == pytest.approx(rc.unite(found).share(), abs=1e-9)
+    assert placed.cameras.share == pytest.approx(rc.unite(regions).share(), abs=1e-9)
     checked = rc.check(plan, "out/poses.json", min_coverage=0.1)
     assert checked.whole.share == pytest.approx(placed.cameras.share, abs=1e-12)
     # no worse than lamps for cameras that are chosen as if all were lit

@@ -9,8 +9,8 @@ from test_motion_plan import PLAN, TOML, cell, changed, evaluated  # noqa: F401 
 from timed import evaluate_over_time
 
 import rastercov as rc
+from rastercov.motion.plan_over_time import PlanMotion
 from rastercov.placement.plan.file import plan_of
-from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import named_scene
 
 LAMPS = {"lamps": {"key": {"kind": "spot", "intensity_cd": 900.0, "half_angle_deg": 40.0,
@@ -18,18 +18,18 @@ LAMPS = {"lamps": {"key": {"kind": "spot", "intensity_cd": 900.0, "half_angle_de
 
 
 def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
-    found, dark = rc.place(changed(**LAMPS)), rc.place(PLAN)
-    assert found.cameras.share < dark.cameras.share - 0.05
+    placement, dark = rc.place(changed(**LAMPS)), rc.place(PLAN)
+    assert placement.cameras.share < dark.cameras.share - 0.05
     mesh, plan, _ = named_scene(plan_of(changed(**LAMPS)))
     lamps = rc.Lamps(
         [rc.Lamp.spot(40, intensity=900)], rc.look_at((0, -1.5, 3), (0, 0, 0), up=(0, -1, 0))
     )
     exact_share = evaluate_over_time(
-        PlanMotion.of(plan, mesh).motion, plan_of(PLAN).rig, found.cameras.placed,
+        PlanMotion.of(plan, mesh).motion, plan_of(PLAN).rig, placement.cameras.placed,
         plan.build_task(), 0.9,
         lamps=lamps,
     ).share()  # fmt: skip
-    assert found.cameras.share == pytest.approx(exact_share, abs=1e-6)
+    assert placement.cameras.share == pytest.approx(exact_share, abs=1e-6)
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.placement.plan.network import HOLDS, UNDECIDED
+from rastercov.core.coverage.required import HOLDS, UNDECIDED
 
 CAMERAS = {
     "barrel": {"width": 640, "height": 480, "fx": 480, "fy": 480, "model": "opencv"}
@@ -47,13 +47,13 @@ INSIDE = {
 )
 def test_what_is_placed_with_a_lens_holds_in_a_check(scene, camera):
     plan = scene | {"camera": CAMERAS[camera]}
-    found = rc.place(plan)
-    share, poses = found.cameras.share, found.cameras.poses
-    assert found.is_met
+    placement = rc.place(plan)
+    share, poses = placement.cameras.share, placement.cameras.poses
+    assert placement.is_met
     assert share > 0.3
     checked = rc.check(plan, poses, min_coverage=share - 0.02)
     assert checked.cameras.share == share
-    assert (checked.cameras.covered == found.cameras.covered).all()
+    assert (checked.cameras.covered == placement.cameras.covered).all()
     # Near the poles of a panorama, the fraction of a partly hidden face has no bound.
     allowed = {HOLDS, UNDECIDED} if camera == "panorama" else {HOLDS}
     assert {each.status for each in checked.requirements} <= allowed

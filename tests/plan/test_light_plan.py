@@ -11,7 +11,7 @@ from commands import done, enter, refusal
 from plans import told
 
 import rastercov as rc
-from rastercov.coverage.reasons import name_of
+from rastercov.core.coverage.reasons import name_of
 from rastercov.placement.plan.file import PlanError, plan_of
 
 PLAN = """
@@ -131,10 +131,10 @@ def test_a_part_that_no_lamp_reaches_is_unlit():
     """Whatever cameras see of it: no other criterion is named where meeting it would not help."""
     away = PLAN.replace("aim = [0, 0, 0]", "aim = [0, -60, 0]").replace('rig = "fringe"\n', "", 1)
     away = away.replace("size = 0.3", "size = 0.3\nposition = [0, 0, 30]\naim = [0, 0, 60]")
-    found = rc.place(plan_of(tomllib.loads(away.replace('ambient = "5 lx"\n', ""))))
-    (why,) = [each for each in found.prepared.notes if each.startswith("no patch")]
+    placement = rc.place(plan_of(tomllib.loads(away.replace('ambient = "5 lx"\n', ""))))
+    (why,) = [each for each in placement.prepared.notes if each.startswith("no patch")]
     assert re.search("reasons of its area: 100.0 % unlit;", why)
-    zones = found.cameras.areas.zones(found.prepared.plan.rig, found.cameras.placed)
+    zones = placement.cameras.areas.zones(placement.prepared.plan.rig, placement.cameras.placed)
     assert {name_of(code) for code in zones.reason.tolist()} == {"unlit"}
 
 

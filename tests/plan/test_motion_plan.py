@@ -12,12 +12,12 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.camera.formats.conventions import Conventions
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.options import CameraOptions, EquipmentOptions
 from rastercov.cli.view import open_scene
+from rastercov.core.camera.conventions import Conventions
+from rastercov.motion.plan_over_time import PlanMotion
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.over_time import PlanMotion
 from rastercov.placement.plan.scene import named_scene
 
 PART = rc.shapes.by_name("icosahedron")
@@ -56,50 +56,50 @@ def exact(placed, over=0.9):
     """Covered share of the chosen cameras, from the regions of the same motion."""
     mesh, plan, _ = named_scene(plan_of(PLAN))
     motion = PlanMotion.of(plan, mesh).motion
-    found = evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
-    return found.share()
+    result = evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
+    return result.share()
 
 
 def test_cameras_are_chosen_for_what_they_see_long_enough():
-    found = rc.place(PLAN)
-    assert found.cameras.share == pytest.approx(exact(found.cameras.placed))
-    assert (np.diff(found.cameras.curve) >= -1e-12).all()
+    placement = rc.place(PLAN)
+    assert placement.cameras.share == pytest.approx(exact(placement.cameras.placed))
+    assert (np.diff(placement.cameras.curve) >= -1e-12).all()
     every = rc.place(changed(selection={"goal": "best_coverage", "cameras": 12}))
-    assert 0 < found.cameras.share <= every.cameras.share + 1e-9
-    summary = found.cameras.areas.over_time.summary()
+    assert 0 < placement.cameras.share <= every.cameras.share + 1e-9
+    summary = placement.cameras.areas.over_time.summary()
     assert summary["frames"] == 5
-    assert summary["covered"]["percent"] == pytest.approx(100 * found.cameras.share)
+    assert summary["covered"]["percent"] == pytest.approx(100 * placement.cameras.share)
 
 
 def test_the_fewest_cameras_reach_a_share_of_what_all_see_long_enough():
     wanted = {"goal": "fewest_cameras", "coverage": 0.8, "of_reachable": True}
-    found = rc.place(changed(selection=wanted))
-    every = found.prepared.reachable
-    assert found.is_met
-    assert found.cameras.share >= 0.8 * every.over_time.share() - 1e-9
-    n = len(found.cameras.placed)
-    assert found.cameras.curve[n - 2] < 0.8 * every.over_time.share()
-    assert len(found.chosen) == n
+    placement = rc.place(changed(selection=wanted))
+    every = placement.prepared.reachable
+    assert placement.is_met
+    assert placement.cameras.share >= 0.8 * every.over_time.share() - 1e-9
+    n = len(placement.cameras.placed)
+    assert placement.cameras.curve[n - 2] < 0.8 * every.over_time.share()
+    assert len(placement.chosen) == n
     # All candidates are measured the same way as those that are chosen.
-    all_of = exact(found.prepared.measured)
+    all_of = exact(placement.prepared.measured)
     assert every.over_time.share() == pytest.approx(all_of, abs=1e-9)
 
 
 def test_in_some_frame_cells_are_chosen_on_once():
-    found = rc.place(changed(task=PLAN["task"] | {"over": "some"}))
-    assert found.prepared.problem.bits.n_faces == len(found.prepared.cells)
+    placement = rc.place(changed(task=PLAN["task"] | {"over": "some"}))
+    assert placement.prepared.problem.bits.n_faces == len(placement.prepared.cells)
     always = rc.place(changed(task=PLAN["task"] | {"over": "all"}))
     assert always.prepared.problem.bits.n_faces == 5 * len(always.prepared.cells)
-    assert always.cameras.share <= found.cameras.share + 1e-9
+    assert always.cameras.share <= placement.cameras.share + 1e-9
 
 
 def test_a_check_judges_what_is_seen_long_enough():
     placed = rc.place(PLAN).cameras
-    found = rc.check(PLAN, placed.placed, min_coverage=placed.share - 1e-3)
-    assert found.is_met
+    check_result = rc.check(PLAN, placed.placed, min_coverage=placed.share - 1e-3)
+    assert check_result.is_met
     assert not rc.check(PLAN, placed.placed, min_coverage=placed.share + 1e-3).is_met
-    assert "over_time" in found.summary()
-    assert any("of the time" in line for line in found.lines())
+    assert "over_time" in check_result.summary()
+    assert any("of the time" in line for line in check_result.lines())
 
 
 def test_a_camera_on_a_body_is_carried():
@@ -107,12 +107,12 @@ def test_a_camera_on_a_body_is_carried():
     mesh, plan, _ = named_scene(plan_of(changed(camera=camera)))
     own = PlanMotion.of(plan, mesh)
     pose = rc.look_at(eyes=[(0, 0, 5)], targets=(0, 0, 0), up=(0, 1, 0))
-    found = own.areas(plan.rig, rc.Poses.of(pose), plan.build_task()).over_time
+    result = own.areas(plan.rig, rc.Poses.of(pose), plan.build_task()).over_time
     by_hand = [
         rc.regions(own.motion.frame(row)[0], plan.rig, p[None], plan.build_task()).areas().sum()
         for row, p in enumerate(own.motion.poses_of("plate") @ pose[0])
     ]
-    assert found.regions.areas().sum(axis=1) == pytest.approx(by_hand, abs=1e-8)
+    assert result.regions.areas().sum(axis=1) == pytest.approx(by_hand, abs=1e-8)
 
 
 def test_rigs_are_mounts_over_time_too():
@@ -120,9 +120,9 @@ def test_rigs_are_mounts_over_time_too():
     rig = {"pair": {"cameras": [{"camera": "eye"}, {
         "camera": "eye", "name": "other", "translation": [0.3, 0.0, 0.0]}]}}  # fmt: skip
     plan = {name: value for name, value in PLAN.items() if name != "camera"} | wide
-    found = rc.place(plan | {"rigs": rig, "selection": {"goal": "best_coverage", "cameras": 2}})
-    assert len(found.cameras.placed) == 4
-    assert 0 < found.cameras.share <= 1
+    placement = rc.place(plan | {"rigs": rig, "selection": {"goal": "best_coverage", "cameras": 2}})
+    assert len(placement.cameras.placed) == 4
+    assert 0 < placement.cameras.share <= 1
 
 
 @pytest.mark.parametrize(
@@ -291,8 +291,8 @@ def test_a_robot_of_a_file_is_the_mesh_moved_by_hand(body):
     own = PlanMotion.read(Path("m.toml"), mesh)
     camera, task = rc.Camera.from_fov(320, 256, hfov_deg=50), rc.Task(max_incidence_deg=80)
     poses = rc.look_at([(0.3, -0.4, 4), (2.4, 1, 0.5)], (0, 0, 0.3))
-    found = own.areas(camera, rc.Poses.of(poses), task).over_time
-    areas, bounds = found.regions.areas(), found.regions.bounds()
+    result = own.areas(camera, rc.Poses.of(poses), task).over_time
+    areas, bounds = result.regions.areas(), result.regions.bounds()
     for frame, row in enumerate(rows):
         moved, head = by_hand(robot, row, mesh)
         placed = head @ poses if body == "arm/head" else poses
@@ -301,7 +301,7 @@ def test_a_robot_of_a_file_is_the_mesh_moved_by_hand(body):
         both = bounds[2 * frame : 2 * frame + 2] + still.bounds()
         assert (off <= both[:, : PART.n_faces] + 1e-12).all()
     assert own.motion.durations.tolist() == [1, 1, 2, 1]
-    assert found.share() > 0.1
+    assert result.share() > 0.1
     alone = rc.regions(mesh, camera, poses, task).areas().sum()
     assert alone - areas[:2, : PART.n_faces].sum() > 1e-3  # the robot hides something
 
@@ -358,13 +358,13 @@ def test_the_cell_is_the_part_and_the_plate():
 @pytest.mark.slow
 def test_pages_of_plans_show_the_figures_over_time(capsys):
     Path("plan.json").write_text(json.dumps(PLAN))
-    found = rc.place(PLAN | {"outputs": {"page": True}}, out="out")
+    placement = rc.place(PLAN | {"outputs": {"page": True}}, out="out")
     page = Path("out/page.html").read_text(encoding="utf-8")
     assert "<polyline" in page
     assert "camera with least coverage" in page
     assert "of the area for at least 90 % of the time" in shown_words(page)
     assert not set("{}") & set(shown_words(page))
-    rc.check(PLAN, found.cameras.placed, min_coverage=0.1, out="checked")
+    rc.check(PLAN, placement.cameras.placed, min_coverage=0.1, out="checked")
     assert "<polyline" in Path("checked/check.html").read_text(encoding="utf-8")
     summary = json.loads(Path("checked/check.json").read_text())["network"]["over_time"]
     assert summary["frames"] == 5

@@ -4,7 +4,7 @@ import pytest
 from nightly import nightly
 
 import rastercov as rc
-from rastercov.placement.plan.network import HOLDS
+from rastercov.core.coverage.required import HOLDS
 from rastercov.report.plan import summary
 
 LENS = {"width": 640, "height": 480, "magnification": 0.004, "pixel_size": 5e-6}
@@ -35,16 +35,16 @@ TWO = {"views": 2, "min_angle_deg": 10}
 )
 def test_what_is_placed_with_a_telecentric_lens_holds_in_a_check(task):
     plan = PLAN | {"task": task}
-    found = rc.place(plan)
-    assert found.is_met
-    (share,) = (each.share for each in rc.check(plan, found.cameras.poses).requirements)
+    placement = rc.place(plan)
+    assert placement.is_met
+    (share,) = (each.share for each in rc.check(plan, placement.cameras.poses).requirements)
     assert share > 0.5
-    checked = rc.check(plan, found.cameras.poses, min_coverage=share - 0.02)
+    checked = rc.check(plan, placement.cameras.poses, min_coverage=share - 0.02)
     assert {each.status for each in checked.requirements} == {HOLDS}
-    assert not rc.check(plan, found.cameras.poses, min_coverage=min(1, share + 0.02)).is_met
+    assert not rc.check(plan, placement.cameras.poses, min_coverage=min(1, share + 0.02)).is_met
     if "by" not in task:
         lens, mesh = rc.Camera.from_dict(CAMERA), rc.shapes.by_name("torus")
-        seen = rc.evaluate(mesh, lens, found.cameras.poses, task=rc.Task(**task))
+        seen = rc.evaluate(mesh, lens, placement.cameras.poses, task=rc.Task(**task))
         assert seen.covered.share() == pytest.approx(share, abs=1e-6)
 
 
@@ -52,24 +52,24 @@ def test_a_goal_out_of_reach_of_a_lens_says_so(caplog):
     flat = CAMERA | {"depth_of_field": 0.05}
     goal = PLAN["selection"] | {"coverage": 0.99, "of_reachable": False, "refine": False}
     around = PLAN["candidates"][:1]
-    found = rc.place(PLAN | {"camera": flat, "selection": goal, "candidates": around})
-    assert not found.is_met
+    placement = rc.place(PLAN | {"camera": flat, "selection": goal, "candidates": around})
+    assert not placement.is_met
     assert "% out of focus" in caplog.text
     of = "the fewest cameras for 99.0 % of what the candidates can cover: the goal is out of reach"
-    assert summary(found)["selection"]["status_of"] == of
+    assert summary(placement)["selection"]["status_of"] == of
     most = {"goal": "best_coverage", "cameras": 2}
-    found = rc.place(PLAN | {"camera": flat, "selection": most, "candidates": around})
+    placement = rc.place(PLAN | {"camera": flat, "selection": most, "candidates": around})
     of = "the best coverage, not the fewest cameras"
-    assert summary(found)["selection"]["status_of"] == of
+    assert summary(placement)["selection"]["status_of"] == of
 
 
 @pytest.mark.slow
 def test_layers_of_a_shallow_depth_of_field_reach_what_is_not_occluded():
     flat = CAMERA | {"depth_of_field": 0.05}
     goal = PLAN["selection"] | {"coverage": 0.85, "of_reachable": False, "refine": False}
-    found = rc.place(PLAN | {"camera": flat, "selection": goal})
-    assert found.is_met
-    assert len(found.cameras.poses) > 50
+    placement = rc.place(PLAN | {"camera": flat, "selection": goal})
+    assert placement.is_met
+    assert len(placement.cameras.poses) > 50
 
 
 def test_a_magnification_that_reaches_a_goal_is_named(caplog):
@@ -85,6 +85,6 @@ def test_mixed_cameras_are_chosen_among():
     cameras["pinhole"]["cost"] = 3.0
     plan = {key: value for key, value in PLAN.items() if key != "camera"} | {"cameras": cameras}
     plan["selection"] = PLAN["selection"] | {"refine": False, "coverage": 0.8}
-    found = rc.place(plan)
-    assert found.is_met
-    assert rc.check(plan, found.cameras.placed).is_met
+    placement = rc.place(plan)
+    assert placement.is_met
+    assert rc.check(plan, placement.cameras.placed).is_met

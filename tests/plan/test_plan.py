@@ -16,15 +16,17 @@ from nightly import examples
 from pydantic import ValidationError
 
 import rastercov as rc
+from rastercov.base.features import hooks_of
 from rastercov.base.format import percents_apart
-from rastercov.camera.pose_file import write_poses
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.reasons import Reason
-from rastercov.mesh import shapes
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.mesh import shapes
 from rastercov.placement.plan import entries as plan_entry
 from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
+from rastercov.placement.plan.generator import CarriedGenerators, Generator, OwnGenerators
 from rastercov.placement.plan.network import certain_and_possible, judge, percent
 from rastercov.placement.plan.scene import candidate_pool, framing_of, named_scene, scene
 from rastercov.placement.plan.sections import PlanModel
@@ -83,14 +85,14 @@ WRONG = {
 
 
 def test_all_errors_come_at_once_each_with_its_path():
-    found = errors("\n".join(WRONG.values()))
-    assert sorted(line.partition(": ")[0] for line in found) == sorted(WRONG)
-    assert sum("; correct the name" in line for line in found) == 4
+    result = errors("\n".join(WRONG.values()))
+    assert sorted(line.partition(": ")[0] for line in result) == sorted(WRONG)
+    assert sum("; correct the name" in line for line in result) == 4
     assert any(
         line.endswith(
             " for best_coverage, got 'coverage', which goes with fewest_cameras; leave it out"
         )
-        for line in found
+        for line in result
     )
 
 
@@ -113,10 +115,10 @@ def test_whatever_stands_in_a_section_is_judged_in_lines(value, section):
     try:
         Plan.model_validate(table)
     except ValidationError as error:
-        found = lines_of(error, table, PlanModel)
-        assert found
-        assert all(line.startswith(section) for line in found)
-        assert all("\n" not in line for line in found)
+        lines = lines_of(error, table, PlanModel)
+        assert lines
+        assert all(line.startswith(section) for line in lines)
+        assert all("\n" not in line for line in lines)
 
 
 @pytest.mark.parametrize("name", ["method", "population"])
@@ -155,6 +157,9 @@ def models():
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, plan_entry.Entry):
                 yield value
+    for hooks in (OwnGenerators, CarriedGenerators):
+        for each in hooks_of(hooks):
+            yield from each.kinds
 
 
 def test_every_field_says_what_it_is_in_the_schema_and_in_the_page():
@@ -287,7 +292,7 @@ def test_an_entry_makes_the_candidates_of_its_generator(generator):
     assert made.made == {source: 2 * count}
     assert (made.costs == 2.5).all()
     assert made.space.allows(made.candidates.poses[:, :3, 3]).all()
-    own = (each for each in models() if each.__module__ == plan_generators.__name__)
+    own = (each for each in models() if issubclass(each, Generator))
     tags = (model.model_fields.get("generator") for model in own)
     assert {*ENTRIES, "per_cavity", "on_arm"} == {
         tag for each in tags if each for tag in get_args(each.annotation)
@@ -362,14 +367,14 @@ def test_a_requirement_holds_fails_or_is_not_decided(rows, limit):
     a, b, c = np.array(rows).T
     certain, covered, possible = a & b & c, a & b, a
     integer_weights = np.ones(12, np.int64)
-    (found,) = judge(mesh, integer_weights, {None: limit}, covered, certain, possible)
-    assert found.low <= found.share <= found.high
-    assert found.uncovered == 12 - covered.sum()
-    wanted = "holds" if found.low >= limit - 1e-9 else "fails"
-    if found.low < limit - 1e-9 <= found.high:
+    (result,) = judge(mesh, integer_weights, {None: limit}, covered, certain, possible)
+    assert result.low <= result.share <= result.high
+    assert result.uncovered == 12 - covered.sum()
+    wanted = "holds" if result.low >= limit - 1e-9 else "fails"
+    if result.low < limit - 1e-9 <= result.high:
         wanted = "undecided"
-    assert found.status == wanted
-    assert (found.status == "undecided") == ("undecided" in found.words())
+    assert result.status == wanted
+    assert (result.status == "undecided") == ("undecided" in result.words())
 
 
 def altered(coverage, visibility):

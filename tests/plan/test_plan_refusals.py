@@ -111,7 +111,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
     ],
 )
 def test_each_error_says_what_was_wanted(text, line):
-    assert [found for found in errors(text) if found.startswith(line)], errors(text)
+    assert [error for error in errors(text) if error.startswith(line)], errors(text)
 
 
 FLAT = TASK + "resolution_of_result = {}\n"
@@ -161,7 +161,7 @@ def test_what_the_scene_refuses_has_a_line_too(step, text, line):
     Path("bad.obj").write_text("v 1 2\n")
     with pytest.raises(PlanError) as caught:
         step(plan_of(text))
-    assert [found for found in caught.value.lines if found.startswith(f"plan.toml: {line}")]
+    assert [result for result in caught.value.lines if result.startswith(f"plan.toml: {line}")]
 
 
 @pytest.mark.parametrize("failing", ['above = "flor"\nheight = 1', 'file = "bad.obj"'])

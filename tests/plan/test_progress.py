@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from plans import write_obj
 
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import sphere_of_poses
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.placement.improve import objective as objective_module
 from rastercov.placement.plan.check import check
 from rastercov.placement.plan.file import plan_of
@@ -94,7 +94,7 @@ def test_an_interrupt_in_a_step_ends_it_with_the_best_until_then(plan, monkeypat
 
     monkeypatch.setattr(objective_module, "evaluate_batches", limited)
     placed = place(plan, Path("out"), steps)
-    assert (placed.interrupted, placed.leftover, placed.tolerance) == (step, None, None)
+    assert (placed.interrupted, placed.leftover, placed.made) == (step, None, {})
     share, searched, refined = placed.cameras.share, placed.optimised, placed.refined
     assert (searched is None) == (step == "search" and not poses)
     if step == "search" and poses:

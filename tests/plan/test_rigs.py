@@ -11,8 +11,8 @@ from plans import told
 from surface_cases import room
 
 import rastercov as rc
-from rastercov.camera.formats import write_views
-from rastercov.camera.pose_file import write_poses
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.formats.cameras import write_views
 from rastercov.placement import Objective
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import plan_of
@@ -64,15 +64,15 @@ def budget(cost):
     return {"goal": "best_coverage", "budget": cost}
 
 
-def names_of(found):
+def names_of(result):
     """Names of the chosen cameras and rigs."""
-    return [found.prepared.mounts.names[row] for row in found.cameras.mounted.camera]
+    return [result.prepared.mounts.names[row] for row in result.cameras.mounted.camera]
 
 
-def exact_share(found):
-    prepared = found.prepared
+def exact_share(result):
+    prepared = result.prepared
     return rc.unite(
-        rc.regions(MESH, prepared.mounts.rig, found.cameras.placed, prepared.task)
+        rc.regions(MESH, prepared.mounts.rig, result.cameras.placed, prepared.task)
     ).share()
 
 
@@ -88,23 +88,23 @@ def test_one_camera_is_placed_the_same_by_any_name_and_on_a_rig_of_its_own():
     expected = told() | {"seconds": {}, "plan": ""}
     rig = {"one": {"cameras": [{"camera": "eye"}]}}
     for rigs in ({}, rig):
-        found = placed(cameras={"eye": EYE}, rigs=rigs, selection=goal)
-        np.testing.assert_array_equal(alone.cameras.poses, found.cameras.poses)
-        assert alone.cameras.share == found.cameras.share
-        assert alone.selection.chosen.tolist() == found.selection.chosen.tolist()
+        placement = placed(cameras={"eye": EYE}, rigs=rigs, selection=goal)
+        np.testing.assert_array_equal(alone.cameras.poses, placement.cameras.poses)
+        assert alone.cameras.share == placement.cameras.share
+        assert alone.selection.chosen.tolist() == placement.selection.chosen.tolist()
         assert rigs or told() | {"seconds": {}, "plan": ""} == expected
-    assert found.prepared.mounts.names == ("eye", "one")
-    assert set(names_of(found)) == {"one"}  # a camera on a rig is no candidate of its own
+    assert placement.prepared.mounts.names == ("eye", "one")
+    assert set(names_of(placement)) == {"one"}  # a camera on a rig is no candidate of its own
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("goal", [FEWEST, budget(3)])
 def test_of_two_equal_cameras_the_cheap_one_is_chosen(goal):
     cameras = {"dear": WIDE | {"cost": 2}, "cheap": WIDE | {"cost": 1}}
-    found = placed(cameras=cameras, selection=goal)
-    assert set(names_of(found)) == {"cheap"}
-    assert found.selection.cost == len(found.origin)
-    assert found.cameras.share == placed(camera=WIDE, selection=goal).cameras.share
+    placement = placed(cameras=cameras, selection=goal)
+    assert set(names_of(placement)) == {"cheap"}
+    assert placement.selection.cost == len(placement.origin)
+    assert placement.cameras.share == placed(camera=WIDE, selection=goal).cameras.share
 
 
 @pytest.mark.slow
@@ -175,9 +175,9 @@ def test_a_rig_that_adds_nothing_after_refinement_is_left_out_with_all_its_camer
         return plan_run._of_rows(placement, objectives, [0, 0])
 
     monkeypatch.setattr(plan_run, "_moved", onto_the_first)
-    found = placed(**PAIR, task=task, selection=TWO | {"refine": True, "refine_budget": 3})
-    assert found.left_out == (1,)
-    assert (names_of(found), len(found.cameras.placed)) == (["pair"], 2)
+    result = placed(**PAIR, task=task, selection=TWO | {"refine": True, "refine_budget": 3})
+    assert result.left_out == (1,)
+    assert (names_of(result), len(result.cameras.placed)) == (["pair"], 2)
     assert [each["camera"] for each in told()["cameras"]] == ["pair/left", "pair/right"]
     assert told()["improvement"]["refinement"]["left_out"] == [1]
     assert len(told("poses.json")["world_from_camera"]) == 2
@@ -187,30 +187,30 @@ def test_a_rig_that_adds_nothing_after_refinement_is_left_out_with_all_its_camer
 @pytest.mark.parametrize("task", [BY_AREA, BY_FACE])
 def test_two_rigs_are_four_cameras(task):
     goal = TWO | TOLERANCE | {"refine": True, "refine_budget": 300}
-    found = placed(**PAIR, task=task, selection=goal, outputs={"page": task is BY_AREA})
-    cameras, rig = found.cameras, found.prepared.mounts.rig
-    assert names_of(found) == ["pair", "pair"]
+    placement = placed(**PAIR, task=task, selection=goal, outputs={"page": task is BY_AREA})
+    cameras, rig = placement.cameras, placement.prepared.mounts.rig
+    assert names_of(placement) == ["pair", "pair"]
     assert cameras.owner.tolist() == [0, 0, 1, 1]
     for left, right in (cameras.poses[:2], cameras.poses[2:]):
         own, place = np.linalg.inv(left) @ right, rig.rig_from_camera
         np.testing.assert_allclose(own, np.linalg.inv(place[1]) @ place[2], atol=1e-9)
-    assert found.selection.cost == 4  # of two cameras each
+    assert placement.selection.cost == 4  # of two cameras each
     assert len(told()["tolerance"]["cameras"]) == told()["selection"]["cameras"] == 2
     sides = ["pair/left", "pair/right"]
     assert [each["mount"] for each in told()["cameras"]] == [0, 0, 1, 1]
     assert [each["camera"] for each in told()["cameras"]] == sides * 2
     assert {each["camera"] for each in told()["network"]["by_camera"]} == set(sides)
     if task is BY_AREA:
-        assert cameras.share == pytest.approx(exact_share(found), abs=1e-9)
+        assert cameras.share == pytest.approx(exact_share(placement), abs=1e-9)
         text = Path("out/page.html").read_text()
         assert all(name in text for name in sides)
         assert "Removing cameras 1, 2 " in text or "Removing cameras 3, 4 " in text
 
 
 def test_poses_of_rigs_are_checked_by_their_names():
-    found = placed(**PAIR)
-    mounted = {"world_from_camera": found.cameras.mounted.world_from_camera.tolist()}
-    Path("rigs.json").write_text(json.dumps(mounted | {"camera": names_of(found)}))
+    placement = placed(**PAIR)
+    mounted = {"world_from_camera": placement.cameras.mounted.world_from_camera.tolist()}
+    Path("rigs.json").write_text(json.dumps(mounted | {"camera": names_of(placement)}))
     Path("bare.json").write_text(json.dumps(mounted))
     one, other = (
         rc.check(PLAN | PAIR, path, min_coverage=0.1).summary()
@@ -226,11 +226,11 @@ def test_a_rig_may_be_a_file():
     places = [rc.look_at((x, 0, 0), (8 * x, 0, 2), (0, -1, 0))[0] for x in (-0.1, 0.1)]
     rig = rc.Rig([camera, camera], ["l", "r"], places)
     write_views("rig.json", rc.Views(rig=rig, poses=rc.Poses.of(np.zeros((0, 4, 4)))))
-    found = placed(rigs={"pair": {"file": "rig.json"}})
-    mounts = found.prepared.mounts
+    placement = placed(rigs={"pair": {"file": "rig.json"}})
+    mounts = placement.prepared.mounts
     assert (mounts.names, mounts.rig.names) == (("pair",), ("pair/l", "pair/r"))
     np.testing.assert_allclose(mounts.rig.rig_from_camera, places, atol=1e-12)
-    assert found.selection.cost == len(found.cameras.placed) == 4
+    assert placement.selection.cost == len(placement.cameras.placed) == 4
 
 
 @pytest.mark.slow
@@ -241,14 +241,14 @@ def test_a_rig_may_be_a_file():
 def test_two_cameras_of_a_rig_are_two_views_of_a_face(task, method):
     task = task | {"by": "face", "min_pixels": 20}
     goal = {"goal": "best_coverage", "cameras": 1, "method": method}
-    found = placed(**TWIN, selection=goal, task=task)
-    prepared = found.prepared
+    placement = placed(**TWIN, selection=goal, task=task)
+    prepared = placement.prepared
     candidates = prepared.pool.candidates.placed
     with rc.open_observer(MESH, prepared.mounts.rig) as observer:
         objective = Objective.of(observer, prepared.task, mounts=prepared.mounts)
         shares = [objective.share_of(candidates[row : row + 1]) for row in range(len(candidates))]
-    assert found.selection.share == found.cameras.share == max(shares) > 0
-    np.testing.assert_array_equal(checked(**TWIN, task=task).covered, found.cameras.covered)
+    assert placement.selection.share == placement.cameras.share == max(shares) > 0
+    np.testing.assert_array_equal(checked(**TWIN, task=task).covered, placement.cameras.covered)
 
 
 @pytest.mark.slow

@@ -59,8 +59,8 @@ def test_cameras_are_placed_and_checked_in_the_sun(capsys):
     Path("plan.toml").write_text(TEXT)
     placed = rc.place("plan.toml", out="out")
     mesh, task = placed.prepared.mesh, placed.prepared.task
-    found = rc.regions(mesh, rc.Camera(**CAMERA), placed.cameras.placed, task, lamps=LAMPS)
-    assert placed.cameras.share == pytest.approx(rc.unite(found).share(), abs=1e-12)
+    regions = rc.regions(mesh, rc.Camera(**CAMERA), placed.cameras.placed, task, lamps=LAMPS)
+    assert placed.cameras.share == pytest.approx(rc.unite(regions).share(), abs=1e-12)
     dark = rc.regions(
         mesh, rc.Camera(**CAMERA), placed.cameras.placed, rc.Task(max_incidence_deg=75)
     )
@@ -96,14 +96,14 @@ def test_a_sun_shines_as_at_the_place_of_the_building(capsys):
             *(f"{name} = {json.dumps(value, default=float)}" for name, value in own.items()),
         ]
         Path("sun.toml").write_text("\n".join(lines))
-        found = rc.evaluate(
+        result = rc.evaluate(
             mesh,
             rc.Camera(width=9, height=9, fx=9, fy=9),
             rc.look_at((5.0, 3, 9), (5.0, 3.1, 0)),
             rc.Task(min_illuminance=10),
             lamps="sun.toml",
         )
-        rigs = (named_scene(plan)[1].rig, found.camera)
+        rigs = (named_scene(plan)[1].rig, result.camera)
         for lamps in (rc.load_lamps("sun.toml", mesh.site), *(r.equipment["lamps"] for r in rigs)):
             np.testing.assert_allclose(-lamps.places[0, :3, 2], wanted, atol=1e-12)
         assert len(early) == 1
@@ -126,10 +126,10 @@ def test_lamps_are_chosen_that_add_to_the_sun():
     placed = rc.place(PLAN | own)
     lamps = placed.choices["lamps"].lamps
     assert (lamps.names[0], len(lamps), lamps.lamps[0]) == ("sun", 2, LAMPS.lamps[0])
-    found = rc.regions(
+    regions = rc.regions(
         placed.prepared.mesh, rc.Camera(**CAMERA), eyes, placed.prepared.task, lamps=lamps
     )
-    assert placed.cameras.share == pytest.approx(rc.unite(found).share(), abs=1e-9)
+    assert placed.cameras.share == pytest.approx(rc.unite(regions).share(), abs=1e-9)
     alone = rc.regions(
         placed.prepared.mesh, rc.Camera(**CAMERA), eyes, placed.prepared.task, lamps=LAMPS
     )

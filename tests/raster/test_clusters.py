@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from solids import tessellated_plane
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.engine_raster import (
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import cpu
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.engine.solver_raster import (
     ALTITUDE,
     FACES,
     LANES,
@@ -21,14 +23,12 @@ from rastercov.native.engine_raster import (
     VERTICES,
     Scene,
 )
-from rastercov.raster import cpu
-from rastercov.raster.cpu import CPURasterizer
 
 pytestmark = pytest.mark.native
 
 
 class Clusters(NamedTuple):
-    """Arrays of a scene; see `native/raster/records.hpp`."""
+    """Arrays of a scene; see `engine/raster/records.hpp`."""
 
     points: np.ndarray
     corners: np.ndarray
@@ -282,7 +282,7 @@ def poses_about(mesh, rng, n=12):
 def counts_agree(mesh, camera, poses, **options):
     """Counts with and without clusters left out, and with `drawn`; how many of these matter."""
     with CPURasterizer(mesh, camera, threads=1, **options) as rasterizer:
-        found = rasterizer.count(poses, drawn=False)
+        result = rasterizer.count(poses, drawn=False)
         drawn = rasterizer.count(poses)
         scene = cpu._scene_of(mesh)
         bounds = Clusters(*scene.clusters).bounds.copy()
@@ -293,7 +293,7 @@ def counts_agree(mesh, camera, poses, **options):
         scene.set_bounds(bounds)
         expected = rasterizer.count(poses, drawn=False)
         expected_drawn = rasterizer.count(poses)
-    for counts in (found, drawn, culled, expected_drawn):
+    for counts in (result, drawn, culled, expected_drawn):
         wrong = (counts.visible != expected.visible).any(axis=1)
         assert not wrong.any(), f"{wrong.sum()} of {len(poses)} poses: {np.flatnonzero(wrong)}"
         assert np.array_equal(counts.background, expected.background)

@@ -12,13 +12,13 @@ from scenes import large_and_small
 from test_raster_laws import SCENES as LAWS
 
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer, compute
-from rastercov.raster.gl.context import open_context
-from rastercov.raster.gl.resources import Resources
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer, compute
+from rastercov.gl.context import open_context
+from rastercov.gl.resources import Resources
+from rastercov.gl.strategy import Strategy
 
 pytestmark = pytest.mark.matter("opengl")
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
@@ -45,10 +45,10 @@ def open_compute(device):
     return open_one
 
 
-def assert_same_as_cpu(found, expected):
+def assert_same_as_cpu(result, expected):
     """All the same; 1/z to the last bit or two, as sums are taken in another order."""
-    np.testing.assert_allclose(1 / found["depth"], 1 / expected["depth"], rtol=2.5e-7)
-    assert_same(found, {name: expected[name] for name in expected if name != "depth"})
+    np.testing.assert_allclose(1 / result["depth"], 1 / expected["depth"], rtol=2.5e-7)
+    assert_same(result, {name: expected[name] for name in expected if name != "depth"})
 
 
 @pytest.mark.slow
@@ -56,8 +56,11 @@ def assert_same_as_cpu(found, expected):
 def test_it_fills_what_the_cpu_fills(open_compute, scene, supersample, roll):
     mesh, poses = scene
     options = {"supersample": supersample, "roll": roll}
-    with open_compute(mesh, **options) as found, CPURasterizer(mesh, CAMERA, **options) as expected:
-        assert_same_as_cpu(everything(found, poses), everything(expected, poses))
+    with (
+        open_compute(mesh, **options) as compute,
+        CPURasterizer(mesh, CAMERA, **options) as expected,
+    ):
+        assert_same_as_cpu(everything(compute, poses), everything(expected, poses))
 
 
 @pytest.mark.slow
@@ -101,10 +104,10 @@ def test_a_queue_that_is_too_small_is_filled_again_with_less(
     mesh = Mesh(vertices=many_large.vertices, faces=many_large.faces[:n_faces])
     poses = np.tile(np.eye(4), (20, 1, 1))
     poses[:, 0, 3] = np.linspace(-1, 1, 20)
-    with open_compute(mesh) as found, CPURasterizer(mesh, CAMERA) as expected:
-        before = found._strategy._faces_at_once, found._strategy._poses_at_once
-        counts, truth = found.count(poses), expected.count(poses)
-        assert (found._strategy._faces_at_once, found._strategy._poses_at_once) < before
+    with open_compute(mesh) as result, CPURasterizer(mesh, CAMERA) as expected:
+        before = result._strategy._faces_at_once, result._strategy._poses_at_once
+        counts, truth = result.count(poses), expected.count(poses)
+        assert (result._strategy._faces_at_once, result._strategy._poses_at_once) < before
         assert_same_counts(counts, truth)
     monkeypatch.setattr(compute, "MAX_PIECES", 1 << 18)
     with open_compute(mesh) as whole:
@@ -117,8 +120,8 @@ def test_large_images_are_filled_whole(open_compute, many_large):
     # llvmpipe lets no invocation loop for more than 65,535 turns, and says nothing.
     camera = Camera(width=2400, height=1800, fx=2000, fy=2000)
     mesh = Mesh(vertices=many_large.vertices, faces=many_large.faces[:40])
-    with open_compute(mesh, camera) as found, CPURasterizer(mesh, camera) as expected:
-        counts, truth = found.count(np.eye(4)), expected.count(np.eye(4))
+    with open_compute(mesh, camera) as compute, CPURasterizer(mesh, camera) as expected:
+        counts, truth = compute.count(np.eye(4)), expected.count(np.eye(4))
     assert np.abs(counts.drawn - truth.drawn).max() <= 2
     assert np.abs(counts.visible - truth.visible).max() <= 2
     assert counts.drawn.max() > 1_000_000
@@ -164,12 +167,12 @@ def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
             open_compute(mesh, camera, supersample=supersample) as rasterizer,
             CPURasterizer(mesh, camera, supersample=supersample) as cpu,
         ):
-            found, expected = everything(rasterizer, poses), everything(cpu, poses)
-        assert (found["visible"] <= found["drawn"]).all()
-        assert np.array_equal(np.isinf(found["depth"]), found["face"] < 0)
-        different = (found["face"] != expected["face"]).sum()
-        assert different <= 0.002 * found["face"].size + 4
-        same += not different and np.array_equal(found["drawn"], expected["drawn"])
+            result, expected = everything(rasterizer, poses), everything(cpu, poses)
+        assert (result["visible"] <= result["drawn"]).all()
+        assert np.array_equal(np.isinf(result["depth"]), result["face"] < 0)
+        different = (result["face"] != expected["face"]).sum()
+        assert different <= 0.002 * result["face"].size + 4
+        same += not different and np.array_equal(result["drawn"], expected["drawn"])
     assert same >= 18
 
 
@@ -181,9 +184,9 @@ def test_atomics_of_32_and_of_64_bits_find_the_same():
 import dataclasses
 import numpy as np
 import test_compute_raster as t
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl.context import open_context
-from rastercov.raster.gl import GLRasterizer
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl.context import open_context
+from rastercov.gl import GLRasterizer
 
 with open_context("surfaceless") as context:
     wide = context.info
@@ -221,16 +224,16 @@ def test_a_graphics_card_sees_what_the_cpu_sees(scene, plan):
     mesh, poses = scene
     with (
         context,
-        GLRasterizer(mesh, CAMERA, device=context, **WAYS[plan]) as found,
+        GLRasterizer(mesh, CAMERA, device=context, **WAYS[plan]) as glrasterizer,
         CPURasterizer(mesh, CAMERA) as expected,
     ):
-        found, expected = everything(found, poses), everything(expected, poses)
-    different = found["face"] != expected["face"]
+        glrasterizer, expected = everything(glrasterizer, poses), everything(expected, poses)
+    different = glrasterizer["face"] != expected["face"]
     if plan == "compute":  # but for a division that rounds otherwise, the same to the last bit
         assert different.sum() <= 3
-        assert np.abs(found["drawn"] - expected["drawn"]).sum() <= 3
+        assert np.abs(glrasterizer["drawn"] - expected["drawn"]).sum() <= 3
     assert different.mean() <= 0.005
-    assert (found["visible"] <= found["drawn"]).all()
+    assert (glrasterizer["visible"] <= glrasterizer["drawn"]).all()
 
 
 @pytest.mark.slow

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scenes import joined, sheet, square
 from solids import tessellated_plane
 
-from rastercov.mesh import Mesh, contacts, shapes
-from rastercov.raster.gl.coplanar import coplanar_overlaps
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.mesh import Mesh, contacts, shapes
+from rastercov.gl.coplanar import coplanar_overlaps
+from rastercov.gl.strategy import Strategy
 
 AHEAD = np.eye(4)
 

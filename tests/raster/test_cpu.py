@@ -20,16 +20,16 @@ from processes import run_python
 from scenes import soup
 from solids import tessellated_plane
 
-from rastercov import native
+from rastercov import engine
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import once_each
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import limits, picture_limits
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.engine_raster import GUARD_BAND, STEPS
-from rastercov.raster import cpu, open_rasterizer, self_test
-from rastercov.raster.cpu import MAX_SIDE, CPURasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import limits, picture_limits
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import cpu, open_rasterizer, self_test
+from rastercov.core.raster.cpu import MAX_SIDE, CPURasterizer
+from rastercov.engine.solver_raster import GUARD_BAND, STEPS
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 
@@ -103,9 +103,9 @@ def test_bands_and_parts_of_an_image_change_no_count(
                 assert np.array_equal(alone.visible[0], expected.visible[row])
                 assert np.array_equal(alone.drawn[0], expected.drawn[row])
                 assert alone.background[0] == expected.background[row]
-            found = rasterizer.render(poses[-1])
-            assert np.array_equal(found.face, image.face)
-            assert np.array_equal(found.depth, image.depth)
+            result = rasterizer.render(poses[-1])
+            assert np.array_equal(result.face, image.face)
+            assert np.array_equal(result.depth, image.depth)
 
 
 @pytest.mark.slow
@@ -182,8 +182,8 @@ def test_each_sample_belongs_to_the_nearest_face_that_whole_numbers_give_it(
     with CPURasterizer(mesh, camera, threads=1) as rasterizer:
         assert np.array_equal(rasterizer.render(np.eye(4)).face, face)
         for counts in (rasterizer.count(np.eye(4)), rasterizer.count(np.eye(4), drawn=False)):
-            found = np.append(counts.background, counts.visible[0])
-            assert np.array_equal(found, np.bincount(face.ravel() + 1, minlength=len(own) + 1))
+            values = np.append(counts.background, counts.visible[0])
+            assert np.array_equal(values, np.bincount(face.ravel() + 1, minlength=len(own) + 1))
             assert counts.drawn is None or np.array_equal(counts.drawn[0], own)
 
 
@@ -199,11 +199,11 @@ def test_no_scene_reaches_past_the_scratch_memory(is_rolled):
 @pytest.mark.native
 def test_every_processor_counts_alike(monkeypatch):
     expected = all_counts()
-    for level in native.built():
-        if level not in native.runnable():
+    for level in engine.built():
+        if level not in engine.runnable():
             continue
-        module = native.load(f"_{level}")
-        monkeypatch.setattr(cpu, "engine_raster", module.engine_raster)
+        module = engine.load(f"_{level}")
+        monkeypatch.setattr(cpu, "solver_raster", module.solver_raster)
         monkeypatch.setattr(cpu, "_scene_of", once_each(cpu._scene_of.__wrapped__))
         for one, other in zip(all_counts(), expected, strict=True):
             assert np.array_equal(one, other)
@@ -299,11 +299,10 @@ def grid_arguments(**changed):
         "runs": np.tile(np.array(((0,), (32,)), np.int32), 16),
         "is_rolled": False,
         "is_parallel": False,
-        "max_band": cpu.MAX_BAND,
     }
     tuple_of = {name: changed.get(name, value) for name, value in scattered.items()}
     named = {name: changed.get(name, value) for name, value in rest.items()}
-    return tuple(tuple_of.values()), *named.values()
+    return tuple(tuple_of.values()), tuple(named.values()), cpu.MAX_BAND
 
 
 SPOILT = {
@@ -316,9 +315,9 @@ SPOILT = {
 @pytest.mark.native
 @pytest.mark.parametrize("name", SPOILT)
 def test_a_canvas_that_is_none_is_refused(name):
-    native.engine_raster.Canvas(*grid_arguments())
+    engine.solver_raster.Canvas(*grid_arguments())
     with pytest.raises(ValueError, match="must"):
-        native.engine_raster.Canvas(*grid_arguments(**{name: SPOILT[name]}))
+        engine.solver_raster.Canvas(*grid_arguments(**{name: SPOILT[name]}))
 
 
 @pytest.mark.native
@@ -333,7 +332,7 @@ def test_lanes_and_samples_outside_are_refused():
         ((40, -3, 50), (0, 1, 2)),
     ):
         own = {"lanes": np.array(lanes, np.int32), "samples": np.array(samples, np.int32)}
-        canvas = native.engine_raster.Canvas(*grid_arguments(**own, places=places))
+        canvas = engine.solver_raster.Canvas(*grid_arguments(**own, places=places))
         image = np.zeros(3, np.int32), np.zeros(3, np.float32)
         with suppress(ValueError):
             drawing.render_lanes([canvas], looks, corners, False, *image, 2)
@@ -390,9 +389,9 @@ def test_a_sliver_along_the_view_that_reaches_far_out_is_clipped():
     counts = []
     for mesh in (whole, part):
         with CPURasterizer(mesh, camera) as rasterizer:
-            found = rasterizer.count(np.eye(4))
-            counts.append(found.visible.sum())
-            assert np.array_equal(found.visible, found.drawn)
+            result = rasterizer.count(np.eye(4))
+            counts.append(result.visible.sum())
+            assert np.array_equal(result.visible, result.drawn)
     assert counts[0] == counts[1] > 3000
 
 
@@ -417,8 +416,8 @@ def test_threads_that_open_a_mesh_at_once_share_one_scene(monkeypatch):
         time.sleep(0.2)
         return scene(*arguments)
 
-    scene = cpu.engine_raster.Scene
-    monkeypatch.setattr(cpu.engine_raster, "Scene", slow)
+    scene = cpu.solver_raster.Scene
+    monkeypatch.setattr(cpu.solver_raster, "Scene", slow)
     mesh, poses = shapes.torus(12, 10), sphere_of_poses((0, 0, 0), 4, 2)
 
     def drawn(_):

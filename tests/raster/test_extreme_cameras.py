@@ -9,24 +9,24 @@ from image_laws import is_ambiguous, reference_view
 from rastercov.base.checks import LONGEST as LONGEST_LENS
 from rastercov.base.checks import SHORTEST as SHORTEST_LENS
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import shapes
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer
-from rastercov.raster.gl import rasterizer as gl_module
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.gl import WAYS, GLRasterizer
+from rastercov.gl import rasterizer as gl_module
 
 MESH = shapes.torus(16, 8)
 
 
 def assert_right(rasterizer, camera, pose):
     """The image is the reference's, but for ambiguous samples, and so are the counts."""
-    found = rasterizer.render(pose).face
+    face = rasterizer.render(pose).face
     expected = reference_view(MESH, camera, pose)
     clear = ~is_ambiguous(expected)
-    np.testing.assert_array_equal(found[clear], expected.face[clear])
+    np.testing.assert_array_equal(face[clear], expected.face[clear])
     counts = rasterizer.count(pose)
-    owned = np.bincount(found.ravel() + 1, minlength=MESH.n_faces + 1)
+    owned = np.bincount(face.ravel() + 1, minlength=MESH.n_faces + 1)
     np.testing.assert_array_equal(owned[1:], counts.visible[0])
     assert counts.background[0] == owned[0]
 

@@ -13,9 +13,9 @@ from nightly import nightly
 from processes import run_python
 
 from rastercov.base.errors import DeviceError
-from rastercov.raster.gl import devices, libraries
-from rastercov.raster.gl.context import HeadlessContext, open_context
-from rastercov.raster.gl.devices import DeviceInfo, list_devices
+from rastercov.gl import devices, libraries
+from rastercov.gl.context import HeadlessContext, open_context
+from rastercov.gl.devices import DeviceInfo, list_devices
 
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False)
 CPU = DeviceInfo("egl-device", 1, "Mesa software device", is_software=True)
@@ -120,7 +120,7 @@ def test_a_driver_of_an_older_opengl_is_refused_in_one_line(device):
     open_or_skip(device).release()
     code = f"""
 from rastercov.base.errors import DeviceError
-from rastercov.raster.gl.context import open_context
+from rastercov.gl.context import open_context
 try:
     open_context({device!r})
 except DeviceError as error:
@@ -294,7 +294,7 @@ def test_a_forked_child_is_told_instead_of_hanging(context):
 import os, warnings
 warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of every such fork
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.raster.gl.context import open_context
+from rastercov.gl.context import open_context
 context = open_context("surfaceless")
 child = os.fork()
 if child == 0:
@@ -335,7 +335,7 @@ def test_two_contexts_take_turns(context, other):
 @pytest.mark.slow
 def test_a_context_opens_without_a_home_and_may_be_open_when_python_ends(context):
     code = (
-        "from rastercov.raster.gl.context import open_context\n"
+        "from rastercov.gl.context import open_context\n"
         "c = open_context()\nc.gl.buffer(b'1')\nprint(c.info.renderer)"
     )
     home = {"HOME": "/proc", "XDG_CACHE_HOME": "/proc/none", "LIBGL_ALWAYS_SOFTWARE": "1"}

@@ -21,23 +21,23 @@ from rastercov import (
     Camera,
     CameraError,
     Mesh,
+    engine,
     look_at,
-    native,
     open_observer,
     open_rasterizer,
 )
 from rastercov.base.threads import once_each
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.mesh import shapes
-from rastercov.raster import cpu
-from rastercov.raster import lens as lens_module
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl import GLRasterizer
-from rastercov.raster.lens import Views, views_of
-from rastercov.raster.observation import BoundKind
-from rastercov.raster.sample_grid import SampleGrid
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import shapes
+from rastercov.core.raster import cpu
+from rastercov.core.raster import lens as lens_module
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.core.raster.lens import SampleViews, views_of
+from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.sample_grid import SampleGrid
+from rastercov.gl import GLRasterizer
 
 SCALE = 0.1
 EDGE_PX = 4e-3
@@ -114,9 +114,9 @@ def first_hits(corners, directions):
         with np.errstate(all="ignore"):
             t = np.where(inside, height[:, None] / (normal @ r.T), np.inf)
         nearest = t.argmin(axis=0)
-        found = t[nearest, np.arange(len(r))]
-        distance[start : start + 128] = found
-        face[start : start + 128] = np.where(np.isfinite(found), nearest, -1)
+        result = t[nearest, np.arange(len(r))]
+        distance[start : start + 128] = result
+        face[start : start + 128] = np.where(np.isfinite(result), nearest, -1)
     return face, distance
 
 
@@ -236,11 +236,11 @@ def test_sampled_areas_are_within_their_bound_of_certified_ones(scene, lens):
     with open_observer(mesh, camera, "certified") as exact:
         expected, areas = fractions_of(exact, poses), exact.observe(poses)
     with open_observer(mesh, camera, "sampled:cpu@3") as sampled:
-        found, counts = fractions_of(sampled, poses), sampled.observe(poses)
-    assert (found.visibility_kind == BoundKind.STATISTICAL).any()
-    error = np.abs(found.visibility - expected.visibility)
-    assert (error <= found.visibility_bound + expected.visibility_bound).mean() > 0.998
-    is_informed = (found.visibility_bound < 0.5) & (areas.drawn_pixels > 1)
+        fractions, counts = fractions_of(sampled, poses), sampled.observe(poses)
+    assert (fractions.visibility_kind == BoundKind.STATISTICAL).any()
+    error = np.abs(fractions.visibility - expected.visibility)
+    assert (error <= fractions.visibility_bound + expected.visibility_bound).mean() > 0.998
+    is_informed = (fractions.visibility_bound < 0.5) & (areas.drawn_pixels > 1)
     assert is_informed.sum() > 20
     assert error[is_informed].mean() < 0.02
     assert counts.visible_pixels.sum() == pytest.approx(areas.visible_pixels.sum(), rel=2e-3)
@@ -257,10 +257,10 @@ def test_faces_of_any_size_cover_the_samples_that_their_exact_edges_do(open_lens
     mesh = Mesh(corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3))
     beyond = square(0.01, 1000)
     targets = some_as_targets(joined(mesh, beyond), [True] * n + [False] * 2)
-    found = open_lens(mesh, camera).count(np.eye(4)).drawn[0]
+    drawn = open_lens(mesh, camera).count(np.eye(4)).drawn[0]
     expected = open_lens(targets, camera).count(np.eye(4)).drawn[0, :n]
     assert (expected > 10_000).sum() > 20 < (expected[expected < 100] > 0).sum()
-    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(drawn, expected)
 
 
 def test_targets_hide_nothing_and_are_counted_against_surfaces(open_lens):
@@ -284,7 +284,7 @@ def test_bands_of_rows_add_up_to_the_whole(monkeypatch):
     (mesh, poses), camera = SCENES["torus"], CAMERAS["wide"]
     with open_rasterizer(mesh, camera, "cpu", supersample=2, roll=0.3) as rasterizer:
         whole = rasterizer.count(poses)
-        rasterizer._views = Views(camera, 2, 0.3, most_rows=9000)
+        rasterizer._views = SampleViews(camera, 2, 0.3, most_rows=9000)
         monkeypatch.setattr(lens_module, "MOST_KEPT", 20_000)
         parts = [rasterizer.count(poses) for _ in range(2)][1]
         assert 1 < len(rasterizer._views._kept) < len(list(rasterizer._views.bands(1)))
@@ -331,10 +331,10 @@ def test_a_face_alone_is_drawn_where_its_own_rays_meet_it(seed):
     inside = (column >= grid.runs[0][:, None]) & (column < grid.runs[1][:, None])
     directions = rays(camera, places[inside])
     directions = directions[~np.isnan(directions[:, 0])]
-    found, _ = first_hits(corners[None], directions)
-    edges = [edge_distance(camera, corners, ray) for ray in directions[found >= 0]]
+    result, _ = first_hits(corners[None], directions)
+    edges = [edge_distance(camera, corners, ray) for ray in directions[result >= 0]]
     doubtful = np.count_nonzero(np.array(edges) <= EDGE_PX)
-    off = counts.drawn[0, 0] - np.count_nonzero(found >= 0)
+    off = counts.drawn[0, 0] - np.count_nonzero(result >= 0)
     assert -doubtful <= off <= 5
 
 
@@ -342,9 +342,9 @@ def test_a_face_alone_is_drawn_where_its_own_rays_meet_it(seed):
 def test_counts_are_those_of_the_picture_bit_for_bit_on_all_levels_and_threads(lens, monkeypatch):
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
     answers = set()
-    for level in set(native.built()) & set(native.runnable()):
-        module = native.load(f"_{level}")
-        monkeypatch.setattr(cpu, "engine_raster", module.engine_raster)
+    for level in set(engine.built()) & set(engine.runnable()):
+        module = engine.load(f"_{level}")
+        monkeypatch.setattr(cpu, "solver_raster", module.solver_raster)
         monkeypatch.setattr(cpu, "_scene_of", once_each(cpu._scene_of.__wrapped__))
         views_of.cache_clear()
         for threads in (1, 3):

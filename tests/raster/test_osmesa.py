@@ -7,7 +7,7 @@ from coplanar_scenes import scene_of as coplanar_scene
 from image_laws import assert_same, assert_same_image, everything, reference_view
 from test_raster_laws import CAMERA, SCENES, scene_of
 
-from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.gl import WAYS, GLRasterizer
 
 ALL = [(CAMERA, name, scene_of) for name in SCENES]
 ALL += [(SMALL, kind, lambda kind: coplanar_scene(kind, 5)) for kind in COPLANAR]
@@ -24,9 +24,9 @@ def test_osmesa_gives_the_bits_of_egl_or_the_image_of_the_reference(
         with GLRasterizer(mesh, camera, device=context, **WAYS[plan]) as rasterizer:
             return everything(rasterizer, poses)
 
-    found = seen(osmesa_context)
+    observation = seen(osmesa_context)
     if osmesa_context.info.version == gl_context.info.version:
-        assert_same(found, seen(gl_context))
+        assert_same(observation, seen(gl_context))
     else:
-        for pose, face in zip(poses, found["face"], strict=True):
+        for pose, face in zip(poses, observation["face"], strict=True):
             assert_same_image(face, reference_view(mesh, camera, pose).face, mesh, camera, pose)

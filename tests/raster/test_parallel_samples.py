@@ -9,8 +9,8 @@ from target_scenes import beside, sheet_at
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.raster.gl import WAYS, GLRasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.gl import WAYS, GLRasterizer
 
 pytestmark = pytest.mark.native
 
@@ -170,8 +170,8 @@ def test_counts_of_finer_and_rotated_grids_agree(open_gl, options):
     camera, poses = views_of(mesh, np.random.default_rng(6), side=90)
     with rc.open_rasterizer(mesh, camera, "cpu", **options) as other:
         expected = other.count(poses).visible
-    found = open_gl(mesh, camera, **options).count(poses).visible
-    assert np.abs(found.astype(int) - expected).sum() <= 0.01 * expected.sum()
+    visible = open_gl(mesh, camera, **options).count(poses).visible
+    assert np.abs(visible.astype(int) - expected).sum() <= 0.01 * expected.sum()
 
 
 def test_opengl_refuses_what_it_cannot_draw(device):

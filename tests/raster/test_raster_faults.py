@@ -17,17 +17,17 @@ from image_laws import assert_same_counts
 
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.observer import SampledObserver, open_observer
-from rastercov.mesh import shapes
-from rastercov.raster import open_rasterizer
-from rastercov.raster.gl import WAYS, GLRasterizer, pipeline
-from rastercov.raster.gl import rasterizer as rasterizer_module
-from rastercov.raster.gl.compute import Compute
-from rastercov.raster.gl.resources import Resources
-from rastercov.raster.gl.scene import Scene
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.observer import SampledObserver, open_observer
+from rastercov.core.mesh import shapes
+from rastercov.core.raster import open_rasterizer
+from rastercov.gl import WAYS, GLRasterizer, pipeline
+from rastercov.gl import rasterizer as rasterizer_module
+from rastercov.gl.compute import Compute
+from rastercov.gl.resources import Resources
+from rastercov.gl.scene import DeviceScene
+from rastercov.gl.strategy import Strategy
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)
@@ -61,8 +61,8 @@ def test_a_device_without_layers_draws_one_pose_at_a_time(device, monkeypatch):
     info = dataclasses.replace(device.info, extensions=frozenset())
     expected, _ = counted(device, "layers")
     monkeypatch.setattr(device, "info", info)
-    found, _ = counted(device, "layers")
-    assert_same_counts(found, expected)
+    result, _ = counted(device, "layers")
+    assert_same_counts(result, expected)
 
 
 @pytest.mark.parametrize(("is_software", "most"), [(True, 1), (False, 128)])
@@ -268,7 +268,7 @@ def stuck(monkeypatch):
 
 def blind(monkeypatch):
     """From now on nothing is drawn."""
-    monkeypatch.setattr(Scene, "draw", lambda *_, **__: None)
+    monkeypatch.setattr(DeviceScene, "draw", lambda *_, **__: None)
     monkeypatch.setattr(Compute, "_fill", lambda *_: None)
 
 
@@ -324,7 +324,12 @@ def test_face_that_does_not_exist_is_refused(device, monkeypatch):
 @pytest.mark.slow
 def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch):
     expected = rasterizer.count(POSES)
-    steps = ((Resources, "read_words"), (Scene, "draw"), (Compute, "_fill"), (Resources, "poll"))
+    steps = (
+        (Resources, "read_words"),
+        (DeviceScene, "draw"),
+        (Compute, "_fill"),
+        (Resources, "poll"),
+    )
     for victim, name in steps:
         for call in range(4):
             honest, calls = getattr(victim, name), []
@@ -339,8 +344,8 @@ def test_interrupted_counting_leaves_the_next_one_right(rasterizer, monkeypatch)
                 patch.setattr(victim, name, interrupt)
                 with suppress(KeyboardInterrupt):
                     rasterizer.count(POSES)
-            found = rasterizer.count(POSES)
-            assert_same_counts(found, expected)
+            counts = rasterizer.count(POSES)
+            assert_same_counts(counts, expected)
 
 
 @pytest.mark.parametrize(

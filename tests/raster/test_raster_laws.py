@@ -26,11 +26,11 @@ from image_laws import (
 from scenes import joined, soup, square
 from solids import tessellated_plane
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.gl import rasterizer as rasterizer_module
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.gl import rasterizer as rasterizer_module
+from rastercov.gl.strategy import Strategy
 from rastercov.reference import samples
 
 CAMERA = Camera(width=160, height=120, fx=150, fy=140, cx=81.3, cy=58.2)
@@ -89,12 +89,12 @@ def test_image_and_counts_equal_reference(open_raster, scene):
     mesh, poses = scene
     with open_raster(mesh, CAMERA) as rasterizer:
         counts, images = rasterizer.count(poses), [rasterizer.render(pose) for pose in poses]
-    for row, (pose, found) in enumerate(zip(poses, images, strict=True)):
+    for row, (pose, item) in enumerate(zip(poses, images, strict=True)):
         expected = reference_view(mesh, CAMERA, pose)
-        assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
-        assert np.array_equal(np.isinf(found.depth), found.face < 0)
-        alike = (found.face == expected.face) & (found.face >= 0)
-        off = alike & ~np.isclose(found.depth, expected.depth, rtol=1e-5, atol=0)
+        assert_same_image(item.face, expected.face, mesh, CAMERA, pose)
+        assert np.array_equal(np.isinf(item.depth), item.face < 0)
+        alike = (item.face == expected.face) & (item.face >= 0)
+        off = alike & ~np.isclose(item.depth, expected.depth, rtol=1e-5, atol=0)
         if rasterizer.info.plan == "pipeline" and not IN_SOFTWARE:
             off &= False  # a GPU interpolates depth between corners that it has rounded
         # Where a face is seen at a grazing angle, rounding its corners moves its depth.
@@ -102,9 +102,9 @@ def test_image_and_counts_equal_reference(open_raster, scene):
         points = np.argwhere(off)[:, ::-1] + 0.5
         steps = np.array([(x, y) for x in (-EDGE, EDGE) for y in (-EDGE, EDGE)])
         depths = samples.at_points(mesh, CAMERA, pose, points + steps[:, None]).depth
-        assert (found.depth[off] >= np.min(depths, axis=0) * (1 - 1e-5)).all()
-        assert (found.depth[off] <= np.max(depths, axis=0) * (1 + 1e-5)).all()
-        owned = np.bincount(found.face.ravel() + 1, minlength=mesh.n_faces + 1)
+        assert (item.depth[off] >= np.min(depths, axis=0) * (1 - 1e-5)).all()
+        assert (item.depth[off] <= np.max(depths, axis=0) * (1 + 1e-5)).all()
+        owned = np.bincount(item.face.ravel() + 1, minlength=mesh.n_faces + 1)
         np.testing.assert_array_equal(owned, np.append(counts.background[row], counts.visible[row]))
         # An ambiguous sample may be one for several faces that lie behind each other.
         off = np.abs(counts.drawn[row] - expected.drawn)
@@ -187,14 +187,14 @@ def rolled_reference(mesh, camera, pose, supersample, roll):
     from_border = np.minimum(points, (camera.width, camera.height) - points).min(axis=1)
     on_border = from_border <= EDGE
     near = max(camera.near, 1e-6 * np.linalg.norm(np.abs(mesh.bounds - pose[:3, 3]).max(axis=0)))
-    found = []
+    items = []
     for faces in (np.arange(mesh.n_faces), *np.arange(mesh.n_faces)[:, None]):
         part = Mesh(vertices=mesh.vertices, faces=mesh.faces[faces])
         view = samples.at_points(part, camera, pose, points, near)
         unclear = is_ambiguous(view) | on_border
         clear = np.bincount(view.face[~unclear & (view.face >= 0)], minlength=len(faces))
-        found.append((clear, unclear.sum()))
-    return len(points), on_border.sum(), found
+        items.append((clear, unclear.sum()))
+    return len(points), on_border.sum(), items
 
 
 def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
@@ -204,8 +204,8 @@ def assert_rolled_counts(counts, mesh, camera, pose, supersample, roll):
     n_inside = counts.visible[0].sum() + counts.background[0]
     assert abs(n_inside - n_points) <= 2 * n_on_border  # as many may be just outside
 
-    def check(found, clear, n_unclear, what):
-        more = found - clear
+    def check(result, clear, n_unclear, what):
+        more = result - clear
         assert (more >= 0).all(), f"{what} misses {-more.min()} samples of face {more.argmin()}"
         assert (more <= n_unclear + n_on_border).all(), f"{what} adds {more.max()} samples"
 
@@ -241,9 +241,9 @@ def test_rolling_by_quarter_turns_changes_nothing_and_by_less_no_picture(open_ra
         turned = open_raster(mesh, CAMERA, roll=quarters * np.pi / 2)
         assert_same_counts(turned.count(poses), plain.count(poses))
     rolled.count(poses[0])
-    found, expected = rolled.render(poses[0]), plain.render(poses[0])
-    np.testing.assert_array_equal(found.face, expected.face)
-    np.testing.assert_array_equal(found.depth, expected.depth)
+    image, expected = rolled.render(poses[0]), plain.render(poses[0])
+    np.testing.assert_array_equal(image.face, expected.face)
+    np.testing.assert_array_equal(image.depth, expected.depth)
 
 
 COARSE_TORUS = shapes.torus(12, 6)
@@ -274,8 +274,8 @@ def test_moving_mesh_and_camera_together_changes_nothing(open_raster, scene, see
     motion[:3, 3] = rng.normal(scale=10, size=3)
     with open_raster(mesh, CAMERA) as here, open_raster(moved(mesh, motion), CAMERA) as there:
         for pose in poses:
-            found, expected = there.render(motion @ pose).face, here.render(pose).face
-            assert_same_image(found, expected, mesh, CAMERA, pose)
+            face, expected = there.render(motion @ pose).face, here.render(pose).face
+            assert_same_image(face, expected, mesh, CAMERA, pose)
 
 
 @pytest.mark.slow
@@ -397,10 +397,10 @@ def test_of_coincident_faces_the_lowest_index_owns_every_sample_wherever_they_st
     copies = np.take_along_axis(mesh.faces[of], rng.random((300, 3)).argsort(axis=1), axis=1)
     copies[::2] += mesh.n_vertices
     vertices, faces = np.tile(mesh.vertices, (2, 1)), np.concatenate((mesh.faces, copies))
-    found = open_raster(Mesh(vertices=vertices, faces=faces), SMALL).count(AHEAD)
-    np.testing.assert_array_equal(found.visible[:, :100], lone.visible)
-    assert not found.visible[:, 100:].any()
-    np.testing.assert_array_equal(found.drawn, lone.drawn[:, np.append(np.arange(100), of)])
+    counts = open_raster(Mesh(vertices=vertices, faces=faces), SMALL).count(AHEAD)
+    np.testing.assert_array_equal(counts.visible[:, :100], lone.visible)
+    assert not counts.visible[:, 100:].any()
+    np.testing.assert_array_equal(counts.drawn, lone.drawn[:, np.append(np.arange(100), of)])
 
 
 # --- the near plane -------------------------------------------------------------------------------
@@ -427,10 +427,10 @@ def test_near_plane_cuts_as_in_the_reference(open_raster, near):
         expected = reference_view(mesh, camera, pose)
         whole = reference_view(mesh, no_near, pose)
         with open_raster(mesh, camera) as rasterizer:
-            found = rasterizer.render(pose)
+            image = rasterizer.render(pose)
             counts = rasterizer.count(pose)
-        assert_same_image(found.face, expected.face, mesh, camera, pose)
-        assert (found.depth >= np.float32(near * (1 - 1e-6))).all()
+        assert_same_image(image.face, expected.face, mesh, camera, pose)
+        assert (image.depth >= np.float32(near * (1 - 1e-6))).all()
         is_cut = near > whole.depth.min()
         assert counts.clipped[0] == is_cut
 
@@ -492,8 +492,8 @@ def test_tiles_make_the_whole_image(open_gl, scene, monkeypatch):
     monkeypatch.setattr(Strategy, "max_tile", 64)
     with whole, open_gl(mesh, CAMERA) as tiled:
         for pose in poses:
-            found, expected = tiled.render(pose), whole.render(pose)
-            assert_same_image(found.face, expected.face, mesh, CAMERA, pose)
+            image, expected = tiled.render(pose), whole.render(pose)
+            assert_same_image(image.face, expected.face, mesh, CAMERA, pose)
         n_ambiguous = np.array([ambiguous(mesh, CAMERA, pose).sum() for pose in poses])
         counts, expected = tiled.count(poses), whole.count(poses)
     assert (np.abs(counts.visible - expected.visible).sum(axis=1) <= 2 * n_ambiguous).all()
@@ -556,12 +556,12 @@ def test_any_soup_is_seen_as_by_the_reference(open_raster, drawn):
     camera = SMALL if in_doubles else replace(SMALL, near=0.05)
     expected = samples.render(mesh, camera, AHEAD)
     with open_raster(mesh, camera) as rasterizer:
-        found = rasterizer.render(AHEAD).face
+        face = rasterizer.render(AHEAD).face
         counts = rasterizer.count(AHEAD)
     clear = (expected.edge_distance > EDGE) & (expected.depth_gap > GAP)
-    np.testing.assert_array_equal(found[clear], expected.face[clear])
+    np.testing.assert_array_equal(face[clear], expected.face[clear])
     np.testing.assert_array_equal(
-        np.bincount(found.ravel() + 1, minlength=mesh.n_faces + 1)[1:], counts.visible[0]
+        np.bincount(face.ravel() + 1, minlength=mesh.n_faces + 1)[1:], counts.visible[0]
     )
     assert (counts.visible <= counts.drawn).all()
 

@@ -16,10 +16,10 @@ import pytest
 from image_laws import shown_by_two
 from wheels import with_wheel
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.gl import WAYS
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.gl import WAYS
 from rastercov.reference import samples
 
 TriangleMesh = with_wheel("embreex.mesh_construction").TriangleMesh

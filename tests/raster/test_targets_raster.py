@@ -13,13 +13,13 @@ from nightly import examples
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import limits
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
-from rastercov.native.engine_raster import TIE_REL, count_triangle
-from rastercov.raster.cpu import CPURasterizer
-from rastercov.raster.gl.strategy import Strategy
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.engine.solver_raster import TIE_REL, count_triangle
+from rastercov.gl.strategy import Strategy
 from rastercov.reference import samples
 from rastercov.reference import triangle_samples as twin
 
@@ -56,16 +56,16 @@ def ambiguous_counts(mesh, camera, pose, row):
 @pytest.mark.parametrize("options", [{}, {"supersample": 2, "roll": 0.4}], ids=["plain", "rolled"])
 def test_counts_of_opaque_faces_are_those_without_targets(open_raster, options):
     mesh = in_room(1)
-    found = open_raster(mesh, SMALL, **options)
+    raster = open_raster(mesh, SMALL, **options)
     alone = open_raster(ROOM, SMALL, **options)
-    counts, expected = found.count(VIEWS), alone.count(VIEWS)
+    counts, expected = raster.count(VIEWS), alone.count(VIEWS)
     opaque = ~mesh.target_mask
     np.testing.assert_array_equal(counts.visible[:, opaque], expected.visible)
     np.testing.assert_array_equal(counts.drawn[:, opaque], expected.drawn)
     np.testing.assert_array_equal(counts.background, expected.background)
     np.testing.assert_array_equal(counts.clipped, expected.clipped)
     assert counts.visible.dtype == expected.visible.dtype
-    image, without = found.render(VIEWS[0]), alone.render(VIEWS[0])
+    image, without = raster.render(VIEWS[0]), alone.render(VIEWS[0])
     np.testing.assert_array_equal(image.face, without.face)
     np.testing.assert_array_equal(image.depth, without.depth)
 
@@ -76,13 +76,13 @@ def reference_counts():
 
     Kept, because it takes a hundred times as long as the counts that are compared with it.
     """
-    mesh, found = in_room(2), []
+    mesh, items = in_room(2), []
     for row, pose in enumerate(VIEWS):
         visible, drawn = samples.count(mesh, SMALL, pose)
         for face in targets_of(mesh):
             slack = ambiguous_counts(mesh, SMALL, pose, face)
-            found.append((row, face, visible[face], drawn[face], slack))
-    return found
+            items.append((row, face, visible[face], drawn[face], slack))
+    return items
 
 
 @pytest.mark.slow
@@ -126,10 +126,10 @@ def test_drawn_samples_are_those_of_a_face_that_hides(seed):
         CPURasterizer(beside(frame, mesh), camera, **options) as as_targets,
         CPURasterizer(joined(frame, mesh), camera, **options) as as_surface,
     ):
-        found, expected = as_targets.count(poses), as_surface.count(poses)
-    np.testing.assert_array_equal(found.drawn, expected.drawn)
-    np.testing.assert_array_equal(found.visible, found.drawn)  # nothing is in front
-    np.testing.assert_array_equal(found.clipped, limits(frame, camera, poses)[2])
+        counts, expected = as_targets.count(poses), as_surface.count(poses)
+    np.testing.assert_array_equal(counts.drawn, expected.drawn)
+    np.testing.assert_array_equal(counts.visible, counts.drawn)  # nothing is in front
+    np.testing.assert_array_equal(counts.clipped, limits(frame, camera, poses)[2])
 
 
 @pytest.mark.slow
@@ -148,11 +148,11 @@ def test_opaque_faces_and_other_targets_keep_their_counts(seed):
         CPURasterizer(mesh, camera, **options) as whole,
         CPURasterizer(only(mesh, stays), camera, **options) as part,
     ):
-        found, expected = whole.count(poses), part.count(poses)
-    np.testing.assert_array_equal(found.visible[:, stays], expected.visible)
-    np.testing.assert_array_equal(found.drawn[:, stays], expected.drawn)
-    np.testing.assert_array_equal(found.background, expected.background)
-    assert (found.visible <= found.drawn).all()
+        counts, expected = whole.count(poses), part.count(poses)
+    np.testing.assert_array_equal(counts.visible[:, stays], expected.visible)
+    np.testing.assert_array_equal(counts.drawn[:, stays], expected.drawn)
+    np.testing.assert_array_equal(counts.background, expected.background)
+    assert (counts.visible <= counts.drawn).all()
 
 
 WALL, SHEET = square(1.1, 3), square(0.53, 3, (0.1, 0.07))

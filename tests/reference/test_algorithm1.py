@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
 
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import image_triangles, occlusion, self_occluding
 

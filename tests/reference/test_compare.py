@@ -21,12 +21,12 @@ from visible_fractions import visibility
 
 from rastercov import cli
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.observation import BoundKind, Observation
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.methods import contenders as compare_entrants
@@ -119,12 +119,12 @@ def no_numbers(seen):
 @pytest.mark.parametrize("against", ["exact", "polygons", "rational"])
 def test_a_right_candidate_passes(against):
     names = ["certified", "sampled@2"] + ["exact"] * (against != "exact")
-    found = compare(TEAPOT, CAMERA, around(1), names, against, convergence=False)
-    assert found.passed
-    assert {check.passed for check in found.checks} <= {True, None}
-    certain = [check for check in found.checks if check.kind != "statistical"]
+    comparison = compare(TEAPOT, CAMERA, around(1), names, against, convergence=False)
+    assert comparison.passed
+    assert {check.passed for check in comparison.checks} <= {True, None}
+    certain = [check for check in comparison.checks if check.kind != "statistical"]
     assert all(check.held == check.figures > 0 for check in certain)
-    score = found.scores[0]
+    score = comparison.scores[0]
     assert score.all_sizes.greatest < 1e-9
     assert score.missed == score.phantoms == 0
 
@@ -141,10 +141,10 @@ LIES = (
 )
 def test_certain_figures_that_are_wrong_fail(monkeypatch, lie, against):
     altered(monkeypatch, "certified", lie)
-    found = compare(TEAPOT, CAMERA, around(1), ["certified"], against, convergence=False)
-    assert not found.passed
-    assert any(check.held < check.figures for check in found.checks)
-    assert not found.scores[0].worst[0].held
+    comparison = compare(TEAPOT, CAMERA, around(1), ["certified"], against, convergence=False)
+    assert not comparison.passed
+    assert any(check.held < check.figures for check in comparison.checks)
+    assert not comparison.scores[0].worst[0].held
 
 
 def test_a_statistical_bound_that_is_too_small_fails(monkeypatch):
@@ -153,9 +153,9 @@ def test_a_statistical_bound_that_is_too_small_fails(monkeypatch):
 
     honest = compare(TEAPOT, CAMERA, around(5), ["sampled"], convergence=False)
     altered(monkeypatch, "sampled", boast)
-    found = compare(TEAPOT, CAMERA, around(5), ["sampled"], convergence=False)
+    comparison = compare(TEAPOT, CAMERA, around(5), ["sampled"], convergence=False)
     assert honest.passed
-    assert not found.passed
+    assert not comparison.passed
 
 
 @settings(max_examples=25)
@@ -187,8 +187,8 @@ def test_chance_seldom_fails_a_bound_that_holds_just_often_enough():
 @pytest.mark.slow
 def test_figures_are_those_of_an_independent_reckoning(tmp_path):
     mesh, poses = shapes.teapot(2), around(1)
-    found = compare(mesh, CAMERA, poses, ["sampled"], "polygons", worst=3, convergence=False)
-    write_comparison(tmp_path, found, mesh, CAMERA, poses)
+    comparison = compare(mesh, CAMERA, poses, ["sampled"], "polygons", worst=3, convergence=False)
+    write_comparison(tmp_path, comparison, mesh, CAMERA, poses)
     score = json.loads((tmp_path / "compare.json").read_text())["scores"][0]
 
     figures = visibility(mesh, CAMERA, poses, "sampled")
@@ -224,24 +224,24 @@ def test_figures_are_those_of_an_independent_reckoning(tmp_path):
 
 
 def test_faces_seen_in_part_at_the_border_of_the_image_are_compared():
-    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled@4"], "rational", convergence=False)
+    comparison = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled@4"], "rational", convergence=False)
     truth = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], "rational", convergence=False)
     view = face_geometry(OVERLAP, CAMERA, AHEAD)
     assert (view.in_view_fraction[:2] < 1).all()
-    assert found.scores[0].all_sizes.figures == truth.scores[0].all_sizes.figures == 4
-    assert found.scores[0].all_sizes.partly_hidden == 2
+    assert comparison.scores[0].all_sizes.figures == truth.scores[0].all_sizes.figures == 4
+    assert comparison.scores[0].all_sizes.partly_hidden == 2
     assert truth.scores[0].all_sizes.greatest < 1e-12
-    assert 0 < found.scores[0].all_sizes.greatest < 0.01
+    assert 0 < comparison.scores[0].all_sizes.greatest < 0.01
 
 
 def test_a_face_between_the_samples_is_missed_and_its_bound_says_so():
     sliver = joined(sheet((0.1, 0.1001), (0.102, 0.1003), 1.0), square(0.02, 1.0))
-    found = compare(sliver, CAMERA, AHEAD[None], ["sampled"], convergence=False).scores[0]
-    assert found.missed >= 1
-    assert found.missed_unsaid == 0
-    assert found.missed_faces[0].value == 0
-    assert found.missed_faces[0].bound == 1
-    assert found.missed_area == pytest.approx(sum(f.visible for f in found.missed_faces))
+    scores = compare(sliver, CAMERA, AHEAD[None], ["sampled"], convergence=False).scores[0]
+    assert scores.missed >= 1
+    assert scores.missed_unsaid == 0
+    assert scores.missed_faces[0].value == 0
+    assert scores.missed_faces[0].bound == 1
+    assert scores.missed_area == pytest.approx(sum(f.visible for f in scores.missed_faces))
 
 
 def judged(rows):
@@ -304,9 +304,9 @@ def test_a_figure_is_held_when_its_error_is_within_its_bound(area, share, value,
 # --- long runs ------------------------------------------------------------------------------------
 
 
-def without_times(found):
+def without_times(result):
     """A comparison as JSON has it, without what a watch measured."""
-    text = json.dumps(dataclasses.asdict(found))
+    text = json.dumps(dataclasses.asdict(result))
     return re.sub(r'"[a-z_]*seconds[a-z_]*": (\[.*?\]|[^,}]*)', '""', text)
 
 
@@ -335,13 +335,15 @@ class Stop:
 def test_an_interrupt_keeps_the_poses_that_are_done(at, monkeypatch):
     poses, names = around(7), ["certified", "sampled"]
     monkeypatch.setattr("rastercov.reference.methods.comparison.POSES_A_BATCH", 3)
-    found = compare(TEAPOT, CAMERA, poses, names, progress=Stop(at))
+    comparison = compare(TEAPOT, CAMERA, poses, names, progress=Stop(at))
     short = compare(TEAPOT, CAMERA, poses[:at], names, convergence=False)
-    assert found.interrupted
-    assert (found.poses, found.poses_done) == (7, at)
-    assert found.convergence == ()
-    found, short = (dataclasses.replace(found, scores=each.scores) for each in (found, short))
-    assert without_times(found) == without_times(short)
+    assert comparison.interrupted
+    assert (comparison.poses, comparison.poses_done) == (7, at)
+    assert comparison.convergence == ()
+    comparison, short = (
+        dataclasses.replace(comparison, scores=each.scores) for each in (comparison, short)
+    )
+    assert without_times(comparison) == without_times(short)
 
 
 def test_an_interrupt_before_the_first_pose_is_raised_and_one_between_sweeps_keeps_the_first():
@@ -349,10 +351,10 @@ def test_an_interrupt_before_the_first_pose_is_raised_and_one_between_sweeps_kee
     with pytest.raises(KeyboardInterrupt):
         compare(TEAPOT, CAMERA, poses, ["certified"], progress=Stop(0))
     first = 2 + 2 * len(compare_convergence.levels("supersampling", CAMERA))
-    found = compare(TEAPOT, CAMERA, poses, ["sampled"], progress=Stop(first + 1))
-    assert found.interrupted
-    assert found.poses_done == 2
-    assert [sweep.sweep for sweep in found.convergence] == ["supersampling"]
+    comparison = compare(TEAPOT, CAMERA, poses, ["sampled"], progress=Stop(first + 1))
+    assert comparison.interrupted
+    assert comparison.poses_done == 2
+    assert [sweep.sweep for sweep in comparison.convergence] == ["supersampling"]
 
 
 def test_progress_counts_up_to_its_total():
@@ -370,13 +372,13 @@ def test_progress_counts_up_to_its_total():
 def test_counts_converge_with_the_power_of_one_and_a_half():
     mesh = shapes.teapot(6)
     camera = Camera(width=320, height=240, fx=380, fy=380)
-    found = compare(mesh, camera, around(8, mesh), ["sampled:cpu"])
-    for sweep in found.convergence:
+    comparison = compare(mesh, camera, around(8, mesh), ["sampled:cpu"])
+    for sweep in comparison.convergence:
         assert sweep.faces >= 100
         assert sweep.slope == pytest.approx(-1.5, abs=0.35)
         assert sweep.slope_error < 0.2
         assert sorted(sweep.rms, reverse=True) == list(sweep.rms)
-    assert [sweep.method for sweep in found.convergence] == ["sampled:cpu"] * 2
+    assert [sweep.method for sweep in comparison.convergence] == ["sampled:cpu"] * 2
 
 
 @pytest.mark.parametrize("power", [-3.0, -1.234, -0.5])
@@ -398,15 +400,15 @@ def test_the_slope_of_a_power_law_is_its_power(power):
     faces = np.arange(mesh.n_faces)
     known = [KnownFaces(pose, faces, np.full(len(faces), 100.0), np.full(len(faces), 0.5))]
     for sweep in compare_convergence.SWEEPS:
-        found = converge("made up", opener, sweep, mesh, CAMERA, known, lambda: None)
-        assert found.slope == pytest.approx(power)
-        assert found.slope_error == pytest.approx(0, abs=1e-9)
+        result = converge("made up", opener, sweep, mesh, CAMERA, known, lambda: None)
+        assert result.slope == pytest.approx(power)
+        assert result.slope_error == pytest.approx(0, abs=1e-9)
 
 
 def test_too_few_faces_give_no_slope():
-    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"]).convergence
-    assert [sweep.slope for sweep in found] == [None, None]
-    assert all(len(sweep.rms) == len(sweep.samples_per_side) for sweep in found)
+    convergence = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"]).convergence
+    assert [sweep.slope for sweep in convergence] == [None, None]
+    assert all(len(sweep.rms) == len(sweep.samples_per_side) for sweep in convergence)
 
 
 # --- arguments ------------------------------------------------------------------------------------
@@ -437,24 +439,24 @@ def test_bad_arguments_are_named(changes, words):
 def written(tmp_path_factory):
     """A folder with everything, and the comparison it tells of."""
     out, poses = tmp_path_factory.mktemp("compare"), around(2)
-    found = compare(TEAPOT, CAMERA, poses, ["certified", "sampled"], worst=2)
-    write_comparison(out, found, TEAPOT, CAMERA, poses)
-    return out, found
+    comparison = compare(TEAPOT, CAMERA, poses, ["certified", "sampled"], worst=2)
+    write_comparison(out, comparison, TEAPOT, CAMERA, poses)
+    return out, comparison
 
 
 @pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_the_page_stands_alone_and_has_with_the_json_what_was_found(written):
-    out, found = written
+    out, result = written
     text = (out / "compare.html").read_text(encoding="utf-8")
     assert read_alone(text).loads
     data = json.loads((out / "compare.json").read_bytes())
-    assert data["passed"] is found.passed is True
-    assert [check.passed for check in found.checks] == [True, True, None]
+    assert data["passed"] is result.passed is True
+    assert [check.passed for check in result.checks] == [True, True, None]
     assert "<title>rastercov compare: undecided</title>" in text
     assert "Undecided: no check fails" in text
-    assert [score["name"] for score in data["scores"]] == [score.name for score in found.scores]
-    for score in found.scores:
+    assert [score["name"] for score in data["scores"]] == [score.name for score in result.scores]
+    for score in result.scores:
         assert f"<h2>{score.name}</h2>" in text
         assert f"{score.all_sizes.figures:,}" in text
     assert data["scores"][0]["all_sizes"]["high"] is None
@@ -463,8 +465,8 @@ def test_the_page_stands_alone_and_has_with_the_json_what_was_found(written):
 @pytest.mark.matter("laboratory")
 @pytest.mark.slow
 def test_each_picture_is_in_the_folder_and_on_the_page(written):
-    out, found = written
-    names, sampled = {path.name for path in out.glob("*.png")}, found.scores[1]
+    out, result = written
+    names, sampled = {path.name for path in out.glob("*.png")}, result.scores[1]
     expected = {f"worst_sampled_{i + 1}.png" for i in range(len(sampled.worst))}
     expected |= {f"missed_sampled_{i + 1}.png" for i in range(len(sampled.missed_faces))}
     assert names >= expected | {"plot_error_by_size.png", "plot_time.png", "plot_bounds.png"}
@@ -479,9 +481,9 @@ def test_each_picture_is_in_the_folder_and_on_the_page(written):
 
 
 def test_names_from_files_are_escaped():
-    found = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], convergence=False)
-    run = found.run | {"mesh": [{"name": "<script>alert('&')</script>.stl"}]}
-    text = page(dataclasses.replace(found, run=run), {})
+    comparison = compare(OVERLAP, CAMERA, AHEAD[None], ["certified"], convergence=False)
+    run = comparison.run | {"mesh": [{"name": "<script>alert('&')</script>.stl"}]}
+    text = page(dataclasses.replace(comparison, run=run), {})
     assert "<script" not in text
     assert "&lt;script&gt;" in text
 
@@ -495,10 +497,10 @@ def without_plots(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_plots")
 def test_an_interrupt_while_drawing_leaves_a_whole_page(tmp_path):
-    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False, worst=2)
-    assert len(found.scores[0].worst) == 2
+    comparison = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False, worst=2)
+    assert len(comparison.scores[0].worst) == 2
     with pytest.raises(KeyboardInterrupt):
-        write_comparison(tmp_path, found, OVERLAP, CAMERA, AHEAD[None], Stop(1))
+        write_comparison(tmp_path, comparison, OVERLAP, CAMERA, AHEAD[None], Stop(1))
     names = {path.name for path in tmp_path.iterdir()}
     assert {"compare.html", "compare.json", "worst_sampled_1.png"} <= names
     assert "worst_sampled_2.png" not in names
@@ -549,9 +551,9 @@ def test_faces_cut_by_the_near_plane_or_the_border_are_drawn(roll):
 
 
 def test_a_face_that_is_not_in_the_image_has_no_picture():
-    found = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False)
+    comparison = compare(OVERLAP, CAMERA, AHEAD[None], ["sampled"], convergence=False)
     away = look_at((0, 0, 5), (0, 0, 9))[0]
-    assert face_picture(OVERLAP, CAMERA, away, found.scores[0].worst[0], "any") is None
+    assert face_picture(OVERLAP, CAMERA, away, comparison.scores[0].worst[0], "any") is None
 
 
 @pytest.mark.matter("laboratory")

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.coverage.face_pass import FacePass
-from rastercov.coverage.judging import CHOICES
-from rastercov.coverage.network import Network
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.raster.observation import BoundKind, Observation
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
+from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.judging import CHOICES
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.raster.observation import BoundKind, Observation
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference.methods.convergence import fractions
 
@@ -89,9 +89,9 @@ def hostile_observation(rng, n_poses, n_faces):
     )
 
 
-def assert_close(name, found, expected):
-    np.testing.assert_allclose(found, expected, rtol=CUT, atol=1e-15, err_msg=name)
-    assert np.array_equal(found == 0, expected == 0), name
+def assert_close(name, result, expected):
+    np.testing.assert_allclose(result, expected, rtol=CUT, atol=1e-15, err_msg=name)
+    assert np.array_equal(result == 0, expected == 0), name
 
 
 class Recorded(Observer):
@@ -110,17 +110,17 @@ class Recorded(Observer):
         pass
 
 
-def assert_judged(found, task, poses, seen):
+def assert_judged(result, task, poses, seen):
     """Figures of a Coverage are those of the twin; an angle is not near its limit."""
     limit = math.radians(task.max_incidence_deg)
     for row, pose in enumerate(poses):
         with np.errstate(all="ignore"):
             expected = coverage_twin.figures_of_pose(
-                found.mesh, found.camera, task, pose, seen, row
+                result.mesh, result.camera, task, pose, seen, row
             )
         sure = np.abs(expected["incidence"] - limit) > 1e-12
         for name in FIGURES:
-            one, other = getattr(found, name)[row], expected[name]
+            one, other = getattr(result, name)[row], expected[name]
             assert np.isfinite(one).all(), name
             if name in ("coverage", "reason"):
                 one, other = one[sure], other[sure]
@@ -137,8 +137,8 @@ def test_any_observation_is_judged_as_by_the_twin(seed):
     mesh, camera, task = hostile(rng), hostile_camera(rng), hostile_task(rng)
     poses = np.stack([hostile_pose(rng, mesh) for _ in range(3)])
     seen = hostile_observation(rng, 3, mesh.n_faces)
-    (found,) = evaluate_batches(Recorded(mesh, camera, seen), poses, task)
-    assert_judged(found, task, poses, seen)
+    (result,) = evaluate_batches(Recorded(mesh, camera, seen), poses, task)
+    assert_judged(result, task, poses, seen)
 
 
 @pytest.mark.parametrize("dtype", [np.int32, np.int64])

@@ -11,9 +11,9 @@ from nightly import examples
 from scenes import joined, square
 
 from rastercov import Camera, CameraError, Mesh, Task
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.mesh import shapes
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import shapes
 from rastercov.reference.models import MODELS
 from rastercov.reference.models.base import facing_density, focus_depth
 from rastercov.reference.models.comparison import compare_models
@@ -52,8 +52,8 @@ def test_without_distortion_coverage_is_that_of_the_pinhole(name, seed):
     corners = rng.uniform((-2, -1.5, 2), (2, 1.5, 6), (12, 1, 3)) + rng.normal(0, 0.5, (12, 3, 3))
     mesh = Mesh(vertices=corners.reshape(-1, 3), faces=np.arange(36).reshape(-1, 3))
     task = Task(min_pixels=200.0)
-    found = [MODELS[name](mesh, camera, AHEAD, task) for camera in (PINHOLE, ZERO)]
-    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+    items = [MODELS[name](mesh, camera, AHEAD, task) for camera in (PINHOLE, ZERO)]
+    np.testing.assert_allclose(items[1], items[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("lens", CAMERAS)

@@ -9,15 +9,15 @@ from pages import read_alone
 
 from rastercov import cli
 from rastercov.base.errors import DeviceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.catalogue import entries_of
-from rastercov.camera.projection import to_image
-from rastercov.coverage.job import evaluate
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.catalogue import entries_of
+from rastercov.core.camera.projection import to_image
+from rastercov.core.coverage.job import evaluate
 from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers import detect as detection
 from rastercov.reference.markers.experiments import resolution, visibility
 from rastercov.reference.markers.picture import BLACK, FULL_SCALE, WHITE, reflected, sensor
-from rastercov.reference.markers.requirement import DETECTOR, Requirement, plate_figures
+from rastercov.reference.markers.requirement import DETECTOR, MarkerRequirement, plate_figures
 from rastercov.reference.markers.scene import CELLS, Plate, mesh_of
 
 pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")
@@ -54,11 +54,11 @@ def test_a_plate_faces_the_camera_and_its_margin_never_covers_its_marker():
 def test_figures_of_a_plate_are_those_of_its_faces():
     plates = [Plate(0, (0.0, 0.0, 4.0)), Plate(1, (0.1, 0.15, 3.0))]
     figures = plate_figures(plates, ICUBE)[0]
-    found = evaluate(mesh_of(plates), ICUBE, np.eye(4)[None], by="face")
+    result = evaluate(mesh_of(plates), ICUBE, np.eye(4)[None], by="face")
     assert figures.pixels == pytest.approx((ICUBE.fx * 0.3 / 4) ** 2)
-    assert figures.visible_pixels == pytest.approx(found.visible_pixels[0, :2].sum())
+    assert figures.visible_pixels == pytest.approx(result.visible_pixels[0, :2].sum())
     assert 0.1 < figures.visibility < 0.9
-    requirement = Requirement(name="any", min_pixels=2 * figures.pixels)
+    requirement = MarkerRequirement(name="any", min_pixels=2 * figures.pixels)
     assert figures.coverage(requirement) == pytest.approx(0.5 * figures.visibility)
 
 
@@ -67,8 +67,8 @@ def test_figures_of_a_plate_are_those_of_its_faces():
 
 def test_corners_found_in_the_picture_are_where_the_camera_model_puts_them():
     plates = [Plate(k, (0.6 * (k % 3) - 0.63, 0.6 * (k // 3) - 0.31, 3.1)) for k in range(6)]
-    found = detection.detect(photo(plates))
-    errors = [found[plate.marker] - to_image(plate.corners, ICUBE) for plate in plates]
+    detections = detection.detect(photo(plates))
+    errors = [detections[plate.marker] - to_image(plate.corners, ICUBE) for plate in plates]
     # OpenCV leaves corners on whole pixels; a slip of half a pixel would show in the mean.
     assert np.abs(errors).max() < 1.1
     assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.3
@@ -172,9 +172,9 @@ def test_numbers_of_either_opencv_are_understood(monkeypatch, shape):
             return corners, np.array([5, 9], np.int32).reshape(shape), ()
 
     monkeypatch.setattr(detection.opencv().aruco, "ArucoDetector", Detector)
-    found = detection.detect(np.zeros((10, 10), np.uint8))
-    assert list(found) == [5, 9]
-    assert (found[9] == 1.5).all()
+    detections = detection.detect(np.zeros((10, 10), np.uint8))
+    assert list(detections) == [5, 9]
+    assert (detections[9] == 1.5).all()
 
 
 def test_missing_opencv_says_what_to_install(monkeypatch, tmp_path, capsys):
@@ -223,13 +223,13 @@ def resolution_found():
 
 @pytest.mark.slow
 def test_the_resolution_table_ends_where_the_printed_one_does(resolution_found):
-    found = resolution_found
-    assert found.as_printed == 15
-    assert [row.marker for row in found.rows if row.detected] == list(range(10))
+    result = resolution_found
+    assert result.as_printed == 15
+    assert [row.marker for row in result.rows if row.detected] == list(range(10))
     # At 14 m there are 1046 px; 33 would be needed a side, 32.3 are there: appendix/markers.md.
-    wrong = [row.marker for row in found.rows if row.predicted != row.detected]
+    wrong = [row.marker for row in result.rows if row.predicted != row.detected]
     assert wrong == [10]
-    assert all(row.predicted_by_detector == row.detected for row in found.rows)
+    assert all(row.predicted_by_detector == row.detected for row in result.rows)
 
 
 @pytest.mark.slow
@@ -246,10 +246,10 @@ def test_the_printed_resolution_is_the_one_of_the_table_not_our_quotient(resolut
 @LABORATORY
 @pytest.mark.slow
 def test_visible_areas_are_the_printed_ones():
-    found = visibility()
-    for row in found.rows:
+    observation = visibility()
+    for row in observation.rows:
         assert row.coverage == pytest.approx(row.printed_coverage, abs=1e-9)
-    assert found.right == found.as_printed == 15
+    assert observation.right == observation.as_printed == 15
 
 
 @LABORATORY

@@ -14,11 +14,11 @@ from pages import read_alone
 from scenes import joined, square
 
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.reference.criteria import measured_geometry as face_geometry
 from rastercov.reference.models import (
     MODELS,
@@ -189,8 +189,8 @@ BY_HAND = [
 
 @pytest.mark.parametrize(("name", "mesh", "options", "expected"), BY_HAND)
 def test_a_model_has_the_figure_worked_out_by_hand(name, mesh, options, expected):
-    found = covered(name, mesh, **options)[0]
-    for value, wanted in zip(found, np.broadcast_to(expected, len(found)), strict=True):
+    is_covered = covered(name, mesh, **options)[0]
+    for value, wanted in zip(is_covered, np.broadcast_to(expected, len(is_covered)), strict=True):
         assert wanted is None or value == pytest.approx(wanted, rel=1e-9, abs=1e-12)
 
 
@@ -341,8 +341,8 @@ def brute(mesh, points, eye):
 @example(seed=3, n=9)
 def test_segments_are_those_of_a_linear_system(seed, n):
     mesh, eye = soup(seed, n), np.zeros(3)
-    found = LineOfSight(mesh).hidden(mesh.vertices, AHEAD[0], 1e-9, CAMERA)
-    assert np.array_equal(found, brute(mesh, mesh.vertices, eye))
+    hidden = LineOfSight(mesh).hidden(mesh.vertices, AHEAD[0], 1e-9, CAMERA)
+    assert np.array_equal(hidden, brute(mesh, mesh.vertices, eye))
 
 
 @pytest.mark.parametrize("name", ["box", "icosahedron", "sphere"])
@@ -351,13 +351,13 @@ def test_a_convex_solid_hides_none_of_its_front_faces(name):
     mesh = shapes.by_name(name)
     size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
     poses = sphere_of_poses(mesh.bounds.mean(axis=0) + 0.01 * size, 1.7 * size, 6)
-    found = zhang.visible(mesh, CAMERA, poses)
+    visible = zhang.visible(mesh, CAMERA, poses)
     for row, pose in enumerate(poses):
         view = face_geometry(mesh, CAMERA, pose)
         clear = view.is_front & (view.incidence < math.radians(85))
         assert clear.sum() > 1
-        assert found[row, clear].all()
-        assert not found[row, ~view.is_front].any()
+        assert visible[row, clear].all()
+        assert not visible[row, ~view.is_front].any()
 
 
 def test_a_face_that_only_touches_a_vertex_hides_nothing():
@@ -424,17 +424,17 @@ AROUND = sphere_of_poses(TEAPOT.bounds.mean(axis=0), 0.5, 4)
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     with pytest.MonkeyPatch.context() as patch:  # in batches of 3 and 1
         patch.setattr("rastercov.reference.models.comparison.POSES_A_BATCH", 3)
         return compare_models(TEAPOT, EYE, AROUND)
 
 
-def test_disagreements_are_counted_over_all_poses(found):
+def test_disagreements_are_counted_over_all_poses(result):
     task = Task()
     values = {name: model(TEAPOT, EYE, AROUND, task) for name, model in MODELS.items()}
     seen = evaluate(TEAPOT, EYE, AROUND, task, by="face")
-    by_pair = {(each.covers, each.does_not): each for each in found.disagreements}
+    by_pair = {(each.covers, each.does_not): each for each in result.disagreements}
     assert by_pair  # the models do disagree
     for first, second in itertools.permutations(MODELS, 2):
         only = covers(values[first], task) & ~covers(values[second], task)
@@ -447,25 +447,25 @@ def test_disagreements_are_counted_over_all_poses(found):
         area = (seen.visibility * seen.drawn_pixels)[only].sum()
         assert entry.visible_pixels == pytest.approx(area)
         assert entry.image_pixels == pytest.approx(seen.drawn_pixels[only].sum())
-    for score in found.models:
+    for score in result.models:
         assert score.covered == covers(values[score.name], task).sum()
         assert score.mean == pytest.approx(values[score.name].mean())
 
 
-def test_the_bivalent_test_is_held_against_what_is_seen(found):
+def test_the_bivalent_test_is_held_against_what_is_seen(result):
     seen = evaluate(TEAPOT, EYE, AROUND, by="face")
     bivalent = zhang.visible(TEAPOT, EYE, AROUND) > 0
     front = np.array([face_geometry(TEAPOT, EYE, pose).is_front for pose in AROUND])
     judged = seen.in_view & front & (seen.drawn_pixels > 0)
     lost = judged & ~bivalent & (seen.visibility > seen.visibility_bound)
     false = judged & bivalent & (seen.visibility < 1 - seen.visibility_bound)
-    test, sums = found.bivalence, (judged.sum(), lost.sum(), false.sum())
+    test, sums = result.bivalence, (judged.sum(), lost.sum(), false.sum())
     assert (test.faces, test.called_hidden, test.called_seen) == sums
     assert test.called_hidden_visibility == pytest.approx(seen.visibility[lost].mean())
     assert 0 < test.called_hidden <= test.faces
     off = np.where(judged, np.abs(bivalent - seen.visibility) * seen.drawn_pixels, 0)
-    assert found.misjudged == pytest.approx(off.sum(axis=1))
-    worst = found.worst[0]
+    assert result.misjudged == pytest.approx(off.sum(axis=1))
+    worst = result.worst[0]
     assert off[worst.pose, worst.face] == off.max()
     assert worst.visibility == seen.visibility[worst.pose, worst.face]
     assert list(worst.coverage) == list(MODELS)
@@ -512,9 +512,9 @@ def test_a_part_that_fills_more_than_the_image_is_drawn_as_far_as_it_goes():
 
 
 @pytest.mark.slow
-def test_the_page_stands_alone_and_names_every_model(tmp_path, found):
+def test_the_page_stands_alone_and_names_every_model(tmp_path, result):
     (tmp_path / "notes.txt").write_text("mine")
-    path = write_model_comparison(tmp_path / "", found, TEAPOT, EYE, AROUND)
+    path = write_model_comparison(tmp_path / "", result, TEAPOT, EYE, AROUND)
     text = path.read_text(encoding="utf-8")
     assert read_alone(text).loads
     assert all(name in text for name in MODELS)
@@ -524,7 +524,7 @@ def test_the_page_stands_alone_and_names_every_model(tmp_path, found):
     data = json.loads((tmp_path / "models.json").read_bytes())
     assert [score["name"] for score in data["models"]] == list(MODELS)
     assert data["run"]["task"]["min_pixels"] == 1.0
-    assert data["bivalence"]["faces"] == found.bivalence.faces
+    assert data["bivalence"]["faces"] == result.bivalence.faces
 
 
 @pytest.mark.slow

@@ -16,8 +16,8 @@ from nightly import examples
 from scenes import joined, square
 
 from rastercov import reference
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 from rastercov.reference import polygons, rational, samples
 
 AGREE = 1e-7  # px^2

@@ -78,13 +78,13 @@ def test_the_table_of_pairs_has_the_exact_area_of_each(tmp_path, pairs):
     task = rc.Task(max_incidence_deg=75)
     run(mesh, camera, poses, task, tmp_path / "r", Options(pictures=0, table=pairs))
     table = pq.read_table(tmp_path / "r" / "coverage.parquet")
-    pose, face, found = (table[name].to_numpy() for name in ("pose", "face", "covered_m2"))
+    pose, face, result = (table[name].to_numpy() for name in ("pose", "face", "covered_m2"))
     expected = rc.regions(mesh, camera, poses, task).areas()
-    np.testing.assert_allclose(found, expected[pose, face], rtol=1e-6)
-    assert found.max() > 1
+    np.testing.assert_allclose(result, expected[pose, face], rtol=1e-6)
+    assert result.max() > 1
     assert table.schema.field("covered_m2").metadata == {b"unit": b"m^2"}
     if pairs != "covered":
-        assert found.sum() == pytest.approx(expected.sum(), rel=1e-6)
+        assert result.sum() == pytest.approx(expected.sum(), rel=1e-6)
 
 
 def test_by_face_the_report_has_no_areas(tmp_path):

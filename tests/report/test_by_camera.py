@@ -8,8 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import rastercov as rc
-from rastercov.coverage.area.by_camera import MOST_CAMERAS, cameras_apart
-from rastercov.mesh import shapes
+from rastercov.core.area.by_camera import MOST_CAMERAS, cameras_apart
+from rastercov.core.mesh import shapes
 from rastercov.report.coverage import Options, run
 from rastercov.report.tables import camera_rows, camera_table
 
@@ -34,8 +34,8 @@ def test_each_camera_has_the_figures_of_its_poses_alone(by, table, tmp_path):
         own, one = index == INDICES, replace(TASKS[by], views=1)
         wanted = run(MESH, RIG.cameras[index], MATRICES[own], one, tmp_path / str(index), options)
         alone = {name: wanted[name] for name in ("covered", "covered_area") if name in wanted}
-        found = entry | alone | {"poses": int(own.sum())}
-        assert close(entry, json.loads(json.dumps(found)))  # sums of floats in another order
+        values = entry | alone | {"poses": int(own.sum())}
+        assert close(entry, json.loads(json.dumps(values)))  # sums of floats in another order
         assert entry["camera"] == RIG.names[index]
     assert [each["camera"] for each in summary["per_pose"]] == [RIG.names[k] for k in INDICES]
 

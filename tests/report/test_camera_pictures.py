@@ -8,9 +8,9 @@ from surface_cases import room
 from target_scenes import beside, sheet_at
 
 import rastercov as rc
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.mesh import Group, Mesh, shapes
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.reference.regions import covers_points
 from rastercov.report import theme
 from rastercov.report.camera_pictures import (
@@ -82,15 +82,15 @@ def test_a_pixel_of_a_camera_picture_has_the_colour_of_the_face_that_its_ray_mee
     image = camera_image(MESH, camera, pose, DENSE, side=200)
     face, small = image.scene.face, image.scene.camera
     assert max(small.width, small.height) == 200
-    found = rc.evaluate(MESH, camera, pose[None], DENSE, by="face").reason[0]
+    reason = rc.evaluate(MESH, camera, pose[None], DENSE, by="face").reason[0]
     rows, columns = np.nonzero(face >= 0)
     assert len(rows) > 0.98 * face.size
     pixels = camera_pixels(image)[rows, columns].astype(int)
-    is_covered = found[face[rows, columns]] == Reason.COVERED
+    is_covered = reason[face[rows, columns]] == Reason.COVERED
     assert ((np.ptp(pixels, axis=1) <= 12) == is_covered).all()
-    assert (image.surface[rows, columns] == found[face[rows, columns]]).all()
+    assert (image.surface[rows, columns] == reason[face[rows, columns]]).all()
     words = {key.name for key in camera_keys(image)}
-    pixels_of = np.bincount(found[face[rows, columns]], minlength=Reason.COVERED)
+    pixels_of = np.bincount(reason[face[rows, columns]], minlength=Reason.COVERED)
     pixels_of[Reason.COVERED] = 0
     states = np.flatnonzero(pixels_of > FEW_REL * face.size)
     assert len(words) == 1 + len(states) + bool((face < 0).any())

@@ -19,15 +19,15 @@ from PIL import Image
 
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import sphere_of_poses
-from rastercov.coverage.job import evaluate
-from rastercov.coverage.judging import CHOICES
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh, shapes
-from rastercov.raster import open_rasterizer
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.coverage.judging import CHOICES
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage
 from rastercov.report.coverage import EVALUATION, OF_GROUPS, Options, run
@@ -49,15 +49,15 @@ def around(count):
 
 def names(folder):
     """Names in a folder, without that of the manifest of a report, which must be there."""
-    found = {path.name for path in folder.iterdir()}
-    assert EVALUATION.manifest in found
-    return found - {EVALUATION.manifest}
+    items = {path.name for path in folder.iterdir()}
+    assert EVALUATION.manifest in items
+    return items - {EVALUATION.manifest}
 
 
 @pytest.fixture
 def small_batches(monkeypatch):
     """Four poses a batch."""
-    monkeypatch.setattr("rastercov.coverage.coverage.PAIRS_A_BATCH", 4 * MESH.n_faces)
+    monkeypatch.setattr("rastercov.core.coverage.coverage.PAIRS_A_BATCH", 4 * MESH.n_faces)
 
 
 def stop_after(done_at):
@@ -80,13 +80,13 @@ def test_the_files_hold_what_evaluate_gives_and_the_table_the_pairs_asked_for(
     plain = run(MESH, CAMERA, poses, TASK, tmp_path, PLAIN)
     summary = run(MESH, CAMERA, poses, TASK, tmp_path, replace(PLAIN, table=choice))
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
-    found = evaluate(MESH, CAMERA, poses, TASK, by="face")
-    rows = rows_of(found, choice)
+    result = evaluate(MESH, CAMERA, poses, TASK, by="face")
+    rows = rows_of(result, choice)
     assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
     assert names(tmp_path) == FILES - ({"coverage.parquet"} if choice == "none" else set())
     assert {"run", *changed(plain, summary)} <= {"run", "table", "seconds", "poses_per_second"}
     means = [row["mean_coverage"] for row in summary["per_pose"]]
-    np.testing.assert_allclose(means, found.coverage.mean(axis=1))
+    np.testing.assert_allclose(means, result.coverage.mean(axis=1))
     assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
     if choice != "none":
         table = pq.read_table(tmp_path / "coverage.parquet")
@@ -113,10 +113,10 @@ def test_tables_are_written_only_where_they_are_asked_for(tmp_path, monkeypatch,
     options = replace(PLAIN, by=by)
     for table in ("none", OF_GROUPS, "covered"):
         run(MESH, CAMERA, around(2), Task(), tmp_path, replace(options, table=table))
-        found = {name for name in names(tmp_path) if name.endswith(".parquet")}
+        items = {name for name in names(tmp_path) if name.endswith(".parquet")}
         own = "groups" if table == OF_GROUPS else "coverage"
         areas = {"areas.parquet"} if by == "area" else set()
-        assert found == (set() if table == "none" else {f"{own}.parquet"} | areas)
+        assert items == (set() if table == "none" else {f"{own}.parquet"} | areas)
         if table == "none":
             assert not any(name.startswith(("pyarrow", parquet)) for name in sys.modules)
 
@@ -286,7 +286,7 @@ def test_a_folder_that_cannot_be_used_is_refused_before_a_device_is_opened(tmp_p
     for name in ("file", "taken/view.html", "taken/coverage.parquet"):
         (tmp_path / name).write_text("mine")
     before = content(tmp_path)
-    monkeypatch.setattr("rastercov.coverage.job.open_for", lambda *_: pytest.fail("opened"))
+    monkeypatch.setattr("rastercov.core.coverage.job.open_for", lambda *_: pytest.fail("opened"))
     with ReportFolder(tmp_path / "used", EVALUATION):
         for out in ("file", "file/report", "taken", "used"):
             with pytest.raises(ConfigError):

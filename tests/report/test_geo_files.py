@@ -15,12 +15,12 @@ from PIL import Image
 from terrain import CAMERAS, images, site
 
 from rastercov.base.errors import ConfigError
-from rastercov.camera.georeference import GeoReference
-from rastercov.coverage.area.footprints import footprints
-from rastercov.coverage.task import Task
-from rastercov.report.geo import FORMATS, check
-from rastercov.report.geo.layer import Layer
-from rastercov.report.geo.overlap_map import overlap_map, write
+from rastercov.core.area.footprints import footprints
+from rastercov.core.coverage.task import Task
+from rastercov.formats.georeference import GeoReference
+from rastercov.survey.geo import FORMATS, check
+from rastercov.survey.geo.layer import Layer
+from rastercov.survey.geo.overlap_map import overlap_map, write
 
 pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
 NAMES = ("a & <b>.jpg", "b.jpg", "c.jpg", "d.jpg")
@@ -33,13 +33,13 @@ KML = "{http://www.opengis.net/kml/2.2}"
 
 
 @pytest.fixture(scope="module")
-def found():
+def result():
     return footprints(site(), CAMERAS, images(), Task(), names=NAMES)
 
 
 @pytest.fixture(params=PLACES)
-def layer(request, found):
-    return Layer(found, PLACES[request.param])
+def layer(request, result):
+    return Layer(result, PLACES[request.param])
 
 
 def test_geojson_is_what_shapely_reads_it_as(layer):
@@ -74,10 +74,10 @@ def rings(text):
 
 
 @pytest.mark.parametrize("longitude", [180.0, -180.0, 179.9999])
-def test_a_footprint_across_the_date_line_has_a_part_on_each_side(found, longitude):
+def test_a_footprint_across_the_date_line_has_a_part_on_each_side(result, longitude):
     place = GeoReference("EPSG:4326", (-17.0, longitude, 0.0))
-    polygons = Layer(found, place).geodetic
-    beside = Layer(found, GeoReference("EPSG:4326", (-17.0, longitude - 1, 0.0))).geodetic
+    polygons = Layer(result, place).geodetic
+    beside = Layer(result, GeoReference("EPSG:4326", (-17.0, longitude - 1, 0.0))).geodetic
     assert shapely.area(polygons) == pytest.approx(shapely.area(beside), rel=1e-5)
     parts = shapely.get_parts(polygons)
     assert (np.abs(shapely.bounds(parts)[:, [0, 2]]) > 179.99).all()
@@ -86,19 +86,19 @@ def test_a_footprint_across_the_date_line_has_a_part_on_each_side(found, longitu
 
 
 @pytest.mark.parametrize("latitude", [90.0, -90.0, 89.9996])
-def test_a_footprint_at_a_pole_is_refused_in_degrees_in_one_line(found, latitude):
-    layer = Layer(found, GeoReference("EPSG:4326", (latitude, 0.0, 0.0)))
+def test_a_footprint_at_a_pole_is_refused_in_degrees_in_one_line(result, latitude):
+    layer = Layer(result, GeoReference("EPSG:4326", (latitude, 0.0, 0.0)))
     with pytest.raises(ConfigError, match=r"got one at a pole; write a \.dxf"):
         FORMATS[".kml"](layer)
     assert FORMATS[".dxf"](layer)
 
 
-def test_a_hole_that_nearly_touches_a_side_may_cross_it_in_degrees(found):
+def test_a_hole_that_nearly_touches_a_side_may_cross_it_in_degrees(result):
     """A side of 200 km is a chord in degrees, 100 m beside the corners between its ends."""
     ring = [(-1e5, 0), (1e5, 0), (1e5, 1e5), (-1e5, 1e5)]
     hole = [(-100, 99_999), (0, 99_500), (100, 99_999)]
     polygon = shapely.multipolygons([shapely.Polygon(ring, [hole])])
-    one = replace(found, polygons=np.array([polygon, None], object)[:1], height=np.zeros(1))
+    one = replace(result, polygons=np.array([polygon, None], object)[:1], height=np.zeros(1))
     (moved,) = Layer(one, GeoReference("EPSG:32632", (500_000.0, 7_000_000.0, 0.0))).geodetic
     assert moved.is_valid
     assert moved.area > 0
@@ -143,13 +143,13 @@ def dxf_entities(text):
     ]
     unit = pairs[pairs.index((9, "$INSUNITS")) + 1]
     start = pairs.index((2, "ENTITIES")) + 1
-    found = []
+    items = []
     for code, value in pairs[start : pairs.index((0, "ENDSEC"), start)]:
         if code == 0:
-            found.append((value, []))
+            items.append((value, []))
         else:
-            found[-1][1].append((code, value))
-    return found, unit
+            items[-1][1].append((code, value))
+    return items, unit
 
 
 def shoelace(x, y):

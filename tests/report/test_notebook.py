@@ -15,7 +15,7 @@ from pages import Page, read_alone
 from test_pages import BALL, CAMERA, plan
 
 import rastercov as rc
-from rastercov.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.report import notebook
 
 NAMES = ("faces", "cameras", "zones", "groups")
@@ -30,11 +30,11 @@ def results(tmp_path_factory):
     asked["meshes"][1].pop("role")
     mesh = rc.Mesh.load([each["path"] for each in asked["meshes"]])
     scene = mesh, CAMERA, rc.sphere_of_poses((0, 0, 0), 4.0, 7), rc.Task(max_incidence_deg=70)
-    placed, found = rc.place(asked, out=out / "place"), rc.evaluate(*scene, by="face")
+    placed, result = rc.place(asked, out=out / "place"), rc.evaluate(*scene, by="face")
     with rc.open_observer(mesh, CAMERA) as observer:
         batch = next(evaluate_batches(observer, *scene[2:]))
     return {
-        "mesh": mesh, "batch": batch, "network": found.network, "face": found, "out": out,
+        "mesh": mesh, "batch": batch, "network": result.network, "face": result, "out": out,
         "area": rc.evaluate(*scene, by="area", fields=()), "place": placed,
         "check": rc.check(asked, placed.cameras.poses, min_coverage=0.99),
         "audit": rc.audit(*scene, out=out / "audit"),
@@ -83,9 +83,9 @@ def test_a_notebook_shows_the_page_of_the_command_and_others_get_a_file(
     kernel = SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=1))
     monkeypatch.setitem(sys.modules, "IPython", kernel)
     for kind in ("face", "area", "place", "check", "audit"):
-        found = rc.show(results[kind], height=321)
-        assert found.path is None
-        frame = found._repr_html_()
+        show = rc.show(results[kind], height=321)
+        assert show.path is None
+        frame = show._repr_html_()
         assert 'height="321"' in frame
         assert "allow-same-origin" not in frame
         page = read_alone(unescape(re.search('srcdoc="([^"]*)"', frame)[1]))
@@ -130,16 +130,16 @@ def test_tables_add_up_to_the_summary(results, kind):
 
 
 def test_tables_of_an_audit_are_those_of_its_report(results):
-    found, out = results["audit"], results["out"] / "audit"
-    assert rc.table(found, "faces").equals(pq.read_table(out / "elements.parquet"))
-    assert rc.table(found, "cameras").equals(pq.read_table(out / "cameras.parquet"))
+    result, out = results["audit"], results["out"] / "audit"
+    assert rc.table(result, "faces").equals(pq.read_table(out / "elements.parquet"))
+    assert rc.table(result, "cameras").equals(pq.read_table(out / "cameras.parquet"))
     weak = json.loads((out / "audit.json").read_text(encoding="utf-8"))["weak"]["zones"]
-    zones = rc.table(found, "zones").to_pylist()
+    zones = rc.table(result, "zones").to_pylist()
     assert [(row["kind"], row["x"]) for row in zones] == [
         (x["kind"], x["centroid"][0]) for x in weak
     ]
 
 
 def test_a_table_of_no_zones_has_its_columns():
-    found = rc.evaluate(rc.shapes.box(), CAMERA, rc.sphere_of_poses((0, 0, 0), 4, 60), by="area")
-    assert rc.table(found, "zones").to_pydict() == {name: [] for name in notebook.ZONES.split()}
+    result = rc.evaluate(rc.shapes.box(), CAMERA, rc.sphere_of_poses((0, 0, 0), 4, 60), by="area")
+    assert rc.table(result, "zones").to_pydict() == {name: [] for name in notebook.ZONES.split()}

@@ -11,7 +11,7 @@ def test_an_outline_has_another_row_above_below_left_or_right(seed):
     rng = np.random.default_rng(seed)
     rows = rng.integers(-1, rng.integers(1, 4), rng.integers(1, 12, 2))
     height, width = rows.shape
-    for (y, x), found in np.ndenumerate(outlines(rows)):
+    for (y, x), value in np.ndenumerate(outlines(rows)):
         beside = ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1))
         around = {int(rows[at]) for at in beside if 0 <= at[0] < height and 0 <= at[1] < width}
-        assert found == (rows[y, x] >= 0 and bool(around - {int(rows[y, x])}))
+        assert value == (rows[y, x] >= 0 and bool(around - {int(rows[y, x])}))

@@ -16,13 +16,13 @@ from surface_cases import room
 from target_scenes import beside, sheet_at, some_as_targets
 
 import rastercov as rc
-from rastercov.camera.projection import to_camera, to_image
-from rastercov.camera.viewpoints import upwards
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.zones import zones_at
-from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import REASONS, reason_rows
-from rastercov.mesh import Group, Mesh, shapes, unseeable
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.zones import zones_at
+from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.viewpoints import upwards
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.reasons import REASONS, reason_rows
+from rastercov.core.mesh import Group, Mesh, shapes, unseeable
 from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on
 from rastercov.report import overview, panorama, theme
@@ -60,10 +60,10 @@ MESH, CAMERA, POSES = room()
 
 def overview_of(poses=POSES, camera=CAMERA, *, regions=True):
     """Overview of the room, by area or of cameras without coverage."""
-    found = rc.regions(MESH, camera, poses, TASK) if regions else None
+    result = rc.regions(MESH, camera, poses, TASK) if regions else None
     names = [str(row + 1) for row in range(len(poses))]
     nothing = np.full(MESH.n_faces, -1)
-    return Overview(MESH, camera, rc.Poses.of(poses), names, nothing, found)
+    return Overview(MESH, camera, rc.Poses.of(poses), names, nothing, result)
 
 
 def in_fixture():
@@ -103,9 +103,9 @@ def test_every_pixel_of_a_cameras_colour_is_of_a_point_that_it_covers(direction)
 
 def test_every_pixel_of_the_task_has_a_colour_of_the_legend_beside_what_hides_it():
     mesh, poses = in_fixture(), rc.look_at([(3.0, 0, 0), (0, -3.0, 0)], (0, 0, 0))
-    found = rc.regions(mesh, CAMERA, poses, TASK)
+    regions = rc.regions(mesh, CAMERA, poses, TASK)
     nothing = np.full(mesh.n_faces, -1)
-    shown = Overview(mesh, CAMERA, rc.Poses.of(poses), ["1", "2"], nothing, found)
+    shown = Overview(mesh, CAMERA, rc.Poses.of(poses), ["1", "2"], nothing, regions)
     scene = look(mesh, (0.1, -1, 0.2), scale=0.5)
     colours = shown.of_image(
         scene, scene.face, np.flatnonzero(on_pixels(mesh.task_mask, scene.face))
@@ -400,10 +400,10 @@ def on_a_table(gap):
 def test_a_card_shows_its_zone_even_where_no_side_does(made, gap):
     mesh = made(gap)
     poses = rc.look_at([(5, 0, 1.5), (-4, 4, 1.5), (-4, -4, 1.5)], (0, 0, 0))
-    found = AreaNetwork(mesh, TASK)
-    found.add(rc.regions(mesh, CAMERA, poses, TASK))
-    zones = found.zones(CAMERA, poses)
-    said = found.dead_zones(CAMERA, poses)
+    area_network = AreaNetwork(mesh, TASK)
+    area_network.add(rc.regions(mesh, CAMERA, poses, TASK))
+    zones = area_network.zones(CAMERA, poses)
+    said = area_network.dead_zones(CAMERA, poses)
     for row in range(min(3, len(zones))):
         picture = zone_close_up(zones, said, row, poses)
         colour = REASONS[said["dead_zones"][row]["reason"]].colour
@@ -466,9 +466,9 @@ TWICE = rc.Task(max_incidence_deg=75, views=2)
 
 @pytest.fixture(scope="module")
 def network():
-    found = AreaNetwork(MESH, TWICE)
-    found.add(rc.regions(MESH, CAMERA, POSES, TWICE))
-    return found
+    area_network = AreaNetwork(MESH, TWICE)
+    area_network.add(rc.regions(MESH, CAMERA, POSES, TWICE))
+    return area_network
 
 
 def test_points_know_their_zone(network):

@@ -56,8 +56,8 @@ def test_evaluate_leaves_the_figures_of_python_and_pictures(job, capsys):
     done(capsys, f"evaluate {job} -o out")
     summary = json.loads(Path("out/summary.json").read_text())
     mesh, lens = rc.Mesh.load("part.obj", unit="m"), rc.Camera.load("lens.toml")
-    found = rc.evaluate(mesh, lens, rc.read_poses("poses.json"))
-    share = 100 * found.covered.share()
+    result = rc.evaluate(mesh, lens, rc.read_poses("poses.json"))
+    share = 100 * result.covered.share()
     assert summary["covered_area"]["percent"] == pytest.approx(share, abs=1e-6)
     assert 20 < share < 60
     page = Path("out/view.html").read_text()
@@ -70,8 +70,8 @@ def test_evaluate_leaves_the_figures_of_python_and_pictures(job, capsys):
 @pytest.mark.slow
 def test_methods_are_compared_with_whole_numbers(job, capsys):
     done(capsys, f"compare {job} --against rational --no-convergence -o compare")
-    found = json.loads(Path("compare/compare.json").read_text())
-    assert (found["against"], found["passed"]) == ("rational", True)
+    content = json.loads(Path("compare/compare.json").read_text())
+    assert (content["against"], content["passed"]) == ("rational", True)
     assert "telecentric" in refusal(capsys, f"compare {job} --models")
 
 

@@ -4,9 +4,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import shapes
 from rastercov.report import images
 
 CAMERA = Camera(width=60, height=40, fx=50, fy=50)
@@ -19,8 +19,8 @@ class Busy(WeakKeyDictionary):
 
     is_new = True
 
-    def __setitem__(self, mesh, found):
-        super().__setitem__(mesh, found)
+    def __setitem__(self, mesh, result):
+        super().__setitem__(mesh, result)
         if self.is_new:
             self.is_new = False
             images.part_drawn(mesh, CAMERA, POSE, MANY)

@@ -15,15 +15,15 @@ from rich.console import Console
 
 from rastercov.base import output
 from rastercov.base.errors import ConfigError
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.coverage import FIGURES, Coverage
-from rastercov.coverage.network import Network
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Group, Mesh, shapes
-from rastercov.raster.contract import RasterizerInfo, VisibilityBuffer
-from rastercov.raster.observation import BoundKind
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.coverage import FIGURES, Coverage
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.raster.contract import RasterizerInfo, VisibilityBuffer
+from rastercov.core.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
 from rastercov.reference.models.report import coverage_picture, coverage_pixels
 from rastercov.report import images as pictures
@@ -313,8 +313,8 @@ def test_contact_sheet_shows_each_picture_at_its_place():
     assert width == 3 * (160 + 4) + 4
     assert 2 * 120 < height < 2 * 160
     rows, columns = np.divmod(np.arange(5), 3)
-    found = pixels[64 + rows * (height - 4) // 2, 84 + 164 * columns]
-    np.testing.assert_array_equal(found, colours)
+    result = pixels[64 + rows * (height - 4) // 2, 84 + 164 * columns]
+    np.testing.assert_array_equal(result, colours)
 
 
 # --- tables to print ------------------------------------------------------------------------

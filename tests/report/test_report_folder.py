@@ -277,11 +277,11 @@ def test_a_report_of_another_user_in_a_folder_for_all_is_refused_at_once(tmp_pat
 def test_a_kill_before_any_operation_leaves_one_whole_report_or_no_last_file(tmp_path):
     """At each of about fifty operations, and at each of those that make up for it."""
     program = Path(__file__).parents[1] / "support" / "kill_report.py"
-    found = json.loads(run_python(program, tmp_path, OPENBLAS_NUM_THREADS="1").stdout)
-    assert found["killed"].keys() == {"old", "new", "incomplete"}
-    assert found["after"].keys() == {"old", "new"}
-    assert found["kills"] > 30
-    assert min(*found["killed"].values(), *found["after"].values()) > 5
+    content = json.loads(run_python(program, tmp_path, OPENBLAS_NUM_THREADS="1").stdout)
+    assert content["killed"].keys() == {"old", "new", "incomplete"}
+    assert content["after"].keys() == {"old", "new"}
+    assert content["kills"] > 30
+    assert min(*content["killed"].values(), *content["after"].values()) > 5
 
 
 def failing(real, number, first, last):
@@ -319,8 +319,8 @@ def test_a_disk_that_fails_leaves_a_report_whole_in_the_end_and_names_a_file(
                 write(folder, NEW)
             except (OSError, ConfigError) as error:
                 errors.append(error)
-        found = reports(folder)
-        assert found in whole or "last.txt" not in found
+        result = reports(folder)
+        assert result in whole or "last.txt" not in result
         with ReportFolder(folder, KIND):
             assert reports(folder) in whole
         assert not (folder / STAGING).exists()

@@ -9,11 +9,12 @@ import shapely
 from nightly import amount
 
 import rastercov as rc
-from rastercov.mesh import Mesh, shapes
-from rastercov.placement.plan.flight import Flight, FlightSection
-from rastercov.report.geo.route import MOST_NUMBERS, route_of
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.pages import rendered
 from rastercov.report.plan_geometry import seen_from_above
+from rastercov.survey.flight import Flight
+from rastercov.survey.geo.route import MOST_NUMBERS, route_of
+from rastercov.survey.plan_section import FlightSection
 
 LETTER, HEIGHT = 1.7, 2.0
 """Width and height of a digit of the labels, mm."""
@@ -50,7 +51,7 @@ def routes(rng):
 
 def drawn(flight):
     """The drawing, its labels (x, y, text), and its scale by the bar, metres a millimetre."""
-    root = ElementTree.fromstring(rendered("route.svg", route=route_of(flight)))
+    root = ElementTree.fromstring(rendered("route.svg", "rastercov.survey", route=route_of(flight)))
     texts = [(float(each.get("x")), float(each.get("y")), each.text) for each in root.iter("text")]
     *labels, (zero, _, _), (end, _, bar), _ = texts
     return root, labels, float(bar.removesuffix(" m")) / (end - zero)
@@ -101,8 +102,8 @@ def test_waypoints_are_on_the_map_to_scale_and_numbers_ascend_without_touching(s
     is_clear = (apart[..., 0] > (width[:, None] + width) / 2) | (apart[..., 1] > HEIGHT)
     assert (is_clear | np.eye(len(labels), dtype=bool)).all()
     # Legs end at their waypoints.
-    found = [line for path in list(root.iter("path"))[2:5] for line in lines_of(path)]
-    ends = np.array([(*line[0], *line[-1]) for line in found]).reshape(-1, 4)
+    items = [line for path in list(root.iter("path"))[2:5] for line in lines_of(path)]
+    ends = np.array([(*line[0], *line[-1]) for line in items]).reshape(-1, 4)
     legs = np.hstack((at[:-1], at[1:]))
     legs = legs[np.linalg.norm(legs[:, :2] - legs[:, 2:], axis=1) > 1e-3]
     both = np.concatenate((ends, ends[:, [2, 3, 0, 1]]))
@@ -181,8 +182,15 @@ def test_the_page_of_a_flight_has_its_route(tmp_path):
         "candidates": [{"generator": "orbit", "radius": 5, "heights": [2], "count": 4}],
         "selection": {"goal": "all"},
     }
-    found = rc.place(plan | {"flight": {}}, out=tmp_path / "flown")
+    placement = rc.place(plan | {"flight": {}}, out=tmp_path / "flown")
     page = (tmp_path / "flown/page.html").read_text()
-    assert page.count(rendered("route.svg", route=route_of(found.flight)).strip()) == 1
+    assert (
+        page.count(
+            rendered(
+                "route.svg", "rastercov.survey", route=route_of(placement.product("flight"))
+            ).strip()
+        )
+        == 1
+    )
     rc.place(plan, out=tmp_path / "still")
     assert "route" not in (tmp_path / "still/page.html").read_text().partition("<body>")[2][:20_000]

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.coverage.silhouettes import group_views
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.silhouettes import group_views
 from rastercov.report.annotations import annotations
 
 CAMERA = rc.Camera(width=64, height=48, fx=50, fy=40, cx=30, cy=25)
@@ -64,17 +64,17 @@ def overlap(one, other):
 @given(near=st.tuples(PLACE, PLACE, NEAR, SIDE, SIDE), far=st.tuples(PLACE, PLACE, FAR, SIDE, SIDE))
 @pytest.mark.parametrize("method", ["certified", "exact"])
 def test_shares_of_rectangles_have_closed_forms(method, near, far):
-    found = group_views(scene(near, far), CAMERA, Poses.of(np.eye(4)), rc.Engine(method))
+    result = group_views(scene(near, far), CAMERA, Poses.of(np.eye(4)), rc.Engine(method))
     seen = [area(image_of(near)), area(image_of(far)) - overlap(image_of(near), image_of(far))]
     for column, own in enumerate((near, far)):
         values = (seen[column], area(image_of(own)), area(image_of(own, 3)))
-        given = (found.visible, found.inside, found.silhouette)
+        given = (result.visible, result.inside, result.silhouette)
         for value, figure in zip(values, given, strict=True):
-            assert abs(figure[0, column] - value) <= found.bound[0, column] + 1e-9 * (1 + value)
+            assert abs(figure[0, column] - value) <= result.bound[0, column] + 1e-9 * (1 + value)
         whole = values[2]
         if whole > 1e-3:
-            assert found.visible_share[0, column] == pytest.approx(values[0] / whole, abs=1e-6)
-            assert found.truncated_share[0, column] == pytest.approx(
+            assert result.visible_share[0, column] == pytest.approx(values[0] / whole, abs=1e-6)
+            assert result.truncated_share[0, column] == pytest.approx(
                 1 - values[1] / whole, abs=1e-6
             )
 
@@ -90,12 +90,12 @@ def test_a_rig_of_a_pinhole_and_lenses_has_a_row_for_each_image_and_group():
     cameras = [CAMERA, fisheye, panorama]
     eyes = rc.look_at((0.3, -0.2, 1.4), (2.0, 1.0, 0.5))
     poses = Poses.of(np.repeat(eyes, 3, axis=0), camera=np.arange(3))
-    found = group_views(mesh, cameras, poses, rc.Engine())
-    assert found.names == ("room", "crates")
-    assert (found.visible <= found.inside + 2 * found.bound).all()
-    assert (found.inside <= found.silhouette + 2 * found.bound).all()
-    assert found.truncated_share[2] == pytest.approx(0, abs=1e-9)  # all directions
-    columns = found.columns()
+    result = group_views(mesh, cameras, poses, rc.Engine())
+    assert result.names == ("room", "crates")
+    assert (result.visible <= result.inside + 2 * result.bound).all()
+    assert (result.inside <= result.silhouette + 2 * result.bound).all()
+    assert result.truncated_share[2] == pytest.approx(0, abs=1e-9)  # all directions
+    columns = result.columns()
     assert len(columns["pose"]) == len(columns["group"]) == 6
     assert (columns["share_bound"][:4] < 0.01).all()
 
@@ -108,14 +108,14 @@ def test_targets_and_empty_groups_have_no_silhouette():
 
 
 def test_a_group_behind_the_camera_has_no_row():
-    found = group_views(
+    result = group_views(
         scene((0, 0, 0.8, 0.1, 0.1), (0, 0, -1.5, 0.2, 0.2)),
         CAMERA,
         Poses.of(np.eye(4)),
         rc.Engine(),
     )
-    assert found.columns()["group"] == ["near"]
-    assert np.isnan(found.visible_share[0, 1])
+    assert result.columns()["group"] == ["near"]
+    assert np.isnan(result.visible_share[0, 1])
 
 
 def test_the_command_writes_the_table(tmp_path, monkeypatch, capsys):
@@ -143,9 +143,9 @@ def test_annotations_of_rectangles_are_of_their_pixels():
     mesh, poses = scene(near, far), Poses.of(np.repeat(np.eye(4)[None], 2, axis=0), camera=[1, 0])
     other = rc.Camera(width=640, height=320, model="equirectangular", fx=640 / (2 * np.pi),
                       fy=640 / (2 * np.pi))  # fmt: skip
-    found = rc.evaluate(mesh, rc.Rig([CAMERA, other], ["plain", "round"]), poses, fields=())
-    views = found.group_views()
-    files = annotations(found, views, ["round.png", "plain.png"])
+    result = rc.evaluate(mesh, rc.Rig([CAMERA, other], ["plain", "round"]), poses, fields=())
+    views = result.group_views()
+    files = annotations(result, views, ["round.png", "plain.png"])
     coco, bop = files["coco.json"], files["scene_gt_info.json"]
     assert [each["file_name"] for each in coco["images"]] == ["round.png", "plain.png"]
     assert [each["name"] for each in coco["categories"]] == ["near", "far"]
@@ -196,10 +196,10 @@ def test_annotations_need_no_image_for_each_group():
     groups = [rc.Group(f"tile{row}") for row in rows]
     mesh = rc.Mesh(vertices, faces, groups, np.repeat(rows, 2))
     camera = rc.Camera(width=640, height=480, fx=400, fy=400)
-    found = rc.evaluate(mesh, camera, rc.look_at((10, 15, 30), (10, 15, 0)), fields=())
-    views = found.group_views()
+    result = rc.evaluate(mesh, camera, rc.look_at((10, 15, 30), (10, 15, 0)), fields=())
+    views = result.group_views()
     tracemalloc.start()
-    coco = annotations(found, views, ["a.png"])["coco.json"]
+    coco = annotations(result, views, ["a.png"])["coco.json"]
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(coco["annotations"]) == len(rows)
@@ -225,9 +225,9 @@ def test_boxes_of_whole_objects_end_where_their_silhouettes_do():
         (level, rc.look_at((0, 2, 0), (0, 3, 0), (0, 0, 1)), [-1] * 4),
         (skewed, up, [-1] * 4),
     ):
-        found = rc.evaluate(floor, camera, pose, fields=())
-        views = found.group_views()
-        (entry,) = annotations(found, views, ["a.png"])["scene_gt_info.json"]["0"]
+        result = rc.evaluate(floor, camera, pose, fields=())
+        views = result.group_views()
+        (entry,) = annotations(result, views, ["a.png"])["scene_gt_info.json"]["0"]
         assert entry["bbox_obj"] == box
         assert (entry["px_count_all"] > 0) == (box[2] > 0)
 

@@ -7,8 +7,8 @@ from exact_cases import AHEAD
 from scenes import square
 from target_scenes import beside
 
-from rastercov.camera.camera import Camera
-from rastercov.raster import open_rasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.raster import open_rasterizer
 from rastercov.reference.methods.faces import neighbourhood
 from rastercov.reference.models.report import coverage_pixels, difference_picture, look_at_part
 from rastercov.report import theme
@@ -31,9 +31,9 @@ def scene_of(mesh):
 
 
 def test_targets_in_view_are_those_before_the_surface():
-    found = targets_in_view(SCENE, CAMERA, AHEAD, buffer_of(SCENE).depth)
-    assert set(np.unique(found)) == {-1, 2, 3}
-    assert (found >= 0).sum() == 20 * 20
+    targets = targets_in_view(SCENE, CAMERA, AHEAD, buffer_of(SCENE).depth)
+    assert set(np.unique(targets)) == {-1, 2, 3}
+    assert (targets >= 0).sum() == 20 * 20
     assert targets_in_view(WALL, CAMERA, AHEAD, buffer_of(WALL).depth) is None
 
 
@@ -50,11 +50,11 @@ def test_a_picture_shows_what_is_behind_a_target(value):
 def test_coloured_meshes_have_translucent_targets(tmp_path):
     write_coloured_mesh(tmp_path / "mesh.glb", SCENE, np.ones(6))
     parts = trimesh.load_scene(tmp_path / "mesh.glb").geometry
-    found = {name: part.visual.material for name, part in parts.items()}
-    modes = {name: each.alphaMode for name, each in found.items()}
+    table = {name: part.visual.material for name, part in parts.items()}
+    modes = {name: each.alphaMode for name, each in table.items()}
     assert modes == {"mesh": None, "target 0": "BLEND", "target 1": "BLEND"}
-    assert found["mesh"].baseColorFactor is None
-    assert {found[f"target {row}"].baseColorFactor[3] for row in (0, 1)} == {102}
+    assert table["mesh"].baseColorFactor is None
+    assert {table[f"target {row}"].baseColorFactor[3] for row in (0, 1)} == {102}
 
 
 def test_a_face_beside_a_target_is_seen_whole_in_its_close_up():

@@ -32,8 +32,8 @@ class Program:
     def start(self):
         import uvicorn
 
-        from rastercov.viewer.connections import bound, settings
-        from rastercov.viewer.server import application
+        from rastercov.page.connections import bound, settings
+        from rastercov.page.server import application
 
         made = bound(self.port)
         made.listen()

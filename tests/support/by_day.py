@@ -3,7 +3,7 @@
 import pytest
 from nightly import IS_NIGHTLY
 
-from rastercov.coverage.area import remedies, zones
+from rastercov.core.area import remedies, zones
 from rastercov.placement import reconstruction
 from rastercov.placement.improve import tour
 from rastercov.placement.plan import fewer

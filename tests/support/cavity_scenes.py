@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 # Corners of the side of a unit cube towards +axis and -axis, counter-clockwise seen from outside.
 SIDES = {

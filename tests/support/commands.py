@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from rastercov import cli
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
 """The background of a shell ignores SIGINT, and so would a process that tests start from there."""
@@ -52,8 +52,8 @@ def done(capsys, line):
 
 def answer(capsys, line, code=0):
     """Answer of a command line with --json."""
-    found, out, err = call(capsys, f"{line} --json")
-    assert found == code, err
+    answer, out, err = call(capsys, f"{line} --json")
+    assert answer == code, err
     return json.loads(out)
 
 

@@ -26,8 +26,8 @@ def between(places, function):
 
 def roots(square, slope, value):
     """Roots of a polynomial of degree 2, real ones."""
-    found = np.roots((square, slope, value))
-    return found[np.abs(found.imag) < 1e-12].real
+    values = np.roots((square, slope, value))
+    return values[np.abs(values.imag) < 1e-12].real
 
 
 def quadratic(first, last, axis, cosine):

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 from image_laws import EDGE, GAP, reference_view
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
 
 CAMERA = Camera(width=96, height=72, fx=80, fy=84, cx=47.3, cy=36.9)
 TIE = 1e-10
@@ -85,15 +85,15 @@ def wrong_samples(mesh, camera, pose, face):
     """
     expected = reference_view(mesh, camera, pose)
     rows, columns = np.nonzero((face != expected.face) & (expected.edge_distance > EDGE))
-    found = face[rows, columns]
-    corners = (mesh.vertices[mesh.faces[found]] - pose[:3, 3]) @ pose[:3, :3]
+    result = face[rows, columns]
+    corners = (mesh.vertices[mesh.faces[result]] - pose[:3, 3]) @ pose[:3, :3]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     rays = np.stack((columns + 0.5 - camera.cx, rows + 0.5 - camera.cy, columns * 0 + 1.0), axis=1)
     rays /= (camera.fx, camera.fy, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = (normals * corners[:, 0]).sum(axis=1) / (normals * rays).sum(axis=1)
     gap = np.abs(depth / expected.depth[rows, columns] - 1)
-    is_close = (found >= 0) & (gap > TIE) & (gap < GAP)
+    is_close = (result >= 0) & (gap > TIE) & (gap < GAP)
     return np.stack((rows, columns), axis=1)[~is_close]
 
 

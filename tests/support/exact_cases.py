@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scenes import joined, sheet, square
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh, shapes
 
 AHEAD = np.eye(4)
 """Camera at the origin that looks along +z, y down."""

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from surfaces import surface_of
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.near_plane import near_limit
-from rastercov.camera.viewpoints import look_at
-from rastercov.exact.cameras import engine_camera
-from rastercov.native import engine_visibility
-from rastercov.native.engine_visibility import BLOCK, LIVE, MIXED
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.exact.cameras import engine_camera
+from rastercov.engine import solver_visibility
+from rastercov.engine.solver_visibility import BLOCK, LIVE, MIXED
 from rastercov.reference import rational
 
 
@@ -29,7 +29,7 @@ class HalfPlanes:
     def __init__(self, surface, camera, keeps_pieces=False):
         self.surface, self.camera = surface, engine_camera(camera)
         keeps_pieces = keeps_pieces or not camera.is_pinhole
-        self._own = engine_visibility.Solver(surface.native, self.is_certifying, keeps_pieces)
+        self._own = solver_visibility.Solver(surface.native, self.is_certifying, keeps_pieces)
 
     def solve(self, pose, near, front_only):
         """Measure all faces of a pose."""
@@ -98,12 +98,12 @@ def fractions(mesh, camera, pose, faces=None):
 
 def exact_sides(mesh, pose):
     """Side of each face that the camera sees, in exact arithmetic: 1 front, 0 edge-on, -1 back."""
-    eye, found = [Fraction(x) for x in pose[:3, 3].tolist()], []
+    eye, items = [Fraction(x) for x in pose[:3, 3].tolist()], []
     for corners in mesh.vertices[mesh.faces].tolist():
         a, b, c = ([Fraction(x) - e for x, e in zip(p, eye, strict=True)] for p in corners)
         volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
-        found.append((volume < 0) - (volume > 0))
-    return np.array(found)
+        items.append((volume < 0) - (volume > 0))
+    return np.array(items)
 
 
 def assert_within_bounds(mesh, camera, pose, faces=None, paths=PATHS):
@@ -204,5 +204,5 @@ def regions_of(view):
     is_whole = (view.block_state == LIVE) & (view.block_side != MIXED)
     is_whole = is_whole.repeat(BLOCK)[: len(blocks.patch)]
     by_patch, by_face = np.split(view.regions, [len(blocks.lowest)])
-    found = np.where(is_whole, by_patch[blocks.patch], by_face)
-    return np.where(view.is_certified[: len(found)], found, -1)
+    values = np.where(is_whole, by_patch[blocks.patch], by_face)
+    return np.where(view.is_certified[: len(values)], values, -1)

@@ -80,8 +80,8 @@ class Page:
     def __init__(self, port):
         self._socket, self._number, self.faults, self.requests = Socket(port), 0, [], []
         self.call("session.new", capabilities={})
-        (found,) = self.call("browsingContext.getTree")["contexts"]
-        self.context = found["context"]
+        (answer,) = self.call("browsingContext.getTree")["contexts"]
+        self.context = answer["context"]
         self.call("session.subscribe", events=["log.entryAdded", "network.beforeRequestSent"])
 
     def call(self, method, **parameters):
@@ -107,19 +107,19 @@ class Page:
         self.call("browsingContext.setViewport", context=self.context, viewport=size)
 
     def picture(self, path):
-        found = self.call("browsingContext.captureScreenshot", context=self.context)
-        Path(path).write_bytes(base64.b64decode(found["data"]))
+        answer = self.call("browsingContext.captureScreenshot", context=self.context)
+        Path(path).write_bytes(base64.b64decode(answer["data"]))
 
     def js(self, expression):
         """Value of an expression or a promise."""
-        found = self.call(
+        answer = self.call(
             "script.evaluate",
             expression=f"(async () => JSON.stringify((await ({expression})) ?? null))()",
             target={"context": self.context},
             awaitPromise=True,
         )
-        assert found["type"] == "success", found["exceptionDetails"]["text"]
-        return json.loads(found["result"]["value"])
+        assert answer["type"] == "success", answer["exceptionDetails"]["text"]
+        return json.loads(answer["result"]["value"])
 
     def until(self, expression):
         """Wait until an expression is true."""
@@ -161,10 +161,10 @@ def firefox():
         options = ["--headless", "--no-remote", "--profile", folder, "--remote-debugging-port", "0"]
         env = os.environ | {"DISPLAY": name, "LIBGL_ALWAYS_SOFTWARE": "1"}
         with ended([FIREFOX, *options], "stderr", env=env) as program:
-            found = None
-            while not found:
+            result = None
+            while not result:
                 line = program.stderr.readline()
                 assert line, "Firefox ended"
-                found = re.search(r"BiDi listening on ws://127\.0\.0\.1:(\d+)", line)
-            with closing(Page(int(found[1]))) as page:
+                result = re.search(r"BiDi listening on ws://127\.0\.0\.1:(\d+)", line)
+            with closing(Page(int(result[1]))) as page:
                 yield page

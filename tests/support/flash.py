@@ -13,12 +13,12 @@ from typing_extensions import Doc
 
 from rastercov.base import features
 
-features.FEATURES["flash"] = dict.fromkeys(features.DEVICE, "coverage.flash")
-sys.modules["rastercov.coverage.flash"] = sys.modules["__main__"]
+features.FEATURES["flash"] = dict.fromkeys(features.DEVICE, "core.coverage.flash")
+sys.modules["rastercov.core.coverage.flash"] = sys.modules["__main__"]
 
-from rastercov.camera.camera import Camera  # noqa: E402 - after the registration
-from rastercov.coverage.device import Carried, Device  # noqa: E402
-from rastercov.coverage.words import Words  # noqa: E402
+from rastercov.core.camera.camera import Camera  # noqa: E402 - after the registration
+from rastercov.core.coverage.device import Carried, Device  # noqa: E402
+from rastercov.core.coverage.words import Words  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ from surface_cases import in_regions  # noqa: E402
 
 import rastercov as rc  # noqa: E402
 from rastercov import cli  # noqa: E402
-from rastercov.coverage.area.failures import failures_of_rows  # noqa: E402
-from rastercov.coverage.reasons import NAMES, Reason  # noqa: E402
+from rastercov.core.area.failures import failures_of_rows  # noqa: E402
+from rastercov.core.coverage.reasons import NAMES, Reason  # noqa: E402
 from rastercov.reference.regions import points_on  # noqa: E402
 
 N = 1000
@@ -77,17 +77,17 @@ def assert_points_agree(seed: int, rule: object) -> int:
     places = rc.look_at(middle + 0.7 * size * rng.normal(size=(3, 3)), middle)
     poses = rig.poses(places)
     own = Flash(reach=size * rng.uniform(0.5, 1.5), beam_deg=50)
-    found = rc.regions(mesh, rig, poses, flash=own)
+    regions = rc.regions(mesh, rig, poses, flash=own)
     points, face = points_on(mesh, N)
     rig = rig._with(equipment={"flash": own})
     missed = 0
     for row, (_, reason, _) in enumerate(
         failures_of_rows(mesh, rig, rc.Task(), poses, points, face)
     ):
-        inside = in_regions(found, row, points, face)
+        inside = in_regions(regions, row, points, face)
         assert (inside != (reason == Reason.COVERED)).sum() <= 3, (seed, row)
         missed += int((reason == NOT_FLASHED).sum())
-    assert len(found.pose_ids) == row + 1
+    assert len(regions.pose_ids) == row + 1
     return missed
 
 

@@ -24,7 +24,7 @@ import trimesh
 
 import rastercov as rc
 from rastercov import cli
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 DIGITS = 10

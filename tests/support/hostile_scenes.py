@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
-from rastercov.raster.cpu import CPURasterizer
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.cpu import CPURasterizer
 
 
 def check_scenes(n_scenes, is_rolled):

@@ -37,9 +37,9 @@ def ambiguous(mesh, camera, pose):
     return is_ambiguous(reference_view(mesh, camera, pose))
 
 
-def assert_same_image(found, expected, mesh, camera, pose):
+def assert_same_image(result, expected, mesh, camera, pose):
     """Two images of face indices are equal except at a few ambiguous samples."""
-    rows, columns = np.nonzero(found != expected)
+    rows, columns = np.nonzero(result != expected)
     if not rows.size:
         return
     points = np.stack((columns, rows), axis=-1) + 0.5
@@ -48,12 +48,12 @@ def assert_same_image(found, expected, mesh, camera, pose):
         f"{wrong.sum()} of {rows.size} differing samples are not ambiguous, the first at row "
         f"{rows[wrong][0]}, column {columns[wrong][0]}"
     )
-    assert rows.size <= FEW * found.size, f"{rows.size} of {found.size} samples differ"
+    assert rows.size <= FEW * result.size, f"{rows.size} of {result.size} samples differ"
 
 
-def assert_same_counts(found, expected):
+def assert_same_counts(result, expected):
     for name in ("visible", "drawn", "background", "clipped"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(result, name), getattr(expected, name), err_msg=name)
 
 
 def everything(rasterizer, poses):
@@ -72,6 +72,6 @@ def everything(rasterizer, poses):
     }
 
 
-def assert_same(found, expected):
+def assert_same(result, expected):
     for name, values in expected.items():
-        np.testing.assert_array_equal(found[name], values, err_msg=name)
+        np.testing.assert_array_equal(result[name], values, err_msg=name)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
 POSES_A_SHARD = 8

@@ -60,13 +60,13 @@ def killed(number, work, *arguments):
 
 def state(folder):
     """The report that is whole in a folder; "incomplete" for one without its last file."""
-    found = {path.name: path.read_bytes() for path in folder.glob("*.txt")}
+    table = {path.name: path.read_bytes() for path in folder.glob("*.txt")}
     assert (folder / "notes.md").read_bytes() == MINE
     for name, files in REPORTS.items():
-        if found == files:
+        if table == files:
             return name
-    is_part = any(found.items() <= files.items() for files in REPORTS.values())
-    return "incomplete" if "last.txt" not in found and is_part else "torn"
+    is_part = any(table.items() <= files.items() for files in REPORTS.values())
+    return "incomplete" if "last.txt" not in table and is_part else "torn"
 
 
 def open_and_look(folder, after):

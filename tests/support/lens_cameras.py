@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov.camera.camera import Camera
+from rastercov.core.camera.camera import Camera
 
 SIDE = {"width": 1280, "height": 1024}
 

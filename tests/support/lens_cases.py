@@ -1,14 +1,15 @@
-"""Lenses that the tests of `rastercov.camera.lenses` share, and rays for them."""
+"""Lenses that the tests of `rastercov.core.camera.lenses` share, and rays for them."""
 
 from functools import cache
 
 import numpy as np
 
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats.colmap import camera_of
-from rastercov.camera.lenses import BASES, Lens, formulas
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.native import engine_lens
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.lenses import BASES, LensModel
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.engine import solver_lens
+from rastercov.engine import solver_lens as formulas
+from rastercov.formats.cameras.colmap import camera_of
 from rastercov.reference.lenses import project
 
 WIDTH, HEIGHT = 1280, 1024
@@ -81,7 +82,7 @@ def make_lens(
         (formulas.LATE, (is_late,)),
     ):
         p[first : first + len(values)] = values
-    return Lens(width, height, BASES.index(base), tuple(p.tolist()), max_angle_deg)
+    return LensModel(width, height, BASES.index(base), tuple(p.tolist()), max_angle_deg)
 
 
 @cache
@@ -134,8 +135,8 @@ def pixels_of_plane(plane, points):
 
 def bounds_of(plane):
     """Reaches (N, 3) of a plane, and bounds (2, ORDER + 1) of its Taylor coefficients."""
-    reaches, taylor = np.empty((36, 3)), np.empty((2, engine_lens.ORDER + 1))
-    return reaches[: engine_lens.bounds_of(plane, reaches, taylor)], taylor
+    reaches, taylor = np.empty((36, 3)), np.empty((2, solver_lens.ORDER + 1))
+    return reaches[: solver_lens.bounds_of(plane, reaches, taylor)], taylor
 
 
 def points_of(plane, n, rng):

@@ -33,8 +33,8 @@ def colmap_camera(model):
 def colmap_pixels(model, rays):
     """Pixels (N, 2) of rays (N, 3) by COLMAP; NaN where it has none, or is known to be coarse."""
     camera = colmap_camera(model)
-    found = [camera.img_from_cam(ray) for ray in rays]
-    pixels = np.array([(np.nan, np.nan) if pixel is None else pixel for pixel in found])
+    items = [camera.img_from_cam(ray) for ray in rays]
+    pixels = np.array([(np.nan, np.nan) if pixel is None else pixel for pixel in items])
     if model == "FOV":  # a short series where r^2 < 1e-4, off by up to 1e-10 px
         pixels[np.hypot(rays[:, 0], rays[:, 1]) < 0.011 * np.abs(rays[:, 2])] = np.nan
     return pixels

@@ -186,7 +186,7 @@ def campaign(base, build_arguments, other_poses, trials, seed=0):
         again = dict(build_arguments)
         if kind in (exchanged, stale, stale_poses, one_too_many) and rng.integers(2):
             del again["poses_a_shard"]  # the header knows it
-        if found := verdict(folder, whole, matrix, again):
-            wrong[f"trial {trial}, {what}"] = found
+        if result := verdict(folder, whole, matrix, again):
+            wrong[f"trial {trial}, {what}"] = result
         shutil.rmtree(folder)
     return wrong

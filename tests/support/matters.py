@@ -18,7 +18,7 @@ from nightly import IS_NIGHTLY
 ROOT = Path(__file__).parents[2]
 MATTERS = {
     "page": (
-        "rastercov/viewer/",
+        "rastercov/page/",
         "rastercov/report/",
         "tests/viewer/",
         "tests/report/test_notebook.py",
@@ -26,7 +26,13 @@ MATTERS = {
         "tests/support/browser.py",
         "tests/support/firefox.py",
     ),
-    "opengl": ("rastercov/raster/", "shaders/", "tests/raster/", "tests/conftest.py"),
+    "opengl": (
+        "rastercov/core/raster/",
+        "rastercov/gl/",
+        "shaders/",
+        "tests/raster/",
+        "tests/conftest.py",
+    ),
     "docs": ("docs/", "examples/", "README.md", "tests/test_docs.py"),
     "laboratory": (
         "reference/markers/",
@@ -38,7 +44,7 @@ MATTERS = {
     ),
 }
 """Files of each matter, or folders of them."""
-OF_ALL = ("rastercov/native/", "rastercov/data/", "pyproject.toml", "tests/support/matters.py")
+OF_ALL = ("rastercov/engine/", "rastercov/data/", "pyproject.toml", "tests/support/matters.py")
 NAMED = "RASTERCOV_TESTS_NAMED"
 """Set where tests are named on the command line, for the processes of a run."""
 

@@ -6,8 +6,8 @@ from exact_views import PATHS, look
 from nightly import amount
 
 import rastercov as rc
-from rastercov.coverage.area.zones import summary_of
-from rastercov.mesh.contacts import touching_faces
+from rastercov.core.area.zones import summary_of
+from rastercov.core.mesh.contacts import touching_faces
 
 SCENES = amount(40, at_night=100)
 

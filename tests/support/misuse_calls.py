@@ -21,12 +21,17 @@ from of_features import of_features
 import rastercov as rc
 from rastercov import placement
 from rastercov.base.typed import VARIADIC, public_names
-from rastercov.camera.equipment import equipment_words
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.phases import phased
+from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.phases import phased
 from rastercov.placement.candidates.segments import segment
 
-MODULES = ("rastercov", "rastercov.mesh.shapes", "rastercov.mesh.targets", "rastercov.placement")
+MODULES = (
+    "rastercov",
+    "rastercov.core.mesh.shapes",
+    "rastercov.core.mesh.targets",
+    "rastercov.placement",
+)
 """Documented modules."""
 SIZE = {"width": 32, "height": 24}
 LENS = SIZE | {"fx": 30.0, "fy": 30.0}
@@ -148,12 +153,10 @@ OWN: dict[str, dict[str, Any]] = {
     "refine": {"step": 0.1, "turn_deg": 10.0, "halvings": 0, "budget": 2},
     "what_is_left": {"candidates": None, "covered": None},
     "PoseSpace": {"stand_off": (0.5, 3.0), "clearance": 0.1},
-    "InstallationError": {"position_mm": 1.0, "angle_deg": 1.0},
-    "tolerance": {"draws": 3},
 }
 OWN |= of_features("CALLS")
 """Arguments of calls whose defaults, or those that are usual under the name, are not right."""
-OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(vars(placement)[name])}
+OF_PLACEMENT = {name for name in placement.__all__ if inspect.isclass(getattr(placement, name))}
 """Classes of placement: most are results, and their methods take what its functions make. Their
 signatures are tried, and the values of those in `OWN`."""
 UNTRIED = of_features("UNTRIED")
@@ -214,7 +217,7 @@ def fault_of(function):
     nothing open.
     """
     unraised = []
-    hook, sys.unraisablehook = sys.unraisablehook, lambda found: unraised.append(found.exc_value)
+    hook, sys.unraisablehook = sys.unraisablehook, lambda result: unraised.append(result.exc_value)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -237,17 +240,17 @@ def public_callables():
 
     Not the errors, which are raised; nor the enumerations and protocols, which users do not make.
     """
-    found = {}
+    table = {}
     for name in MODULES:
         module = import_module(name)
         for thing in (getattr(module, name) for name in public_names(module)):
             if inspect.isfunction(thing):
-                found[thing.__name__] = thing
+                table[thing.__name__] = thing
             elif inspect.isclass(thing) and not issubclass(thing, Exception | Enum):
-                found |= methods_of(thing)
+                table |= methods_of(thing)
                 if not (getattr(thing, "_is_protocol", False) or inspect.isabstract(thing)):
-                    found[thing.__name__] = thing
-    return found
+                    table[thing.__name__] = thing
+    return table
 
 
 def methods_of(kind):
@@ -266,8 +269,8 @@ def methods_of(kind):
 
 def parameters_of(function):
     """Parameters of a callable that a person gives."""
-    found = inspect.signature(function).parameters.values()
-    return [each for each in found if each.name != "self"]
+    values = inspect.signature(function).parameters.values()
+    return [each for each in values if each.name != "self"]
 
 
 def names_of_calls():
@@ -293,7 +296,7 @@ def calls():
     public = public_callables() | {"select_thesis": thesis()}
     objects, usual = right_objects()
     rc.write_views(FOLDER / "views.json", VIEWS, overwrite=True)
-    found = {}
+    table = {}
     for name in names_of_calls():
         called = name.partition(",")[0]
         owner, _, method = called.partition(".")
@@ -308,8 +311,8 @@ def calls():
         assert not any(each is inspect.Parameter.empty for each in arguments.values()), name
         if method and owner in objects:
             function = getattr(objects[owner], method)
-        found[name] = Call(name, MADE.get(called, lambda f: f)(function), arguments)
-    return found
+        table[name] = Call(name, MADE.get(called, lambda f: f)(function), arguments)
+    return table
 
 
 def thesis():

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 
 MESH = shapes.box((1, 1, 1))
 CAMERA = rc.Camera(width=32, height=24, fx=30, fy=30)

@@ -6,10 +6,10 @@ import numpy as np
 from surface_cases import hostile_scene
 
 import rastercov as rc
-from rastercov.camera.installation import displaced
-from rastercov.coverage.area import polygons
-from rastercov.coverage.area.table import joined, taken
-from rastercov.coverage.area.tolerance import TolerancePass
+from rastercov.core.area import polygons
+from rastercov.core.area.table import joined, taken
+from rastercov.tolerances.installation import displaced
+from rastercov.tolerances.passes import TolerancePass
 
 DRAWS = 24
 SLACK_REL = 1e-9
@@ -92,9 +92,9 @@ def beyond(one, others):
     pairs = np.stack([np.zeros(n, np.int64), rows[1:]], axis=1).ravel()
     both = taken(joined([one, others]), pairs).by_devices(np.repeat(np.arange(n), 2))
     areas = polygons.polygon_areas(both.xy, both.starts)
-    alone, found = both.devices == 1, np.zeros((n, mesh.n_faces))
-    np.add.at(found, (both.pose[alone], both.face[alone]), areas[alone])
-    return found
+    alone, result = both.devices == 1, np.zeros((n, mesh.n_faces))
+    np.add.at(result, (both.pose[alone], both.face[alone]), areas[alone])
+    return result
 
 
 def violations(seed, draws=DRAWS):
@@ -113,12 +113,12 @@ def violations_of(mesh, camera, poses, task, sizes, seed=0, draws=DRAWS):
     possible = finder.possible(poses, sizes, sure.nearest)
     finder.close()
     cameras, moved = drawn(camera, poses, sizes[0], np.random.default_rng(seed + 1), draws)
-    found = rc.regions(mesh, cameras, moved, task, threads=1)
-    allowed = found.bounds() + SLACK_REL * mesh.diagonal**2
-    lost = beyond(sure.regions, found) - allowed
+    regions = rc.regions(mesh, cameras, moved, task, threads=1)
+    allowed = regions.bounds() + SLACK_REL * mesh.diagonal**2
+    lost = beyond(sure.regions, regions) - allowed
     lost -= dense(sure.regions.pair_face, sure.regions.excess, mesh)
     more = np.stack(
-        [beyond(taken(found, np.array([k])), possible.regions)[0] for k in range(draws)]
+        [beyond(taken(regions, np.array([k])), possible.regions)[0] for k in range(draws)]
     )
     more -= allowed + dense(possible.regions.pair_face, possible.regions.bound, mesh)
     return lost.max(), more.max(), sure.figures[0]

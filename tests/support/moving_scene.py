@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh.arrays import rotation_about
-from rastercov.placement.plan.over_time import PlanMotion
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
+from rastercov.core.mesh.arrays import rotation_about
+from rastercov.motion.plan_over_time import PlanMotion
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
 
 STEPS = 5
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
@@ -27,11 +27,11 @@ LINKS = {
 
 def path(steps=STEPS):
     """(steps, 4, 4) poses of each body: the arm turns, and the head turns with it and sinks."""
-    found = np.tile(np.eye(4), (2, steps, 1, 1))
+    values = np.tile(np.eye(4), (2, steps, 1, 1))
     for row, part in enumerate(np.linspace(0, 1, steps)):
-        found[:, row, :3, :3] = rotation_about(np.array((0.0, 0.0, 1.0)), -0.6 * part)
-        found[1, row, 2, 3] = -0.1 * part
-    return dict(zip(LINKS, found, strict=True))
+        values[:, row, :3, :3] = rotation_about(np.array((0.0, 0.0, 1.0)), -0.6 * part)
+        values[1, row, 2, 3] = -0.1 * part
+    return dict(zip(LINKS, values, strict=True))
 
 
 def moving_scene(folder, *, steps=STEPS, **equipment):

@@ -77,13 +77,13 @@ def as_on_windows():
 def import_all():
     import rastercov
 
-    for found in pkgutil.walk_packages(rastercov.__path__, "rastercov."):
-        if not found.name.endswith("__main__"):
+    for walk_package in pkgutil.walk_packages(rastercov.__path__, "rastercov."):
+        if not walk_package.name.endswith("__main__"):
             try:
-                importlib.import_module(found.name)
+                importlib.import_module(walk_package.name)
             except ModuleNotFoundError as error:
                 is_optional = error.name not in sys.stdlib_module_names
-                if not is_optional or found.name.startswith(str(error.name)):
+                if not is_optional or walk_package.name.startswith(str(error.name)):
                     raise
 
 
@@ -114,7 +114,7 @@ if __name__ == "__main__":
     platform.uname()
     import_all()
     for name in [name for name in sys.modules if name.split(".")[0] == "rastercov"]:
-        if not name.startswith("rastercov.native"):
+        if not name.startswith("rastercov.engine"):
             del sys.modules[name]
     take_away(ONLY_ON_LINUX)
     if system == "win32":

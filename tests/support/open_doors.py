@@ -28,10 +28,10 @@ def family(pid):
             above[int(entry.parent.name)] = int(entry.read_text().rpartition(")")[2].split()[1])
         except OSError:  # it has ended
             continue
-    found = {pid}
-    while more := {one for one, parent in above.items() if parent in found} - found:
-        found |= more
-    return found
+    items = {pid}
+    while more := {one for one, parent in above.items() if parent in items} - items:
+        items |= more
+    return items
 
 
 def listening(pids):
@@ -43,17 +43,17 @@ def listening(pids):
                 own |= set(re.findall(r"socket:\[(\d+)\]", str(entry.readlink())))
             except OSError:  # closed, or ended
                 continue
-    found = []
+    items = []
     for kind in ("tcp", "tcp6", "udp", "udp6"):
         for line in _lines(f"/proc/net/{kind}"):
             words = line.split()
             if words[9] in own and (words[3] == LISTENING or kind.startswith("udp")):
-                found.append(f"{kind} {words[1]}")
+                items.append(f"{kind} {words[1]}")
     for line in _lines("/proc/net/unix"):
         words = line.split()
         if words[6] in own and int(words[3], 16) & ACCEPTS:
-            found.append(f"unix {words[7:]}")
-    return found
+            items.append(f"unix {words[7:]}")
+    return items
 
 
 def opened_by_others(pids):

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import rastercov
+from rastercov.report.pages import static_file
 
-PAGE = Path(rastercov.__file__).parent / "viewer/page"
+PAGE = Path(rastercov.__file__).parent / "page/web"
 HERE = Path(__file__).parents[1] / "native/wasm"
 NODE = shutil.which("node")
 NEEDS_NODE = pytest.mark.skipif(NODE is None, reason="no Node; as root: apt-get install -y nodejs")
@@ -18,13 +19,19 @@ NEEDS_NODE = pytest.mark.skipif(NODE is None, reason="no Node; as root: apt-get 
 @pytest.fixture(scope="module")
 def node(tmp_path_factory):
     """Runs a script of tests/native/wasm; gives the JSON of the lines that it prints."""
-    folder = tmp_path_factory.mktemp("node")
+    return runner_in(tmp_path_factory.mktemp("node"))
+
+
+def runner_in(folder):
+    """The same, in an empty folder."""
     package = folder / "node_modules/rastercov"
     package.mkdir(parents=True)
     (package / "package.json").write_text('{"type": "module", "exports": {"./*": "./*"}}')
     for path in [*PAGE.glob("*.js"), *HERE.glob("*.mjs")]:
         target = folder if path.suffix == ".mjs" else package
         (target / path.name).write_bytes(path.read_bytes())
+    for name in ("features.js", "texts.js"):
+        (package / name).write_bytes(static_file(name))
 
     def run(script, *words):
         command = [NODE, str(folder / script), *map(str, words)]

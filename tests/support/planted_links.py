@@ -19,7 +19,7 @@ from commands import write_part
 import rastercov as rc
 from rastercov import cli
 from rastercov.base.output import PART
-from rastercov.camera.formats import write_views
+from rastercov.formats.cameras import write_views
 
 PLAN = """
 meshes = [{ path = "part.obj" }]

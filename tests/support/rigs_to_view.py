@@ -1,15 +1,16 @@
 """Scenes and sessions for tests of the viewer."""
 
 import numpy as np
+from edited import Session
 
 import rastercov as rc
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import shapes
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session, unframed
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import shapes
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
+from rastercov.page.session import unframed
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 ROOM = shapes.room(6)
@@ -30,9 +31,11 @@ def around(mesh, count=4):
     return sphere_of_poses((low + high) / 2, radius, count)
 
 
-def state_of(mesh, count=4, camera=CAMERA, task=None):
-    """Some cameras around a mesh."""
-    return RigState.of(Rig([camera], ["eye"]), Poses.of(around(mesh, count)), task=task)
+def state_of(mesh, count=4, camera=CAMERA, task=None, more=None):
+    """Some cameras around a mesh, and perhaps one more at a pose."""
+    poses = around(mesh, count) if count else np.empty((0, 4, 4))
+    poses = poses if more is None else np.concatenate([poses, more[None]])
+    return RigState.of(Rig([camera], ["eye"]), Poses.of(poses), task=task)
 
 
 def session_of(mesh=None, count=4, **options):
@@ -50,8 +53,8 @@ def session_of_room():
 def percent_covered(state, **thresholds):
     """Percent of the room's area that `rc.evaluate` finds covered by the rig of a page's state."""
     poses = [np.reshape(each["pose"], (4, 4)) for each in state["stations"] if each["is_on"]]
-    found = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=())
-    return found.areas.summary()["percent"]
+    result = rc.evaluate(ROOM, WIDE, poses, rc.Task(**thresholds), fields=())
+    return result.areas.summary()["percent"]
 
 
 def acted(session, mode="reason", *, drag=False, shown=None, options=None, **action):
@@ -68,9 +71,9 @@ def acted(session, mode="reason", *, drag=False, shown=None, options=None, **act
 
 def moved(pose, by=(0.0, 0.0, 0.0)):
     """A pose moved in the world, as a page sends it."""
-    found = np.array(pose, np.float64).reshape(4, 4).copy()
-    found[:3, 3] += by
-    return found.ravel().tolist()
+    values = np.array(pose, np.float64).reshape(4, 4).copy()
+    values[:3, 3] += by
+    return values.ravel().tolist()
 
 
 def looking(eye, target):

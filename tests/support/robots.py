@@ -9,7 +9,7 @@ import numpy as np
 from moving_scene import PART, POSES, STEPS, scene_of
 
 import rastercov as rc
-from rastercov.placement.plan.over_time import PlanMotion
+from rastercov.motion.plan_over_time import PlanMotion
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rastercov.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
 
 
 def sheet(low, high, z):

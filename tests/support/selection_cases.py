@@ -65,19 +65,19 @@ def is_met(problem, covered):
 
 def best_by_trying_all(problem):
     """The best objective of all sets of candidates."""
-    goal, found = problem.goal, []
+    goal, items = problem.goal, []
     for n in range(problem.n_candidates + 1):
         for chosen in combinations(range(problem.n_candidates), n):
             covered = covers_faces(problem, chosen)
             cost = problem.costs[list(chosen)].sum()
             if isinstance(goal, FewestCameras):
                 if is_met(problem, covered):
-                    found.append(-cost)
+                    items.append(-cost)
             elif n <= (goal.cameras if goal.cameras is not None else n) and cost <= (
                 math.inf if goal.budget is None else goal.budget + 1e-9
             ):
-                found.append(share(problem, covered))
-    return abs(max(found))
+                items.append(share(problem, covered))
+    return abs(max(items))
 
 
 @st.composite

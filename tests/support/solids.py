@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 from cavity_scenes import block, of_cubes
 
-from rastercov.mesh import Group, Mesh
+from rastercov.core.mesh import Group, Mesh
 
 
 def drilled_part(width, depth, size=0.01):

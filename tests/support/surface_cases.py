@@ -8,8 +8,8 @@ from exact_cases import box, hostile
 from scenes import joined
 
 import rastercov as rc
-from rastercov.coverage.area.frames import frames_of, to_plane
-from rastercov.mesh import Mesh
+from rastercov.core.area.frames import frames_of, to_plane
+from rastercov.core.mesh import Mesh
 from rastercov.reference.regions import covers_points, points_on
 
 
@@ -128,7 +128,7 @@ def whole(mesh, n_rows=1):
 
 def in_regions(regions, row, points, face):
     """Mask of the points of faces that lie in a piece of the pose in that row, (N,)."""
-    found, xy = np.zeros(len(points), bool), to_plane(regions.mesh, face, points)
+    mask, xy = np.zeros(len(points), bool), to_plane(regions.mesh, face, points)
     order = np.lexsort((xy[:, 0], face))
     u, v = xy[order].T
     pieces = np.flatnonzero(regions.pose == row)
@@ -148,8 +148,8 @@ def in_regions(regions, row, points, face):
             sides = np.roll(corners, -1, axis=0) - corners
             away = np.stack([u[within], v[within]], axis=1)[:, None] - corners
             values = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0]
-            found[order[within]] |= (values >= 0).all(axis=1)
-    return found
+            mask[order[within]] |= (values >= 0).all(axis=1)
+    return mask
 
 
 def assert_pointwise(mesh, camera, poses, task, n, seed=0, **options):
@@ -208,7 +208,7 @@ def off_clipper2(regions, area):
     mesh, longest = regions.mesh, frames_of(regions.mesh).corners[:, 1, 0]
     order = np.argsort(regions.face, kind="stable")
     faces, first = np.unique(regions.face[order], return_index=True)
-    found = np.zeros((len(BITS), mesh.n_faces))
+    values = np.zeros((len(BITS), mesh.n_faces))
     for f, pieces in zip(faces, np.split(order, first[1:]), strict=True):
         polygons = [regions.xy[regions.starts[i] : regions.starts[i + 1]] for i in pieces]
         for row, bits in enumerate(BITS):
@@ -218,8 +218,8 @@ def off_clipper2(regions, area):
             rings, _ = union.execute(clipper2.ClipType.UNION, clipper2.FillRule.NON_ZERO)
             for ring in rings:
                 u, v = ((np.asarray(ring) - np.asarray(ring[0])) / scale).T
-                found[row, f] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
-    return np.abs(found - area).min(axis=0)
+                values[row, f] += (u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
+    return np.abs(values - area).min(axis=0)
 
 
 def hostile_scene(seed):

@@ -4,7 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from rastercov.native.engine_visibility import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED
+from rastercov.engine.solver_visibility import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED
 
 
 def part_of(vertices, welded, flat, least_sorted):
@@ -18,9 +18,9 @@ def part_of(vertices, welded, flat, least_sorted):
         used, first = np.unique(faces, return_index=True)
         by_use = used[np.argsort(first)]
         faces, source = np.argsort(by_use)[faces].astype(np.int32), source[by_use]
-    found = {"vertices": vertices[source], "faces": faces, "source": source, "order": order}
+    table = {"vertices": vertices[source], "faces": faces, "source": source, "order": order}
     edges = edges_of(faces)
-    return found | edges | blocks_of(len(faces), flat[order], edges)
+    return table | edges | blocks_of(len(faces), flat[order], edges)
 
 
 def order_of(vertices, faces):

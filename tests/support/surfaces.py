@@ -7,9 +7,9 @@ import numpy as np
 
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.threads import once_each
-from rastercov.exact import surface
-from rastercov.mesh.contacts import Partners
-from rastercov.native import engine_surface
+from rastercov.core.exact import surface
+from rastercov.core.mesh.contacts import Partners
+from rastercov.engine import solver_surface
 
 Blocks = namedtuple(
     "Blocks", "has_flat patch patch_starts of_patch lowest joins is_plain starts of_edges"
@@ -81,7 +81,7 @@ class Surface:
 
     Attributes
     ----------
-    native : engine_surface.Surface
+    native : solver_surface.Surface
         What the engine takes.
     centre : (3,) float64
         Centre of the bounding box, metres.
@@ -108,7 +108,7 @@ class Surface:
         The other faces of the mesh, if it has any.
     """
 
-    def __init__(self, native: engine_surface.Surface):
+    def __init__(self, native: solver_surface.Surface):
         self.native, self.rank = native, native.rank
         self.centre, self.diagonal = np.array(native.centre), native.diagonal
         self.vertices, self.faces, self.blocks, self.source = _part(native.opaque)

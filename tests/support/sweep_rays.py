@@ -5,7 +5,7 @@ from exact_cases import box
 from scenes import joined
 
 import rastercov as rc
-from rastercov.coverage.area.rows import tasks_of
+from rastercov.core.area.rows import tasks_of
 
 LASER = rc.Camera.from_fov(1000, 1, hfov_deg=100)
 CAMERA = rc.Camera.from_fov(1000, 800, hfov_deg=70)
@@ -65,7 +65,7 @@ def around_z(points, first):
     a = n[0] * points[:, 0] + n[1] * points[:, 1]
     b = n[0] * points[:, 1] - n[1] * points[:, 0]
     cosine = (n @ c - n[2] * points[:, 2]) / np.maximum(np.hypot(a, b), 1e-300)
-    found = []
+    items = []
     for sign in (1, -1):
         angle = np.arctan2(b, a) + sign * np.arccos(np.clip(cosine, -1, 1))
         turn = np.tile(np.eye(4), (len(points), 1, 1))
@@ -74,21 +74,21 @@ def around_z(points, first):
         turn[:, 0, 1] = -turn[:, 1, 0]
         poses = turn @ first
         poses[np.abs(cosine) > 1] = np.nan  # never
-        found.append(poses)
-    return found
+        items.append(poses)
+    return items
 
 
 def measured(mesh, rig, moments, task, points, face):
     """(N,) points that all devices see at one of their moments, by rays; pinholes alone."""
-    found = np.zeros(len(points), np.bool_)
+    measures = np.zeros(len(points), np.bool_)
     for poses in moments:
         holds = np.ones(len(points), np.bool_)
         for camera, place, own in zip(
             rig.cameras, rig.rig_from_camera, tasks_of(rig, task), strict=True
         ):
             holds &= _sees(mesh, camera, poses @ place, own, points, face)
-        found |= holds
-    return found
+        measures |= holds
+    return measures
 
 
 def _sees(mesh, camera, poses, task, points, face):

@@ -3,7 +3,7 @@
 import numpy as np
 
 import rastercov as rc
-from rastercov.mesh.arrays import rotation_about
+from rastercov.core.mesh.arrays import rotation_about
 
 AXES = ((0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1))
 LENGTHS = (0.16, 0.42, 0.38, 0.1, 0.1, 0.08)
@@ -48,22 +48,22 @@ def cell(part=None, n=24):
     part = rc.shapes.by_name("icosahedron") if part is None else part
     low, high = part.bounds
     points = (part.vertices - (*((low + high)[:2] / 2), low[2])) * 0.25 / (high - low).max()
-    found = [("part", np.add(points, (0.45, 0, 0)), part.faces, False)]
-    found.append(("table", *box((1.4, 1.2, 0.04), (0.3, 0, -0.02)), True))
+    items = [("part", np.add(points, (0.45, 0, 0)), part.faces, False)]
+    items.append(("table", *box((1.4, 1.2, 0.04), (0.3, 0, -0.02)), True))
     height = 0.0
     for k, (length, width) in enumerate(zip(LENGTHS, WIDTHS, strict=True)):
         tube, faces = cylinder(width / 2, 0, length, n)
         joint, others = box((width * 1.2, width * 1.3, width * 1.1), (0, 0, 0))
         points = np.add(np.concatenate((tube, joint)), (0, 0, height))
-        found.append((f"link{k + 1}", points, np.concatenate((faces, others + len(tube))), True))
+        items.append((f"link{k + 1}", points, np.concatenate((faces, others + len(tube))), True))
         height += length
-    return meshes(found)
+    return meshes(items)
 
 
 def frames(joints):
     """Poses (T, 4, 4) of each link from its rest pose, by (T, 6) angles."""
     pivots = np.cumsum((0, *LENGTHS))[:-1]
-    found = {f"link{k + 1}": [] for k in range(6)}
+    table = {f"link{k + 1}": [] for k in range(6)}
     for row in joints:
         pose = np.eye(4)
         for k, (axis, pivot, angle) in enumerate(zip(AXES, pivots, row, strict=True)):
@@ -71,8 +71,8 @@ def frames(joints):
             turn[:3, :3] = rotation_about(np.array(axis, float), angle)
             turn[:3, 3] = (0, 0, pivot) - turn[:3, :3] @ (0, 0, pivot)
             pose = pose @ turn
-            found[f"link{k + 1}"].append(pose)
-    return {name: np.array(poses) for name, poses in found.items()}
+            table[f"link{k + 1}"].append(pose)
+    return {name: np.array(poses) for name, poses in table.items()}
 
 
 def sweep(steps):

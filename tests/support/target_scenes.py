@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov.mesh import Group, Mesh
+from rastercov.core.mesh import Group, Mesh
 
 
 def some_as_targets(mesh, is_target):

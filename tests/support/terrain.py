@@ -4,8 +4,8 @@ import numpy as np
 import trimesh
 
 import rastercov as rc
-from rastercov.camera.projection import to_image
-from rastercov.mesh import Mesh, shapes
+from rastercov.core.camera.projection import to_image
+from rastercov.core.mesh import Mesh, shapes
 
 CAMERAS = (
     rc.Camera.from_fov(640, 480, hfov_deg=70),
@@ -47,9 +47,9 @@ def first_hits(mesh, starts, directions):
     """(N,) distance of the first surface along rays, inf for none."""
     scene = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     places, rays, _ = scene.ray.intersects_location(starts, directions, multiple_hits=True)
-    found = np.full(len(starts), np.inf)
-    np.minimum.at(found, rays, np.linalg.norm(places - starts[rays], axis=1))
-    return found
+    result = np.full(len(starts), np.inf)
+    np.minimum.at(result, rays, np.linalg.norm(places - starts[rays], axis=1))
+    return result
 
 
 def heights(mesh, xy, above=100.0):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.camera.formats import read_views, write_views
-from rastercov.camera.lenses.of_camera import lens_of
-from rastercov.camera.pose import inverse
+from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.pose import inverse
+from rastercov.formats.cameras import read_views, write_views
 
 SIZE = rc.Conventions(image_size=(640, 480))
 ANSWERS = rc.Conventions(image_size=(640, 480), pixel_centre=0.5, lens_model="brown", pose_unit="m")
@@ -42,9 +42,9 @@ def some_points(rng, n=60):
     return rng.uniform(-1, 1, (n, 3))
 
 
-def same(found, wanted, atol=1e-12):
+def same(result, wanted, atol=1e-12):
     """Assert that two arrays agree."""
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=atol)
+    np.testing.assert_allclose(result, wanted, rtol=0, atol=atol)
 
 
 def projects(camera, wanted, rays=RAYS):
@@ -111,10 +111,10 @@ def cv_pixels(rays, k, d, fisheye=False):
     """Pixels by cv2, counted from their centres, plus a half."""
     zero, d = np.zeros(3), np.array(d)
     if fisheye:
-        found, _ = cv2.fisheye.projectPoints(rays[None], zero, zero, k, d)
+        projectPoints, _ = cv2.fisheye.projectPoints(rays[None], zero, zero, k, d)
     else:
-        found, _ = cv2.projectPoints(rays, zero, zero, k, d)
-    return found.reshape(-1, 2) + 0.5
+        projectPoints, _ = cv2.projectPoints(rays, zero, zero, k, d)
+    return projectPoints.reshape(-1, 2) + 0.5
 
 
 # --- a good file of each format -------------------------------------------------------------------

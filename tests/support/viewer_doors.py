@@ -15,23 +15,23 @@ from commands import ENTRY
 VIEW = ("view", "teapot-5", "-c", "khepra", "-p", "sphere:3")
 SLOW = """
 import sys, time
-from rastercov.viewer.session import Session
-act = Session.act
+from rastercov.page.session import Session
+ask = Session.ask
 def slow(self, entries):
     with self.lock:
         end = time.monotonic() + 60
         while time.monotonic() < end:
             sum(range(10_000))
-    return act(self, entries)
-Session.act = slow
+    return ask(self, entries)
+Session.ask = slow
 """
-"""Before the command: answers to edits that take a minute."""
+"""Before the command: answers that take a minute."""
 
 
 STARTS = {
     "silent": "",
     "head": "GET / HTTP/1.1\r\n{host}x-a: ",
-    "body": "POST /api/act HTTP/1.1\r\n{host}content-length: 900000\r\n\r\n{{",
+    "body": "POST /api/ask HTTP/1.1\r\n{host}content-length: 900000\r\n\r\n{{",
     "no HTTP": "\x16\x03\x01\x02\x00\x01\x00\x01",
     "unread": "GET /static/style.css HTTP/1.1\r\n{host}\r\n",
 }
@@ -110,10 +110,10 @@ def interrupted(after, gaps=(), *, is_slow=True):
     import httpx
 
     viewer = Viewer("--no-browser", code=SLOW + ENTRY if is_slow else ENTRY)
-    body = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
+    body = {"question": "frame"}
     headers = {"x-rastercov-token": viewer.token}
     with ThreadPoolExecutor() as pool:
-        pool.submit(httpx.post, f"{viewer.url}/api/act", json=body, headers=headers)
+        pool.submit(httpx.post, f"{viewer.url}/api/ask", json=body, headers=headers)
         for wait in (after, *gaps):
             time.sleep(wait)
             if viewer.process.poll() is None:

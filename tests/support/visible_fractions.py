@@ -1,7 +1,7 @@
 """Visible fractions of faces alone, for laws about them."""
 
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.observer import open_observer
 
 FRACTION = "visibility", "visibility_bound", "visibility_kind"
 
@@ -13,5 +13,5 @@ def visibility(mesh, camera, poses, method="certified"):
 
 def fractions_of(observer, poses):
     """`Coverage` of one batch, with the figures of `FRACTION` alone."""
-    (found,) = evaluate_batches(observer, poses, fields=FRACTION)
-    return found
+    (result,) = evaluate_batches(observer, poses, fields=FRACTION)
+    return result

@@ -12,11 +12,11 @@ from rigs_to_view import EYES, ROOM, percent_covered, session_of
 from scipy.ndimage import maximum_filter, minimum_filter
 
 import rastercov as rc
-from rastercov.coverage.area.zones import zones_at
-from rastercov.coverage.reasons import REASONS, Reason
-from rastercov.mesh import shapes
+from rastercov.core.area.zones import zones_at
+from rastercov.core.coverage.reasons import REASONS, Reason
+from rastercov.core.mesh import shapes
+from rastercov.page.saving import export_page
 from rastercov.report.pages import described_camera
-from rastercov.viewer.saving import export_page
 
 pytestmark = pytest.mark.slow
 POSE = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
@@ -192,11 +192,11 @@ def test_at_rest_faces_have_the_colours_of_their_pieces(tab, program):
     _, image = picture_and_image(tab)
     pixels = inner_pixels(image, 100, seed=3)
     pick = "places => places.map(([x, y]) => rastercov.pick(x + 0.5, y + 0.5))"
-    found = tab.js(pick, pixels)
+    value = tab.js(pick, pixels)
     read = "places => places.map(([x, y]) => rastercov.readPixel(x + 0.5, y + 0.5))"
     shown = (np.array(tab.js(read, pixels)) == REASONS["covered"].colour).all(axis=1)
     zones = program.session.areas().zones
-    faces, points = (np.array([each[name] for each in found]) for name in ("face", "point"))
+    faces, points = (np.array([each[name] for each in value]) for name in ("face", "point"))
     is_covered = zones_at(zones, faces, points, 1) < 0
     levels = np.frombuffer(tab.levels(), np.uint8)[faces]
     assert (shown == is_covered).mean() > 0.98  # float32 on the borders of pieces
@@ -225,12 +225,13 @@ def test_all_modes_are_reached_and_drawn(tab):
     assert tab.js(nameless + ")).map(each => each.outerHTML)") == []
 
 
-def test_a_click_on_a_face_says_why(tab, program):
+def test_a_click_on_a_face_says_why(tab):
     pinhole_picture(tab, POSE)
     tab.click_middle()
     face = tab.js("rastercov.session.face")
-    told = program.session.why(face)
+    told = tab.js("face => rastercov.session.server.why(face)", face)
     tab.page.get_by_text(told["words"]).wait_for()
+    tab.button("Centre the view on the face")
     assert tab.page.locator(".why .card").count() == len(told["cameras"])
 
 
@@ -316,19 +317,23 @@ def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab
     np.testing.assert_allclose(blur, (1.5, 1.5, 0), atol=1e-9)
 
 
+SLOW = """() => {
+  const { server } = rastercov.session;
+  const worth = server.worth.bind(server);
+  server.worth = async (...asked) => {
+    await new Promise((resolve) => setTimeout(resolve, 100));
+    return worth(...asked);
+  };
+}"""
+"""Work that tries ten poses a second."""
+
+
 def test_work_shows_its_progress_and_can_be_cancelled(tab):
-    said = {"id": 1, "kind": "refine", "status": "running", "done": 1, "total": 4, "words": ""}
-
-    def answer(route):
-        if route.request.method == "POST" and route.request.url.endswith("/api/job/cancel"):
-            said.update(status="cancelled", words="cancelled: the rig is as it was")
-        route.fulfill(json={"id": 1} if route.request.method == "POST" else said)
-
-    tab.page.route("**/api/job**", answer)
-    tab.button("Refine this camera")
-    tab.page.locator(".job progress[value='0.25']").wait_for()
-    tab.button("Cancel")
-    tab.page.get_by_text("the rig is as it was").wait_for()
+    tab.js(SLOW)
+    tab.page.get_by_role("button", name="Refine this camera").click()
+    tab.page.locator(".job progress[value]").wait_for()
+    tab.page.get_by_role("button", name="Cancel").click()
+    tab.page.get_by_text("nothing was changed").wait_for()
     assert tab.page.locator(".job").is_hidden()
     assert not tab.state()["can_undo"]
 
@@ -463,10 +468,10 @@ def test_a_page_in_a_frame_fits_the_scene_to_every_size_of_it(context, program, 
             {"display": "block", "width": f"{width}px", "height": f"{height}px"},
         )
         page.wait_for_timeout(300)
-        *found, size = np.array(frame.evaluate(places, corners))
+        *result, size = np.array(frame.evaluate(places, corners))
         assert size[0] > 0.9 * width  # both sides are folded
-        assert ((np.min(found, axis=0) >= 0) & (np.max(found, axis=0) <= size)).all()
-        assert (np.ptp(found, axis=0) > 0.5 * size).any()
+        assert ((np.min(result, axis=0) >= 0) & (np.max(result, axis=0) <= size)).all()
+        assert (np.ptp(result, axis=0) > 0.5 * size).any()
 
 
 DROPPED = """() => {

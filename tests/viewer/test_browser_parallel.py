@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from browser import Program, Tab
+from edited import Session
 from rigs_to_view import around, part
 
 import rastercov as rc
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import Scene
 from rastercov.report.coverage import Options, run
 from rastercov.report.pages import described_camera
-from rastercov.viewer.rig_state import RigState
-from rastercov.viewer.scene import Scene
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 
@@ -32,8 +32,8 @@ def test_looking_through_a_telecentric_lens_shows_its_image_along_parallel_rays(
     seen = []
     for depth in (0.1, 0.3, 0.5):
         world = np.insert(places, 2, depth, axis=1) @ poses[0, :3, :3].T + poses[0, :3, 3]
-        found = tab.js("all => all.map(each => rastercov.screenOf(each))", world.tolist())
-        seen.append(np.array(found)[:, :2])
+        value = tab.js("all => all.map(each => rastercov.screenOf(each))", world.tolist())
+        seen.append(np.array(value)[:, :2])
     assert np.abs(np.ptp(seen, axis=0)).max() < 0.01  # pixels of the screen, at any depth
     scale = np.ptp(seen[0][:, 0]) / 320
     np.testing.assert_allclose(seen[0], size / 2 + scale * (pixels - (160, 120)), atol=0.02)

@@ -13,10 +13,10 @@ from rigs_to_view import session_of
 from viewer_doors import KINDS, half_opened, interrupted, many_half_opened, seconds_to_close
 
 pytest.importorskip("uvicorn", reason="the viewer needs rastercov[view]")
-from rastercov.viewer import connections
+from rastercov.page import connections
 
 OWN = {"x-rastercov-token": TOKEN}
-EDIT = {"revision": 0, "mode": "reason", "action": {"do": "none"}}
+EDIT = {"question": "frame"}
 SOON = 2.0
 """Seconds of CPU time, of the server and what asks it: other work on the machine does not count."""
 
@@ -52,7 +52,7 @@ def test_half_open_connections_do_not_shut_out_the_owner(program, kind):
     with many_half_opened(300, program.port, [kind]):
         assert asked(program) < SOON
         assert asked(program, "/") < SOON
-        assert asked(program, "/api/scene") < SOON
+        assert asked(program, "/api/open") < SOON
 
 
 def test_a_connection_with_the_token_keeps_its_place(program):
@@ -82,20 +82,20 @@ def test_a_body_with_the_token_has_a_limit_of_time(program, quick):
 
 def slowly(monkeypatch, session, seconds):
     """Let each answer of a session take some time."""
-    act = session.act
-    monkeypatch.setattr(session, "act", lambda body: time.sleep(seconds) or act(body))
+    ask = session.ask
+    monkeypatch.setattr(session, "ask", lambda body: time.sleep(seconds) or ask(body))
 
 
 def test_an_answer_may_take_any_time(program, quick, monkeypatch):
     slowly(monkeypatch, program.session, 4)
-    url = f"http://127.0.0.1:{program.port}/api/act"
+    url = f"http://127.0.0.1:{program.port}/api/ask"
     assert httpx.post(url, json=EDIT, headers=OWN, timeout=60).status_code == 200
 
 
 def test_a_large_answer_that_is_read_slowly_is_not_cut(program, quick, monkeypatch):
     data = bytes(20 << 20)
-    monkeypatch.setattr("rastercov.viewer.server.groups_of", lambda mesh: data)
-    url, got = f"http://127.0.0.1:{program.port}/api/groups", 0
+    monkeypatch.setattr("rastercov.page.server.opened", lambda session: data)
+    url, got = f"http://127.0.0.1:{program.port}/api/open", 0
     with httpx.stream("GET", url, headers=OWN, timeout=60) as answer:
         time.sleep(4)
         got = sum(map(len, answer.iter_bytes()))
@@ -105,10 +105,10 @@ def test_a_large_answer_that_is_read_slowly_is_not_cut(program, quick, monkeypat
 def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monkeypatch):
     """In its head, in its body, while its answer is computed, and while that is sent."""
     slowly(monkeypatch, program.session, 0.5)
-    monkeypatch.setattr("rastercov.viewer.server.groups_of", lambda mesh: bytes(20 << 20))
+    monkeypatch.setattr("rastercov.page.server.opened", lambda session: bytes(20 << 20))
     head = f"Host: 127.0.0.1:{program.port}\r\nX-Rastercov-Token: {TOKEN}\r\n"
     text = json.dumps(EDIT)
-    post = f"POST /api/act HTTP/1.1\r\n{head}Content-Type: application/json\r\n"
+    post = f"POST /api/ask HTTP/1.1\r\n{head}Content-Type: application/json\r\n"
     whole, chunked = (
         f"{post}Content-Length: {len(text)}\r\n\r\n{text}",
         "Transfer-Encoding: chunked",
@@ -116,7 +116,7 @@ def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monk
     sent = [
         *(whole[:size] for size in (1, 20, len(whole) - len(text), len(whole) - 3, len(whole))),
         *(f"{post}{chunked}\r\n\r\n{chunk}\r\n" for chunk in (f"5\r\n{text[:5]}", "zz")),
-        f"GET /api/groups HTTP/1.1\r\n{head}\r\n",
+        f"GET /api/open HTTP/1.1\r\n{head}\r\n",
         f"GET / HTTP/1.1\r\n{head}Connection: upgrade\r\nUpgrade: websocket\r\n\r\n",
         "nonsense\r\n\r\n",
     ]
@@ -142,8 +142,8 @@ def test_ctrl_c_in_a_request_ends_in_one_line(gaps):
 
 def test_a_defect_is_one_line(program, monkeypatch, capfd):
     defect = Mock(side_effect=KeyError("lengthy " * 4000))
-    monkeypatch.setattr(program.session, "described_state", defect)
-    answer = httpx.get(f"http://127.0.0.1:{program.port}/api/state", headers=OWN, timeout=30)
+    monkeypatch.setattr(program.session, "load", defect)
+    answer = httpx.get(f"http://127.0.0.1:{program.port}/api/load", headers=OWN, timeout=30)
     assert answer.status_code == 500
     assert answer.json()["error"].startswith("KeyError: ")
     assert "Traceback" not in "".join(capfd.readouterr())

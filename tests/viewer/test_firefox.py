@@ -7,8 +7,8 @@ from firefox import FIREFOX, XVFB, firefox
 from rigs_to_view import session_of, session_of_room
 from test_live import evaluated_of
 
+from rastercov.page.saving import export_page
 from rastercov.report import live
-from rastercov.viewer.saving import export_page
 
 pytestmark = [
     pytest.mark.matter("page"),

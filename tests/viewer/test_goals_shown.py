@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from browser import Program, Tab
 from commands import done
+from edited import Session, Work
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
@@ -13,13 +14,11 @@ from rigs_to_view import acted
 from test_live import act, downloaded
 
 import rastercov as rc
+from rastercov.page.saving import export_page
+from rastercov.page.scene import open_plan
 from rastercov.placement.plan.file import read_plan
 from rastercov.report import live
 from rastercov.report.modes import OCCLUDER_OF_REASONS
-from rastercov.viewer.saving import export_page
-from rastercov.viewer.scene import open_plan
-from rastercov.viewer.session import Session
-from rastercov.viewer.work import Work
 
 QUADS = {
     "floor": ((0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)),
@@ -97,7 +96,7 @@ def test_states_are_those_of_check(tmp_path_factory, seed, by_face):
 
 
 def shown(session, goal, mode="reason", **action):
-    from rastercov.viewer.session import unframed
+    from rastercov.page.session import unframed
 
     head, levels = unframed(session.act({
         "revision": session.history.revision, "mode": mode, "goal": goal,
@@ -203,15 +202,15 @@ def assert_same_goals(session, page):
         head, levels = shown(session, name)
         page.js("name => rastercov.session.setGoal(name)", name)
         page.idle()
-        found, told = page.js("rastercov.summary()"), head["summary"]
+        value, told = page.js("rastercov.summary()"), head["summary"]
         for entry in ("m2", "of_m2"):
             wanted = told["covered_area"][entry]
-            assert found["covered_area"][entry] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
+            assert value["covered_area"][entry] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
         assert np.array_equal(np.frombuffer(page.levels(), np.uint8), levels), name
         zones = page.js("rastercov.session.server.zones()"), session.zones()
         open_m2, wanted = (sum(each["area"] for each in own) for own in zones)
         assert open_m2 == pytest.approx(wanted, rel=1e-9)
-    for own, wanted in zip(found["required"], told["required"], strict=True):
+    for own, wanted in zip(value["required"], told["required"], strict=True):
         assert own | {"asked": ""} == wanted | {"asked": ""}
         assert own["asked"] == (wanted["asked"] if own["goal"] else "")
     return {each["status"] for each in told["required"]}

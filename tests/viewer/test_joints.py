@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from edited import Session
 from moving_scene import CAMERA, TASK
 from robots import robot_by_hand, robot_scene
 from test_moments import acted, assert_figures
@@ -9,7 +10,6 @@ from test_time import assert_shown, served
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.viewer.session import Session
 
 JOINTS = (0.2, 0.4, 1.2, -0.3, 0.1, 0.0)
 

@@ -2,12 +2,12 @@ import json
 import math
 
 import pytest
+from edited import changed
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov import Camera, CameraError
 from rastercov.report.pages import described_camera as described
-from rastercov.viewer.actions import changed
 
 PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=250)
 LENS = Camera.from_lens(
@@ -53,7 +53,7 @@ def test_a_range_of_focus():
 
 @pytest.mark.parametrize(
     ("camera", "changes", "words"),
-    [*((PINHOLE, {"hfov_deg": angle}, "hfov_deg") for angle in (200, math.nan)),
+    [*((PINHOLE, {"hfov_deg": angle}, "hfov_deg") for angle in (200, None)),
      *((camera, {"focus_distance": 1}, "focal_length") for camera in (PINHOLE, FISHEYE)),
      (FISHEYE, {"hfov_deg": 90}, "pinhole"), (PINHOLE, {"width": 0}, "width"),
      (PINHOLE, {"near": -1}, "near"), (PINHOLE, {"zoom": 1}, "zoom"),

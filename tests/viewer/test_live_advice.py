@@ -11,10 +11,10 @@ from page_in_node import node as node
 from rigs_to_view import ROOM, acted, session_of_room
 
 import rastercov as rc
-from rastercov.coverage.advice import GENERAL, advice
-from rastercov.coverage.reasons import REASONS
+from rastercov.core.area.advice import advice
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.page.saving import export_page
 from rastercov.report import live
-from rastercov.viewer.saving import export_page
 
 REASONS_OF_POINTS = (
     "back_facing",
@@ -48,16 +48,10 @@ def case_of(rng):
     reason = str(rng.choice(REASONS_OF_POINTS))
     hider, unit = str(rng.choice(("", "beam"))), str(rng.choice(("m", "unit")))
     said = advice(reason, figures, depth, task, camera, hider, unit)
-    own = {key: value for key, value in figures.items() if key != "incidence"}
-    own |= {"angle": math.degrees(figures["incidence"]), "depths": depth.tolist()}
-    limits = {
-        "task": {name: getattr(task, name) for name in LIMITS},
-        "focus": [near, None if math.isinf(far) else far],
-        "hider": hider,
-        "unit": unit,
-    }
-    given = {"template": REASONS[reason].advice, "general": GENERAL.get(reason)}
-    return said, given | {"figures": own, "limits": limits}
+    limits = {name: getattr(task, name) for name in LIMITS}
+    focus = [near, "inf" if math.isinf(far) else far]
+    template = REASONS[reason].advice
+    return said, ["advice_of", template, figures, depth.tolist(), limits, focus, hider, unit]
 
 
 @NEEDS_NODE
@@ -66,7 +60,7 @@ def test_texts_are_those_of_python(node, tmp_path):
     texts, cases = zip(*(case_of(rng) for _ in range(3000)), strict=True)
     path = tmp_path / "cases.json"
     path.write_text(json.dumps(cases))
-    assert node("advice.mjs", path) == list(texts)
+    assert node("texts.mjs", path) == list(texts)
 
 
 @pytest.mark.slow
@@ -84,12 +78,12 @@ def test_a_click_gives_the_advice_of_a_served_page(context, tmp_path):
         acted(session, do="task", changes=changes)
         for face in faces:
             said = page.js("face => rastercov.session.server.why(face)", face)["cameras"]
-            for found, wanted in zip(said, session.why(face)["cameras"], strict=True):
+            for pair, wanted in zip(said, session.why(face)["cameras"], strict=True):
                 own, other = (
-                    each["occluder"]["name"] if each["occluder"] else "" for each in (found, wanted)
+                    each["occluder"]["name"] if each["occluder"] else "" for each in (pair, wanted)
                 )
-                if found["reason"] == wanted["reason"] and own == other:
-                    reasons.append(found["reason"])
-                    assert found["help"] == wanted["help"], (face, found["reason"])
+                if pair["reason"] == wanted["reason"] and own == other:
+                    reasons.append(pair["reason"])
+                    assert pair["help"] == wanted["help"], (face, pair["reason"])
     session.close()
     assert {"back_facing", "outside", "too_coarse", "occluded", "too_oblique"} <= set(reasons)

@@ -7,7 +7,7 @@ import pytest
 from browser import Tab
 
 import rastercov as rc
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.report import live
 from rastercov.report.coverage import Options, run
 
@@ -45,11 +45,11 @@ def edited(page):
     return before, moved
 
 
-def assert_near(found, expected, factor=1 + 1e-9):
+def assert_near(result, expected, factor=1 + 1e-9):
     """Areas to the last digit; bounds nearly, those of `evaluate` within a factor."""
-    assert found["m2"] == expected["m2"]
-    assert found["percent"] == expected["percent"]
-    assert expected["bound_m2"] / factor <= found["bound_m2"] <= expected["bound_m2"] * factor
+    assert result["m2"] == expected["m2"]
+    assert result["percent"] == expected["percent"]
+    assert expected["bound_m2"] / factor <= result["bound_m2"] <= expected["bound_m2"] * factor
 
 
 def test_a_report_of_evaluate_opens_a_page_that_computes(context, tmp_path):
@@ -94,9 +94,9 @@ def test_pages_of_a_plan_with_goals_judge_them(context, tmp_path, monkeypatch):
     plan = PLAN | asked | {"goals": {"crates": crates}}
     placed = rc.place(plan, out="placed")
     checked = rc.check(plan, "placed/poses.json", out="checked")
-    for folder, found in (("placed", placed), ("checked", checked)):
+    for folder, item in (("placed", placed), ("checked", checked)):
         page = Tab(context, Path(folder, "view.html").resolve().as_uri())
-        told = [each.words() for each in found.requirements]
+        told = [each.words() for each in item.requirements]
         assert page.js("rastercov.summary().required.map(each => each.words)") == told
         assert len(told) == 2
         edited(page)

@@ -11,7 +11,7 @@ from test_live import downloaded
 
 import rastercov as rc
 from rastercov.cli import command
-from rastercov.mesh import shapes
+from rastercov.core.mesh import shapes
 from rastercov.report import live
 
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
@@ -66,15 +66,15 @@ def test_a_file_of_each_format_becomes_a_scene_whose_plan_runs(
     page.page.get_by_role("button", name="Place", exact=True).click()
     page.page.wait_for_function("rastercov.state().stations.length === 2")
     page.idle()
-    found = page.js("rastercov.summary().covered_area")
-    assert found["percent"] > 50
+    value = page.js("rastercov.summary().covered_area")
+    assert value["percent"] > 50
     files = downloaded(page)
     monkeypatch.chdir(tmp_path)
     for each, text in files.items():
         (tmp_path / each).write_text(text)
     checked = rc.check("plan.toml", "rig.json", min_coverage=0.1)
     told = checked.summary()["covered_area"]
-    assert (found["m2"], found["percent"]) == (told["m2"], told["percent"])
+    assert (value["m2"], value["percent"]) == (told["m2"], told["percent"])
     assert checked.mesh.areas.sum() == pytest.approx(1e-4 * PART.areas.sum(), rel=1e-5)
     assert command(["place", "plan.toml", "--out", "placed"]) in (0, 1)
     placed = json.loads((tmp_path / "placed/plan.json").read_text())
@@ -105,9 +105,13 @@ def test_the_page_that_it_exports_opens_with_the_rig(context, address, tmp_path)
     [
         ("a.stl", VALID["binary.stl"][:100], "truncated"),
         ("a.obj", VALID["a.obj"].replace(b"v 1.0", b"v nan", 1), "finite coordinates"),
-        ("a.dae", b"<x/>", "expected an .stl, .obj, .ply or .glb file, got .dae"),
+        ("a.dae", b"<x/>", "expected an .stl, .obj, .ply, .off or .glb file, got .dae"),
         ("<img src=x onerror=alert(1)>.ply", b"ply", "<img src=x onerror=alert(1)>.ply: expected"),
-        ("a.stl", b"\0" * 80 + (10**6).to_bytes(4, "little") + b"\0" * 50 * 10**6, "300,000 faces"),
+        (
+            "a.stl",
+            b"\0" * 80 + (10**6).to_bytes(4, "little") + b"\0" * 50 * 10**6,
+            "300000 triangles",
+        ),
     ],
 )
 def test_what_is_no_mesh_is_refused_in_a_line(context, address, name, data, line):
@@ -129,6 +133,29 @@ def test_what_is_no_mesh_is_refused_in_a_line(context, address, name, data, line
     assert line in said
     assert page.locator("[onerror], [src=x]").count() == 0
     assert page.get_by_role("button", name="a room").is_enabled()
+
+
+HOSTILE = [
+    ("a.off", VALID["a.off"].replace(b"4 4 0", b"4 9 0")),
+    ("a.obj", VALID["a.obj"].replace(b"f 1//1", b"f 1/x/1", 1)),
+    ("a.ply", VALID["big.ply"][:-9]),
+    ("a.stl", VALID["ascii.stl"].replace(b"endloop", b"endless")),
+    ("b.obj", b"v 0 0 0\nv 1e999 0 0\nv 0 1 0\nf 1 2 3\n"),
+]
+
+
+def test_lines_of_the_page_are_those_of_the_command(context, address, load):
+    page = context.new_page()
+    page.goto(address)
+    for name, data in HOSTILE:
+        with pytest.raises(rc.MeshError) as wanted:
+            load(name, data)
+        page.locator("#mesh-file").set_input_files(
+            {"name": name, "mimeType": "application/octet-stream", "buffer": data}
+        )
+        page.wait_for_function(f"document.querySelector('.fault').textContent.startsWith('{name}')")
+        said = page.locator(".fault").first.inner_text()
+        assert said == name + str(wanted.value).partition(name)[2]
 
 
 def test_a_file_of_a_gigabyte_is_refused_before_it_is_read(context, address):

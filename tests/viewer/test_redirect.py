@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from viewer_doors import Viewer
 
-from rastercov.viewer.server import redirect
+from rastercov.page.server import redirect
 
 pytest.importorskip("uvicorn", reason="the viewer needs rastercov[view]")
 BROWSER = """#!/bin/sh
@@ -26,11 +26,11 @@ sleep 3
 
 def command_lines():
     """Argument lists of all processes, as every user of the machine can read them."""
-    found = []
+    items = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):  # it has ended
-            found.append(path.read_bytes())
-    return found
+            items.append(path.read_bytes())
+    return items
 
 
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="needs the processes of Linux")

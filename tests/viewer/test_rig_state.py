@@ -1,117 +1,142 @@
-from dataclasses import replace
+"""The history of a rig in the page, and what a rig is without its edits."""
 
+import numpy as np
 import pytest
+from edited import Saving
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rigs_to_view import CAMERA, around, part, state_of
+from rigs_to_view import acted, around, part, session_of
 
-from rastercov import ConfigError, Task
-from rastercov.viewer.rig_state import History
+from rastercov import ConfigError
+from rastercov.page.session import TakenRig
 
 MESH = part()
-START = state_of(MESH)
-OTHER = around(MESH, 9)
-
-
-def bits(state):
-    """A state, which equals another one where they are the same to the bit."""
-    stations = [(s.id, s.name, s.camera, s.pose.tobytes(), s.is_on) for s in state.stations]
-    return stations, dict(state.cameras), state.task
-
-
-def edited(state, kind, number):
-    """A state after one of the edits."""
-    if not state.stations:
-        return state.with_new("eye", OTHER[number % 9])
-    station = state.stations[number % len(state.stations)].id
-    edits = {
-        "pose": lambda: state.with_pose(station, OTHER[number % 9]),
-        "new": lambda: state.with_new("eye", OTHER[number % 9]),
-        "copy": lambda: state.with_copy(station),
-        "without": lambda: state.without(station),
-        "name": lambda: state.renamed(station, f"name {number} {len(state.stations)} {station}"),
-        "task": lambda: state.with_task(Task(min_pixels=1 + number)),
-        "camera": lambda: state.with_camera("eye", CAMERA.resized(1 + number / 7)),
-    }
-    return edits[kind]()
-
-
-KINDS = ("pose", "new", "copy", "without", "name", "task", "camera")
+OTHER = around(MESH, 9).reshape(9, 16).tolist()
+KINDS = ("pose", "add", "duplicate", "delete", "rename", "task", "camera", "switch", "aim")
 STEPS = st.lists(
     st.sampled_from(("undo", "redo")) | st.tuples(st.sampled_from(KINDS), st.integers(0, 50)),
-    max_size=30,
+    max_size=12,
 )  # fmt: skip
 
 
+def rig_of(session):
+    """What the page has, to the bit."""
+    return session.call("asked")["rig"]
+
+
+def edit(rig, kind, number):
+    """One of the edits, of a rig that the page has."""
+    if not rig["stations"] or kind == "add":
+        return {"do": "add", "camera": "eye", "pose": OTHER[number % 9]}
+    station = rig["stations"][number % len(rig["stations"])]["id"]
+    more = {
+        "pose": {"pose": OTHER[number % 9]},
+        "duplicate": {},
+        "delete": {},
+        "rename": {"name": f"name {number} {len(rig['stations'])} {station}"},
+        "switch": {"is_on": bool(number % 2)},
+        "aim": {"point": [number / 100, 0.0, 0.1]},
+    }
+    if kind in more:
+        return {"do": kind, "station": station, **more[kind]}
+    if kind == "task":
+        return {"do": "task", "changes": {"min_pixels": 1 + number}}
+    return {"do": "camera", "camera": "eye", "changes": {"hfov_deg": 20 + number}}
+
+
 @given(STEPS)
-@settings(max_examples=60)
+@settings(max_examples=6, deadline=None)
 def test_undo_and_redo_walk_through_the_states_to_the_bit(steps):
-    history, states, at = History(START), [START], 0
-    for number, step in enumerate(steps):
-        if step == "undo":
-            history.undo()
-            at = max(0, at - 1)
-        elif step == "redo":
-            history.redo()
-            at = min(len(states) - 1, at + 1)
+    session = session_of(MESH)
+    states, at = [rig_of(session)], 0
+    for step in steps:
+        if step in ("undo", "redo"):
+            acted(session, do=step)
+            at = max(0, at - 1) if step == "undo" else min(len(states) - 1, at + 1)
         else:
-            made = edited(history.state, *step)
-            history.take(made, f"step {number}")
-            states, at = [*states[: at + 1], made], at + 1
-        assert bits(history.state) == bits(states[at])
-        assert bool(history.undo_label) == (at > 0)
-        assert bool(history.redo_label) == (at + 1 < len(states))
+            acted(session, **edit(states[at], *step))
+            states, at = [*states[: at + 1], rig_of(session)], at + 1
+        assert rig_of(session) == states[at]
+        history = session.history
+        assert (history.can_undo, history.can_redo) == (at > 0, at + 1 < len(states))
+    session.call("load")  # as another page of the program does
+    assert rig_of(session) == states[at]
+    assert session.history.can_undo == (at > 0)
+    session.close()
 
 
-def test_a_gesture_is_one_step_and_does_not_go_on_after_an_undo():
-    history = History(START)
+@pytest.fixture
+def fresh():
+    made = session_of(MESH)
+    yield made
+    made.close()
+
+
+def test_a_gesture_is_one_step_and_does_not_go_on_after_an_undo(fresh):
+    start = rig_of(fresh)
     for number in range(5):
-        made = START.with_pose(0, OTHER[number])
-        history.take(made, "move", is_drag=number < 4)
-    history.take(START.with_pose(1, OTHER[7]), "turn", is_drag=True)
-    history.take(START.with_pose(1, OTHER[8]), "turn")
-    for state in (made, START):
-        history.undo()
-        assert bits(history.state) == bits(state)
+        acted(fresh, do="pose", station=0, pose=OTHER[number], drag=number < 4)
+    made = rig_of(fresh)
+    for number, is_drag in ((7, True), (8, False)):
+        acted(fresh, do="pose", station=1, pose=OTHER[number], drag=is_drag)
+    for state in (made, start):
+        acted(fresh, do="undo")
+        assert rig_of(fresh) == state
     for number, is_drag in ((1, True), (2, False)):
-        history.take(START.with_pose(0, OTHER[number]), "move", is_drag=is_drag)
-        history.undo()
-    assert bits(history.state) == bits(START)
+        acted(fresh, do="pose", station=0, pose=OTHER[number], drag=is_drag)
+        acted(fresh, do="undo")
+    assert rig_of(fresh) == start
 
 
-def test_saved_is_a_state_and_not_a_number_of_edits():
-    history, found = History(START), []
+def test_saved_is_a_state_and_not_a_number_of_edits(fresh, tmp_path):
+    items = []
     for step in (
         lambda: None,
-        lambda: history.take(START.with_copy(0), "duplicate"),
-        history.saved,
-        history.undo,
-        history.redo,
-        history.undo,
-        lambda: history.take(START.without(0), "delete"),  # what was saved is reached no more
-        history.undo,
+        lambda: acted(fresh, do="duplicate", station=0),
+        lambda: Saving(fresh, tmp_path).save({"what": "rig"}),
+        lambda: acted(fresh, do="undo"),
+        lambda: acted(fresh, do="redo"),
+        lambda: acted(fresh, do="undo"),
+        lambda: acted(fresh, do="delete", station=0),  # what was saved is reached no more
+        lambda: acted(fresh, do="undo"),
     ):
         step()
-        found.append(history.is_saved)
-    assert found == [True, False, True, False, True, False, False, False]
+        items.append(fresh.history.is_saved)
+    assert items == [True, False, True, False, True, False, False, False]
 
 
-def test_stations_keep_their_ids_and_names_differ():
-    made = START.without(1).with_new("eye", OTHER[0])
-    assert [each.id for each in made.stations] == [0, 2, 3, 4]
-    with pytest.raises(ConfigError, match="got station 1"):
-        made.station(1)
-    made = START.with_copy(0).with_copy(0)
-    names = [each.name for each in made.stations]
+def test_stations_keep_their_ids_and_names_differ(fresh):
+    acted(fresh, do="delete", station=1)
+    acted(fresh, do="add", camera="eye", pose=OTHER[0])
+    assert [each["id"] for each in rig_of(fresh)["stations"]] == [0, 2, 3, 4]
+    with pytest.raises(ConfigError, match="no camera 1"):
+        acted(fresh, do="pose", station=1, pose=OTHER[0])
+    for _ in range(2):
+        acted(fresh, do="duplicate", station=0)
+    names = [each["name"] for each in rig_of(fresh)["stations"]]
     assert len(set(names)) == len(names)
-    with pytest.raises(ConfigError, match="which is taken"):
-        made.renamed(0, names[1])
-    assert made.renamed(0, names[0]).stations[0].name == names[0]
+    with pytest.raises(ConfigError, match="already"):
+        acted(fresh, do="rename", station=0, name=names[1])
+    acted(fresh, do="rename", station=0, name=names[0])
+    assert rig_of(fresh)["stations"][0]["name"] == names[0]
 
 
-def test_poses_have_their_cameras_and_those_that_are_off_are_left_out():
-    made = START.with_camera("wide", CAMERA.resized(2)).using(2, "wide")
+def test_poses_have_their_cameras_and_those_that_are_off_are_left_out(fresh):
+    acted(fresh, do="new_camera", name="wide", source="eye")
+    acted(fresh, do="use", station=2, camera="wide")
+    made = fresh.state
     assert made.poses().camera.tolist() == [0, 0, 1, 0]
-    off = made.with_station(replace(made.station(2), is_on=False))
+    acted(fresh, do="switch", station=2, is_on=False)
+    off = fresh.state
     counts = [len(off.poses()), len(off.poses(all_stations=True)), len(off.views().images)]
     assert counts == [3, 4, 4]
+
+
+def test_equal_rigs_are_one_state_so_that_what_is_measured_stays(fresh):
+    rig = TakenRig.model_validate(rig_of(fresh))
+    again = TakenRig.model_validate(rig.model_dump())
+    assert fresh.taken(rig, [], "").state is fresh.taken(again, [], "").state
+    moved = again.model_copy(update={"stations": again.stations[1:]})
+    other = fresh.taken(moved, [], "").state
+    assert other.whole is fresh.taken(rig, [], "").state.whole
+    assert np.array_equal(other.stations[0].pose, np.reshape(again.stations[1].pose, (4, 4)))

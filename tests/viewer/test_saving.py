@@ -14,6 +14,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from commands import call, enter, refusal
+from edited import Saving, SavingOfPages, Session
 from hypothesis import example, given
 from hypothesis import strategies as st
 from nightly import examples
@@ -21,11 +22,11 @@ from rigs_to_view import CAMERA, acted, around, moved, part, session_of
 
 import rastercov as rc
 from rastercov import cli
-from rastercov.camera.formats import read_views
-from rastercov.mesh import shapes
-from rastercov.viewer.saving import Saving, exported, with_drawing
-from rastercov.viewer.scene import open_plan, open_result
-from rastercov.viewer.session import Session, unframed
+from rastercov.core.mesh import shapes
+from rastercov.formats.cameras import read_views
+from rastercov.page.saving import exported, with_drawing
+from rastercov.page.scene import open_plan, open_result
+from rastercov.page.session import unframed
 
 
 def test_a_saved_rig_is_the_rig(tmp_path):
@@ -34,14 +35,14 @@ def test_a_saved_rig_is_the_rig(tmp_path):
     acted(session, do="new_camera", name="second", source="khepra")
     acted(session, do="use", station=2, camera="second")
     acted(session, do="pose", station=0, pose=moved(around(part())[0], (0, 0.1, 0)))
-    found, state = (
+    views, state = (
         read_views(Saving(session, tmp_path / "out").save({"what": "rig"})["path"]),
         session.state,
     )
-    assert found.images == tuple(each.name for each in state.stations)
-    assert np.array_equal(found.poses.world_from_camera, [each.pose for each in state.stations])
-    assert found.rig.names == ("eye", "second")
-    assert found.rig.cameras == tuple(state.cameras.values())
+    assert views.images == tuple(each.name for each in state.stations)
+    assert np.array_equal(views.poses.world_from_camera, [each.pose for each in state.stations])
+    assert views.rig.names == ("eye", "second")
+    assert views.rig.cameras == tuple(state.cameras.values())
     assert session.history.is_saved
     session.close()
 
@@ -118,9 +119,10 @@ def test_saved_thresholds_are_read_back(needed, share, rule):
     own = {"min_visibility": share, "cap_resolution": False, "views": 4}
     own |= {} if rule is None else {"focus_rule": rule}
     session = session_of(count=1)
-    state = replace(session.state, task=rc.Task(**own), needed=needed)
-    session.history.take(state, "other thresholds")
-    read = tomllib.loads(Saving(session).content("task")[1].decode())["task"]
+    rig = session.call("asked")["rig"] | {"needed": needed}
+    rig["task"] |= own
+    content = SavingOfPages(session).content({"what": "task", "rig": rig})[1]
+    read = tomllib.loads(content.decode())["task"]
     assert read.pop("views") == (4 if needed is None else needed)
     assert replace(rc.Task(**read), views=4) == rc.Task(**own)
     session.close()
@@ -164,8 +166,8 @@ def test_another_mesh_is_told_by_its_hash(results):
 @pytest.mark.parametrize(
     ("has_out", "asked", "words"),
     [(False, {"what": "rig"}, "--out"), (True, {"what": "rig"}, "expected a camera"),
-     (True, {"what": "../x"}, "expected what to be"), (True, {}, "expected what to be"),
-     (True, {"what": "rig", "more": 1}, "expected what to be")],
+     (True, {"what": "../x"}, "what: expected"), (True, {}, "what: expected"),
+     (True, {"what": "rig", "more": 1}, "more: expected")],
 )  # fmt: skip
 def test_nothing_is_saved_without_a_folder_or_a_camera(tmp_path, has_out, asked, words):
     saving = Saving(session_of(count=0), tmp_path if has_out else None)
@@ -175,12 +177,12 @@ def test_nothing_is_saved_without_a_folder_or_a_camera(tmp_path, has_out, asked,
 
 def test_a_page_of_one_file_has_all_its_modules_and_data():
     session = session_of()
-    page = exported(session)
+    page = exported(session, session.state)
     [script] = re.findall(r'<script type="module">(.*?)</script>', page, re.S)
     assert not re.search(r"^(?:import|export)\b", script, re.M)
     modules = re.findall(r"^const (\w+)_js = \(", script, re.M)
-    folder = files("rastercov.viewer") / "page"
-    made = {"features"}  # of their registration
+    folder = files("rastercov.page") / "web"
+    made = {"features", "texts"}  # of what registers, and of functions of Python
     assert {*modules} == made | {x.name[:-3] for x in folder.iterdir() if x.suffix == ".js"}
     for row, name in enumerate(modules):  # each after those that it uses
         text = script.partition(f"const {name}_js = (")[2].partition("\n})();\n")[0]
@@ -197,7 +199,7 @@ def test_a_page_of_one_file_has_all_its_modules_and_data():
 def test_the_policy_of_a_page_of_one_file_names_its_script_and_style():
     session = session_of()
     acted(session, do="rename", station=0, name="</script><script>alert(1)</script>")
-    page = exported(session)
+    page = exported(session, session.state)
     assert "<script>alert" not in page
     [policy] = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
     assert page.index(policy) < page.index("<script")
@@ -243,9 +245,9 @@ def test_a_browser_is_opened_where_one_can_be_and_the_address_is_printed(
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr("webbrowser.open", opened.append)
     serve = Mock(side_effect=lambda *rest, arrived: rest[3](address))
-    monkeypatch.setattr("rastercov.viewer.server.serve", serve)
+    monkeypatch.setattr("rastercov.page.server.serve", serve)
     if fault:
-        monkeypatch.setattr("rastercov.viewer.server.TemporaryDirectory", Mock(side_effect=fault))
+        monkeypatch.setattr("rastercov.page.server.TemporaryDirectory", Mock(side_effect=fault))
     code, out, err = call(capsys, "view icosahedron -c khepra")
     assert (code, out.splitlines()[-1]) == (0, address)
     assert said in err

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import swept_arm as arm
 from browser import TOKEN, Program, Tab
+from edited import Session
 from moving_scene import CAMERA, TASK, by_hand, moving_scene
 from timed import evaluate_over_time
 
 import rastercov as rc
-from rastercov.camera.rig import names_of_poses
-from rastercov.report.motion import shown
+from rastercov.core.camera.rig import names_of_poses
+from rastercov.motion.frames import shown
+from rastercov.page.saving import export_page
 from rastercov.report.pages import view_page
-from rastercov.viewer.saving import export_page
-from rastercov.viewer.session import Session
 
 pytestmark = pytest.mark.slow
 
@@ -27,21 +27,28 @@ def result():
 
 @pytest.fixture
 def tab(context, tmp_path):
-    found = result()
-    names = names_of_poses(found.poses)
-    values = {"time": found.share_of_time()}
+    answer = result()
+    names = names_of_poses(answer.poses)
+    values = {"time": answer.share_of_time()}
     page = view_page(
-        "arm", found.motion.mesh, found.camera, found.poses, names, values, {}, phases=shown(found)
+        "arm",
+        answer.motion.mesh,
+        answer.camera,
+        answer.poses,
+        names,
+        values,
+        {},
+        phases=shown(answer),
     )
     path = tmp_path / "view.html"
     path.write_text(page, encoding="utf-8")
-    return Tab(context, path.as_uri()), found
+    return Tab(context, path.as_uri()), answer
 
 
 @pytest.mark.every_day
 def test_the_slider_moves_bodies_and_colours(tab):
-    page, found = tab
-    motion = found.motion
+    page, result = tab
+    motion = result.motion
     origin = np.array(page.js("rastercov.session.origin"))
     for frame in (0, 2, 3, 4):
         page.js("frame => rastercov.session.setFrame(frame)", frame)
@@ -98,8 +105,8 @@ def assert_shown(page, mesh, poses):
     assert np.abs(corners - mesh.vertices[mesh.faces]).max() < 1e-6
     shown = np.reshape([each["pose"] for each in page.state()["stations"]], (-1, 4, 4))
     assert np.allclose(shown, poses)
-    found = rc.evaluate(mesh, CAMERA, poses, TASK, fields=())
-    assert page.area_percent() == pytest.approx(found.areas.summary()["percent"])
+    result = rc.evaluate(mesh, CAMERA, poses, TASK, fields=())
+    assert page.area_percent() == pytest.approx(result.areas.summary()["percent"])
 
 
 def test_the_served_page_shows_figures_of_the_frame(live):

@@ -9,13 +9,12 @@ from pathlib import Path
 import pytest
 from browser import Tab
 from commands import answer, done, enter, refusal
+from edited import Saving, Session
 from rigs_to_view import CAMERA, acted, around, part
 
 import rastercov as rc
-from rastercov.mesh import shapes
-from rastercov.viewer.saving import Saving
-from rastercov.viewer.scene import open_result
-from rastercov.viewer.session import Session
+from rastercov.core.mesh import shapes
+from rastercov.page.scene import open_result
 
 SCENES = {
     "plain": "part.stl",
@@ -138,7 +137,7 @@ def test_an_audit_without_a_scale_is_in_units(room, capsys):
         head, _ = acted(session, "density")
         saved = Saving(session, room).content("rig")[1]
     assert "units²" in said[0]["words"]
-    texts = json.dumps([scene.described(is_kept=False)["modes"], head["scale"], said])
+    texts = json.dumps([scene.described()["modes"], head["scale"], said])
     assert re.findall(r"[0-9] ?(m|mm|cm)²?\b|px/m", texts) == []
     assert "px/unit" in texts
     assert json.loads(saved)["has_unit"] is False

@@ -44,14 +44,15 @@ from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.threads import Closing
 from rastercov.base.typed import typed
-from rastercov.camera.camera import Camera
-from rastercov.camera.projection import box_corners
-from rastercov.camera.viewpoints import half_angles, look_at
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen, matrices_of
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.solids import Winding, closed_parts, in_solid
-from rastercov.native import mesh_clearance
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.projection import box_corners
+from rastercov.core.camera.viewpoints import half_angles, look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen, matrices_of
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.solids import Winding, closed_parts, in_solid
+from rastercov.core.raster.cpu import CPURasterizer
+from rastercov.engine import mesh_clearance
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     KeepOutBox,
@@ -69,7 +70,7 @@ from rastercov.placement.candidates.pool import (
     rolled_candidates,
     rolled_frames,
 )
-from rastercov.raster.cpu import CPURasterizer
+from rastercov.shards import Progress, silent
 
 LIFT_REL = 1e-6
 """Height of the camera above its face, relative to the mesh's diagonal."""
@@ -96,7 +97,9 @@ class Hemicube(Closing):
         self._rasterizer = CPURasterizer(
             mesh, Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
         )
-        self._axes = _five_axes()
+        sides = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
+        # (5, 3, 3), as columns, in those of a face: along the normal, and to four sides.
+        self._axes = np.concatenate((np.eye(3)[None], look_at(np.zeros(3), sides)[:, :3, :3]))
         step = (np.arange(side) + 0.5 - half) / half
         y, x = np.meshgrid(step, step, indexing="ij")
         rays = np.stack((x, y, np.ones_like(x)), axis=-1)
@@ -144,12 +147,6 @@ class Hemicube(Closing):
 def face_frames(normals: FloatArray) -> FloatArray:
     """(N, 3, 3) right-handed axes whose third columns are unit normals (N, 3)."""
     return look_at(-normals, np.zeros(3))[:, :3, :3]
-
-
-def _five_axes() -> FloatArray:
-    """(5, 3, 3) camera axes as columns, in those of a face: along the normal, and to four sides."""
-    sides = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
-    return np.concatenate((np.eye(3)[None], look_at(np.zeros(3), sides)[:, :3, :3]))
 
 
 INSET = 0.5
@@ -293,7 +290,7 @@ class Enclosure:
     ) -> None:
         self.mesh, self.least, self.clearance = mesh, least, clearance
         self.keep_out = [v for v in keep_out if isinstance(v, KeepOutBox | KeepOutSphere)]
-        self._middle = mesh.bounds.mean(axis=0)
+        self._middle = mesh.centre
         self._lift = LIFT_REL * mesh.diagonal
         # Targets enclose nothing.
         self._parts = closed_parts(mesh.opaque)
@@ -308,20 +305,20 @@ class Enclosure:
         `faces` is (N,); `normals`, (N, 3), are their own, or the opposite for the back of a
         two-sided face.
         """
-        found = [""] * len(faces)
+        result = [""] * len(faces)
         if self._surface is None:
-            return found
+            return result
         corners = self.mesh.vertices[self.mesh.faces[faces]] - self._middle
         centres = corners.mean(axis=1)
         raised = centres[:, None] + (1 - RIM_WIDTH_REL) * (corners - centres[:, None])
         raised += self._lift * normals[:, None]
         points = raised.mean(axis=1)
         for row in np.flatnonzero(in_solid(self.mesh, points + self._middle)):
-            found[row] = "solid material covers it"
+            result[row] = "solid material covers it"
         for part, box in enumerate(self._boxes):
             beyond = np.maximum(box[0] - points, points - box[1]).max(axis=1)
             # Tens of microseconds each.
-            rows = [row for row in np.flatnonzero(beyond <= self._lift) if not found[row]]
+            rows = [row for row in np.flatnonzero(beyond <= self._lift) if not result[row]]
             why = {row: self._excluded(box, centres[row]) for row in rows}
             rows = [row for row in rows if why[row]]
             if rows:
@@ -329,10 +326,10 @@ class Enclosure:
                 about = points[rows] + self._middle
                 turns = Winding(self.mesh.opaque, of_part).numbers(about)
                 for row in np.array(rows)[turns != 0]:
-                    found[row] = why[row]
+                    result[row] = why[row]
         return [
             why if why and not self._is_crossed(raised[row]) else ""
-            for row, why in enumerate(found)
+            for row, why in enumerate(result)
         ]
 
     def _excluded(self, box: FloatArray, target: FloatArray) -> str:
@@ -385,8 +382,8 @@ class Access(IntEnum):
     >>> import rastercov as rc
     >>> from rastercov.placement import Access, Framing, openings
     >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
-    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
-    >>> [Access(each).name for each in found.access]
+    >>> result = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> [Access(each).name for each in result.access]
     ['REACHED', 'REACHED']
     """
 
@@ -432,8 +429,8 @@ class Openings:
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, openings
     >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
-    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
-    >>> found.access.tolist()
+    >>> result = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> result.access.tolist()
     [3, 3]
     """
 
@@ -491,7 +488,7 @@ def openings(
     views: int = 3,
     side: int = 32,
     finest: int = 256,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Openings:
     """Candidates for each face along its open directions, and its accessibility.
 
@@ -530,8 +527,8 @@ def openings(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, openings
     >>> mesh, camera = rc.shapes.teapot(5), rc.Camera.preset("icube-ns4133bu-8mm")
-    >>> found = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
-    >>> len(found.candidates), found.words(0)
+    >>> result = openings(mesh, camera, Framing(stand_off=(0.3, 0.8)), faces=[0, 1])
+    >>> len(result.candidates), result.words(0)
     (6, 'Face 0: 29.7 % of the half space in front of it is open; 3 candidates.')
     """
     rows = face_rows(mesh, faces)
@@ -612,14 +609,14 @@ def _judge(
 ) -> None:
     """Keep the nearest allowed position on each of the first rays of some sites, or the others."""
     rays = [slice(s.n_first) if is_first else slice(s.n_first, None) for s in sites]
-    found = [site.eyes(part) for site, part in zip(sites, rays, strict=True)]
-    ends = np.cumsum([len(eyes) for eyes, _ in found])
+    result = [site.eyes(part) for site, part in zip(sites, rays, strict=True)]
+    ends = np.cumsum([len(eyes) for eyes, _ in result])
     if not ends[-1]:
         return
     targets = np.repeat([site.target for site in sites], np.diff(ends, prepend=0), axis=0)
-    poses = look_at(np.concatenate([eyes for eyes, _ in found]), targets, up)
+    poses = look_at(np.concatenate([eyes for eyes, _ in result]), targets, up)
     is_allowed = allowed(poses)
-    for site, (eyes, ray), end in zip(sites, found, ends.tolist(), strict=True):
+    for site, (eyes, ray), end in zip(sites, result, ends.tolist(), strict=True):
         site.n_places += len(eyes)
         rows = np.flatnonzero(is_allowed[end - len(eyes) : end])
         _, nearest = np.unique(ray[rows], return_index=True)

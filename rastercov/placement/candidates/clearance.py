@@ -18,11 +18,11 @@ from typing_extensions import Doc
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.base.typed import check_fields, typed
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.solids import in_solid
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.pool import Candidates
 
 
@@ -34,13 +34,13 @@ class KeepOut(Protocol):
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, filter_candidates, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> result = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
     >>> class Floor:
     ...     name = "floor"
     ...     def contains(self, points):
     ...         return points[:, 2] < 0
-    >>> kept, _ = filter_candidates(found, mesh, keep_out=[Floor()])
-    >>> len(found), len(kept)
+    >>> kept, _ = filter_candidates(result, mesh, keep_out=[Floor()])
+    >>> len(result), len(kept)
     (12, 6)
     """
 
@@ -139,7 +139,7 @@ class KeepOutSphere:
     def meets(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """(N,) True for each segment, between (N, 3) starts and ends, that meets the volume."""
         way = ends - starts
-        square = np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
+        square = np.maximum((way**2).sum(axis=1), TINY)
         share = np.clip(((self.centre - starts) * way).sum(axis=1) / square, 0, 1)
         return self.contains(starts + share[:, None] * way)
 
@@ -156,9 +156,9 @@ class Place(IntEnum):
     >>> import rastercov as rc
     >>> from rastercov.placement import Place, Framing, KeepOutBox, filter_candidates, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
     >>> table = KeepOutBox((-9, -9, -9), (9, 9, 0), "table")
-    >>> places = filter_candidates(found, mesh, keep_out=[table])[1]
+    >>> places = filter_candidates(points, mesh, keep_out=[table])[1]
     >>> [Place(each).name for each in places[-2:]]
     ['KEPT_OUT', 'KEPT_OUT']
     """
@@ -223,9 +223,9 @@ def filter_candidates(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, KeepOutBox, filter_candidates, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
     >>> table = KeepOutBox((-9, -9, -9), (9, 9, 0), "table")
-    >>> kept, places = filter_candidates(found, mesh, clearance=0.1, keep_out=[table])
+    >>> kept, places = filter_candidates(points, mesh, clearance=0.1, keep_out=[table])
     >>> len(kept), len(places)
     (6, 12)
     """
@@ -258,7 +258,7 @@ def place_of(
 
 
 @frozen_record
-class Nearest:
+class NearestPoints:
     """Nearest points of a surface: (N,) `distance` in metres, (N,) `face`, (N, 3) `point`."""
 
     distance: FloatArray
@@ -286,8 +286,8 @@ class NearestSurface:
     >>> import rastercov as rc
     >>> from rastercov.placement import NearestSurface
     >>> nearest = NearestSurface(rc.shapes.box())
-    >>> found = nearest.query([(2, 0, 0), (0, 0, 3)])
-    >>> found.distance.round(9).tolist(), found.face.tolist()
+    >>> query = nearest.query([(2, 0, 0), (0, 0, 3)])
+    >>> query.distance.round(9).tolist(), query.face.tolist()
     ([1.5, 2.5], [2, 10])
     """
 
@@ -298,17 +298,17 @@ class NearestSurface:
             raise ConfigError(
                 "expected a face with an area to be near to, got none; choose other faces"
             )
-        self._centre = mesh.bounds.mean(axis=0)
+        self._centre = mesh.centre
         self._tree = TriangleTree.over(mesh.vertices - self._centre, mesh.faces[self._rows])
 
-    def query(self, points: ArrayLike) -> Nearest:
+    def query(self, points: ArrayLike) -> NearestPoints:
         """Nearest point of the surface for each of (N, 3) finite points, metres.
 
         The result has `distance`, (N,) metres, `face`, (N,), and `point`, (N, 3).
         """
         wanted = np.ascontiguousarray(np.asarray(points, np.float64).reshape(-1, 3) - self._centre)
         distance, row, where = self._tree.nearest(wanted)
-        return Nearest(distance, self._rows[row], where + self._centre)
+        return NearestPoints(distance, self._rows[row], where + self._centre)
 
 
 def nearest_obstacle(mesh: Mesh) -> NearestSurface | None:

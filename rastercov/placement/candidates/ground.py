@@ -6,7 +6,7 @@ import numpy as np
 
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import FloatArray
-from rastercov.mesh import Mesh
+from rastercov.core.mesh import Mesh
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -15,11 +15,11 @@ SLACK = 1e-9
 """Barycentric distance outside a face up to which a point is on it."""
 
 
-def heights_at(mesh: Mesh, xy: FloatArray) -> FloatArray:
-    """(N,) z of the highest surface at points (N, 2) of the plan; NaN where there is none."""
+def heights_at(mesh: Mesh, xy: FloatArray, *, is_lowest: bool = False) -> FloatArray:
+    """(N,) z of the highest or lowest surface at points (N, 2) of the plan; NaN for none."""
     import shapely
 
-    found = np.full(len(xy), np.nan)
+    heights = np.full(len(xy), np.nan)
     surface = mesh.opaque
     corners = surface.vertices[surface.faces]
     low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
@@ -33,8 +33,8 @@ def heights_at(mesh: Mesh, xy: FloatArray) -> FloatArray:
     t = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / whole
     inside = (twice != 0) & (s >= -SLACK) & (t >= -SLACK) & (s + t <= 1 + SLACK)
     z = a[:, 2] + s * u[:, 2] + t * v[:, 2]
-    np.fmax.at(found, point[inside], z[inside])
-    return found
+    (np.fmin if is_lowest else np.fmax).at(heights, point[inside], z[inside])
+    return heights
 
 
 def outline(mesh: Mesh) -> "Polygon":

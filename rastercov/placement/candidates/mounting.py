@@ -21,13 +21,13 @@ from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.base.typed import typed
-from rastercov.camera.camera import Camera
-from rastercov.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
-from rastercov.coverage.area.cells import cells
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import unit
-from rastercov.mesh.groups import listed
-from rastercov.mesh.solids import in_solid
+from rastercov.core.area.cells import cells
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import unit
+from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import NearestSurface, nearest_obstacle
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
 from rastercov.placement.candidates.rooms import Room
@@ -57,8 +57,8 @@ def at_point(point: ArrayLike) -> Aim:
     >>> from rastercov.placement import at_point, on_box
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> box = ((-2, -2, 0), (2, 2, 2))
-    >>> found = on_box(mesh, camera, spacing=2, bounds=box, sides=["+z"], aim=at_point((0, 0, 0)))
-    >>> len(found)
+    >>> points = on_box(mesh, camera, spacing=2, bounds=box, sides=["+z"], aim=at_point((0, 0, 0)))
+    >>> len(points)
     9
     """
     target = _triple("point", point)
@@ -75,8 +75,8 @@ def along(direction: ArrayLike) -> Aim:
     >>> from rastercov.placement import along, on_box
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> box = ((-2, -2, 0), (2, 2, 2))
-    >>> found = on_box(mesh, camera, spacing=2, bounds=box, sides=["+z"], aim=along((0, 0, -1)))
-    >>> found.poses[0, :3, 2].round(6).tolist()  # the optical axis
+    >>> points = on_box(mesh, camera, spacing=2, bounds=box, sides=["+z"], aim=along((0, 0, -1)))
+    >>> points.poses[0, :3, 2].round(6).tolist()  # the optical axis
     [0.0, 0.0, -1.0]
     """
     step = _triple("direction", direction)
@@ -94,11 +94,11 @@ def at_middle() -> Aim:
     >>> import rastercov as rc
     >>> from rastercov.placement import at_middle, on_walls
     >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
-    >>> found = on_walls(mesh, camera, spacing=2, aim=at_middle())
-    >>> len(found)
+    >>> result = on_walls(mesh, camera, spacing=2, aim=at_middle())
+    >>> len(result)
     36
     """
-    return lambda mesh, eyes: np.broadcast_to(mesh.bounds.mean(axis=0), eyes.shape)
+    return lambda mesh, eyes: np.broadcast_to(mesh.centre, eyes.shape)
 
 
 @typed
@@ -112,8 +112,8 @@ def at_nearest_surface(groups: str | Sequence[str] | None = None) -> Aim:
     >>> import rastercov as rc
     >>> from rastercov.placement import at_nearest_surface, on_ceiling
     >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
-    >>> found = on_ceiling(mesh, camera, spacing=2, aim=at_nearest_surface("crates"))
-    >>> len(found)
+    >>> result = on_ceiling(mesh, camera, spacing=2, aim=at_nearest_surface("crates"))
+    >>> len(result)
     16
     """
     names = [groups] if isinstance(groups, str) else groups
@@ -171,8 +171,8 @@ def on_sphere(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, on_sphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=8)
-    >>> found.poses.shape, found.sources
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=8)
+    >>> points.poses.shape, points.sources
     ((8, 4, 4), ('sphere',))
     """
     return _around(mesh, camera, framing, count, centre, distances, 2.0, "sphere")
@@ -195,8 +195,8 @@ def on_hemisphere(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, on_hemisphere
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_hemisphere(mesh, camera, Framing(stand_off=(2, 4)), count=8)
-    >>> bool((found.poses[:, 2, 3] > 0).all())
+    >>> result = on_hemisphere(mesh, camera, Framing(stand_off=(2, 4)), count=8)
+    >>> bool((result.poses[:, 2, 3] > 0).all())
     True
     """
     return _around(mesh, camera, framing, count, centre, distances, 1.0, "hemisphere")
@@ -254,8 +254,8 @@ def on_box(
     >>> from rastercov.placement import at_middle, on_box
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> box = ((-2, -2, -2), (2, 2, 2))
-    >>> found = on_box(mesh, camera, spacing=2, aim=at_middle(), bounds=box)
-    >>> len(found), found.sources
+    >>> points = on_box(mesh, camera, spacing=2, aim=at_middle(), bounds=box)
+    >>> len(points), points.sources
     (26, ('box',))
     """
     if not 0 < spacing < np.inf:
@@ -312,8 +312,8 @@ def on_walls(
     >>> import rastercov as rc
     >>> from rastercov.placement import at_middle, on_walls
     >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
-    >>> found = on_walls(mesh, camera, spacing=2, aim=at_middle(), heights=(2.0, 2.6))
-    >>> len(found), found.sources
+    >>> result = on_walls(mesh, camera, spacing=2, aim=at_middle(), heights=(2.0, 2.6))
+    >>> len(result), result.sources
     (24, ('walls',))
     """
     low, high = _box(mesh, bounds, -inset)
@@ -345,8 +345,8 @@ def on_ceiling(
     >>> import rastercov as rc
     >>> from rastercov.placement import along, on_ceiling
     >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
-    >>> found = on_ceiling(mesh, camera, spacing=2, aim=along((0, 0, -1)))
-    >>> len(found), found.sources
+    >>> result = on_ceiling(mesh, camera, spacing=2, aim=along((0, 0, -1)))
+    >>> len(result), result.sources
     (16, ('ceiling',))
     """
     box = np.stack(_box(mesh, bounds, -inset))
@@ -416,8 +416,8 @@ def in_room(
     >>> from rastercov.placement import Room, in_room
     >>> mesh, camera = rc.shapes.room(), rc.Camera.from_fov(640, 480, hfov_deg=80)
     >>> hall = Room.at(mesh, (0, 0, 1.5))
-    >>> found = in_room(mesh, camera, room=hall, spacing=2, heights=(2.0, 2.6))
-    >>> len(found), found.sources
+    >>> result = in_room(mesh, camera, room=hall, spacing=2, heights=(2.0, 2.6))
+    >>> len(result), result.sources
     (8, ('in room',))
     """
     if not 0 < spacing < np.inf or not 0 < inset <= LARGEST_COORDINATE:
@@ -437,12 +437,12 @@ def in_room(
     rows = np.flatnonzero(usable)
     if surface is None or not len(rows):
         return Candidates.of(np.zeros((0, 4, 4)), IN_ROOM + room.name)
-    found = cells(Mesh(mesh.vertices, mesh.faces[rows]), min(FINEST, spacing / 2))
-    rows = np.tile(rows[found.source_face], 2)
-    away = mesh.normals[rows] * np.repeat((float(inset), -float(inset)), len(found))[:, None]
-    eyes = np.tile(found.vertices[found.faces].mean(axis=1), (2, 1)) + away
+    result = cells(Mesh(mesh.vertices, mesh.faces[rows]), min(FINEST, spacing / 2))
+    rows = np.tile(rows[result.source_face], 2)
+    away = mesh.normals[rows] * np.repeat((float(inset), -float(inset)), len(result))[:, None]
+    eyes = np.tile(result.vertices[result.faces].mean(axis=1), (2, 1)) + away
     within = np.clip(eyes, low, high)
-    kept = (np.abs(eyes - within) <= found.size * np.array([0, 0, 1])).all(axis=1)
+    kept = (np.abs(eyes - within) <= result.size * np.array([0, 0, 1])).all(axis=1)
     kept &= ~(is_level[rows] & (away[:, 2] > 0))
     eyes, rows = within[kept], rows[kept]
     tight = np.arange(len(eyes))
@@ -496,7 +496,7 @@ def _around(
     """Views from the upper part, `height` radii high, of spheres."""
     if not 1 <= count <= MOST_POSITIONS:
         raise ConfigError(f"expected count from 1 to {MOST_POSITIONS}, got {count}; change it")
-    middle = mesh.bounds.mean(axis=0) if centre is None else _triple("centre", centre)
+    middle = mesh.centre if centre is None else _triple("centre", centre)
     if distances is None:
         radii = np.array([_whole_in_view(mesh, camera, framing, middle)])
     else:

@@ -19,13 +19,13 @@ from rastercov.base.errors import ConfigError, PoseError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
-from rastercov.camera.camera import Camera
-from rastercov.camera.formats import read_views
-from rastercov.camera.models import MODELS
-from rastercov.camera.pose import Poses, valid_poses
-from rastercov.camera.viewpoints import depth_of_targets, half_angles, look_at
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen, matrices_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose import Poses, valid_poses
+from rastercov.core.camera.viewpoints import depth_of_targets, half_angles, look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen, matrices_of
+from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.candidates.segments import Segmentation
 
@@ -150,7 +150,7 @@ def square_views(
     starts = np.searchsorted(group, np.arange(n_groups))
     total = np.bincount(group)[:, None]
     # Relative to the centre of the mesh, because a far offset costs precision.
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     target = np.add.reduceat(mesh.centroids[faces] - middle, starts) / total
     normal = np.add.reduceat(mesh.normals[faces], starts)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -298,8 +298,8 @@ class Candidates:
     >>> from rastercov.placement import Framing, on_sphere, per_face
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> framing = Framing(stand_off=(2, 4))
-    >>> found = on_sphere(mesh, camera, framing, count=8) + per_face(mesh, camera, framing)
-    >>> len(found), found.sources
+    >>> values = on_sphere(mesh, camera, framing, count=8) + per_face(mesh, camera, framing)
+    >>> len(values), values.sources
     (20, ('sphere', 'face'))
     """
 
@@ -416,8 +416,8 @@ def per_segment(
     >>> from rastercov.placement import Framing, per_segment, segment
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> sides = segment(mesh, 15, 25)
-    >>> found = per_segment(mesh, camera, Framing(stand_off=(1, 3)), segmentation=sides)
-    >>> len(found), found.sources
+    >>> segments = per_segment(mesh, camera, Framing(stand_off=(1, 3)), segmentation=sides)
+    >>> len(segments), segments.sources
     (6, ('segment',))
     """
     if len(segmentation.labels) != mesh.n_faces:
@@ -460,8 +460,8 @@ def per_face(
     >>> import rastercov as rc
     >>> from rastercov.placement import Framing, per_face
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = per_face(mesh, camera, Framing(stand_off=(1, 3)))
-    >>> len(found), found.index.tolist() == list(range(mesh.n_faces))
+    >>> result = per_face(mesh, camera, Framing(stand_off=(1, 3)))
+    >>> len(result), result.index.tolist() == list(range(mesh.n_faces))
     (12, True)
     """
     rows = face_rows(mesh, mesh.task_mask if faces is None else faces)
@@ -503,8 +503,8 @@ def from_poses(
     >>> from rastercov.placement import from_poses
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=5)
-    >>> found = from_poses(mesh, camera, poses=poses)
-    >>> len(found), found.sources
+    >>> result = from_poses(mesh, camera, poses=poses)
+    >>> len(result), result.sources
     (5, ('poses',))
     """
     if isinstance(poses, (str, Path)):

@@ -41,13 +41,13 @@ class Refusal(NamedTuple):
 
 def by_words(refusals: Sequence[Refusal]) -> list[ByName]:
     """Number of views by reason in words, and the smallest lack among them; most first."""
-    found: dict[str, ByName] = {}
+    figures_by_key: dict[str, ByName] = {}
     for each in refusals:
         new = {"reason": each.reason, "what": each.words, "views": 0, "unit": each.unit}
-        entry = found.setdefault(each.words, new | {"least_lack": each.lack})
+        entry = figures_by_key.setdefault(each.words, new | {"least_lack": each.lack})
         entry["views"] += 1
         entry["least_lack"] = min(entry["least_lack"], each.lack)
-    return sorted(found.values(), key=lambda each: -int(each["views"]))
+    return sorted(figures_by_key.values(), key=lambda each: -int(each["views"]))
 
 
 def in_words(refusals: Sequence[Refusal]) -> str:

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 from rastercov.base.arguments import finite_points
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.base.format import frozen_record, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
 from rastercov.base.typed import typed
-from rastercov.coverage.doubts import named_places
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.mesh.formats.ifc import Product
-from rastercov.mesh.groups import quoted
-from rastercov.mesh.mesh import faces_named
+from rastercov.core.coverage.doubts import named_places
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.groups import quoted
+from rastercov.core.mesh.mesh import faces_named
+from rastercov.formats.meshes.ifc import Product
 from rastercov.placement.candidates.clearance import NearestSurface
 
 STEPS = 2
@@ -157,7 +157,7 @@ class Room:
         ConfigError
             For a mesh that is not closed, or not wound outward.
         """
-        from rastercov.mesh import sections
+        from rastercov.core.mesh import sections
 
         if not solid.is_closed_outward:
             raise ConfigError(
@@ -178,8 +178,8 @@ class Room:
         heights = np.append((levels[1:] + levels[:-1]) / 2, middle)
         heights = heights[np.argsort(np.abs(heights - middle), kind="stable")]
         # The solid may have a gap at half height, but its volume is at one of these.
-        found = ((outline(height), height) for height in heights.tolist())
-        place = next(each for each in found if not each[0].is_empty)
+        items = ((outline(height), height) for height in heights.tolist())
+        place = next(each for each in items if not each[0].is_empty)
         return cls(name, _middle(*place), bounds, contains, outline)
 
 
@@ -209,7 +209,7 @@ class _Space:
     def __init__(self, mesh: Mesh, opening: float, inside: FloatArray) -> None:
         free = opening / 2 * SAFETY
         self.step, self.square = free / STEPS, opening / SQUARES
-        self.low, self.centre = mesh.bounds[0] - MARGIN * self.step, mesh.bounds.mean(axis=0)
+        self.low, self.centre = mesh.bounds[0] - MARGIN * self.step, mesh.centre
         extent = np.ptp(mesh.bounds, axis=0)
         shape = np.ceil(extent / self.step) + 2 * MARGIN
         if not np.prod(shape) <= MOST_PLACES:
@@ -262,7 +262,7 @@ class _Space:
 
     def _place_near(self, points: FloatArray) -> IntArray:
         """(N,) nearest free place in sight of each of (N, 3) points, -1 for none near it."""
-        found, left = np.full(len(points), -1), np.arange(len(points))
+        place_near, left = np.full(len(points), -1), np.arange(len(points))
         base = np.rint((points - self.low) / self.step).astype(np.int64)
         for way in self.ways:  # nearest first: a few for most points
             cell = base[left] + way
@@ -270,17 +270,17 @@ class _Space:
             place = np.ravel_multi_index(tuple(cell.T), self.shape, mode="clip")
             rows = np.flatnonzero(in_grid & self.is_free[place])
             rows = rows[self._is_in_sight(points[left[rows]], self._position(place[rows]))]
-            found[left[rows]] = place[rows]
+            place_near[left[rows]] = place[rows]
             left = np.delete(left, rows)
             if not len(left):
                 break
-        return found
+        return place_near
 
     def _is_in_sight(self, points: FloatArray, places: FloatArray) -> BoolArray:
         """(N,) True where nothing crosses the way from a point to a place."""
         way = (places - points) / self.size
         length = np.linalg.norm(way, axis=1)
-        unit = way / np.maximum(length, np.finfo(np.float64).tiny)[:, None]
+        unit = way / np.maximum(length, TINY)[:, None]
         starts = (points - self.centre) / self.size
         return self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
 

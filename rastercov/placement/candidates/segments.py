@@ -18,9 +18,9 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.typed import check_type
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
-from rastercov.native import placement_segments as kernels
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
+from rastercov.engine import placement_segments as kernels
 
 ANGLE_TOLERANCE_DEG = 5e-5
 """Tolerance of angle limits: the thesis' program rounds to 4 decimals, and normals of a file in
@@ -85,7 +85,7 @@ def segment(
     Growing, (6.1) and (6.2): the first face without a segment begins one, and faces that share an
     edge with it join, nearest first, as long as their normal is within alpha of *every* normal in
     it. The test is exact to 6e-8 tan(alpha) radians and looks at the convex hull of the normals
-    only, see `native/placement/segments.cpp`. Faces without area are passed through.
+    only, see `engine/placement/segments.cpp`. Faces without area are passed through.
 
     Merging, (6.3): segments whose average normals are within beta are merged, neighbours or not.
     For A near B and B near C, Eissa (2020) defines no order; there are two readings:
@@ -245,7 +245,7 @@ def _described(mesh: Mesh, labels: IntArray, alpha: float, beta: float | None) -
     chosen = labels >= 0
     sizes = np.bincount(labels[chosen], minlength=count).astype(np.int64)
     # Relative to the centre of the mesh, because a far offset costs precision.
-    middle = mesh.bounds.mean(axis=0)
+    middle = mesh.centre
     centroids = middle + _sums(labels, mesh.centroids - middle, count) / sizes[:, None]
     return Segmentation(
         labels=frozen(labels),

@@ -17,24 +17,20 @@ from numpy.typing import ArrayLike
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, Lists
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import eyes_of, led_by, rows_of_result
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.failures import CentrePass
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.network import least_cosine
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.native.coverage_spread import cameras_until_covered, worth_added
+from rastercov.core.area.cells import Cells
+from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import eyes_of, led_by, rows_of_result
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.network import least_cosine
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.engine.coverage_spread import cameras_until_covered, worth_added
 from rastercov.placement.mounts import Mounts, places_on_rigs
-from rastercov.placement.select.problem import (
-    in_whole_numbers,
-    views_of,
-    weights_of,
-)
+from rastercov.placement.select.problem import in_whole_numbers, views_of, weights_of
 
 PART_OF_TOTAL = 1 << 40
 """Total weight of each part of several objectives."""
@@ -152,12 +148,12 @@ class Objective:
         centres = self.mounts.eyes(placed)
         if (width := self.width) == 1:
             return centres
-        found = np.repeat(centres, width, axis=0)
+        result = np.repeat(centres, width, axis=0)
         cameras, owner = self.cameras(placed)
         leads = led_by(self.mounts.rig, cameras)
         rows = owner[leads] * width + places_on_rigs(owner[leads])
-        found[rows] = eyes_of(self.mounts.rig, cameras[leads])
-        return found
+        result[rows] = eyes_of(self.mounts.rig, cameras[leads])
+        return result
 
     def listed(self, poses: FloatArray | Poses) -> Lists:
         """Faces that each row of (P, 4, 4) poses covers, in ascending order."""
@@ -172,12 +168,12 @@ class Objective:
         placed, owner = self.cameras(poses)
         if self.mounts is not None:
             owner = self.mounts.rows(placed, owner)
-        found = find(placed)
+        result = find(placed)
         if (width := self.width) > 1:
             counts = np.zeros(len(poses) * width, np.int64)
-            counts[owner * width + places_on_rigs(owner)] = np.diff(found.starts)
-            return Lists(np.concatenate(([0], np.cumsum(counts))), found.items)
-        return found if self.mounts is None else self.mounts.united(found, owner, len(poses))
+            counts[owner * width + places_on_rigs(owner)] = np.diff(result.starts)
+            return Lists(np.concatenate(([0], np.cumsum(counts))), result.items)
+        return result if self.mounts is None else self.mounts.united(result, owner, len(poses))
 
     def _listed(self, poses: Poses) -> Lists:
         """Faces that each camera covers."""
@@ -195,10 +191,10 @@ class Objective:
         """(P width, F) faces that each row of poses covers."""
         return self.dense(self.listed(poses))
 
-    def dense(self, found: Lists) -> BoolArray:
+    def dense(self, lists: Lists) -> BoolArray:
         """(N, F) mask of the faces of N lists."""
-        covers = np.zeros((found.n, len(self.integer_weights)), np.bool_)
-        covers[np.repeat(np.arange(found.n), np.diff(found.starts)), found.items] = True
+        covers = np.zeros((lists.n, len(self.integer_weights)), np.bool_)
+        covers[np.repeat(np.arange(lists.n), np.diff(lists.starts)), lists.items] = True
         return covers
 
     def networks(self, poses: FloatArray, camera: ArrayLike) -> tuple[BoolArray, FloatArray]:
@@ -233,8 +229,8 @@ class Objective:
         centroids, need = _read_only(self.elements.centroids, self.need if need is None else need)
         for index in np.ndindex(covers.shape[:-2]):
             own, places = _read_only(covers[index], eyes[index])
-            cosine = float(self.min_cosine)
-            cameras_until_covered(own, places, centroids, need, cosine, counts[index])
+            rays = places, centroids, float(self.min_cosine)
+            cameras_until_covered(own, rays, need, counts[index])
         return counts
 
     def worth_added(
@@ -255,10 +251,9 @@ class Objective:
         weights, centroids, need = _read_only(
             self.integer_weights, self.elements.centroids, self.need
         )
-        worth_added(
-            rest, starts, items, self.width, np.concatenate((rest_eyes, trial_eyes)), n_rest,
-            is_spread, weights, centroids, need, float(self.min_cosine), added,
-        )  # fmt: skip
+        rays = np.concatenate((rest_eyes, trial_eyes)), centroids, float(self.min_cosine)
+        of_trials = starts, items, self.width
+        worth_added(rest, of_trials, rays, n_rest, is_spread, weights, need, added)
         return added
 
     def worth(self, covered: BoolArray) -> IntArray:
@@ -308,7 +303,7 @@ class CellObjective(Objective):
     Examples
     --------
     >>> import rastercov as rc
-    >>> from rastercov.coverage.area.regions import RegionPass
+    >>> from rastercov.core.area.regions import RegionPass
     >>> from rastercov.placement import CellObjective
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
     >>> poses = rc.sphere_of_poses((0, 0, 0), 3, count=3)
@@ -350,11 +345,11 @@ class CellObjective(Objective):
         rows: list[AnyArray] = []
         if len(poses):
             for regions in self.finder.batches(poses):
-                found = self.cells.share(regions)
-                for first, last in pairwise(found.starts.tolist()):
-                    cell, share = found.cell[first:last], found.share[first:last]
+                shares = self.cells.share(regions)
+                for first, last in pairwise(shares.starts.tolist()):
+                    cell, share = shares.cell[first:last], shares.share[first:last]
                     rows.append(cell[share >= self.task.min_coverage])
-                self.watch(len(found.pose_ids))
+                self.watch(len(shares.pose_ids))
         return Lists.of(rows)
 
     def _estimated(self, poses: Poses) -> Lists:
@@ -363,8 +358,8 @@ class CellObjective(Objective):
         together = rows_of_result(self.finder.camera, poses)
         for at in range(0, int(together[-1]) + 1 if len(poses) else 0, POSES_A_BATCH):
             is_own = (together >= at) & (together < at + POSES_A_BATCH)
-            found = self.centres.find(poses[np.flatnonzero(is_own)])
-            rows += [found.row(row) for row in range(found.n)]
+            result = self.centres.find(poses[np.flatnonzero(is_own)])
+            rows += [result.row(row) for row in range(result.n)]
             self.watch(int(is_own.sum()))
         return Lists.of(rows)
 
@@ -413,16 +408,16 @@ class TogetherObjective(Objective):
     def _estimated(self, poses: Poses) -> Lists:
         return self._joined([each._estimated(poses) for each in self.parts], len(poses))
 
-    def _joined(self, found: Sequence[Lists], n_poses: int) -> Lists:
+    def _joined(self, lists: Sequence[Lists], n_poses: int) -> Lists:
         """Lists of the rows of all parts."""
         self.watch(n_poses)
         starts = np.cumsum([0, *(len(each.need) for each in self.parts)]).tolist()
         rows = [
             np.concatenate([
                 each.row(row) + np.int32(first)
-                for each, first in zip(found, starts, strict=False)
+                for each, first in zip(lists, starts, strict=False)
             ])
-            for row in range(found[0].n)
+            for row in range(lists[0].n)
         ]  # fmt: skip
         return Lists.of(rows)
 

@@ -15,10 +15,10 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray
 from rastercov.base.typed import check_fields
-from rastercov.camera.pose import valid_poses
-from rastercov.camera.viewpoints import look_at
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
+from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.candidates.clearance import (
     KeepOut,
     NearestSurface,
@@ -181,13 +181,13 @@ class PoseSpace:
         ConfigError
             If almost none of the positions tried is allowed.
         """
-        found: list[FloatArray] = []
+        values: list[FloatArray] = []
         low, high = self.hull
         for _ in range(64):
             points, allowed = self.project_to_allowed(rng.uniform(low, high, (max(count, 64), 3)))
-            found.append(points[allowed])
-            if sum(map(len, found)) >= count:
-                return np.concatenate(found)[:count]
+            values.append(points[allowed])
+            if sum(map(len, values)) >= count:
+                return np.concatenate(values)[:count]
         raise ConfigError(
             f"expected places for {count} cameras within boxes, stand-off and clearance, outside "
             "keep-outs, got fewer; allow more"

@@ -28,8 +28,8 @@ from rastercov.base.format import frozen_record
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.mesh.arrays import frozen
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 
@@ -102,8 +102,8 @@ class Refined:
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = refine(objective, space, poses, budget=200)
-    >>> found.moved.tolist(), found.share > found.start_share
+    ...     refinement = refine(objective, space, poses, budget=200)
+    >>> refinement.moved.tolist(), refinement.share > refinement.start_share
     ([True, True], True)
     """
 
@@ -174,8 +174,8 @@ def refine(
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = refine(objective, space, poses, budget=200)
-    >>> found.share >= found.start_share, found.status
+    ...     refinement = refine(objective, space, poses, budget=200)
+    >>> refinement.share >= refinement.start_share, refinement.status
     (True, 'budget spent')
     """
     began = time.perf_counter()
@@ -199,7 +199,7 @@ def refine(
     is_fixed = np.broadcast_to(is_fixed, len(start))
     space.require(start[~is_fixed], "camera")
 
-    search = _Search(objective, space, placed, budget, seed, is_fixed)
+    search = NetworkSearch(objective, space, placed, budget, seed, is_fixed)
     try:
         status = _descend(search, steps, np.radians(turn_deg), halvings)
     except KeyboardInterrupt:
@@ -217,7 +217,7 @@ def refine(
     )
 
 
-def _descend(search: "_Search", steps: FloatArray, turn: float, halvings: int) -> str:
+def _descend(search: "NetworkSearch", steps: FloatArray, turn: float, halvings: int) -> str:
     """Move cameras until no level gains; the status."""
     level = fails = 0
     # All levels in turn, until every one has failed since the last gain.
@@ -233,7 +233,7 @@ def _descend(search: "_Search", steps: FloatArray, turn: float, halvings: int) -
     return LOCAL_OPTIMUM if search.has_room else EVERYTHING
 
 
-class _Search:
+class NetworkSearch:
     """A network, the faces it covers, and the measured trials around each camera."""
 
     def __init__(
@@ -253,8 +253,8 @@ class _Search:
         # What a trial is estimated to cover is compared with the same estimate of the camera.
         self._own: list[Lists | None] = [None] * len(start)
         if objective.is_estimated:
-            found = objective.estimated(placed)
-            self._own = [self._rows(found, row) for row in range(len(start))]
+            estimate = objective.estimated(placed)
+            self._own = [self._rows(estimate, row) for row in range(len(start))]
         self.worth = self._worth()
         self.trace = [self.worth]
         self._moves_made = np.zeros(len(start), np.int64)
@@ -286,12 +286,13 @@ class _Search:
         if not missing:
             return True
         camera = np.repeat(self.camera[missing], counts)
-        found = self.objective.estimated(Poses.of(np.concatenate(moves), camera=camera))
+        estimate = self.objective.estimated(Poses.of(np.concatenate(moves), camera=camera))
         self.evaluations += sum(counts)
         ends = np.cumsum(counts).tolist()
         for row, poses, end in zip(missing, moves, ends, strict=True):
-            own = self._rows(found, end - len(poses), len(poses))
-            self._trials[row][level] = _Trials(poses, own, self._eyes_of(poses, row))
+            own = self._rows(estimate, end - len(poses), len(poses))
+            eyes = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
+            self._trials[row][level] = _Trials(poses, own, eyes.reshape(-1, self.width, 3))
         return True
 
     def improve(self, level: int) -> bool:
@@ -313,11 +314,6 @@ class _Search:
         covers = self.covers.reshape(-1, len(self.objective.integer_weights))
         covered = self.objective.covered(covers, self.eyes.reshape(-1, 3))
         return int(self.objective.worth(covered))
-
-    def _eyes_of(self, poses: FloatArray, row: int) -> FloatArray:
-        """(M, width, 3) centres of trials of a pose."""
-        found = self.objective.eyes(Poses.of(poses, camera=int(self.camera[row])))
-        return found.reshape(-1, self.width, 3)
 
     def _best(self, row: int, level: int) -> tuple[int, int]:
         """Weight that the best trial of a camera gains, and the index of that trial.
@@ -364,20 +360,20 @@ class _Search:
                 self._trials[row][level].measured[trial] = Lists.of(nothing)
             return True
         poses = np.array([self._trials[row][level].poses[trial] for row, trial in missing.items()])
-        found = self.objective.listed(Poses.of(poses, camera=self.camera[list(missing)]))
+        result = self.objective.listed(Poses.of(poses, camera=self.camera[list(missing)]))
         self.evaluations += len(poses)
         for at, (row, trial) in enumerate(missing.items()):
-            self._trials[row][level].measured[trial] = self._rows(found, at)
+            self._trials[row][level].measured[trial] = self._rows(result, at)
         return True
 
     def _move(self, row: int, level: int, trial: int) -> None:
         trials = self._trials[row][level]
         with interrupts_held():
             self.poses[row] = trials.poses[trial]
-            found = trials.measured.get(trial, self._rows(trials.covers, trial))
+            entry = trials.measured.get(trial, self._rows(trials.covers, trial))
             self.covers[row] = False
             for at in range(self.width):
-                self.covers[row, at, found.row(at)] = True
+                self.covers[row, at, entry.row(at)] = True
             self.eyes[row] = trials.eyes[trial]
             if self.objective.is_estimated:
                 self._own[row] = self._rows(trials.covers, trial)

@@ -19,8 +19,8 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, BoolArray, FloatArray, Lists
 from rastercov.base.typed import typed
-from rastercov.camera.pose import Poses, valid_poses
-from rastercov.mesh.arrays import frozen
+from rastercov.core.camera.pose import Poses, valid_poses
+from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 
@@ -62,8 +62,8 @@ class Optimised:
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = optimise(objective, space, cameras=2, budget=200)
-    >>> found.share, found.method
+    ...     result = optimise(objective, space, cameras=2, budget=200)
+    >>> result.share, result.method
     (1.0, 'exchanges')
     """
 
@@ -125,8 +125,8 @@ def optimise(
     >>> task = rc.Task(max_incidence_deg=70)
     >>> with rc.open_observer(mesh, camera) as observer:
     ...     objective = Objective.of(observer, task, weight_by="area", views=1)
-    ...     found = optimise(objective, space, cameras=2, budget=200)
-    >>> found.poses.shape, found.share
+    ...     result = optimise(objective, space, cameras=2, budget=200)
+    >>> result.poses.shape, result.share
     ((2, 4, 4), 1.0)
     """
     began = time.perf_counter()
@@ -150,8 +150,8 @@ def optimise(
     is_interrupted = False
     try:
         for at in range(0, budget, POSES_AT_ONCE):
-            found = objective.listed(placed[at : at + POSES_AT_ONCE])
-            rows += [found.row(row) for row in range(found.n)]
+            result = objective.listed(placed[at : at + POSES_AT_ONCE])
+            rows += [result.row(row) for row in range(result.n)]
     except KeyboardInterrupt:
         if len(rows) < cameras * objective.width:
             raise

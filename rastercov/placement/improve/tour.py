@@ -62,9 +62,9 @@ def _best(costs: FloatArray, stop: IntArray, n: int) -> IntArray:
     for some in range(1, 1 << n):
         here, there = np.flatnonzero(bit & some), np.flatnonzero(~some & bit)
         if len(there):
-            found = (least[some, here, None] + ways[np.ix_(here, there)]).min(axis=0)
+            result = (least[some, here, None] + ways[np.ix_(here, there)]).min(axis=0)
             sets = some | bit[there]
-            least[sets, there] = np.minimum(least[sets, there], found)
+            least[sets, there] = np.minimum(least[sets, there], result)
     path, some = list[int](), (1 << n) - 1
     while some:
         here = np.flatnonzero(bit & some)
@@ -110,9 +110,9 @@ def _chosen(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
     at, least, before = path[:1], np.zeros(1), list[tuple[IntArray, IntArray]]()
     for stop in of[path[1:]]:
         new = np.flatnonzero(of == stop)
-        found = least[:, None] + ways[np.ix_(at, new)]
-        before.append((at, found.argmin(axis=0)))
-        at, least = new, found.min(axis=0)
+        values = least[:, None] + ways[np.ix_(at, new)]
+        before.append((at, values.argmin(axis=0)))
+        at, least = new, values.min(axis=0)
     better, row = [int(at[0])], 0
     for nodes, chosen in reversed(before):
         row = int(chosen[row])

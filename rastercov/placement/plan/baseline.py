@@ -11,18 +11,20 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from rastercov.advice.headline import advice_line, with_parts
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError, errors_as
 from rastercov.base.files import StrPath, UnreadableError, printable, read_json
 from rastercov.base.format import ByName, ReadByName, area, first_of, number, percent, plural
-from rastercov.coverage.area.zones import LEAST_PERCENT, zone_line
-from rastercov.coverage.headline import advice_line, with_parts
-from rastercov.placement.plan.network import FAILS, status_of
+from rastercov.core.area.zones import LEAST_PERCENT, zone_line
+from rastercov.core.coverage.required import FAILS, status_of
 
 Told = ReadByName
 Entry = ByName
 NEEDED = {"task", "all", "groups"}
 """Entries of the `check.json` of an earlier check."""
+SCENE = ("size_m", "scene_sha256")
+"""Those that tell scenes apart."""
 NO_CHECK = (
     "expected a check.json written by this version for the same groups, got another file; "
     "write one with check --out"
@@ -98,12 +100,15 @@ class Against:
     zones : list of dict
         Dead zones that are new or larger, by more than `LEAST_PERCENT`, those that grew most first:
         row in `dead_zones`, the zone, status, more_m2, and line.
+    is_other_scene : bool
+        True if the baseline was written for other faces.
     """
 
     file: str
     tolerated: str
     shares: list[Entry]
     zones: list[Entry]
+    is_other_scene: bool = False
 
     @property
     def is_worse(self) -> bool:
@@ -144,6 +149,8 @@ class Against:
         """The differences in words, the verdict first."""
         better = [words(each) for each in self.shares[:1] if each["status"] == "better"]
         verdict = f"{'' if self.is_worse else 'no '}worse than {self.file}{self.tolerated}"
+        if self.is_other_scene:
+            verdict += ", which has another scene: differences are of the rig and of the scene"
         return [verdict, *(f"better: {each}" for each in better), *self.losses(level)]
 
     @staticmethod
@@ -186,9 +193,24 @@ def read_baseline(path: StrPath | None, allow_worse: str | float | None = None) 
     file = printable(str(path))
     with errors_as(ConfigError, file, UnreadableError):
         told = read_json(path)
-    if not isinstance(told, dict) or not told.keys() >= NEEDED:
+    if (
+        not isinstance(told, dict)
+        or not told.keys() >= NEEDED
+        or not isinstance(told["task"], dict)
+    ):
         raise ConfigError(f"{file}: {NO_CHECK}")
     return {**told, "file": file, "tolerated": tolerated}
+
+
+def check_task(before: Told, task: Told) -> None:
+    """ConfigError for the baseline of another task than this one, ready for JSON."""
+    for name, value in task.items():
+        if (old := before["task"].get(name)) != value:
+            raise ConfigError(
+                f"{before['file']}: expected a check with {name} = {shown(value)}, got "
+                f"{shown(old)}; write the baseline again"
+            )
+    before["tolerated"].of_share(None if task["by"] == "face" else 1.0)
 
 
 def compare(before: Told, now: Told) -> Against:
@@ -197,16 +219,10 @@ def compare(before: Told, now: Told) -> Against:
     Raises
     ------
     ConfigError
-        For a baseline of another task or of other groups, and for an accepted area by face.
+        For a baseline of other groups, and for an accepted area by face.
     """
     file, tolerated = before["file"], before.get("tolerated", NOTHING)
     try:
-        for name, value in now["task"].items():
-            if (old := before["task"].get(name)) != value:
-                other = f"{name} = {shown(value)}, got {shown(old)}"
-                raise ConfigError(
-                    f"{file}: expected a check with {other}; write the baseline again"
-                )
         before = {"parts": []} | dict(before)  # of a version that did not write them
         shares = _by_name(now if before["parts"] else {**now, "parts": []})
         earlier = _by_name(before)
@@ -219,7 +235,8 @@ def compare(before: Told, now: Told) -> Against:
             raise LookupError
         pairs = [_share(name, earlier[name], shares[name], tolerated) for name in shares]
         zones = _zones(before, now, tolerated) if "dead_zones" in now else []
-        return Against(file, tolerated.words(), pairs, zones)
+        is_other = any(before.get(name, now[name]) != now[name] for name in SCENE)
+        return Against(file, tolerated.words(), pairs, zones, is_other)
     except ConfigError:
         raise
     except (LookupError, TypeError, ValueError, AttributeError):
@@ -230,10 +247,10 @@ def _by_name(told: Told) -> dict[tuple[str, str], Told]:
     """Shares of all, of goals of their own, of parts, and of several groups, by kind and name."""
     goals = [each for each in told.get("requirements", ()) if each.get("goal")]
     groups = told["groups"] if len(told["groups"]) > 1 else []
-    found = {("all", ""): told["all"]} | {("goal", each["goal"]): each for each in goals}
+    table = {("all", ""): told["all"]} | {("goal", each["goal"]): each for each in goals}
     for kind, entries in (("part", told["parts"]), ("group", groups)):
-        found |= {(kind, each["group"]): each for each in entries}
-    return found
+        table |= {(kind, each["group"]): each for each in entries}
+    return table
 
 
 def _are_possible(told: Told, shares: Iterable[Told]) -> bool:
@@ -278,7 +295,7 @@ def _zones(before: Told, now: Told, tolerated: Tolerated) -> list[Entry]:
     dead: Counter[tuple[float, ...]] = Counter()
     for *centroid, _, square_metres in before["dead_faces"]:
         dead[tuple(centroid)] += square_metres
-    more, found = [0.0] * len(now["dead_zones"]), []
+    more, items = [0.0] * len(now["dead_zones"]), []
     for *centroid, row, square_metres in now["dead_faces"]:
         if row < len(more):
             more[int(row)] += max(0.0, square_metres - dead[tuple(centroid)])
@@ -287,5 +304,5 @@ def _zones(before: Told, now: Told, tolerated: Tolerated) -> list[Entry]:
             is_new = more[row] > zone["area_m2"] - least
             status = "new" if is_new else "larger"
             own = {"row": row, "zone": zone, "status": status, "more_m2": more[row]}
-            found.append(own | {"line": Against.words_of_zone(own)[0]})
-    return sorted(found, key=lambda each: -each["more_m2"])
+            items.append(own | {"line": Against.words_of_zone(own)[0]})
+    return sorted(items, key=lambda each: -each["more_m2"])

@@ -9,10 +9,10 @@ from typing import Protocol
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.camera.pose import Poses
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.table import Regions
-from rastercov.mesh import Mesh
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.pose import Poses
+from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined
@@ -20,7 +20,7 @@ from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.generator import Generator
 
 
-class Carried(Protocol):
+class CarriedPoses(Protocol):
     """K chosen poses as they are carried."""
 
     @property
@@ -31,7 +31,7 @@ class Carried(Protocol):
     def is_hidden(self) -> BoolArray:
         """(K,) True where the carrier hides too much of the image, whatever its joints."""
 
-    def with_joints(self, joints: FloatArray) -> "Carried":
+    def with_joints(self, joints: FloatArray) -> "CarriedPoses":
         """The same with other values of joints."""
 
     def hides(self) -> str:
@@ -52,7 +52,7 @@ class Carrier(Protocol):
 
     def measured(
         self, finder: RegionPass, mounted: Poses, known: FloatArray | None
-    ) -> tuple[list[Regions], Carried]:
+    ) -> tuple[list[Regions], CarriedPoses]:
         """Regions of each of K mounts with it in the image, and its joints.
 
         Parameters
@@ -102,5 +102,5 @@ def carriers() -> tuple[CarrierHooks, ...]:
 
 def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
     """Carrier of the cameras of a plan; None where they are placed one by one."""
-    found = (each.carrier(plan, mesh) for each in carriers())
-    return next((carrier for carrier in found if carrier is not None), None)
+    result = (each.carrier(plan, mesh) for each in carriers())
+    return next((carrier for carrier in result if carrier is not None), None)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.advice.headline import by_reason, faces_gained, first_lines, other_lines
 from rastercov.base.checks import is_number, share_meant
 from rastercov.base.errors import ConfigError, MeshError, PoseError
 from rastercov.base.features import hooks_of
@@ -29,28 +30,26 @@ from rastercov.base.format import (
 )
 from rastercov.base.memory import FloatArray
 from rastercov.base.output import json_bytes
-from rastercov.camera.formats import read_views
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Cameras, Rig, Views, gates_of, names_of_poses
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import unmet_lines
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.area.tolerance import Errors
-from rastercov.coverage.area.zones import ZONES, DeadZones, areas_by_reason
-from rastercov.coverage.headline import by_reason, faces_gained, first_lines, other_lines
-from rastercov.coverage.reasons import REASONS
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.features import unmet_lines
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.table import Regions
+from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Cameras, Rig, Views, gates_of, names_of_poses
+from rastercov.core.coverage.provenance import sha256
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.required import HOLDS
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
+from rastercov.formats.cameras import read_views
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.plan.assured import Assured, assured, check_assurable, check_still
-from rastercov.placement.plan.baseline import Against, Told, compare
+from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
 from rastercov.placement.plan.network import (
-    HOLDS,
     Measured,
     Requirement,
     Rows,
@@ -71,11 +70,13 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
+from rastercov.placement.plan.product import Demand, Verdicts
 from rastercov.placement.plan.scene import free_places, named_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
 Limits = Mapping[str | None, float]
+NOTHING_MORE = Demand()
 MOST_GROUPS = 5
 """Number of groups named, those with the most uncovered weight."""
 
@@ -115,8 +116,8 @@ class Checked(InOneLine, InNotebook):
         Differences from the baseline, if there is one.
     goals : mapping of str to Checked
         Result of each named goal of the plan.
-    assured : Assured or None
-        Requirements under installation errors, if these were given.
+    assured : Verdicts or None
+        Requirements under what a feature demands, such as under installation errors.
     scene : Mesh or None
         The mesh with the groups of goals.
     """
@@ -135,7 +136,7 @@ class Checked(InOneLine, InNotebook):
     names: tuple[str, ...] = ()
     against: Against | None = None
     goals: Mapping[str, "Checked"] = field(default_factory=dict)
-    assured: Assured | None = None
+    assured: Verdicts | None = None
     scene: Mesh | None = None
 
     @property
@@ -152,7 +153,7 @@ class Checked(InOneLine, InNotebook):
         short = [each for each in self.requirements if each.status != HOLDS]
         names = [each.goal or each.group or "all" for each in short]
         names += ["baseline"] if self.against and self.against.is_worse else []
-        return names + (["tolerance"] if self.assured and not self.assured.holds else [])
+        return names + ([self.assured.word] if self.assured and not self.assured.holds else [])
 
     def lines(self, level: int | None = None) -> list[str]:
         """The result as lines of text, with the parts of the first `level` levels of names."""
@@ -166,7 +167,7 @@ class Checked(InOneLine, InNotebook):
         """
         goal, _ = self._goal_lines
         if (lost := self._lost_alone) is None:
-            if self.unmet == ["tolerance"] and self.assured is not None:
+            if self.assured is not None and self.unmet == [self.assured.word]:
                 goal = self.assured.lines()[0]
             return first_lines(self.summary(), goal, level)
         lines = first_lines(self.summary(), lost.lines()[0], level)
@@ -285,7 +286,7 @@ class Checked(InOneLine, InNotebook):
         by_group = np.bincount(self.mesh.face_group, whole, len(self.mesh.groups))
         names: list[str | None] = [group.name for group in self.mesh.groups]
         weight = dict(zip(names, by_group.tolist(), strict=True))
-        found = []
+        items = []
         for part, own in members.items():
             outer = members.get(part.rpartition("/")[0], self.groups)
             if 1 < len(own) < len(outer):
@@ -297,13 +298,13 @@ class Checked(InOneLine, InNotebook):
                     entry[name] = float(sizes @ values) / total if total > 0 else 1.0
                 if self.cameras.areas is not None:
                     entry["of_m2"] = float(sizes.sum())
-                found.append(entry)
-        return found
+                items.append(entry)
+        return items
 
     @property
     def _goal_lines(self) -> tuple[str, list[str]]:
         """Lines on goals, which are of the rig as planned."""
-        where = "" if self.assured is None else " (rig as planned, without errors)"
+        where = "" if self.assured is None else self.assured.as_planned
         return goal_lines(self.requirements, where)
 
     @property
@@ -324,17 +325,17 @@ class Checked(InOneLine, InNotebook):
     @cached_property
     def _of_rules(self) -> list[str]:
         """Lines on limits of rigs with a rule that no place of theirs meets."""
-        if not gates_of(self.plan.rig) or (found := self._regions) is None:
+        if not gates_of(self.plan.rig) or (regions := self._regions) is None:
             return []
-        scene = found.mesh, self.plan.rig, self.task
-        return unmet_lines(failures_of_rows, found, scene, self.cameras.placed)
+        scene = regions.mesh, self.plan.rig, self.task
+        return unmet_lines(failures_of_rows, regions, scene, self.cameras.placed)
 
     @cached_property
     def _seen_by(self) -> list[str]:
         """The cameras that cover some of what may not be covered."""
         sees = np.array((self.cameras.covers & self.mesh.task_mask).any(axis=1))
-        if (found := self._regions) is not None:
-            sees[found.pair_pose[found.area > 0]] = True
+        if (regions := self._regions) is not None:
+            sees[regions.pair_pose[regions.area > 0]] = True
         rows = np.flatnonzero(sees).tolist()
         return [f"seen by {first_of([self.names[row] for row in rows])}"] if rows else []
 
@@ -353,7 +354,7 @@ def limits(
     ConfigError
         For a group that is not NAME=SHARE, or when nothing is required.
     """
-    found = limits_of(plan.selection)
+    limits = limits_of(plan.selection)
     whole, group, any_of = "--min-coverage", "--group NAME=SHARE", "--group, --baseline"
     if isinstance(groups, Mapping):
         whole, group, any_of = "min_coverage", "groups", "groups, baseline"
@@ -364,7 +365,7 @@ def limits(
                 f"{whole}: expected a share from 0 to 1, got {min_coverage:g}"
                 f"{share_meant(min_coverage)}"
             )
-        found[None] = float(min_coverage)
+        limits[None] = float(min_coverage)
         if min_coverage == 0:
             raise ConfigError(
                 f"{whole}: expected a share above 0, got 0, which always holds; increase it"
@@ -383,13 +384,13 @@ def limits(
             raise ConfigError(
                 f"{group}: expected a share above 0, got {text}, which always holds; increase it"
             )
-        found[name] = value
-    if not found and not plan.goals and not may_be_none:
+        limits[name] = value
+    if not limits and not plan.goals and not may_be_none:
         raise ConfigError(
             f"{plan.name}: expected a required coverage, got none; give {whole}, {any_of}, "
             'goals, or a selection with goal = "fewest_cameras"'
         )
-    return found
+    return limits
 
 
 def check(
@@ -401,7 +402,7 @@ def check(
     *,
     poses: ArrayLike | Poses | Views | None = None,
     baseline: Told | None = None,
-    errors: Errors | None = None,
+    demand: Demand = NOTHING_MORE,
 ) -> Checked:
     """Check a rig against the mesh, camera and task of a plan.
 
@@ -423,8 +424,8 @@ def check(
         plan, and views are taken as those of a file.
     baseline : mapping, optional
         Outcome of an earlier check to compare it with, see `read_baseline`.
-    errors : Errors, optional
-        Errors of installation under which requirements must hold.
+    demand : Demand
+        That of a feature, such as errors of installation under which requirements must hold.
 
     Raises
     ------
@@ -445,22 +446,23 @@ def check(
     rig = renumbered(given)
     plan = _with_chosen(plan, chosen, poses_file)
     rig.check_cameras(len(plan.rig))
-    if errors is not None:
-        check_assurable(plan, rig, errors)
+    demand.check(plan, rig)
+    plan.build_task(views)  # its errors come before the work
     with step("scene"):
         whole, plan, names = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
-    if errors is not None:
-        check_still(plan, mesh)
+    if baseline is not None:
+        check_task(baseline, _task_of(plan, views))
+    demand.check_scene(plan, mesh)
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
     apart: dict[str, Checked] = {}
     of_goals: list[tuple[OwnGoal, Requirement]] = []
     for goal in goals:
-        found = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
-        apart[goal.name] = replace(found, poses_file=poses_file, names=shown)
-        of_goals.append((goal, goal.required(*found.requirements)))
+        result = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
+        apart[goal.name] = replace(result, poses_file=poses_file, names=shown)
+        of_goals.append((goal, goal.required(*result.requirements)))
     permits = permits_of([(goal, each.high) for goal, each in of_goals])
     checked = _checked(plan, mesh, rig, limits, views, step, permits)
     required = [
@@ -478,9 +480,9 @@ def check(
         requirements=tuple(required),
         scene=whole,
     )
-    if errors is not None:
-        with step("installation errors"):
-            under = assured(plan, mesh, rig, errors, checked.requirements, views)
+    if demand.word:
+        with step(demand.of):
+            under = demand.verdicts(plan, mesh, rig, checked.requirements, views)
         checked = replace(checked, assured=under)
     if baseline is None:
         return checked
@@ -612,6 +614,13 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     return plan, Poses.of(views.poses, camera=0)
 
 
+def _task_of(plan: Plan, views: int | None) -> ByName:
+    """Everything that results depend on beside the scene, as in a file of JSON."""
+    own: ByName = {"by": plan.unit_of_result()[0], **counting(plan.task)}
+    own["views"] = views or own["views"]
+    return dict(parsed_json(json_bytes(plan.build_task(views)._entries() | own)))
+
+
 def to_json(checked: Checked) -> ByName:
     """The outcome, ready for JSON."""
     network = checked.summary()
@@ -641,12 +650,11 @@ def to_json(checked: Checked) -> ByName:
         "all": asdict(checked.whole),
         "groups": [asdict(each) for each in checked.groups],
         "parts": checked.parts(),
-        "task": checked.task._entries()
-        | {"by": network["by"], "weight_by": checked.plan.task.weight_by, "views": checked.views},
+        "task": _task_of(checked.plan, checked.asked_views),
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,
         **({} if checked.against is None else {"baseline": checked.against.to_json()}),
-        **({} if checked.assured is None else {"tolerance": checked.assured.summary()}),
+        **({} if checked.assured is None else {checked.assured.word: checked.assured.summary()}),
         "network": network,
         "left": checked.leftover.summary(),
     }
@@ -658,7 +666,8 @@ def record(checked: Checked) -> ByName:
     Where the plan counts area, `dead_faces` has rows of the centroid of a face, the row of a dead
     zone, and the area of the face in it, m^2.
     """
-    told = to_json(checked)
+    scene = checked.mesh if checked.scene is None else checked.scene
+    told = to_json(checked) | {"scene_sha256": sha256(scene.vertices, scene.faces)}
     plan, cameras = checked.plan, checked.cameras
     if cameras.areas is None:
         return told

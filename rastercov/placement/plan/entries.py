@@ -44,7 +44,7 @@ from rastercov.base.arguments import (
 from rastercov.base.checks import shown
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
-from rastercov.mesh.arrays import matrices_of, rotation_about
+from rastercov.core.mesh.arrays import matrices_of, rotation_about
 
 Value = TypeVar("Value")
 Boxed = TypeVar("Boxed", bound=Any)
@@ -61,11 +61,11 @@ class Entry(BaseModel):
 
         pydantic can take it, too, but would read the sources at each start, 0.25 s.
         """
-        found = handler(core)
-        properties = handler.resolve_ref_schema(found).get("properties", {})
+        result = handler(core)
+        properties = handler.resolve_ref_schema(result).get("properties", {})
         for name, words in _texts_below_fields(cls).items():
             properties[name].setdefault("description", words)
-        return found
+        return result
 
 
 class PlanSections(NamedTuple):
@@ -73,12 +73,13 @@ class PlanSections(NamedTuple):
 
     plan: type[Entry] = Entry
     task: type[Entry] = Entry
-    selection: type[Entry] = Entry
+    best: type[Entry] = Entry  # of goal best_coverage beside cameras
     candidates: type[Entry] = Entry
     counting: type[Entry] = Entry  # of the task beside thresholds
     cameras: type[Entry] = Entry
     bodies: type[Entry] = Entry
     rig: type[Entry] = Entry
+    selection: type[Entry] = Entry
 
 
 def extended(section: str, base: type[Entry] = Entry) -> Any:
@@ -174,8 +175,8 @@ def _read(hint: object, reader: Reads) -> WrapValidator:
             given = reader.read(value) if isinstance(value, str) else value
         except ValueError as error:
             raise ValueError(f"expected {error}") from None
-        found = check(float(given) if isinstance(given, Quantity) else given)
-        return given if isinstance(given, Quantity) else found
+        check_result = check(float(given) if isinstance(given, Quantity) else given)
+        return given if isinstance(given, Quantity) else check_result
 
     quantity = Annotated[str, Field(pattern=f"^({reader.pattern})$")]
     shown = hint | quantity
@@ -188,10 +189,10 @@ def _file(name: str, info: ValidationInfo) -> str:
     """`name`; ValueError unless it is a file, relative to the plan."""
     path = Path((info.context or {}).get("folder", "."), name)
     try:
-        found = path.is_file()
+        is_file = path.is_file()
     except (OSError, ValueError):  # too long, or with a zero byte
-        found = False
-    if not found:
+        is_file = False
+    if not is_file:
         raise ValueError(
             f"expected a file, got {str(path)!r}, which does not exist; correct the name"
         )

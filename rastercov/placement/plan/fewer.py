@@ -34,7 +34,7 @@ def sets_in_reach(prepared: Prepared, count: int) -> list[tuple[int, ...]] | Non
     shares /= prepared.problem.views.astype(np.float32)[None]
     n_given = len(prepared.plan.given)
     least = (limits_of(prepared.selection)[None] - SLACK) * on.area.sum()
-    found, work = list[tuple[float, tuple[int, ...]]](), 0
+    result, work = list[tuple[float, tuple[int, ...]]](), 0
 
     def beyond(covered: Float32Array) -> FloatArray:
         """Area beyond the goal, m^2."""
@@ -45,7 +45,7 @@ def sets_in_reach(prepared: Prepared, count: int) -> list[tuple[int, ...]] | Non
     def grow(chosen: tuple[int, ...], covered: Float32Array, own: float) -> None:
         left, first = count - len(chosen), chosen[-1] + 1 if chosen else n_given
         if not left and own >= 0:
-            found.append((own, chosen))
+            result.append((own, chosen))
         if not left or first == len(shares) or work > MOST_WORK:
             return
         with_one = beyond(covered + shares[first:])
@@ -56,4 +56,4 @@ def sets_in_reach(prepared: Prepared, count: int) -> list[tuple[int, ...]] | Non
 
     start = shares[:n_given].sum(axis=0)
     grow((), start, float(beyond(start)))
-    return None if work > MOST_WORK else [chosen for _, chosen in sorted(found, reverse=True)]
+    return None if work > MOST_WORK else [chosen for _, chosen in sorted(result, reverse=True)]

@@ -31,19 +31,19 @@ from rastercov.base.files import (
     suffix_of,
 )
 from rastercov.base.format import ByName, ReadByName, first_of
-from rastercov.camera.camera import Camera
-from rastercov.camera.equipment import Equipment
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, is_joint
-from rastercov.coverage.area.network import unit_of_result
-from rastercov.coverage.device import Device
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.bodies import Jointed
-from rastercov.mesh.formats import READERS
-from rastercov.mesh.groups import listed
-from rastercov.mesh.site import Site
+from rastercov.core.area.network import unit_of_result
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.equipment import Equipment
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, is_joint
+from rastercov.core.coverage.device import Device
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.bodies import Jointed
+from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.site import Site
+from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.generator import Table
@@ -287,16 +287,16 @@ class Plan(PlanModel):
 
     def built_equipment(self) -> dict[str, Equipment]:
         """Equipment of the cameras; PlanError where there can be none."""
-        found: dict[str, Equipment] = {}
+        equipments: dict[str, Equipment] = {}
         for each in hooks_of(PlanFeature):
             with errors_at(self.name, each.word):
                 if (own := each.equipment(self, self.folder)) is not None:
-                    found[each.word] = own
+                    equipments[each.word] = own
         for device in hooks_of(Device):
             if (file := getattr(self, device.word)) is not None:
                 with errors_at(self.name, device.word):
-                    found[device.word] = device.of(self.folder / file)
-        return found
+                    equipments[device.word] = device.of(self.folder / file)
+        return equipments
 
     @property
     def given(self) -> Poses:
@@ -474,12 +474,12 @@ class PlanFeature:
 
 def jointed_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
     """Bodies with joints of those of a file; PlanError for one that cannot be read."""
-    found = list[Jointed]()
+    result = list[Jointed]()
     for row, body in enumerate(bodies):
         with errors_at(name, f"bodies[{row}]"):
             own = (each.jointed(body, folder) for each in hooks_of(PlanFeature))
-            found += [each for each in own if each is not None]
-    return found
+            result += [each for each in own if each is not None]
+    return result
 
 
 def read_plan(path: StrPath) -> Plan:

@@ -12,8 +12,8 @@ from typing import Literal, NamedTuple, Self
 from pydantic import model_validator
 
 from rastercov.base.format import ByName
-from rastercov.camera.camera import Camera
-from rastercov.mesh import Mesh
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.rooms import Room
@@ -34,7 +34,7 @@ from rastercov.placement.plan.entries import (
 
 
 @dataclass(frozen=True)
-class Spot:
+class GeneratorScene:
     """Scene and camera that the generator of an entry makes candidates for.
 
     Attributes
@@ -49,6 +49,8 @@ class Spot:
         Folder that files are relative to.
     room : callable
         Room by its name.
+    clearance : float
+        That of the constraints, metres.
     """
 
     mesh: Mesh
@@ -57,6 +59,7 @@ class Spot:
     framing: Framing
     folder: Path
     room: Callable[[str], Room]
+    clearance: float
 
     @property
     def view(self) -> tuple[Mesh, Camera, Framing]:
@@ -109,7 +112,7 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
         """True for cameras that a `Carrier` moves."""
         return False
 
-    def made(self, spot: Spot) -> Iterator[Candidates]:
+    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """Candidates of a mount, once for each aim; each generator has its own."""
         raise NotImplementedError  # of what is carried, which the plan makes
 
@@ -120,6 +123,18 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
     def _own(self, base: type["Generator"]) -> ByName:
         """Entries that a base class lacks: arguments of the generator."""
         return self.model_dump(exclude={"generator", *base.model_fields})
+
+
+class OwnGenerators(NamedTuple):
+    """Hooks of a feature with generators of candidates: their entries."""
+
+    kinds: tuple[type[Generator], ...]
+
+
+class CarriedGenerators(NamedTuple):
+    """Hooks of a feature that carries the views of other generators: its entries."""
+
+    kinds: tuple[type[Generator], ...]
 
 
 class Framed(Generator):

@@ -15,13 +15,14 @@ import numpy as np
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record, plural, verb
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.advice import task_in_words
-from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.advice import task_in_words
+from rastercov.core.area.cells import Cells, cells, usual_size
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.coverage.required import SHARE_TOLERANCE
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
 from rastercov.placement.improve.objective import CellObjective, Objective, TogetherObjective
 from rastercov.placement.matrix import build_matrix
@@ -40,7 +41,6 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.sections import GoalSection
 from rastercov.placement.select.problem import (
-    SHARE_TOLERANCE,
     BestCoverage,
     FewestCameras,
     Goal,
@@ -87,11 +87,11 @@ class OwnGoal:
         by_face = self.plan.unit_of_result()[0] == "face"
         return of + task_in_words(asdict(self.plan.build_task()), by_face=by_face)
 
-    def required(self, found: Requirement) -> Requirement:
+    def required(self, requirement: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""
         if self.is_most:
-            return found.at_most(self.name, self.limit)
-        return replace(found, goal=self.name)
+            return requirement.at_most(self.name, self.limit)
+        return replace(requirement, goal=self.name)
 
     def most_share(self, camera: Cameras, poses: Poses) -> float:
         """Share of the area of the goal that some cameras cover together at most."""
@@ -147,11 +147,12 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
             "goals: expected a group without a goal, got none; state the coverage of one as "
             "selection.coverage instead",
         )
+    none = mesh.with_groups(occluders=[g.name for g in mesh.groups if not g.is_target])
     goals = tuple(
         OwnGoal(
             name=name,
             plan=_plan_of(plan, goal),
-            mesh=_from_both_sides(only_scored(mesh, goal.groups or rest), goal),
+            mesh=_from_both_sides(only_scored(none, goal.groups or rest), goal),
             limit=goal.coverage or goal.at_most or 0.0,
             is_most=goal.coverage is None,
             groups=tuple(goal.groups or ()),
@@ -186,8 +187,8 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
 
 def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
     """The mesh with some groups evaluated; others occlude, but targets among them are omitted."""
-    groups = mesh.groups
-    is_gone = np.array([group.is_target and group.name not in names for group in groups])
+    own, groups = set(names), mesh.groups
+    is_gone = np.array([group.is_target and group.name not in own for group in groups])
     kept = ~is_gone[mesh.face_group]
     if not kept.all():
         mesh = Mesh(
@@ -200,9 +201,13 @@ def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
             notes=mesh.notes,
             spaces=mesh.spaces,
         )
-    hiding = [group.name for group in groups if group.name not in names]
-    targets = [group.name for group in groups if group.is_target and group.name in names]
-    return mesh.with_groups(hiding, None, targets)
+    changes = [group.is_occluder == (group.name in own) for group in groups]
+    return mesh._with_flags(
+        tuple(
+            replace(group, is_occluder=not group.is_occluder, is_target=False) if turns else group
+            for group, turns in zip(groups, changes, strict=True)
+        )
+    )
 
 
 @frozen_record
@@ -253,13 +258,14 @@ def open_objectives(
             finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
             opened.enter_context(closing(finder))
             on_cells = CellObjective.of_cells(observer, finder, on, **own)
-        found = []
+        items = []
         for goal in goals:
             is_by_area = goal.plan.unit_of_result()[0] == "area"
-            of_goal = cells(goal.mesh, usual_size(goal.mesh)) if is_by_area else None
+            size = usual_size(goal.mesh, len(goals))
+            of_goal = cells(goal.mesh, size) if is_by_area else None
             job = open_objectives(goal.plan, goal.mesh, of_goal)
-            found.append(OpenGoal(goal, opened.enter_context(job)))
-        yield Objectives(faces, on_cells, found)
+            items.append(OpenGoal(goal, opened.enter_context(job)))
+        yield Objectives(faces, on_cells, items)
 
 
 @frozen_record
@@ -277,13 +283,13 @@ class OpenGoal:
         if self.of.cells is None:
             weights = self.of.faces.integer_weights
             masks = cameras.covered, cameras.certain, cameras.possible
-            (found,) = judge(goal.mesh, weights, limits, *masks)
+            (result,) = judge(goal.mesh, weights, limits, *masks)
         else:
             cameras = with_areas(plan, cameras, self.of.cells.finder)
             assert cameras.areas is not None
             seeable = seeable_areas(plan, cameras.network)
-            (found,) = judge_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
-        return goal.required(found)
+            (result,) = judge_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
+        return goal.required(result)
 
     def problem(self, placed: Poses, progress: Progress) -> Problem:
         """The problem of choosing candidates, (C,) mounts in their places, for the goal alone."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.mesh import Mesh
-from rastercov.mesh.contacts import TriangleTree
-from rastercov.native import mesh_clearance
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.engine import mesh_clearance
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.tour import tour
 
@@ -55,7 +55,7 @@ class Airspace:
 
     @cached_property
     def _middle(self) -> FloatArray:
-        return np.asarray(self.mesh.bounds.mean(axis=0))
+        return self.mesh.centre
 
     @cached_property
     def _tree(self) -> TriangleTree | None:
@@ -64,15 +64,15 @@ class Airspace:
 
     def distance(self, stops: FloatArray, most: float = np.inf) -> float:
         """Distance of a way through (N, 3) stops from the surface, metres; `most` if greater."""
-        found = np.full(1, most)
+        values = np.full(1, most)
         if self._tree is None or len(stops) < 2:
             return most
         rows = np.arange(len(stops) - 1)
         legs = np.stack((rows, rows + 1, rows + 1), axis=1)
         way = TriangleTree.over(stops - self._middle, legs)
         own = self._tree.corners, self._tree.nodes, way.corners, way.nodes
-        mesh_clearance.distances(*own, np.eye(4)[None], found)
-        return float(found[0])
+        mesh_clearance.distances(*own, np.eye(4)[None], values)
+        return float(values[0])
 
     def _is_kept_out(self, stops: FloatArray) -> bool:
         return any(each.meets(stops[:-1], stops[1:]).any() for each in self.keep_out)

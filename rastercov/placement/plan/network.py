@@ -22,22 +22,31 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.camera.formats.conventions import centre_doubt
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig, eyes_of, is_joint, rows_of_result
-from rastercov.coverage.area.by_camera import ByCamera, cameras_apart
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.coverage import Coverage, evaluate_batches, in_batches
-from rastercov.coverage.doubts import doubts
-from rastercov.coverage.engine import Engine
-from rastercov.coverage.network import Network, share_of_faces
-from rastercov.coverage.observer import Observer, open_observer
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import rows_of
+from rastercov.core.area.by_camera import ByCamera, cameras_apart
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.rows import gated
+from rastercov.core.camera.conventions import centre_doubt
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Rig, eyes_of, is_joint, rows_of_result
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batches
+from rastercov.core.coverage.doubts import doubts
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.network import Network, share_of_faces
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.required import (
+    HOLDS,
+    UNDECIDED,
+    ends_in_words,
+    outcome_line,
+    share_of,
+    short_by,
+    status_of,
+)
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.entries import value_of
@@ -49,7 +58,6 @@ from rastercov.placement.plan.sections import (
     TaskSection,
 )
 from rastercov.placement.select.problem import (
-    SHARE_TOLERANCE,
     BestCoverage,
     FewestCameras,
     Goal,
@@ -62,10 +70,9 @@ from rastercov.placement.uncovered import (
     NearestCameras,
     left_by,
 )
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 Rows = Mapping[Any, Sequence[int]]
-HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 
 
 @dataclass(frozen=True)
@@ -121,8 +128,7 @@ class Requirement:
     @property
     def short_by(self) -> float:
         """Difference between limit and share; 0 if the requirement holds."""
-        short = self.share - self.limit if self.is_most else self.limit - self.share
-        return max(0.0, short) if self.status != HOLDS else 0.0
+        return short_by(self.share, self.limit, self.status, is_most=self.is_most)
 
     @property
     def lack(self) -> float:
@@ -133,8 +139,7 @@ class Requirement:
 
     def at_most(self, goal: str, limit: float) -> Self:
         """The same share as one that is permitted up to a limit."""
-        status = FAILS if self.low > limit + SHARE_TOLERANCE else UNDECIDED
-        status = HOLDS if self.high <= limit + SHARE_TOLERANCE else status
+        status = status_of(self.low, self.high, limit, is_most=True)
         return replace(self, goal=goal, limit=limit, status=status, is_most=True)
 
     def words(self, *, has_share: bool = True) -> str:
@@ -148,19 +153,13 @@ class Requirement:
                 "candidates can cover required"
             )
         covered, uncovered, ends = self._parts()
-        asked = "permitted at most" if self.is_most else "required"
         share = f"{percent(self.share)} {covered}, "
         share = share if has_share or not self._is_covered_area else ""
-        text = f"{self.name}: {share}{percent(self.limit)} {asked}"
-        if self.plan_limit is not None:
-            text += f" ({percent(self.plan_limit)} in the plan)"
-        if self.status == FAILS:
-            points = percent(self.short_by).removesuffix(" %")
-            end = "too much" if self.is_most else f"below the goal, {uncovered} uncovered"
-            return f"{text}, {points} percentage points {end}"
-        if self.status == UNDECIDED:
-            return f"{text}, undecided: {ends}"
-        return f"{text}: proved" if self.is_most else text
+        limits = self.limit, self.plan_limit
+        start = f"{self.name}: {share}"
+        return outcome_line(
+            start, self.status, limits, self.short_by, uncovered, ends, is_most=self.is_most
+        )
 
     @property
     def _is_of_nothing(self) -> bool:
@@ -209,7 +208,7 @@ class AreaRequirement(Requirement):
     def _parts(self) -> tuple[str, str, str]:
         of = "of the coverable area covered" if self.of_seeable else "of the area covered"
         of = "of the area that candidates can cover" if self.of_reachable else of
-        ends = f"the error bound allows {100 * self.low:.9g} % to {100 * self.high:.9g} %"
+        ends = ends_in_words(self.low, self.high)
         return of, in_square_metres(self.of_m2 - self.m2), ends
 
 
@@ -220,12 +219,6 @@ class CellRequirement(Requirement):
     def words(self, *, has_share: bool = True) -> str:
         """The requirement and its outcome in one line."""
         return f"{super().words(has_share=has_share).replace('faces', 'patches')} (on patches)"
-
-
-def status_of(low: float, high: float, limit: float) -> str:
-    """Status of a share between two bounds that is to reach a limit."""
-    needed = limit - SHARE_TOLERANCE
-    return HOLDS if low >= needed else UNDECIDED if high >= needed else FAILS
 
 
 ALL = 1e99
@@ -276,7 +269,7 @@ def judge(
     """
     parts = [covered if part is None else part for part in (certain, covered, possible)]
     rows = rows or _rows(mesh, limits)
-    found = []
+    items = []
     for group, limit in limits.items():
         faces = mesh.task_mask if reachable is None else mesh.task_mask & reachable
         faces = faces & np.isin(mesh.face_group, rows[group])
@@ -288,8 +281,8 @@ def judge(
         counts = int(faces.sum()), int((faces & ~covered).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
         common = (group, limit, low, share, high, status, *counts, is_partial)
-        found.append(Requirement(*common, n_groups=len(rows[group])))
-    return tuple(found)
+        items.append(Requirement(*common, n_groups=len(rows[group])))
+    return tuple(items)
 
 
 def seeable_areas(
@@ -302,7 +295,7 @@ def seeable_areas(
     """
     if plan.task.weight_by != "seeable":
         return None
-    from rastercov.mesh.unseeable import unseeable_areas
+    from rastercov.core.mesh.unseeable import unseeable_areas
 
     in_any = areas.never_seen() if areas is not None else None
     hidden, proved = in_any or (network.unseeable_areas, unseeable_areas(network.mesh))
@@ -321,7 +314,7 @@ chords of the angle of incidence cut off as much."""
 
 def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray:
     """(F,) faces that a network covers as a whole."""
-    from rastercov.coverage.area.frames import frames_of
+    from rastercov.core.area.frames import frames_of
 
     mesh, rows = areas.mesh, np.arange(areas.mesh.n_faces)
     level = np.clip(views_of(mesh, views), areas.least, areas.views) - 1
@@ -344,7 +337,7 @@ def judge_areas(
     """
     mesh, is_whole = areas.mesh, whole_faces(areas, views)
     rows = rows or _rows(mesh, limits)
-    found = []
+    items = []
     for group, limit in limits.items():
         faces, sums, doubtful = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2)), 0.0
         for row, each in enumerate(mesh.groups):
@@ -363,9 +356,7 @@ def judge_areas(
         (area, bound), (total, of_bound) = sums.tolist()
         most = area + bound + doubtful
         ends = ((area - bound, total + of_bound), (area, total), (most, total - of_bound))
-        low, share, high = (
-            min(max(part / whole, 0.0), 1.0) if whole > 0 else 1.0 for part, whole in ends
-        )
+        low, share, high = (share_of(*each) for each in ends)
         if reachable is not None and not total:
             low = share = high = 0.0
         counts = int(faces.sum()), int((faces & ~is_whole).sum())
@@ -373,8 +364,8 @@ def judge_areas(
         common = (group, limit, low, share, high, status, *counts, is_partial)
         others: ByName = {"m2": area, "bound_m2": bound, "of_m2": total}
         others |= {"n_groups": len(rows[group]), "of_seeable": seeable is not None}
-        found.append(AreaRequirement(*common, **others))
-    return tuple(found)
+        items.append(AreaRequirement(*common, **others))
+    return tuple(items)
 
 
 def limits_of(selection: SelectionSection | None) -> dict[str | None, float]:
@@ -463,7 +454,7 @@ def with_areas(
     cameras: Measured,
     finder: RegionPass,
     views: int | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
     *,
     has_curve: bool = False,
 ) -> Measured:
@@ -488,12 +479,12 @@ def with_areas(
         parts = (poses[first:last] for first, last in pairwise(limits))
     done = 0
     for some in parts:
-        found = finder.find(some, closed=apart.closed(areas.closed))
-        together = gated(found, plan.rig, some)
+        result = finder.find(some, closed=apart.closed(areas.closed))
+        together = gated(result, plan.rig, some)
         # With a curve or without, the same figures.
         for own in np.eye(len(together.pose_ids), dtype=np.bool_):
             areas.add(together.of_poses(own))
-        apart.add(found, some)
+        apart.add(result, some)
         if has_curve:
             curve += [curve[-1] if curve else 0.0] * (len(some) - 1)
             curve.append(areas.summary(views_by_group(plan, views))["percent"] / 100)
@@ -523,32 +514,30 @@ def views_by_group(plan: Plan, views: int | None) -> dict[str, int] | None:
 def summary_of(plan: Plan, cameras: Measured, views: int | None = None) -> ByName:
     """Summary of the network with its covered area, ready for JSON; `views` as for `with_areas`."""
     unit, reason = plan.unit_of_result()
-    found = cameras.network.summary() | {"by": unit, "by_face_because": reason}
+    summary = cameras.network.summary() | {"by": unit, "by_face_because": reason}
     if cameras.areas is not None:
         by_group = views_by_group(plan, views)
-        cameras.areas.add_to(found, plan.rig, cameras.placed, by_group)
-        found |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
+        cameras.areas.add_to(summary, plan.rig, cameras.placed, by_group)
+        summary |= cameras.areas.dead_zones(plan.rig, cameras.placed, by_group)
         if of_phases := cameras.areas.of_phases():
-            return found | of_phases
+            return summary | of_phases
     if by_camera := _by_camera(plan.rig, cameras):
-        found["by_camera"] = by_camera
+        summary["by_camera"] = by_camera
     if cameras.per_camera is not None:
-        found |= cameras.per_camera.further()
-    return found
+        summary |= cameras.per_camera.further()
+    return summary
 
 
 def _by_camera(rig: Rig, cameras: Measured) -> list[ByName]:
     """Coverage by the poses of each of several cameras, ready for JSON."""
     mesh, of_pose = cameras.network.mesh, cameras.placed.camera
-    found = []
+    by_camera = []
     for index in cameras_apart(rig, cameras.placed):
         own = of_pose == index
-        covered = share_of_faces(
-            mesh, cameras.covers[own].any(axis=0) & mesh.task_mask, mesh.task_mask
-        )
+        covered = share_of_faces(mesh, cameras.covers[own].any(axis=0), mesh.task_mask)
         entry = {"camera": rig.names[index], "poses": int(own.sum()), "covered": covered}
-        found.append(entry | (cameras.per_camera.entry(index) if cameras.per_camera else {}))
-    return found
+        by_camera.append(entry | (cameras.per_camera.entry(index) if cameras.per_camera else {}))
+    return by_camera
 
 
 def of_plan(lines: Iterable[str]) -> list[str]:
@@ -558,7 +547,7 @@ def of_plan(lines: Iterable[str]) -> list[str]:
 
 def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
     """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
-    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.world_from_camera[:, :3, 3])
+    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.eyes)
     lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
     for index in np.unique(cameras.placed.camera):
         lines += centre_doubt(plan.rig.names[index], plan.rig.cameras[index])
@@ -587,7 +576,7 @@ def goal_lines(requirements: Sequence[Requirement], where: str = "") -> tuple[st
 def measured(
     objective: Objective,
     poses: ArrayLike | Poses,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Measured:
     """Coverage of a network, with its bounds.
 
@@ -648,8 +637,8 @@ def left_over(
     if cameras.areas is not None:
         covered = covered | whole_faces(cameras.areas, views)
     others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
-    found = cameras.placed, cameras.network, cameras.nearest, covered
-    return left_by(observer, *found, others, progress, bounds)
+    items = cameras.placed, cameras.network, cameras.nearest, covered
+    return left_by(observer, *items, others, progress, bounds)
 
 
 def certain_and_possible(batch: Coverage) -> BoolArray:
@@ -672,10 +661,10 @@ def certain_and_possible(batch: Coverage) -> BoolArray:
         (covered, np.maximum(batch.visibility - batch.visibility_bound, 0.0)),
         (covered | open_ones, np.minimum(batch.visibility + batch.visibility_bound, 1.0)),
     )
-    found = np.empty((2, *batch.reason.shape), np.bool_)
+    mask = np.empty((2, *batch.reason.shape), np.bool_)
     for row, (asked, visibility) in enumerate(ends):
         product = np.where(visibility >= task.min_visibility, visibility, 0.0) * enough
-        found[row] = asked & (product >= task.min_coverage) & (product > 0)
+        mask[row] = asked & (product >= task.min_coverage) & (product > 0)
     # The measured result is between the two, in spite of rounding of the products.
-    found[1] |= covered
-    return found
+    mask[1] |= covered
+    return mask

@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from rastercov.advice.headline import advice_line, with_parts
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import plural
 from rastercov.base.output import check_place, write_bytes, write_text
-from rastercov.coverage.area.zones import LEAST_PERCENT, n_unlisted, zone_line
-from rastercov.coverage.headline import advice_line, with_parts
-from rastercov.placement.plan.assured import HOLDS as UNDER_ERRORS
+from rastercov.core.area.zones import LEAST_PERCENT, n_unlisted, zone_line
+from rastercov.core.coverage.required import HOLDS
 from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words
 from rastercov.placement.plan.check import Checked
-from rastercov.placement.plan.network import HOLDS
 
 MOST_ZONES = 20
 """Dead zones with a case of their own, the largest, and those that differ from the baseline."""
@@ -53,20 +52,21 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
 
     Parts and groups below a level have one case together.
     """
-    found, short, changed = [], set(), {}
+    items, short, changed = [], set(), {}
     for each in checked.requirements:
         status = "" if each.status == HOLDS else each.status
         short |= {each.group} if status and not each.goal else set()
         lines = [each.words(), *checked.reasons(each, level)]
-        found.append(Case(GOAL + (each.group or each.name), status, lines))
-    for verdict in () if checked.assured is None else checked.assured.verdicts:
-        status = "" if verdict.status == UNDER_ERRORS else verdict.status
-        name = f"{GOAL}{verdict.name.removeprefix('group ')} under installation errors"
-        found.append(Case(name, status, [verdict.words()]))
+        items.append(Case(GOAL + (each.group or each.name), status, lines))
+    if (assured := checked.assured) is not None:
+        for verdict in assured.verdicts:
+            status = "" if verdict.status.startswith(HOLDS) else verdict.status
+            name = f"{GOAL}{verdict.name.removeprefix('group ')} under {assured.of}"
+            items.append(Case(name, status, [verdict.words()]))
     if checked.against is not None:
         changed = {zone["row"]: zone for zone in checked.against.zones}
-        found += _against(checked.against, level)
-    zones, n_before = (summary := checked.summary()).get("dead_zones", ()), len(found)
+        items += _against(checked.against, level)
+    zones, n_before = (summary := checked.summary()).get("dead_zones", ()), len(items)
     for row in dict.fromkeys([*changed, *range(len(zones))]):
         zone = zones[row]
         if row in changed or (row < MOST_ZONES and zone["percent"] >= LEAST_PERCENT):
@@ -76,46 +76,46 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
             if row in changed:
                 status = changed[row]["status"]
                 lines = Against.words_of_zone(changed[row], level)
-            found.append(Case(zone_line(named), status, lines, "dead zone"))
-    n = n_before + len(zones) - len(found) + (n_unlisted(summary) if zones else 0)
+            items.append(Case(zone_line(named), status, lines, "dead zone"))
+    n = n_before + len(zones) - len(items) + (n_unlisted(summary) if zones else 0)
     if n > 0 and None in short:
-        found.append(Case("others", "others", [plural(n, "other dead zone")], "dead zone", n))
-    return found
+        items.append(Case("others", "others", [plural(n, "other dead zone")], "dead zone", n))
+    return items
 
 
 def _against(against: Against, level: int | None) -> list[Case]:
     """Shares against the baseline: those that are worse first, those that lost most before."""
     worse = against.worse()
     others = [share for share in against.shares if share["status"] != "worse"]
-    found, below = list[Case](), list[Case]()
+    result, below = list[Case](), list[Case]()
     for share in [*worse, *others]:
         line = words(share)
         name = f"{GOAL}{line.partition(':')[0].removeprefix('group ')} against the baseline"
         status = share["status"] if share["status"] == "worse" else ""
         is_below = level is not None and share["level"] > level
-        (below if is_below else found).append(Case(name, status, [line], share["kind"]))
+        (below if is_below else result).append(Case(name, status, [line], share["kind"]))
     if lines := [case.lines[0] for case in below if case.status]:
         name, count = f"{GOAL}parts below level {level}", plural(len(lines), "part", "are worse")
         more = [f"and {len(lines) - MOST_WORST} more"] if len(lines) > MOST_WORST else []
         lines = [f"below level {level}, {count}", *lines[:MOST_WORST], *more]
-        found.append(Case(f"{name} against the baseline", "worse", lines, "part"))
-    return found
+        result.append(Case(f"{name} against the baseline", "worse", lines, "part"))
+    return result
 
 
-def write(junit: Path | None, summary: Path | None, plan: Path, found: Sequence[Case]) -> None:
+def write(junit: Path | None, summary: Path | None, plan: Path, cases: Sequence[Case]) -> None:
     """Write the files that are asked for."""
     if junit is not None:
-        _write_junit(junit, plan, [case for case in found if not case.zones])
+        _write_junit(junit, plan, [case for case in cases if not case.zones])
     if summary is not None:
-        _write_summary(summary, plan, found)
+        _write_summary(summary, plan, cases)
 
 
-def _write_summary(path: Path, plan: Path, found: Sequence[Case]) -> None:
+def _write_summary(path: Path, plan: Path, cases: Sequence[Case]) -> None:
     """Write the failures in Markdown, a table row per case, those that lose most first."""
-    failing = [case for case in found if case.status]
+    failing = [case for case in cases if case.status]
     words = [e.status if e.status in ("error", "undecided") else "fails" for e in failing]
     lines = [f"{TITLE} {plan.name}: {min(words, default='holds')}"]
-    lines += [COLUMNS] if failing else ["", *(_marked(case.lines[0]) for case in found[:1])]
+    lines += [COLUMNS] if failing else ["", *(_marked(case.lines[0]) for case in cases[:1])]
     for kind, most in MOST_ROWS.items():
         own = [case for case in failing if case.kind == kind]
         for case in own[:most]:
@@ -132,15 +132,15 @@ def _marked(text: str) -> str:
     return re.sub(r"[\\|`*_<>\[\]]", r"\\\g<0>", _printed(text))
 
 
-def _write_junit(path: Path, plan: Path, found: Sequence[Case]) -> None:
+def _write_junit(path: Path, plan: Path, cases: Sequence[Case]) -> None:
     """Write the outcome as JUnit XML, with a test case for each."""
-    kinds = [KINDS.get(case.status, "failure") for case in found]
+    kinds = [KINDS.get(case.status, "failure") for case in cases]
     counts = {"tests": str(len(kinds)), "failures": str(kinds.count("failure"))}
     counts["errors"] = str(kinds.count("error"))
     suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
     about = {"name": _printed(f"rastercov check {plan.name}"), "skipped": "0"}
     suite = ElementTree.SubElement(suites, "testsuite", about | counts)
-    for (name, status, lines, *_), kind in zip(found, kinds, strict=True):
+    for (name, status, lines, *_), kind in zip(cases, kinds, strict=True):
         about = {"classname": _printed(f"rastercov.{plan.stem}"), "name": _printed(name)}
         case = ElementTree.SubElement(suite, "testcase", about)
         outcome = {"type": status, "message": _printed(lines[0])} if status else {}

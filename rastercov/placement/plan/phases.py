@@ -9,15 +9,15 @@ from typing import NamedTuple, Protocol, Self
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName
 from rastercov.base.memory import FloatArray, IntArray
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Cameras
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.table import Regions
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.phases import Phases
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.cells import Cells
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.table import Regions
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.phases import Phases
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.generator import Table
@@ -87,9 +87,9 @@ class PlanPhases(Protocol):
         """Each phase, with the cameras of poses at rest."""
 
     def areas(
-        self, camera: Cameras, placed: Poses, task: Task, found: Regions | None = None
+        self, camera: Cameras, placed: Poses, task: Task, regions: Regions | None = None
     ) -> AreaNetwork:
-        """Area that is covered in enough phases; `found` are regions that are known."""
+        """Area that is covered in enough phases; `regions` are regions that are known."""
 
     def long_enough(self, regions: Regions, views: int) -> Regions:
         """Parts that at least `views` cameras cover in enough phases; one row."""
@@ -131,5 +131,5 @@ def hooks() -> tuple[PlanPhased, ...]:
 
 def phases_of(plan: Plan, mesh: Mesh) -> PlanPhases | None:
     """Phases of the scene of a plan; None where it has one."""
-    found = (each.phases(plan, mesh) for each in hooks())
-    return next((phases for phases in found if phases is not None), None)
+    result = (each.phases(plan, mesh) for each in hooks())
+    return next((phases for phases in result if phases is not None), None)

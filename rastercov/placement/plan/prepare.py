@@ -24,22 +24,23 @@ from rastercov.base.format import ByName, distance, frozen_record, percent
 from rastercov.base.locks import locked
 from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
 from rastercov.base.output import is_own_folder, named, own_place
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import Rig, gates_of
-from rastercov.coverage.area.cells import Cells, cells, usual_size
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.features import unmet_lines
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.remedies import Allowed
-from rastercov.coverage.area.union import RegionUnion
-from rastercov.coverage.area.zones import areas_by_reason, dead_zones
-from rastercov.coverage.coverage import evaluate_batches
-from rastercov.coverage.densities import density_text
-from rastercov.coverage.observer import Observer
-from rastercov.coverage.reasons import NAMES, REASONS, Reason
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
+from rastercov.core.area.cells import Cells, cells, usual_size
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.features import unmet_lines
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.union import RegionUnion
+from rastercov.core.area.zones import areas_by_reason, dead_zones
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import Rig, gates_of
+from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.densities import density_text
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.shard_inputs import INPUTS
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
@@ -81,8 +82,7 @@ from rastercov.placement.select.problem import (
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
-from rastercov.shards import Progress, Tally, Workers
-from rastercov.shards.inputs import INPUTS
+from rastercov.shards import Progress, Tally, Workers, silent
 from rastercov.shards.store import remove, remove_halves
 
 OF_CARRIED = "list links that may touch in 'allowed', move the base, "
@@ -116,7 +116,7 @@ Step = Callable[[str], Any]
 @contextmanager
 def quiet(name: str) -> Iterator[Progress]:
     """Step without progress display."""
-    yield lambda done, total: None
+    yield silent
 
 
 class Clock:
@@ -214,6 +214,11 @@ class Prepared:
         return replace(self, problem=problem, barred=np.union1d(self.barred, rows))
 
     @property
+    def noun(self) -> str:
+        """Word for what is chosen and moved."""
+        return "mount" if self.mounts.has_rigs else "camera"
+
+    @property
     def measured(self) -> Poses:
         """Cameras of all candidates, without those that kill the process that measures them.
 
@@ -259,7 +264,7 @@ def cells_of(plan: Plan, mesh: Mesh) -> Cells | None:
 
 
 @frozen_record
-class Job:
+class PlanJob:
     """Plan and scene by which candidates are made, measured and chosen.
 
     Attributes
@@ -281,7 +286,7 @@ class Job:
     phases: PlanPhases | None = None
 
 
-def prepare(job: Job, objectives: Objectives) -> Prepared:
+def prepare(job: PlanJob, objectives: Objectives) -> Prepared:
     """Candidates and their visibility matrix, with those into cavities where the plan has them.
 
     The elements of the matrix are the cells where there are some, and the faces otherwise.
@@ -291,27 +296,29 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     carrier = carrier_of(plan, mesh)
     with job.clock("candidates"):
         segmentation = segmentation_of(plan, job.whole)
-        found = candidate_pool(plan, job.whole)
+        with_cavities = candidate_pool(plan, job.whole)
     measuring = _Measuring(job, observer, task, CandidateBounds(mesh.n_faces, mesh.task_mask))
     notes: list[str] = []
     opened: Openings | None = None
     reachable: AreaNetwork | None = None
     if job.phases is None:
-        matrix, problem = measuring.problem("visibility matrix", found, found.candidates.placed)
-        found, opened, into, line = _with_cavities(measuring, found, problem)
+        matrix, problem = measuring.problem(
+            "visibility matrix", with_cavities, with_cavities.candidates.placed
+        )
+        with_cavities, opened, into, line = _with_cavities(measuring, with_cavities, problem)
         if into is not None:
             matrix, problem = into
             notes.append(line)
     else:
-        matrix, problem, reachable = _in_phases(measuring, found)
-    _check_some(plan, mesh, found, carrier)
+        matrix, problem, reachable = _in_phases(measuring, with_cavities)
+    _check_some(plan, mesh, with_cavities, carrier)
     if job.folder is not None:
         _forget(job.folder, measuring.used)
     notes += _notes_on(plan, matrix)
     n_notes = len(notes)
-    together = _for_goal(job, objectives, problem, found)
+    together = _for_goal(job, objectives, problem, with_cavities)
     if problem.goal != together.problem.goal or not problem.reachable.any():
-        left = without(found.candidates, matrix.quarantined)
+        left = without(with_cavities.candidates, matrix.quarantined)
         notes += _of_rules(objectives, plan.mounts, left)
         if len(notes) == n_notes and not problem.reachable.any():
             notes.append(_why_nothing(job, objectives, observer, left, task))
@@ -324,7 +331,7 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
         scene=job.whole,
         mounts=plan.mounts,
         task=task,
-        pool=found,
+        pool=with_cavities,
         segmentation=segmentation,
         openings=opened,
         bounds=measuring.bounds,
@@ -345,13 +352,15 @@ def prepare(job: Job, objectives: Objectives) -> Prepared:
     )
 
 
-def _check_some(plan: Plan, mesh: Mesh, found: CandidatePool, carrier: Carrier | None) -> None:
+def _check_some(
+    plan: Plan, mesh: Mesh, candidate_pool: CandidatePool, carrier: Carrier | None
+) -> None:
     """Raise `ConfigError` where no candidate is left."""
-    if not len(found.candidates):
+    if not len(candidate_pool.candidates):
         raise ConfigError(
-            f"{plan.name}: expected candidates, got none ({'; '.join(found.lines())}); relax "
-            f"constraints, {OF_CARRIED if carrier else ''}or add candidates"
-            f"{_of_unit(plan, mesh, found.proposed)}"
+            f"{plan.name}: expected candidates, got none ({'; '.join(candidate_pool.lines())}); "
+            f"relax constraints, {OF_CARRIED if carrier else ''}or add candidates"
+            f"{_of_unit(plan, mesh, candidate_pool.proposed)}"
         )
 
 
@@ -365,7 +374,7 @@ class _Measuring:
         Folders of the matrices so far, which are `parts`.
     """
 
-    job: Job
+    job: PlanJob
     observer: Observer
     task: Task
     bounds: CandidateBounds
@@ -379,7 +388,7 @@ class _Measuring:
         return counting(self.job.plan.task) | {"mounts": self.job.plan.mounts}
 
     def problem(
-        self, name: str, found: CandidatePool, poses: Poses
+        self, name: str, candidate_pool: CandidatePool, poses: Poses
     ) -> tuple[VisibilityMatrix, Problem]:
         """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
@@ -399,14 +408,16 @@ class _Measuring:
                 is_large(job.plan, matrix)
         nothing = BestCoverage(cameras=0)
         elements: Mesh | Cells = observer.mesh if job.cells is None else job.cells
-        return matrix, problem_of(matrix, elements, nothing, costs=found.costs, **self.counted)
+        return matrix, problem_of(
+            matrix, elements, nothing, costs=candidate_pool.costs, **self.counted
+        )
 
 
 def _in_phases(
-    measuring: _Measuring, found: CandidatePool
+    measuring: _Measuring, candidate_pool: CandidatePool
 ) -> tuple[VisibilityMatrix, Problem, AreaNetwork | None]:
     """Matrix and problem of candidates in all phases, and what all cover if that is asked."""
-    job, placed = measuring.job, found.candidates.placed
+    job, placed = measuring.job, candidate_pool.candidates.placed
     phases, plan = job.phases, job.plan
     assert phases is not None
     assert job.cells is not None
@@ -426,12 +437,12 @@ def _in_phases(
         )
     nothing = BestCoverage(cameras=0)
     matrix, elements, weights, reachable = in_phases
-    counted = problem_of(matrix, elements, nothing, costs=found.costs, **measuring.counted)
+    counted = problem_of(matrix, elements, nothing, costs=candidate_pool.costs, **measuring.counted)
     return matrix, replace(counted, weights=weights), reachable
 
 
 def _with_cavities(
-    measuring: _Measuring, found: CandidatePool, problem: Problem
+    measuring: _Measuring, candidate_pool: CandidatePool, problem: Problem
 ) -> tuple[CandidatePool, Openings | None, tuple[VisibilityMatrix, Problem] | None, str]:
     """Candidates with those into cavities, their matrix and problem, and a line on them."""
     job, mesh, plan = measuring.job, measuring.observer.mesh, measuring.job.plan
@@ -439,10 +450,10 @@ def _with_cavities(
     missed = ~problem.reachable
     unseen = mesh.task_mask & ~mesh.degenerate_mask & _faces_with(missed, job.cells)
     if not cavities or not unseen.any():
-        return found, None, None, ""
+        return candidate_pool, None, None, ""
     entry = cavities[0]
     with job.clock("cavities") as progress:
-        into = list(found.parts)
+        into = list(candidate_pool.parts)
         for index, cost in mounts_of_entry(plan, entry):
             opened = openings(
                 mesh,
@@ -455,10 +466,10 @@ def _with_cavities(
                 progress=progress,
             )
             into.append((opened.candidates.of_camera(index), cost))
-        before = len(found.candidates)
-        found = filtered_pool(plan, job.whole, into)
-        further = renumbered(found.candidates.placed[before:])
-    matrix, problem = measuring.problem("visibility matrix of cavities", found, further)
+        before = len(candidate_pool.candidates)
+        candidate_pool = filtered_pool(plan, job.whole, into)
+        further = renumbered(candidate_pool.candidates.placed[before:])
+    matrix, problem = measuring.problem("visibility matrix of cavities", candidate_pool, further)
     if job.cells is None:
         missed = unseen
     now = missed & problem.reachable
@@ -470,7 +481,7 @@ def _with_cavities(
         f"the {len(further)} candidates that look into cavities cover {n_now} of them "
         f"({percent(problem.share(now))})"
     )
-    return found, opened, (matrix, problem), line
+    return candidate_pool, opened, (matrix, problem), line
 
 
 def _notes_on(plan: Plan, matrix: VisibilityMatrix) -> list[str]:
@@ -489,7 +500,7 @@ def _notes_on(plan: Plan, matrix: VisibilityMatrix) -> list[str]:
 
 
 def _for_goal(
-    job: Job, objectives: Objectives, problem: Problem, found: CandidatePool
+    job: PlanJob, objectives: Objectives, problem: Problem, candidate_pool: CandidatePool
 ) -> WithGoals:
     """The problem with the goal of the plan, and with goals of its own, or the nearest in reach."""
     plan, cells = job.plan, job.cells
@@ -499,7 +510,7 @@ def _for_goal(
         costs[: len(plan.given)] = 0.0
         problem = replace(problem, costs=costs)
         wanted = BestCoverage(budget=float(wanted.cameras))
-    placed, given = found.candidates.placed, plan.given.ids.tolist()
+    placed, given = candidate_pool.candidates.placed, plan.given.ids.tolist()
     all_of = with_goals(problem, wanted, objectives.goals, placed, given, job.clock)
     notes = list(all_of.notes)
     try:
@@ -578,9 +589,9 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
         return []
     finder, sampled = objectives.cells.finder, _sample(left, N_OF_RULES)
     some = mounts.cameras(sampled)[0]
-    found = finder.find(some)
-    scene = found.mesh, finder.camera, finder.task
-    lines = unmet_lines(failures_of_rows, found, scene, some)
+    result = finder.find(some)
+    scene = result.mesh, finder.camera, finder.task
+    lines = unmet_lines(failures_of_rows, result, scene, some)
     if len(sampled) < len(left):
         lines = [f"{line} (of {len(sampled)} of {len(left):,} candidates)" for line in lines]
     return lines
@@ -610,12 +621,12 @@ def _shares(
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
     counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
     order, total = np.argsort(-counts, kind="stable"), max(1, counts.sum())
-    found = {NAMES[row]: float(counts[row] / total) for row in order.tolist() if counts[row]}
-    return "reasons of faces in front of a camera", found
+    table = {NAMES[row]: float(counts[row] / total) for row in order.tolist() if counts[row]}
+    return "reasons of faces in front of a camera", table
 
 
 def _why_nothing(
-    job: Job, objectives: Objectives, observer: Observer, left: Poses, task: Task
+    job: PlanJob, objectives: Objectives, observer: Observer, left: Poses, task: Task
 ) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     what = "no face" if job.cells is None else "no patch"
@@ -639,7 +650,7 @@ def _why_nothing(
     )
 
 
-def _clash(job: Job, task: Task) -> str:
+def _clash(job: PlanJob, task: Task) -> str:
     """End of a line on a camera that is in focus only where its images are too coarse."""
     density = max(task.min_pixel_density, task.min_facing_density)
     for name, camera in zip(job.plan.rig.names, job.plan.rig.cameras, strict=True):

@@ -23,29 +23,25 @@ from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record
 from rastercov.base.memory import FloatArray, IntArray
 from rastercov.base.output import own_place
-from rastercov.camera.formats import read_views
-from rastercov.camera.formats.doubts import unit_doubts
-from rastercov.camera.installation import InstallationError
-from rastercov.camera.pose import Poses, renumbered
-from rastercov.camera.rig import is_joint, led_by, names_of_poses
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.tolerance import Errors, check_provable
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import frozen
-from rastercov.mesh.groups import listed, rows_of
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera.rig import is_joint, led_by, names_of_poses
+from rastercov.core.coverage.required import HOLDS
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.groups import listed, rows_of
+from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.improve.tolerance import Tolerance, tolerance
-from rastercov.placement.plan.assured import Assured, assured
-from rastercov.placement.plan.carrier import Carried, Carrier, carriers
+from rastercov.placement.plan.carrier import CarriedPoses, Carrier, carriers
 from rastercov.placement.plan.check import seen_by_cameras
-from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
-from rastercov.placement.plan.flight import Flight, flight_of
+from rastercov.placement.plan.generators import PoseFile
 from rastercov.placement.plan.goals import (
     Objectives,
     OwnGoal,
@@ -54,9 +50,7 @@ from rastercov.placement.plan.goals import (
     permits_of,
     place_of,
 )
-from rastercov.placement.plan.legs import Airspace
 from rastercov.placement.plan.network import (
-    HOLDS,
     CellRequirement,
     Measured,
     Requirement,
@@ -75,7 +69,7 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import (
     Clock,
-    Job,
+    PlanJob,
     Prepared,
     Step,
     cells_of,
@@ -84,24 +78,15 @@ from rastercov.placement.plan.prepare import (
     sampled,
     without,
 )
-from rastercov.placement.plan.scene import (
-    CandidatePool,
-    keep_outs,
-    named_scene,
-)
+from rastercov.placement.plan.product import Product
+from rastercov.placement.plan.scene import CandidatePool, named_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
 from rastercov.placement.plan.withheld import views_for_zones
 from rastercov.placement.select.integer import select_by
-from rastercov.placement.select.problem import (
-    FewestCameras,
-    Problem,
-    Selection,
-    curve_of,
-    finish,
-)
+from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
 from rastercov.placement.uncovered import Leftover
-from rastercov.shards import Progress, Workers
+from rastercov.shards import Progress, Workers, silent
 
 LOG = logging.getLogger("rastercov")
 MOST_TRIED = 16
@@ -173,9 +158,8 @@ class Placement(InOneLine, InNotebook):
         Source of each camera, such as the generator of its candidate.
     requirements : tuple of Requirement
         Required shares of the whole task and of groups; empty for a goal "best_coverage".
-    optimised, refined, tolerance, leftover : Optimised, Refined, Tolerance and Leftover, or None
-        Results of the search, the refinement, the random installation errors, and the analysis of
-        uncovered faces.
+    optimised, refined, leftover : Optimised, Refined and Leftover, or None
+        Results of the search, the refinement, and the analysis of uncovered faces.
     steps : dict of str to float
         Time of each step, seconds.
     interrupted : str
@@ -190,8 +174,8 @@ class Placement(InOneLine, InNotebook):
         The network as it is carried, if something carries the cameras.
     choices : dict of str to Choice
         Choices among the candidates of equipment, by its name.
-    assured : Assured or None
-        Coverage that is proved under installation errors.
+    made : dict of str to Product
+        Results of steps of features, by the name of the step.
     withheld : list of list of Refusal
         For each of the first dead zones, rejected views that would cover half of it.
     is_least : bool
@@ -205,15 +189,14 @@ class Placement(InOneLine, InNotebook):
     requirements: tuple[Requirement, ...]
     optimised: Optimised | None = None
     refined: Refined | None = None
-    tolerance: Tolerance | None = None
     leftover: Leftover | None = None
     steps: dict[str, float] = field(default_factory=dict)
     interrupted: str = ""
     kept_poses: tuple[str, ...] = ()
     left_out: tuple[int, ...] = ()
-    carried: Carried | None = None
+    carried: CarriedPoses | None = None
     choices: Mapping[str, Choice] = field(default_factory=dict)
-    assured: Assured | None = None
+    made: Mapping[str, Product] = field(default_factory=dict)
     withheld: list[list[Refusal]] = field(default_factory=list)
     is_least: bool = False
 
@@ -238,15 +221,16 @@ class Placement(InOneLine, InNotebook):
         """Indices of the candidates of the placed cameras or rigs."""
         return np.delete(self.selection.chosen, self.left_out)
 
-    @property
-    def flight(self) -> Flight | None:
-        """Flight along the placed cameras, if the plan has one; otherwise None."""
-        prepared, asked = self.prepared, self.prepared.plan.flight
-        if asked is None or not len(self.cameras.mounted) or not prepared.plan.chooses_cameras:
-            return None
-        plan = prepared.plan
-        space = Airspace(prepared.mesh, plan.constraints.clearance, keep_outs(plan))
-        return flight_of(self.cameras, asked, space, prepared.mounts, self.chosen)
+    @cached_property
+    def products(self) -> list[Product]:
+        """Products of features for the placed cameras, such as a flight along them."""
+        made = (each.of(self) for each in hooks_of(Products))
+        return [each for each in made if each is not None]
+
+    def product(self, word: str) -> Product | None:
+        """One of them, or of `made`, by its word, if it is made."""
+        every = (*self.made.values(), *self.products)
+        return next((each for each in every if each.word == word), None)
 
     @property
     def is_met(self) -> bool:
@@ -262,6 +246,22 @@ class Placement(InOneLine, InNotebook):
 Work = Callable[[Placement, Objectives, Progress], Placement]
 Improvement = tuple[str, Callable[[Placement], object], Work]
 """Name of a step after the selection, whether a placement asks for it, and its function."""
+
+
+class Products:
+    """Hooks of a feature that makes something of placed cameras."""
+
+    steps: Sequence[Improvement] = ()
+    """Steps that add to `Placement.made`, by their names."""
+
+    def check_before(self, plan: Plan) -> None:
+        """ConfigError for what cannot be made, before the work."""
+
+    def check(self, plan: Plan, mesh: Mesh) -> None:
+        """PlanError for what cannot be made in a scene."""
+
+    def of(self, placement: Placement) -> Product | None:
+        """The product without a step, where the plan asks for it."""
 
 
 def place(
@@ -319,24 +319,22 @@ def place(
         else:
             eyes = renumbered(given)
     _check_goals(plan)
-    if plan.selection and plan.selection.tolerance and plan.selection.tolerance.proof:
-        check_provable(plan.rig, plan.build_task())
+    _check_before_work(plan)
     clock = Clock(step)
     with clock("scene"):
         whole, plan, _ = named_scene(plan)
         mesh, goals = goals_apart(plan, whole)
-    if plan.flight is not None and (place := plan.flight.place) is not None:
-        with errors_at(plan.name, "flight.origin", ConfigError):
-            place.check_scene(mesh.bounds)
+    for each in hooks_of(Products):
+        each.check(plan, mesh)
     job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not beside:
-        return job.cameras(plan, STEPS)
+        return job.cameras(plan, (*STEPS, *last_steps()))
     chooser = next(each for each in hooks_of(Chooser) if each.word == beside)
-    found = chooser.chosen(job, plan, eyes)
-    if found.interrupted:
-        return found
-    with open_objectives(found.prepared.plan, mesh, found.prepared.cells) as objectives:
-        return job.improved(found, objectives, STEPS[-N_LAST:])
+    chosen = chooser.chosen(job, plan, eyes)
+    if chosen.interrupted:
+        return chosen
+    with open_objectives(chosen.prepared.plan, mesh, chosen.prepared.cells) as objectives:
+        return job.improved(chosen, objectives, last_steps())
 
 
 def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
@@ -353,6 +351,17 @@ def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
             )
         moved.append(names.index(each) if isinstance(each, str) else each)
     return given[np.setdiff1d(np.arange(len(given)), moved)]
+
+
+def _check_before_work(plan: Plan) -> None:
+    """Errors of thresholds, pose files of candidates and products, which come late without this."""
+    plan.build_task()
+    for row, each in enumerate(plan.candidates):
+        if isinstance(entry := getattr(each, "of", each), PoseFile):
+            with errors_at(plan.name, f"candidates[{row}]"):
+                read_views(plan.folder / entry.file)
+    for hooks in hooks_of(Products):
+        hooks.check_before(plan)
 
 
 def _check_goals(plan: Plan) -> None:
@@ -394,7 +403,7 @@ class Run:
             assert selection is not None
             phases = phases_of(plan, self.mesh)
         folder = None if self.folder is None else own_place(self.folder / "matrix")
-        job = Job(plan, selection, self.whole, folder, self.clock, cells, self.workers, phases)
+        job = PlanJob(plan, selection, self.whole, folder, self.clock, cells, self.workers, phases)
         with open_objectives(plan, self.mesh, cells, self.goals) as objectives:
             prepared = prepare(job, objectives)
             finder = None
@@ -440,14 +449,21 @@ def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
     """Selection of a problem, with the cameras that stay, which cost nothing."""
     if isinstance(prepared.selection, AllSelection):
         every = np.setdiff1d(np.arange(prepared.problem.n_candidates), prepared.barred)
-        found = finish("all", prepared.problem, every, 0.0, 0.0)
-        return replace(found, chosen=every, curve=curve_of(prepared.problem, every))
-    found = select_by(prepared.selection, prepared.problem, seconds)
-    missing = np.setdiff1d(np.arange(len(prepared.plan.given)), found.chosen)
+        selection = finish("all", prepared.problem, every, 0.0, 0.0)
+        return replace(selection, chosen=every, curve=curve_of(prepared.problem, every))
+    selection = select_by(prepared.selection, prepared.problem, seconds)
+    missing = np.setdiff1d(np.arange(len(prepared.plan.given)), selection.chosen)
     if not len(missing):
-        return found
-    chosen = np.concatenate((found.chosen, missing))
-    return finish(found.method, prepared.problem, chosen, found.bound, found.seconds, found.status)
+        return selection
+    chosen = np.concatenate((selection.chosen, missing))
+    return finish(
+        selection.method,
+        prepared.problem,
+        chosen,
+        selection.bound,
+        selection.seconds,
+        selection.status,
+    )
 
 
 def _placed(
@@ -488,7 +504,7 @@ def measured_by_face(
 def _by_area(
     placement: Placement,
     objectives: Objectives,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> Placement:
     """The placement with the exact area of its network, and requirements by it.
 
@@ -498,7 +514,7 @@ def _by_area(
     assert objectives.cells is not None
     prepared, on_cells = placement.prepared, objectives.cells
     plan, limits = prepared.plan, limits_of(prepared.selection)
-    carried: Carried | None = None
+    carried: CarriedPoses | None = None
     if prepared.carrier is not None:
         cameras, carried = _carried(placement, prepared.carrier, on_cells.finder)
     elif (phases := prepared.phases) is None:
@@ -528,8 +544,8 @@ def _by_area(
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
         covered = on_cells.covered(covers, on_cells.eyes(cameras.mounted))
         cells, reachable = on_cells.elements, problem.reachable
-        found = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
-        required = tuple(CellRequirement(**asdict(each)) for each in found)
+        result = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
+        required = tuple(CellRequirement(**asdict(each)) for each in result)
     else:
         seeable = seeable_areas(plan, cameras.network, cameras.areas)
         required = judge_areas(
@@ -538,7 +554,9 @@ def _by_area(
     return replace(placement, cameras=cameras, requirements=(*required, *of_goals), carried=carried)
 
 
-def _carried(placement: Placement, own: Carrier, finder: RegionPass) -> tuple[Measured, Carried]:
+def _carried(
+    placement: Placement, own: Carrier, finder: RegionPass
+) -> tuple[Measured, CarriedPoses]:
     """The network with its exact area, as each camera sees the scene and what carries it."""
     plan, known = placement.prepared.plan, placement.carried
     joints = None if known is None else known.joints
@@ -570,18 +588,18 @@ def _seen_past_carrier(
     A candidate that no solution of its pose frees is left out, and cameras are selected anew, a few
     times. The best of all is kept, as the carrier is in the figures of each.
     """
-    found = best = placement
+    areas = best = placement
     for tried in range(RAISES):
-        if not _is_hidden(found) or found.carried is None:
+        if not _is_hidden(areas) or areas.carried is None:
             break
         progress(tried, RAISES)
         try:
-            prepared = found.prepared.without(found.chosen[found.carried.is_hidden])
+            prepared = areas.prepared.without(areas.chosen[areas.carried.is_hidden])
         except ConfigError:  # the rest does not reach the goal
             break
-        found = _placed(prepared, _selected(prepared), objectives, placement.steps)
-        found = _by_area(found, objectives)
-        best = max(best, found, key=lambda each: each.worth)
+        areas = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        areas = _by_area(areas, objectives)
+        best = max(best, areas, key=lambda each: each.worth)
     if best.carried is None or not _is_hidden(best):
         return best
     notes = (*best.prepared.notes, best.carried.hides())
@@ -611,13 +629,13 @@ def _with_shortfall(prepared: Prepared, finder: RegionPass | None, clock: Clock)
 
     `finder` is None where no area of all candidates is known.
     """
-    found = None if finder is None else shortfall(prepared, finder, clock)
-    lines = [*prepared.notes, *(found.lines if found else ())]
+    result = None if finder is None else shortfall(prepared, finder, clock)
+    lines = [*prepared.notes, *(result.lines if result else ())]
     for line in lines:
         LOG.warning(line)
-    if found is None or finder is None:
+    if result is None or finder is None:
         return prepared
-    for line in ways(prepared, found, finder, clock):
+    for line in ways(prepared, result, finder, clock):
         LOG.warning(line)
         lines.append(line)
     return replace(prepared, notes=tuple(lines), is_beyond=True)
@@ -635,24 +653,19 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
     Each time as much more of the cells is wanted as the area falls short. Where that does not help,
     it is the placement that lacks least.
     """
-    found = best = placement
+    areas = best = placement
     until = time.perf_counter() + placement.prepared.selection.time_limit
     for _ in range(RAISES):
-        tighter = _raised(found)
-        if tighter.problem.goal == found.prepared.problem.goal:  # all that candidates reach
+        tighter = _raised(areas)
+        if tighter.problem.goal == areas.prepared.problem.goal:  # all that candidates reach
             break
         left = max(until - time.perf_counter(), 1.0)
         chosen = _selected(tighter, left)
-        found = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
-        best = max(best, found, key=lambda each: each.worth)
-        if not _is_short(found):
-            return found
+        areas = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
+        best = max(best, areas, key=lambda each: each.worth)
+        if not _is_short(areas):
+            return areas
     return placement if is_lowered(placement.prepared) else best
-
-
-def _is_over(placement: Placement) -> bool:
-    """True where cameras together cover more of a goal than it permits."""
-    return any(each.is_most and each.status != HOLDS for each in placement.requirements)
 
 
 def _within_limits(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
@@ -661,23 +674,23 @@ def _within_limits(placement: Placement, objectives: Objectives, progress: Progr
     Each candidate alone is within the limit; cameras are selected anew without the one that covers
     most until all together are, a few times. The bound of the first selection holds for all.
     """
-    found = best = placement
+    areas = best = placement
     n_given = len(placement.prepared.plan.given)
     for tried in range(RAISES):
         progress(tried, RAISES)
-        over = [each.goal for each in found.requirements if each.is_most and each.status != HOLDS]
-        new = found.chosen[found.chosen >= n_given]
+        over = [each.goal for each in areas.requirements if each.is_most and each.status != HOLDS]
+        new = areas.chosen[areas.chosen >= n_given]
         if not over or not len(new):
             break
-        shares = found.prepared.permitted[over[0]][new]
+        shares = areas.prepared.permitted[over[0]][new]
         try:
-            prepared = found.prepared.without(new[[shares.argmax()]])
+            prepared = areas.prepared.without(new[[shares.argmax()]])
         except ConfigError:  # the rest does not reach the goal
             break
-        found = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        areas = _placed(prepared, _selected(prepared), objectives, placement.steps)
         if objectives.cells is not None:
-            found = _by_area(found, objectives)
-        best = max(best, found, key=lambda each: each.worth)
+            areas = _by_area(areas, objectives)
+        best = max(best, areas, key=lambda each: each.worth)
     return best
 
 
@@ -701,8 +714,8 @@ def _shortest(placement: Placement, objectives: Objectives, progress: Progress) 
     of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
     for count in range(1, n):
         first = phases.first(areas, int(np.count_nonzero(of_row < count)))
-        found = judge_areas(first, limits, 1, reachable)
-        if all(each.status == HOLDS for each in found):
+        result = judge_areas(first, limits, 1, reachable)
+        if all(each.status == HOLDS for each in result):
             rows = list(range(count))
             shorter = _of_rows(placement, objectives, rows)
             return replace(shorter, left_out=tuple(range(count, n)))
@@ -746,9 +759,9 @@ def _fewest(placement: Placement, objectives: Objectives, progress: Progress) ->
         for tried, each in enumerate(sets[:MOST_TRIED]):
             progress(tried, MOST_TRIED)
             chosen = of([*given, *each], 0.0 if given else prepared.pool.costs[-1])
-            found = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
-            if found.is_met:
-                best, count = found, count - 1
+            areas = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
+            if areas.is_met:
+                best, count = areas, count - 1
                 break
         else:
             if len(sets) > MOST_TRIED:
@@ -798,7 +811,7 @@ def _raised(placement: Placement) -> Prepared:
     return replace(prepared, problem=replace(problem, goal=goal))
 
 
-def _watched(objective: Objective, progress: Progress, total: int) -> Objective:
+def with_progress(objective: Objective, progress: Progress, total: int) -> Objective:
     """The objective, which reports its measured poses of a total."""
     done = 0
     progress(0, total)
@@ -817,8 +830,8 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
     start = placement.cameras.mounted.world_from_camera
     if not len(start):
         return placement
-    found = optimise(
-        _watched(objectives.moved, progress, asked.budget),
+    result = optimise(
+        with_progress(objectives.moved, progress, asked.budget),
         prepared.pool.space,
         len(start),
         budget=max(asked.budget, len(start)),
@@ -826,29 +839,29 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         start=start,
         camera=placement.cameras.mounted.camera,
     )
-    moved = _moved(placement, objectives, found.poses, "searched")
-    return replace(moved, optimised=found, interrupted="search" if found.is_interrupted else "")
+    moved = _moved(placement, objectives, result.poses, "searched")
+    return replace(moved, optimised=result, interrupted="search" if result.is_interrupted else "")
 
 
 def _refine(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     selection, start = placement.prepared.selection, placement.cameras.mounted
-    watched = _watched(objectives.moved, progress, selection.refine_budget)
+    watched = with_progress(objectives.moved, progress, selection.refine_budget)
     budget, own = max(selection.refine_budget, len(start)), placement.prepared.carrier
     if own is not None and (carried := placement.carried) is not None:
-        found, joints = own.refined(watched, start, carried.joints, budget)
+        refinement, joints = own.refined(watched, start, carried.joints, budget)
         known = replace(placement, carried=carried.with_joints(joints))
-        moved = _moved(known, objectives, found.poses, "refined")
+        moved = _moved(known, objectives, refinement.poses, "refined")
         if moved.cameras is placement.cameras:
             moved = replace(moved, carried=carried)
     else:
         space, seed = placement.prepared.pool.space, selection.seed
         stays = placement.chosen < len(placement.prepared.plan.given)
-        found = refine(watched, space, start, budget=budget, seed=seed, fixed=stays)
-        moved = _moved(placement, objectives, found.poses, "refined")
-    is_interrupted = found.status == INTERRUPTED
+        refinement = refine(watched, space, start, budget=budget, seed=seed, fixed=stays)
+        moved = _moved(placement, objectives, refinement.poses, "refined")
+    is_interrupted = refinement.status == INTERRUPTED
     if not is_interrupted:
         moved = _without_idle(moved, objectives)
-    return replace(moved, refined=found, interrupted="refinement" if is_interrupted else "")
+    return replace(moved, refined=refinement, interrupted="refinement" if is_interrupted else "")
 
 
 def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
@@ -873,10 +886,10 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
         rest = [each for each in rows if each != row]
         if not rest or worth(rest) < all_of:
             continue
-        found = _of_rows(placement, objectives, [rows.index(each) for each in rest])
-        loss = placement.cameras.share - found.cameras.share
-        if loss <= ROUNDING and found.worth[0] >= placement.worth[0] - ROUNDING:
-            placement, rows = replace(found, left_out=(*placement.left_out, row)), rest
+        of_rows = _of_rows(placement, objectives, [rows.index(each) for each in rest])
+        loss = placement.cameras.share - of_rows.cameras.share
+        if loss <= ROUNDING and of_rows.worth[0] >= placement.worth[0] - ROUNDING:
+            placement, rows = replace(of_rows, left_out=(*placement.left_out, row)), rest
     return replace(placement, left_out=tuple(sorted(placement.left_out)))
 
 
@@ -891,30 +904,8 @@ def placed_at(
 ) -> Placement:
     """The placement with other cameras or rigs, measured, each with its source."""
     cameras, required = measured_by_face(placement.prepared, mounted, objectives)
-    found = replace(placement, cameras=cameras, origin=tuple(origin), requirements=required)
-    return found if objectives.cells is None else _by_area(found, objectives)
-
-
-def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    selection, poses = placement.prepared.selection, placement.cameras.mounted
-    asked = selection.tolerance
-    assert asked is not None
-    error = value_of(asked, InstallationError)
-    watched = _watched(objectives.chosen, progress, len(poses) * (asked.draws + 1))
-    found = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
-    return replace(placement, tolerance=found, assured=_assured(placement, error))
-
-
-def _assured(placement: Placement, error: InstallationError) -> Assured | None:
-    """Proved area of the network, where the plan asks for it; nothing is selected by it."""
-    selection, prepared = placement.prepared.selection, placement.prepared
-    if selection.tolerance is None or not selection.tolerance.proof:
-        return None
-    errors = Errors(
-        position_mm=error.position_mm, angle_deg=error.angle_deg, distribution=error.distribution
-    )
-    network = prepared.mesh, placement.cameras.placed
-    return assured(prepared.plan, *network, errors, placement.requirements, draws=0)
+    copy = replace(placement, cameras=cameras, origin=tuple(origin), requirements=required)
+    return copy if objectives.cells is None else _by_area(copy, objectives)
 
 
 def _explain_uncovered(
@@ -922,22 +913,22 @@ def _explain_uncovered(
 ) -> Placement:
     prepared, observer = placement.prepared, objectives.faces.observer
     wanted = progress, prepared.measured, prepared.bounds, prepared.plan.task.views
-    found = left_over(observer, placement.cameras, *wanted)
+    rest = left_over(observer, placement.cameras, *wanted)
     if prepared.cells is not None and is_joint(prepared.mounts.rig):
         # Not faces that single cameras of a rig with a rule cover.
         cells = prepared.cells
         is_covered = prepared.problem.bits.counts_up_to(1)[: len(cells)] > 0
         covering = np.zeros(prepared.mesh.n_faces, np.int64)
         covering[cells.source_face[is_covered]] = 1
-        found = replace(found, n_covering=frozen(covering))
+        rest = replace(rest, n_covering=frozen(covering))
     areas, refused = placement.cameras.areas, prepared.pool.refused
     if areas is None or prepared.phases is not None or not prepared.plan.chooses_cameras:
-        return replace(placement, leftover=found)
+        return replace(placement, leftover=rest)
     network = prepared.plan.rig, placement.cameras.placed, views_by_group(prepared.plan, None)
     areas.dead_zones(*network, progress)
     zones = areas.zones(*network)
     withheld = views_for_zones(prepared.mounts, areas.task, zones, refused)
-    return replace(placement, leftover=found, withheld=withheld)
+    return replace(placement, leftover=rest, withheld=withheld)
 
 
 def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
@@ -958,21 +949,27 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 
 
 STEPS: tuple[Improvement, ...] = (
-    ("area", lambda found: found.prepared.cells is not None, _by_area),
+    ("area", lambda result: result.prepared.cells is not None, _by_area),
     *((each.key, _is_hidden, _seen_past_carrier) for each in carriers()),
     (
         "stricter selection",
-        lambda found: found.cameras.areas and _is_short(found) and not found.prepared.is_beyond,
+        lambda result: result.cameras.areas and _is_short(result) and not result.prepared.is_beyond,
         _selected_anew,
     ),
-    ("limits of goals", _is_over, _within_limits),
+    (
+        "limits of goals",
+        lambda result: any(each.is_most and each.status != HOLDS for each in result.requirements),
+        _within_limits,
+    ),
     ("fewer cameras", _is_met_in_phases, _shortest),
     ("fewest by area", _may_be_fewer, _fewest),
-    ("search", lambda found: found.prepared.selection.optimise, _optimise),
-    ("refinement", lambda found: found.prepared.selection.refine, _refine),
-    ("tolerance", lambda found: found.prepared.selection.tolerance, _tolerate),
-    ("uncovered faces", lambda found: True, _explain_uncovered),
+    ("search", lambda result: result.prepared.selection.optimise, _optimise),
+    ("refinement", lambda result: result.prepared.selection.refine, _refine),
 )
-"""Steps after the selection, in their order."""
-N_LAST = 2
-"""Steps of these that come after a `Choice`, where there is one."""
+"""Steps after the selection, in their order; after them come `last_steps`."""
+
+
+def last_steps() -> list[Improvement]:
+    """Steps that come after a `Choice`, where there is one: those of features, and reasons."""
+    made = [step for each in hooks_of(Products) for step in each.steps]
+    return [*made, ("uncovered faces", lambda result: True, _explain_uncovered)]

@@ -18,12 +18,19 @@ import numpy as np
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.base.format import ByName, frozen_record, plural
 from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.camera.formats.conventions import unique_names
-from rastercov.coverage.area.remedies import IsFree, Places, outside_of_matter
-from rastercov.mesh import Mesh, shapes
-from rastercov.mesh.arrays import frozen
-from rastercov.mesh.groups import FileGroups, Names, names_beside, refuse_twice
-from rastercov.mesh.targets import box_grid, count_for, faces_on, sheet_above, with_target
+from rastercov.core.area.remedies import IsFree, Places, outside_of_matter
+from rastercov.core.camera.conventions import unique_names
+from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.groups import FileGroups, Names, names_beside, refuse_twice
+from rastercov.core.mesh.targets import (
+    LAYERS,
+    box_grid,
+    count_for,
+    faces_on,
+    sheet_above,
+    with_target,
+)
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.clearance import (
     KeepOutBox,
@@ -39,7 +46,7 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, jointed_of
-from rastercov.placement.plan.generator import Framed, Generator, Spot
+from rastercov.placement.plan.generator import Framed, Generator, GeneratorScene
 from rastercov.placement.plan.generators import PerCavity, PerSegment
 from rastercov.placement.plan.phases import hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
@@ -124,8 +131,8 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
         raise PlanError(plan.name, lines)
     for each in hooks() if is_carried else ():
         with errors_at(plan.name, each.sections[0]):
-            if (found := each.table(plan, mesh)) is not None:
-                mesh, table = found
+            if (result := each.table(plan, mesh)) is not None:
+                mesh, table = result
                 plan = plan.with_table(table)
     return mesh, plan, names
 
@@ -218,7 +225,11 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
         outlines = []
         if entry.room is not None:
             room = plan.room(entry.room)
-            sheet = between_heights(sheet, *room.bounds[:, 2])
+            low, high = room.bounds[:, 2].tolist()
+            # Not above floors of storeys below, whose sheets pass through the room.
+            own = low + max(entry.height - LAYERS, 0.0)
+            is_there = (own <= sheet.vertices[:, 2]) & (sheet.vertices[:, 2] <= high)
+            sheet = between_heights(sheet, own if is_there.any() else low, high)
             outlines.append(room.outline(float(sheet.bounds[:, 2].mean())))
         if entry.near:
             near = [group for each in entry.near for group in names.groups_of(each)]
@@ -258,8 +269,8 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
     for field in type(entry).model_fields:
         value, at = getattr(entry, field), f"{path}.{field}"
         if isinstance(value, list) and field in OF_GROUPS:
-            found = [each for name in value for each in known(at, name, names.groups_of)]
-            changes[field] = list(dict.fromkeys(found))
+            items = [each for name in value for each in known(at, name, names.groups_of)]
+            changes[field] = list(dict.fromkeys(items))
         elif isinstance(value, dict) and field in OF_GROUPS:
             find = names.places_of if field == "groups" else names.groups_of
             changes[field] = known(at, value, partial(names.by_group, find=find))
@@ -381,51 +392,57 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
     Without spaces of its own, a plan allows boxes around its candidates.
     """
     limits = plan.constraints
-    found = Candidates(np.zeros((0, 4, 4)), np.zeros(0, np.int16), np.zeros(0, np.int64), ())
+    candidates = Candidates(np.zeros((0, 4, 4)), np.zeros(0, np.int16), np.zeros(0, np.int64), ())
     given = Candidates.of(plan.given.world_from_camera, "existing", plan.given.ids)
     given = replace(given, camera=frozen(plan.given.camera))
-    found = sum((part for part, _ in parts), given if len(given) else found)
+    candidates = sum((part for part, _ in parts), given if len(given) else candidates)
     costs = [np.full(len(part), cost) for part, cost in parts]
     if limits.spaces and not plan.table:
         boxes = [np.array([space.low, space.high]) for space in limits.spaces]
     else:
         boxes = [box for part, _ in parts for box in _boxes(part)]
     space = space_of(plan, mesh, np.array(boxes) if boxes else mesh.bounds)
-    place = space.judge(found.poses[:, :3, 3])
+    place = space.judge(candidates.poses[:, :3, 3])
     place[: len(given)] = Place.ALLOWED
     allowed = place == Place.ALLOWED
-    made = found.counts()
-    for each in found.refused:
+    made = candidates.counts()
+    for each in candidates.refused:
         made[each.source] = made.get(each.source, 0) + 1
     return CandidatePool(
-        candidates=found.take(allowed),
+        candidates=candidates.take(allowed),
         costs=np.concatenate([np.zeros(len(given)), *costs])[allowed],
         made=made,
-        proposed=found,
-        refused=(*found.refused, *_misplaced(mesh, space, found, place)),
+        proposed=candidates,
+        refused=(*candidates.refused, *_misplaced(mesh, space, candidates, place)),
         space=space,
         parts=tuple(parts),
     )
 
 
 def _misplaced(
-    mesh: Mesh, space: PoseSpace, found: Candidates, place: ByteArray
+    mesh: Mesh, space: PoseSpace, candidates: Candidates, place: ByteArray
 ) -> Iterator[Refusal]:
     """Candidates at forbidden positions."""
     rows = np.flatnonzero(place != Place.ALLOWED)
     if not len(rows):
         return
-    eyes, source, surface = found.poses[rows, :3, 3], found.source[rows], nearest_obstacle(mesh)
+    eyes, source, surface = (
+        candidates.poses[rows, :3, 3],
+        candidates.source[rows],
+        nearest_obstacle(mesh),
+    )
     near = np.zeros(len(rows), np.int64) if surface is None else surface.query(eyes).face
     for row, name, face in zip(rows, source, near, strict=True):
         kind = Place(place[row])
         what = mesh.groups[mesh.face_group[face]].name
         if kind == Place.KEPT_OUT:
-            eye = found.poses[row : row + 1, :3, 3]
+            eye = candidates.poses[row : row + 1, :3, 3]
             what = next(each.name for each in space.keep_out if each.contains(eye)[0])
         key = kind.name.lower()
         words = DROPPED[key].format(what)
-        yield Refusal(found.poses[row], str(name), key, words, camera=int(found.camera[row]))
+        yield Refusal(
+            candidates.poses[row], str(name), key, words, camera=int(candidates.camera[row])
+        )
 
 
 def places_of(plan: Plan, mesh: Mesh, *, is_anywhere: bool = False) -> Places:
@@ -490,7 +507,8 @@ def _made(plan: Plan, mesh: Mesh, entry: Generator, index: int) -> Iterator[Cand
     for each in carriers() if entry.is_carried else ():
         yield from each.made(plan, mesh, entry, lambda other: _made(plan, mesh, other, index))
         return
-    spot = Spot(mesh, plan.mounts, index, framing_of(plan, entry), plan.folder, plan.room)
+    own = plan.folder, plan.room, plan.constraints.clearance
+    spot = GeneratorScene(mesh, plan.mounts, index, framing_of(plan, entry), *own)
     yield from entry.made(spot)
 
 

@@ -32,23 +32,24 @@ from pydantic import (
 from rastercov.base.errors import CameraError, RastercovError
 from rastercov.base.features import hooks_of
 from rastercov.base.format import ByName, ReadByName
-from rastercov.camera.camera import Camera, check_optics
-from rastercov.camera.catalogue import price_of
-from rastercov.camera.formats import read_views
-from rastercov.camera.formats.conventions import Conventions
-from rastercov.camera.installation import InstallationError
-from rastercov.camera.rig import Rig, entries_of_rig, preset_rig, rig_with
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.area.regions import OF_A_FACE
-from rastercov.coverage.device import Device
-from rastercov.coverage.task import NEEDED, Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.arrays import matrices_of, rotation_about
-from rastercov.mesh.formats import METRES, READERS, metres_per
-from rastercov.mesh.shapes import NAMES
+from rastercov.core.area.regions import OF_A_FACE
+from rastercov.core.camera.camera import Camera, check_optics
+from rastercov.core.camera.catalogue import price_of
+from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera.rig import Rig, entries_of_rig, preset_rig, rig_with
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.device import Device
+from rastercov.core.coverage.task import NEEDED, Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import matrices_of, rotation_about
+from rastercov.core.mesh.files import METRES, metres_per
+from rastercov.core.mesh.shapes import NAMES
+from rastercov.formats.cameras import read_views
+from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
 from rastercov.placement.candidates.rooms import Room, space_named
 from rastercov.placement.improve.refine import BUDGET
+from rastercov.placement.plan.candidate_entry import CandidateEntry
 from rastercov.placement.plan.entries import (
     BaseEntry,
     Count,
@@ -71,8 +72,6 @@ from rastercov.placement.plan.entries import (
     together,
     value_of,
 )
-from rastercov.placement.plan.flight import FlightSection
-from rastercov.placement.plan.generators import CandidateEntry
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, empty_goal
 
 OF_FILES = ("pixel_centre", "lens_model", "image_size")
@@ -219,11 +218,6 @@ class RigCamera(Entry):
             return look_at([self.translation], self.target)[0]
         turn = rotation_about(self.axis, math.radians(self.angle_deg))
         return matrices_of(turn, self.translation)
-
-
-def _with_file(value: object) -> object:
-    """A table as it is, or one with the file of that name."""
-    return {"file": value} if isinstance(value, str) else value
 
 
 OF_NO_GOAL = ("views", "min_angle_deg", *NEEDED, *OF_A_FACE)
@@ -492,17 +486,17 @@ class TaskSection(fields_of(Task, base=OF_TASK, leave_out=("views",))):  # type:
         return self
 
 
-class Volume(Entry):
+class VolumeEntries(Entry):
     """Entries of every keep-out volume."""
 
     name: Name
     """Name in the report."""
 
 
-BoxFields = fields_of(KeepOutBox, base=Volume, is_optional=True)
+BoxFields = fields_of(KeepOutBox, base=VolumeEntries, is_optional=True)
 
 
-class KeepOut(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # type: ignore[misc]
+class KeepOutVolume(fields_of(KeepOutSphere, base=BoxFields, is_optional=True)):  # type: ignore[misc]
     """A volume without cameras: a box (low, high) or a sphere (centre, radius)."""
 
     @model_validator(mode="after")
@@ -539,7 +533,7 @@ class Constraints(Entry):
     """[least, greatest] distance to the nearest evaluated face, m."""
     clearance: NotNegative = 0.0
     """Minimum distance from any surface, m; also for the legs of a flight."""
-    keep_out: list[KeepOut] = []
+    keep_out: list[KeepOutVolume] = []
     """Volumes without cameras."""
     spaces: list[Space] = []
     """Boxes that may hold cameras; anywhere if empty."""
@@ -562,17 +556,7 @@ class Optimise(Entry):
         return given
 
 
-class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
-    """Installation errors, and the coverage they cost."""
-
-    draws: Count = 200
-    """Number of installations to draw."""
-    proof: bool = False
-    """Also prove the area that is covered under any errors; with standard deviations, in 99 % of
-    installations."""
-
-
-class SelectionBase(Entry):
+class SelectionBase(extended("selection")):  # type: ignore[misc] # a base made of fields
     """Entries of every goal."""
 
     method: Literal["greedy", "integer"] = "greedy"
@@ -585,8 +569,6 @@ class SelectionBase(Entry):
     """Number of poses that refinement measures or estimates."""
     optimise: Optimise | None = None
     """Search over free poses, before refinement."""
-    tolerance: ToleranceSection | None = None
-    """Installation errors to simulate."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of all random numbers."""
 
@@ -603,7 +585,7 @@ class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ig
         return self
 
 
-BESIDE_CAMERAS = extended("selection", SelectionBase)
+BESIDE_CAMERAS = extended("best", SelectionBase)
 
 
 class BestSelection(fields_of(BestCoverage, base=BESIDE_CAMERAS)):  # type: ignore[misc]
@@ -700,7 +682,13 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
     """Thresholds that a point or face must meet to be covered."""
     candidates: list[CandidateEntry] = []
     """Poses to choose from."""
-    existing: Annotated[ExistingSection, BeforeValidator(_with_file)] | None = None
+    existing: (
+        Annotated[
+            ExistingSection,
+            BeforeValidator(lambda value: {"file": value} if isinstance(value, str) else value),
+        ]
+        | None
+    ) = None
     """Existing cameras, without cost, beside which others are chosen: a table or a pose file."""
     constraints: Constraints = Constraints()
     """Constraints on camera positions."""
@@ -712,14 +700,11 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
     """Files that are written, and their folder."""
     sheet: SheetSection = SheetSection()
     """Title block of pages and plan sheets."""
-    flight: FlightSection | None = None
-    """Flight to the positions: files for QGroundControl and others."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.camera is not None and self.cameras:
             raise ValueError("expected camera or cameras, got both; put camera among cameras")
-        self._check_proof()
         self._check_existing()
         types = self.cameras.items()
         if any(each.cost is not None and "cost" not in each.model_fields_set for _, each in types):
@@ -766,24 +751,6 @@ class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DE
             raise ValueError(
                 "selection: expected cameras or budget with existing, got both; leave one out"
             )
-
-    def _check_proof(self) -> None:
-        """ValueError for installation errors that nothing is proved of."""
-        asked = getattr(self.selection, "tolerance", None)
-        if asked is None or not asked.proof:
-            return
-        for name, is_given in (
-            ("goals", bool(self.goals)),
-            (
-                "task.min_angle_deg by face",
-                self.task.min_angle_deg > 0 and self.task.by != "area",
-            ),
-            ("by = face", self.task.by == "face" or self.task.weight_by == "count"),
-        ):
-            if is_given:
-                raise ValueError(
-                    f"selection.tolerance.proof: expected no {name}, got some; leave one out"
-                )
 
     def refuse(self, names: Sequence[str], why: str) -> None:
         """ValueError for a selection with one of some entries."""

@@ -14,33 +14,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, area, first_of, percent, plural, signed
-from rastercov.camera.camera import Camera
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import Rig, rows_of_result
-from rastercov.camera.viewpoints import look_at
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.network import AreaNetwork
-from rastercov.coverage.area.polygons import even_points
-from rastercov.coverage.area.regions import RegionPass
-from rastercov.coverage.area.remedies import Allowed, longer
-from rastercov.coverage.area.rows import gated
-from rastercov.coverage.area.zones import (
+from rastercov.advice.headline import advice_line, area_gained
+from rastercov.base.format import ByName, area, coordinates, first_of, percent, plural
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import even_points
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.remedies import Allowed, longer
+from rastercov.core.area.rows import gated
+from rastercov.core.area.zones import (
     LEAST_PERCENT,
     DeadZones,
     areas_by_reason,
     summary_of,
     zone_line,
 )
-from rastercov.coverage.coverage import in_batches
-from rastercov.coverage.headline import advice_line, area_gained
-from rastercov.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
-from rastercov.coverage.task import Task
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import rows_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig, rows_of_result
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.coverage import in_batches
+from rastercov.core.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
+from rastercov.core.coverage.required import FAILS, HOLDS
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.plan.network import (
-    FAILS,
-    HOLDS,
     AreaRequirement,
     judge_areas,
     limits_of,
@@ -49,7 +48,7 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.plan.prepare import Clock, Prepared
 from rastercov.placement.plan.scene import places_of
 from rastercov.placement.select.problem import views_of
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 MOST_MISSING = 3
 """Reasons, and groups of each, in a line on a goal that is out of reach."""
@@ -66,7 +65,7 @@ MORE_DEG, MOST_DEG = (10.0, 20.0), 88.0
 """Degrees added to the largest incidence that are tried."""
 
 
-class Change(NamedTuple):
+class PlanChange(NamedTuple):
     """Cameras and thresholds in place of those of a plan, and words on them."""
 
     words: str
@@ -177,25 +176,25 @@ def _by_group(zones: DeadZones, rows: Sequence[int], reason: int) -> str:
 # --- what reaches the goal ------------------------------------------------------------------------
 
 
-def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock) -> list[str]:
+def ways(prepared: Prepared, shortfall: Shortfall, finder: RegionPass, clock: Clock) -> list[str]:
     """Lines on changes with which all candidates together reach the goal, one of each kind.
 
     Where none of those that are tried does, on the one that comes nearest.
     """
     is_free = prepared.carrier is None and not prepared.mounts.has_rigs
-    kinds = [*_kinds(prepared.camera, finder.task, found.reasons)]
+    kinds = [*_kinds(prepared.camera, finder.task, shortfall.reasons)]
     total, tried, lines = 1 + sum(map(len, kinds)), list[tuple[float, str]](), list[str]()
     with clock("changes that reach the goal") as progress:
-        lack_of = _estimate(prepared, found)
+        lack_of = _estimate(prepared, shortfall)
         for kind in kinds:
             for change in kind:
                 tried.append((lack_of(change), change.words))
                 progress(len(tried), total)
-                if tried[-1][0] <= NEAR and (line := _reached(prepared, found, change)):
+                if tried[-1][0] <= NEAR and (line := _reached(prepared, shortfall, change)):
                     lines.append(line)
                     break
         if is_free:
-            lines += _elsewhere(prepared, found, finder)
+            lines += _elsewhere(prepared, shortfall, finder)
         progress(total, total)
     if lines or not (tried or is_free):
         return lines
@@ -208,16 +207,16 @@ def ways(prepared: Prepared, found: Shortfall, finder: RegionPass, clock: Clock)
     return [text]
 
 
-def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]:
+def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[PlanChange]]:
     """Changes that may help against reasons, those of each kind from the smallest on."""
 
-    def cameras(make: Callable[..., Camera], factors: Sequence[float], of: str) -> list[Change]:
+    def cameras(make: Callable[..., Camera], factors: Sequence[float], of: str) -> list[PlanChange]:
         changes = []
         for times in factors:
             rig = camera
             for name, each in zip(camera.names, camera.cameras, strict=True):
                 rig = rig._with_camera(name, make(each, times))
-            changes.append(Change(f"{times:g} times the {of}", rig, task))
+            changes.append(PlanChange(f"{times:g} times the {of}", rig, task))
         return changes
 
     is_coarse = "too_coarse" in reasons
@@ -230,7 +229,7 @@ def _kinds(camera: Rig, task: Task, reasons: set[str]) -> Iterator[list[Change]]
     if "too_oblique" in reasons and not camera.tasks:
         most = task.max_incidence_deg
         yield [
-            Change(
+            PlanChange(
                 f"max_incidence_deg = {most + more:g} instead of {most:g}",
                 camera,
                 replace(task, max_incidence_deg=most + more),
@@ -249,11 +248,11 @@ def _finer(camera: Camera, times: float) -> Camera:
     return replace(camera, **own)
 
 
-def _estimate(prepared: Prepared, found: Shortfall) -> Callable[[Change], float]:
+def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[PlanChange], float]:
     """Largest share that a requirement lacks after a change, by points evenly over its area."""
     mesh, poses = prepared.mesh, prepared.measured
     n, faces = int(np.clip(POINT_PAIRS // len(poses), FEW_POINTS, MANY_POINTS)), []
-    for each in found.required:
+    for each in shortfall.required:
         members = np.isin(mesh.face_group, _rows(mesh, each)) & mesh.task_mask
         below = np.cumsum(np.where(members, mesh.areas, 0.0))
         faces.append(np.searchsorted(below, (np.arange(n) + 0.5) / n * below[-1]))
@@ -262,9 +261,9 @@ def _estimate(prepared: Prepared, found: Shortfall) -> Callable[[Change], float]
     x, y = (each[:, None] for each in even_points(len(face)))
     points = a + x * (b - a) + y * (c - a)
     wanted = views_of(mesh, prepared.plan.task.views)[face]
-    limits = np.array([each.limit for each in found.required])
+    limits = np.array([each.limit for each in shortfall.required])
 
-    def lack(change: Change) -> float:
+    def lack(change: PlanChange) -> float:
         judged = failures_of_rows(mesh, change.camera, change.task, poses, points, face)
         views = np.sum([reason == Reason.COVERED for _, reason, _ in judged], axis=0)
         return float((limits - (views >= wanted).reshape(len(limits), n).mean(axis=1)).max())
@@ -272,41 +271,41 @@ def _estimate(prepared: Prepared, found: Shortfall) -> Callable[[Change], float]
     return lack
 
 
-def _reached(prepared: Prepared, found: Shortfall, change: Change) -> str:
+def _reached(prepared: Prepared, shortfall: Shortfall, change: PlanChange) -> str:
     """Line on a change with which the exact area reaches the goal; "" where it does not."""
     scene, method = (prepared.mesh, change.camera, change.task), prepared.plan.task.method
     with closing(RegionPass(*scene, method=method, only_task=True)) as finder:
-        areas = area_of_all(prepared, finder, lambda done, total: None)
-    return "" if areas is None else _line(prepared, found, areas, change.words)
+        areas = area_of_all(prepared, finder, silent)
+    return "" if areas is None else _line(prepared, shortfall, areas, change.words)
 
 
-def _line(prepared: Prepared, found: Shortfall, areas: AreaNetwork, words: str) -> str:
+def _line(prepared: Prepared, shortfall: Shortfall, areas: AreaNetwork, words: str) -> str:
     """Line on a change where an area reaches the goal."""
     required = judge_areas(areas, limits_of(prepared.selection), prepared.plan.task.views)
     if not all(each.status == HOLDS for each in required):
         return ""
-    names = {each.name for each in found.required}
+    names = {each.name for each in shortfall.required}
     shares = [f"{each.name} {percent(each.share)}" for each in required if each.name in names]
     return f"goal within reach with {words}: {', '.join(shares)} (all candidates, exact area)"
 
 
-def _elsewhere(prepared: Prepared, found: Shortfall, finder: RegionPass) -> list[str]:
+def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> list[str]:
     """Line on further candidates, at places that a plan leaves out, that reach the goal."""
     plan, poses, camera = prepared.plan, prepared.measured, finder.camera
     kind = prepared.allowed.kind
     allowed = Allowed(places_of(plan, prepared.mesh, is_anywhere=True), kind)
     used = list[str]()
-    for zone in summary_of(found.zones, camera, finder.task, poses, allowed)["dead_zones"]:
+    for zone in summary_of(shortfall.zones, camera, finder.task, poses, allowed)["dead_zones"]:
         tried = zone["tried"]
         if not tried or {"focal_length_times", "focus_distance_m"} & tried.keys():
             continue
         near = zone["nearest"]
         own = kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
-        regions = finder.find(placed, closed=found.areas.closed)
-        found.areas.add(gated(regions, camera, placed))
-        used.append(f"({', '.join(signed(value, 2) for value in tried['position'])})")
+        regions = finder.find(placed, closed=shortfall.areas.closed)
+        shortfall.areas.add(gated(regions, camera, placed))
+        used.append(f"({coordinates(tried['position'], 2)})")
         words = f"candidates also at {first_of(used)} m"
-        if line := _line(prepared, found, found.areas, words):
+        if line := _line(prepared, shortfall, shortfall.areas, words):
             return [line]
     return []

@@ -3,12 +3,12 @@
 import numpy as np
 
 from rastercov.base.format import ByName, plural
-from rastercov.camera.pose import Poses
-from rastercov.camera.rig import led_by
-from rastercov.coverage.area.failures import failures_of_rows
-from rastercov.coverage.area.zones import MOST_LINES, DeadZones, points_of
-from rastercov.coverage.reasons import Reason
-from rastercov.coverage.task import Task
+from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.zones import MOST_LINES, DeadZones, points_of
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import led_by
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
 from rastercov.placement.mounts import Mounts
 
@@ -26,9 +26,9 @@ def views_for_zones(
     """Views that would cover half of each of the first zones, or more."""
     n, mesh = min(zones.listed(), MOST_LINES), zones.mesh
     some = np.unique(np.linspace(0, len(refusals) - 1, MOST_VIEWS).astype(np.int64))
-    found: list[list[Refusal]] = [[] for _ in range(n)]
+    result: list[list[Refusal]] = [[] for _ in range(n)]
     if not n or not refusals:
-        return found
+        return result
     chosen = [refusals[row] for row in some.tolist()]
     camera = np.array([each.camera for each in chosen], np.int32)
     poses, owner = mounts.cameras(Poses.of(np.array([e.pose for e in chosen]), camera=camera))
@@ -40,8 +40,8 @@ def views_for_zones(
         covers[row] |= reason == Reason.COVERED
     for row in range(n):
         of_zone = covers[:, zone == row]
-        found[row] = [chosen[at] for at in np.flatnonzero(of_zone.mean(axis=1) >= ENOUGH)]
-    return found
+        result[row] = [chosen[at] for at in np.flatnonzero(of_zone.mean(axis=1) >= ENOUGH)]
+    return result
 
 
 def entries_of(views: list[Refusal]) -> ByName:

@@ -31,7 +31,7 @@ import numpy as np
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
-from rastercov.native import placement_lagrange as kernels
+from rastercov.engine import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import BestCoverage, Problem
@@ -170,13 +170,13 @@ def best_prices(
     relaxed = Relaxed.of(reduced, reduced.views, reduced.integer_weights, reduced.kind)
     views, most = relaxed.views, relaxed.most
     if isinstance(reduced.problem.goal, BestCoverage):
-        sign, best, found = 1.0, math.inf, state.covered / int(reduced.integer_weights.sum())
-        target = found
+        sign, best, values = 1.0, math.inf, state.covered / int(reduced.integer_weights.sum())
+        target = values
         if prices is None:  # lower for faces that many candidates cover
             degree = np.diff(reduced.starts)
             prices = most / (1 + degree / max(1.0, float(degree.mean())))
     else:
-        sign, best, found, target = -1.0, 0.0, state.cost, BEYOND * state.cost
+        sign, best, values, target = -1.0, 0.0, state.cost, BEYOND * state.cost
         if prices is None:
             prices = np.empty(reduced.n_faces)
             kernels.cheapest_share(*pairs, costs, prices)
@@ -199,7 +199,7 @@ def best_prices(
         # A price at its limit cannot move beyond it.
         slope[((u <= 0) & (slope < 0)) | ((u >= most) & (slope > 0))] = 0.0
         norm = float(np.square(slope).sum())  # no BLAS, whose threads spin
-        is_reached = sign * best <= sign * found * (1 + sign * 1e-12)
+        is_reached = sign * best <= sign * values * (1 + sign * 1e-12)
         if norm == 0 or is_reached or scale < LEAST_SCALE or deadline.is_over:
             break
         length = scale * max(sign * (value - target), 1e-9) / norm
@@ -322,14 +322,14 @@ def core_and_bound(
         core = large.listed(rows)
         if len(rows) == large.n_candidates or not _asks_for_any(core):
             return core, rows, bound_of(core, state)
-        found = _priced(large, best_prices(core, state, None if best is None else best.price)[1])
+        result = _priced(large, best_prices(core, state, None if best is None else best.price)[1])
         if best is None:
             # Prices of 0 prove nothing, but smaller ones than those of the core may.
             none = np.zeros(len(large.kept)), np.zeros(large.n_candidates)
-            best = _between(large, Prices(_value(large, *none), *none), found)
-            best = best if best.price.any() else found
+            best = _between(large, Prices(_value(large, *none), *none), result)
+            best = best if best.price.any() else result
         else:
-            before, best = best.value, _between(large, best, found)
+            before, best = best.value, _between(large, best, result)
             if abs(best.value - before) <= LEAST_GAIN_REL * abs(best.value):
                 break
         earned = best.earned
@@ -368,7 +368,7 @@ def _between(large: Presolved, one: Prices, other: Prices) -> Prices:
         return Prices(_value(large, price, earned), price, earned)
 
     return max(
-        map(at, np.linspace(0, 1, LINE_POINTS).tolist()), key=lambda found: sign * found.value
+        map(at, np.linspace(0, 1, LINE_POINTS).tolist()), key=lambda result: sign * result.value
     )
 
 

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.native import placement_selection as kernels
+from rastercov.engine import placement_selection as kernels
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import PROGRESS_BITS
 
@@ -258,11 +258,11 @@ class LazyCover(Cover):
         costs, rank = self.large.costs, self.large.rank
 
         def scores(gains: IntArray, rows: IntArray | slice) -> FloatArray:
-            found = np.empty(len(gains))
+            result = np.empty(len(gains))
             kernels.scores(
-                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost, found
+                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost, result
             )
-            return found
+            return result
 
         most = scores(self.limit, slice(None))
         order = np.argsort(-most)[: np.count_nonzero(most)]

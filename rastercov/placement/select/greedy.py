@@ -2,7 +2,7 @@
 
 Covers of every face by cameras of equal cost are searched by weights of faces, see `weighting`.
 
-The gains of all candidates are updated incrementally, see `native/placement/selection.cpp`, which
+The gains of all candidates are updated incrementally, see `engine/placement/selection.cpp`, which
 makes lazy evaluation unnecessary where their lists fit into the memory. Where one view per face is
 enough, coverage is submodular and the first pass alone reaches 1 - 1/e of the best coverage, or the
 logarithmic factor of set cover. The local search only improves on it.
@@ -34,13 +34,7 @@ from rastercov.placement.select.bounds import (
 )
 from rastercov.placement.select.cover import Cover, CoverState, LazyCover
 from rastercov.placement.select.presolve import ReducedProblem, presolve
-from rastercov.placement.select.problem import (
-    PROVED,
-    BestCoverage,
-    Problem,
-    Selection,
-    finish,
-)
+from rastercov.placement.select.problem import PROVED, BestCoverage, Problem, Selection, finish
 
 EFFORT = 200_000_000
 """Elementary updates of the local search: half a second."""
@@ -157,10 +151,10 @@ def improve(
     with suppress(TimeUpError):
         if weighting.is_for(state):
             steps = STEPS_A_KICK * MOST_KICKS
-            found = weighting.fewer(state, bound, steps, effort, seed, deadline)
+            fewer = weighting.fewer(state, bound, steps, effort, seed, deadline)
         else:
-            found = _kicked(state, bound, effort, seed, deadline)
-        for better in found:
+            fewer = _kicked(state, bound, effort, seed, deadline)
+        for better in fewer:
             best = better
     state.barred[:] = 0
     state.barred[list(state.chosen)] = 1

@@ -36,7 +36,7 @@ from rastercov.base.limits import limited
 from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.streams import no_printing
 from rastercov.base.typed import typed
-from rastercov.native import placement_selection as kernels
+from rastercov.engine import placement_selection as kernels
 from rastercov.placement.select.bounds import (
     BOUND_SAFETY_REL,
     Deadline,
@@ -345,8 +345,9 @@ class _Program:
             columns = np.empty(len(reduced.covering), np.int32)
             kernels.missing_directions(
                 reduced.starts[part.start : part.stop + 1], reduced.covering, reduced.owner,
-                is_chosen, self.views[part], reduced.eyes, reduced.centroids[part],
-                reduced.problem.min_cosine, starts, columns,
+                is_chosen, self.views[part],
+                (reduced.eyes, reduced.centroids[part], reduced.problem.min_cosine),
+                starts, columns,
             )  # fmt: skip
             for face in np.flatnonzero(np.diff(starts) > 0):  # a call each, microseconds
                 row = np.append(columns[starts[face] : starts[face + 1]], self.columns[part][face])

@@ -18,7 +18,10 @@ from numpy.typing import NDArray
 
 from rastercov.base.format import frozen_record
 from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.native import placement_bits, placement_presolve
+from rastercov.engine import (
+    placement_bits,
+    placement_presolve,
+)
 from rastercov.placement.bits import CoveredBits, by_face, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 
@@ -208,8 +211,8 @@ def presolve(problem: Problem) -> Presolved:
     kind, least, least_total = kinds_of(problem)
     keys = _hashes_of(np.arange(n_faces, dtype=np.uint64)).view(np.int64).T
     values = spread_out(np.concatenate((keys, np.ones((1, n_faces), np.int64))))
-    found = bits.sums(values, np.stack([packed(counted)] * len(values)))
-    hashes, sizes = np.ascontiguousarray(found[:, :2]).view(np.uint64), found[:, 2]
+    sums = bits.sums(values, np.stack([packed(counted)] * len(values)))
+    hashes, sizes = np.ascontiguousarray(sums[:, :2]).view(np.uint64), sums[:, 2]
     if problem.is_spread:
         hashes = hashes + np.uint64(3) * _hashes_of_eyes(problem)
         if problem.has_rigs:  # of a sum of these, faces and eyes could be exchanged

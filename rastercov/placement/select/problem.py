@@ -25,22 +25,20 @@ from rastercov.base.arguments import check_choice, check_limits
 from rastercov.base.checks import shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ByName, frozen_record, percents_apart
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import check_fields, typed
-from rastercov.camera.rig import eyes_of
-from rastercov.coverage.area.cells import Cells
-from rastercov.coverage.network import ViewSpread, least_cosine
-from rastercov.mesh import Mesh
-from rastercov.mesh.groups import listed, rows_of
+from rastercov.core.area.cells import Cells
+from rastercov.core.camera.rig import eyes_of
+from rastercov.core.coverage.network import ViewSpread, least_cosine
+from rastercov.core.coverage.required import SHARE_TOLERANCE
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.groups import listed, rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
-SHARE_TOLERANCE = 1e-9
-"""Absolute tolerance of a required share: 0.98 is not a binary fraction."""
-
 LEVELS = 1001
 """Levels that are tried for goals in a goal whose rest cannot make up for them."""
 
@@ -356,8 +354,8 @@ def _check(problem: Problem) -> None:
             raise ConfigError("expected eyes and centroids for an angle, got none; give both")
         shapes |= {"eyes": (n_rows, 3), "centroids": (n_faces, 3)}
     for name, shape in shapes.items():
-        if (found := getattr(problem, name).shape) != shape:
-            raise ConfigError(f"expected {name} {shape}, got shape {found}; reshape it")
+        if (result := getattr(problem, name).shape) != shape:
+            raise ConfigError(f"expected {name} {shape}, got shape {result}; reshape it")
     for name, values in (("weights", problem.weights), ("costs", problem.costs)):
         if not (np.isfinite(values) & (values >= 0)).all():
             raise ConfigError(
@@ -468,8 +466,8 @@ def problem_of(
     >>> from rastercov.placement import FewestCameras, Framing, build_matrix, on_sphere
     >>> from rastercov.placement import problem_of, select_greedy
     >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
-    >>> found = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
-    >>> matrix = build_matrix((mesh, camera), found.poses, rc.Task(max_incidence_deg=70))
+    >>> points = on_sphere(mesh, camera, Framing(stand_off=(2, 4)), count=12)
+    >>> matrix = build_matrix((mesh, camera), points.poses, rc.Task(max_incidence_deg=70))
     >>> few = select_greedy(problem_of(matrix, mesh, FewestCameras()))
     >>> len(few.chosen), few.share
     (3, 1.0)
@@ -529,11 +527,11 @@ def weights_of(on: Mesh | Cells, weight_by: str, hidden: FloatArray | None = Non
     mesh = on.elements if isinstance(on, Cells) else on
     weights = np.ones(mesh.n_faces) if weight_by == "count" else mesh.areas
     if weight_by == "seeable":
-        from rastercov.mesh.unseeable import unseeable_areas
+        from rastercov.core.mesh.unseeable import unseeable_areas
 
         whole, rows = (on.mesh, on.source_face) if isinstance(on, Cells) else (on, slice(None))
         hidden = unseeable_areas(whole) if hidden is None else hidden
-        shares = hidden / np.maximum(whole.areas, np.finfo(float).tiny)
+        shares = hidden / np.maximum(whole.areas, TINY)
         weights = weights * (1 - shares[rows])
     return np.where(mesh.task_mask, weights, 0.0)
 

@@ -1,6 +1,6 @@
 """Search for fewer cameras of equal cost that cover every face, by weights of faces.
 
-Loops and rules are in `native/placement/weighting.cpp`.
+Loops and rules are in `engine/placement/weighting.cpp`.
 
 C. Gao, X. Yao, T. Weise, J. Li. An efficient local search heuristic with row weighting for the
 unicost set covering problem. 2015.
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rastercov.native import placement_weighting as kernels
+from rastercov.engine import placement_weighting as kernels
 from rastercov.placement.select.bounds import Deadline
 from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.problem import PROVED, BestCoverage

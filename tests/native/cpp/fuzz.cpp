@@ -143,7 +143,7 @@ rc_status read() {
                            counts.data(), corners.data());
 }
 
-// Numbers of a lens of one plane as rastercov.viewer.packed_lens lays them out.
+// Numbers of a lens of one plane as rastercov.page.packed_lens lays them out.
 std::vector<double> lens_numbers() {
     namespace lens = rastercov::lens;
     std::vector<double> all = {
@@ -231,9 +231,10 @@ rc_status judge() {
     if (below(3) == 0)
         return rc_clear_places(surfaces.any(), below(5), points, real(),
                                rarely() ? nullptr : reasons);
+    const rc_failures failures = {reasons, rarely() ? nullptr : hiders};
     if (below(2))
         return rc_judge_points(surfaces.any(), &by, &task, poses.data(), below(5), points, faces,
-                               reasons, hiders);
+                               rarely() ? nullptr : &failures);
     const rc_judged out = {reasons, values[0], values[1], rarely() ? nullptr : values[2]};
     return rc_judge_faces(solvers.any(), &by, &task, poses.data(), 1 + below(21), &out);
 }

@@ -2,8 +2,8 @@
 // array spoilt; memory that runs out, interrupts and progress that throws at any place. A crash, an
 // index outside, or a union that a call which failed has changed, is a fault; the counts of the
 // outcomes are printed.
-#include "engine/union.hpp"
 #include "interrupt.hpp"
+#include "solver/union.hpp"
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>

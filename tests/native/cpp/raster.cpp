@@ -1,5 +1,5 @@
 // Rasteriser: who owns what, parts and threads, memory that grows.
-#include "engine/raster.hpp"
+#include "solver/raster.hpp"
 #include <cmath>
 #include <doctest.h>
 
@@ -31,8 +31,8 @@ Canvas canvas_of(int size, int64_t max_band) {
     std::vector<int32_t> runs(size_t(2 * size), 0);
     std::fill(runs.begin() + size, runs.end(), size);
     const double lens[4] = {size / 2.0, size / 2.0, size / 2.0, size / 2.0};
-    return {{},    size,  size,    {lens, {}}, {MIX, {}}, {runs.data(), {2, size}},
-            false, false, max_band};
+    const Grid grid = {size, size, {lens, {}}, {MIX, {}}, {runs.data(), {2, size}}, false, false};
+    return {{}, grid, max_band};
 }
 
 struct Found {

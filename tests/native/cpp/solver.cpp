@@ -1,7 +1,7 @@
 // Solvers: grids that change no figure, faces left out, regions that a certificate got wrong;
 // passes whose callbacks throw.
-#include "engine/mesh.hpp"
-#include "engine/pass.hpp"
+#include "solver/mesh.hpp"
+#include "solver/pass.hpp"
 #include <cmath>
 #include <doctest.h>
 #include <random>

@@ -1,6 +1,6 @@
 // Surfaces: who owns what, hostile meshes, contacts.
-#include "engine/contacts.hpp"
-#include "engine/mesh.hpp"
+#include "solver/contacts.hpp"
+#include "solver/mesh.hpp"
 #include <cmath>
 #include <doctest.h>
 #include <limits>

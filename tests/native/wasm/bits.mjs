@@ -17,15 +17,12 @@ const hash = (...arrays) => {
 for (const { vertices, faces, roles, poses, camera, lens, task, gate, points, spots } of JSON.parse(readFileSync(cases))) {
   const n = roles.length;
   const nPoses = poses.length / 16;
-  const rows = () => new Float64Array(nPoses * n);
   const own = () => new Float64Array(n);
   const surface = call("rc_surface_create", vertices, vertices.length / 3, faces, n, Uint8Array.from(roles));
   const solver = call("rc_solver_create", surface, engine.constants.RC_CERTIFIED, 1);
   const numbers = lens && new Float64Array(Uint8Array.from(Buffer.from(lens, "base64")).buffer);
   const by = { ...camera, lens: lens && call("rc_lens_create", numbers, numbers.length) };
   const limits = { ...task, max_depth: task.max_depth ?? Infinity };
-  const figures = { visible: rows(), area: rows(), area_error: rows(), is_certified: new Uint8Array(nPoses * n) };
-  call("rc_observe", solver, by, poses, nPoses, 0, 0, figures);
   const regions = call("rc_find_regions", solver, by, limits, poses, nPoses, 0, 0);
   const areas = Array.from({ length: nPoses }, (_, pose) => {
     const [area, bound] = [own(), own()];
@@ -58,19 +55,18 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, points, sp
   }
   const judged = { reasons: new Uint8Array(n), coverage: own(), densities: own(), facing: own() };
   call("rc_judge_faces", solver, by, limits, poses.slice(0, 16), n, judged);
-  const [reasons, hiders] = [new Uint8Array(spots.length), new Int32Array(spots.length)];
-  call("rc_judge_points", surface, by, limits, poses.slice(0, 16), spots.length, points, spots, reasons, hiders);
+  const failures = { reasons: new Uint8Array(spots.length), hiders: new Int32Array(spots.length) };
+  call("rc_judge_points", surface, by, limits, poses.slice(0, 16), spots.length, points, spots, failures);
   const clear = new Uint8Array(spots.length);
   call("rc_clear_places", surface, clear.length, points.map((x) => 1.5 * x), 0.1, clear);
   const lines = {
-    observe: hash(...Object.values(figures)),
     regions: hash(...areas.flat()),
     together: hash(...measured),
     union: hash(...views.flat()),
     parts: hash(...parts, corners),
     alone: hash(alone),
     faces: hash(...Object.values(judged)),
-    points: hash(reasons, hiders),
+    points: hash(...Object.values(failures)),
     clear: hash(clear),
     n_figures: 4 * nPoses * n + 2 * nPoses * n + 4 * n + 4 * nParts + nPoses + 4 * n + 2 * spots.length,
   };

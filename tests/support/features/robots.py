@@ -5,7 +5,7 @@ from misuse_values import FOLDER, MESH
 
 import rastercov as rc
 from rastercov import placement
-from rastercov.mesh.formats import urdf
+from rastercov.robots import urdf
 
 URDF = """<robot name="arm"><link name="base"/><link name="hand"><collision><geometry>
 <box size="1 1 1"/></geometry></collision></link><joint name="q" type="continuous">

@@ -1,0 +1,1 @@
+"""Warnings, remedies and the sentences of an answer."""

@@ -1,0 +1,152 @@
+"""Lines of a result for people: the answer, the goal, the worst dead zone and advice, then others.
+
+All are made of the summary of a network as commands print it, which has its dead zones.
+"""
+
+from collections.abc import Collection, Mapping
+
+from rastercov.base.format import ReadByName, area, percent, plural
+from rastercov.core.area.advice import general_advice
+from rastercov.core.area.by_camera import lines_of
+from rastercov.core.area.figures import in_words
+from rastercov.core.area.stages import SLIVER_REL
+from rastercov.core.area.zones import LEAST_PERCENT, MOST_LINES, n_unlisted, zone_line
+from rastercov.core.coverage.phases import said_of
+from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.mesh.groups import at_level
+
+Summary = ReadByName
+
+
+def answer(summary: Summary) -> str:
+    """The covered share, in one line."""
+    if "covered_area" not in summary:
+        covered = summary["covered"]
+        shares = (f"{percent(covered[name] / 100)}" for name in ("percent", "area_percent"))
+        text = "covered: {} of the faces, {} of the area".format(*shares)
+        return text + (
+            f", each by {views} cameras or more" if (views := summary["required_views"]) > 1 else ""
+        )
+    *_, in_phases = "".join(_lines(summary)[:1]).partition(" of the area")
+    text = f"covered: {in_words(summary['covered_area'])}{in_phases}"
+    of_seeable = summary["covered_of_seeable_percent"]
+    if summary["unseeable_m2"] and of_seeable is not None:
+        text += f"; {percent(of_seeable / 100)} of the coverable area"
+    return text
+
+
+def first_lines(summary: Summary, goal: str = "", level: int | None = None) -> list[str]:
+    """Answer, goal if any, the worst dead zone or reason, and advice for it.
+
+    Zones are named by parts of a level, as `with_parts` has them.
+    """
+    lines = [answer(summary), goal]
+    zones = [with_parts(zone, level) for zone in _zones(summary)[:1]]
+    reasons = {} if "covered_area" in summary else summary["not_covered_because"]
+    if zones:
+        devices = summary.get("by_device", ()) if "run" in summary else ()  # else each has a number
+        n = sum(each["device"] is not None for each in devices) or 1
+        lines += [zone_line(zones[0]), advice_line(zones[0], n_sensors=n)]
+    elif reasons:
+        worst = max(reasons, key=lambda name: int(reasons[name]["faces"]))
+        faces, share = (
+            sum(each[key] for each in reasons.values()) for key in ("faces", "area_percent")
+        )
+        most = f" ({plural(reasons[worst]['faces'], 'face')})" if len(reasons) > 1 else ""
+        words = f"{plural(faces, 'face')} ({percent(share / 100)} of the area)"
+        main = "main cause" if most else "cause"
+        lines.append(f"not covered: {words}; {main}: {REASONS[worst].label}{most}")
+        advice = general_advice(worst).replace("the camera", "a camera")
+        lines.append(advice_line({"advice": advice}))
+    return [line for line in lines if line]
+
+
+def with_parts(zone: Summary, level: int | None) -> Summary:
+    """A zone on the parts of a level, and hidden by one, instead of on their groups."""
+    if level is None:
+        return zone
+    groups = dict.fromkeys(at_level(group, level) for group in zone["groups"])
+    hider = zone["hidden_by"] and at_level(zone["hidden_by"], level)
+    return {**zone, "groups": list(groups), "hidden_by": hider}
+
+
+def advice_line(zone: Summary, noun: str = "camera", n_sensors: int = 1) -> str:
+    """The advice for a zone, with the camera that comes closest; "" where there is none."""
+    text, nearest = zone["advice"], zone.get("nearest")
+    if text and nearest is not None:
+        noun = "pose" if n_sensors > 1 else noun
+        number = f"{nearest['pose'] // n_sensors + 1}"
+        text = f"{noun} {number} comes closest to covering the zone's middle: {text}"
+    return f"advice: {text}" if text else ""
+
+
+def other_lines(
+    summary: Summary,
+    level: int | None = None,
+    *,
+    has_reasons: bool = True,
+    said: Collection[int] = (0,),
+) -> list[str]:
+    """Losses by single cameras, the other dead zones and, unless left out, reasons by area.
+
+    By face the other reasons, and why it is by face. Rows of zones that were named before are left
+    out.
+    """
+    why = summary["not_covered_because"]
+    reasons = {name: each for name, each in why.items() if "m2" in each}
+    every = summary.get("dead_zones", ())
+    zones = [zone for row, zone in enumerate(every) if row not in said]
+    listed = [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][: MOST_LINES - 1]
+    lines = [*_lines(summary)[1:], *lines_of(summary)]
+    whole = max((zone["area_m2"] for zone in every), default=0.0)  # one unit for the list
+    lines += [zone_line(with_parts(zone, level), whole) for zone in listed]
+    rest = zones[len(listed) :] if _zones(summary) else []
+    if n := len(rest) and len(rest) + n_unlisted(summary):
+        m2 = sum(zone["area_m2"] for zone in [*rest, summary["other_dead_zones"]])
+        lines.append(f"and {plural(n, 'more dead zone')}, {area(m2, whole=whole)} in total")
+    if len(reasons) > 1 and has_reasons:
+        lines.append(f"not covered: {by_reason(reasons)}")
+    elif "covered_area" not in summary:
+        ranked = sorted(why, key=lambda name: -int(why[name]["faces"]))[1:]
+        each = [
+            f"{why[name]['faces']:,} ({REASONS[name].label}{faces_gained(why[name])})"
+            for name in ranked
+        ]
+        if each and has_reasons:
+            lines.append(f"other faces not covered: {', '.join(each)}")
+        if summary.get("by_face_because"):
+            lines.append(
+                f"evaluated by face, because {summary['by_face_because'].partition(';')[0]}"
+            )
+    return lines
+
+
+def _lines(summary: Summary) -> list[str]:
+    """Lines on a result over phases of the scene."""
+    return list(said_of(summary).get("lines", ()))
+
+
+def _zones(summary: Summary) -> list[Summary]:
+    """Dead zones that have a line."""
+    return [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
+
+
+def by_reason(why: Mapping[str, ReadByName]) -> str:
+    """Areas by reason of `areas_by_reason`, the largest first, each with the gain by it alone."""
+    m2 = {name: each["m2"] for name, each in why.items()}
+    whole, ranked = sum(m2.values()), sorted(m2, key=m2.__getitem__, reverse=True)
+    return ", ".join(
+        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}{area_gained(why[name])}"
+        for name in ranked
+        if m2[name] > SLIVER_REL * whole
+    )
+
+
+def area_gained(entry: ReadByName) -> str:
+    """Words in brackets on the gain by one criterion alone, m^2; "" for several."""
+    return f" (gain by this alone: {area(entry['gain_m2'])})" if "gain_m2" in entry else ""
+
+
+def faces_gained(entry: ReadByName) -> str:
+    """The same of faces."""
+    return f", gain by this alone: {entry['gain']['faces']:,}" if "gain" in entry else ""

@@ -1,0 +1,1 @@
+"""Drawings of a building with its cameras."""

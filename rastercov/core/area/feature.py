@@ -1,0 +1,104 @@
+"""Conditions on what cameras see, of a feature that can be deleted; `features` has all of them.
+
+A rig says which take part. What a feature lacks is as here, where it adds nothing.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol
+
+from rastercov.base.format import ByName, ReadByName
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray
+from rastercov.core.area.figures import Figures
+from rastercov.core.area.table import Condition, Finder, Regions
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+
+Scene = tuple[Mesh, Cameras, Task]
+"""Mesh, cameras and thresholds."""
+Points = tuple[FloatArray, IntArray]
+"""Points of faces, (N, 3) metres and (N,)."""
+Judge = Callable[
+    [Mesh, Cameras, Task, Poses, FloatArray, IntArray],
+    Iterator[tuple[IntArray, ByteArray, IntArray]],
+]
+"""Function `rastercov.core.area.failures.failures_of_rows`."""
+
+
+class PointCondition(Protocol):
+    """A condition at points of faces, (N,); one thread may use it."""
+
+    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
+        """(N,) row of `REASONS` for the poses of a row of the result, `COVERED` where it holds.
+
+        On the side of the face that the first pose is on; or, of points that cameras of a rig with
+        a rule see, (n, N), on the side from which they meet it, the better of two.
+        """
+
+
+class Feature:
+    """Hooks of a feature, which do nothing here."""
+
+    figures: type[Figures] = Figures
+    """Further figures of a run by area."""
+
+    def narrowed(self, camera: Cameras, task: Task) -> Task:
+        """The task within the limits that the equipment of cameras has."""
+        return task
+
+    def check(self, camera: Cameras, task: Task) -> None:
+        """Raise `ConfigError` for thresholds that do not go with the cameras."""
+
+    def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
+        """Raise `ConfigError` where cameras cannot be on these bodies, one for each."""
+
+    def condition(
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        find: Callable[[Sequence[Camera]], Finder],
+    ) -> Condition | None:
+        """Condition on the regions of cameras; `find` makes a finder of regions of others."""
+
+    def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
+        """Rows of `REASONS` of its criteria that are asked, with cameras and task without each."""
+        yield from ()
+
+    def at_points(
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
+    ) -> PointCondition | None:
+        """The same at points of faces, (N, 3) metres."""
+
+    def device(
+        self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
+    ) -> str | None:
+        """Name of the device that fails a point, (3,), for a row of `REASONS`, in one pose."""
+
+    def measured(
+        self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
+    ) -> tuple[str, ByName]:
+        """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
+        return "", {}
+
+    def unmet(self, judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
+        """Lines on limits that nothing meets, by the regions of each pose."""
+        return []
+
+    def advice(
+        self, judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool
+    ) -> str:
+        """Text on how far rigs in these poses miss limits at points, and what helps.
+
+        "" where no limit of it is missed.
+        """
+        return ""
+
+    def deviations(self, camera: Cameras, own: Poses, points: FloatArray) -> FloatArray | None:
+        """(N,) standard deviations of points, metres, by the poses of a row; None for no limit."""
+
+    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> ReadByName:
+        """Values of faces by the names of `rastercov.report.modes`."""
+        return {}

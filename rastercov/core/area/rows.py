@@ -1,0 +1,130 @@
+"""Rows of a result, from the regions of single cameras.
+
+A row is a pose of a camera, or of the cameras that count together by the rule of their rig, see
+`rastercov.core.camera.rig.rows_of_result`, where conditions of features hold.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError, errors_as
+from rastercov.base.memory import ByteArray, FloatArray, Int32Array
+from rastercov.core.area.gates import through
+from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, Rig, apparent, by_gate, gates_of, led_by, names_of
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import NEEDED, Task
+
+
+def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
+    """Thresholds of each camera: its own if its rig has some, otherwise those of the task.
+
+    Raises
+    ------
+    ConfigError
+        For invalid thresholds, and for a number of views, which does not apply to one camera.
+    """
+    own = cameras.tasks if isinstance(cameras, Rig) else {}
+    table = {}
+    for name, given in own.items():
+        if not isinstance(given, Task | Mapping):
+            raise ConfigError(
+                f"tasks of a rig: expected a Task of {shown(name)}, got {shown(given)}; give one"
+            )
+        with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
+            table[name] = given if isinstance(given, Task) else Task(**given)
+        if table[name].views > 1 or table[name].min_angle_deg > 0:
+            raise ConfigError(
+                f"tasks of a rig: expected one view of {shown(name)}, got more or an angle; leave "
+                "it out"
+            )
+        for each in NEEDED:
+            if getattr(table[name], each):
+                raise ConfigError(
+                    f"tasks of a rig: expected no {each} of {shown(name)}, got some; give it for "
+                    "all"
+                )
+    return tuple(table.get(name, task) for name in names_of(cameras))
+
+
+def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
+    """Regions of rows of the result from those of each of P poses, in their order.
+
+    Conditions of features cut them, too.
+    """
+    conditions = regions.conditions
+    if not gates_of(camera) and not conditions:
+        return regions
+    parts, rows = [], []
+    for gate, own, row in by_gate(camera, poses):
+        chosen = np.zeros(len(poses), np.bool_)
+        chosen[own.ravel()] = True
+        part, some, leads = regions.of_poses(chosen), poses[chosen], poses[own[:, 0]]
+        for each in conditions:
+            part = each.of_cameras(part, camera, some)
+        if gate is not None:
+            part = through(part, gate, cuts=[each.cut_of(leads) for each in conditions])
+        for each in conditions if gate is None else ():
+            part = each.of_rows(part, camera, some, leads)
+        parts.append(part)
+        rows.append(row)
+    if len(parts) == 1:
+        return parts[0]
+    return taken(joined(parts), np.argsort(np.concatenate(rows))) if parts else regions
+
+
+def gated_lists(
+    result: Sequence[Int32Array],
+    camera: Cameras,
+    poses: Poses,
+    points: FloatArray,
+    normals: FloatArray,
+) -> list[Int32Array]:
+    """Points of rows of the result, (N, 3) with normals, from those that each of P poses covers."""
+    if not gates_of(camera):
+        return list(result)
+    rows: dict[int, Int32Array] = {}
+    for _, own, row in by_gate(camera, poses):
+        for at, of_rig in zip(row.tolist(), own, strict=True):
+            sees = np.full((len(of_rig), len(points)), Reason.OCCLUDED, np.uint8)
+            for device, pose in enumerate(of_rig):
+                sees[device, result[pose]] = Reason.COVERED
+            (reason,), _ = gated_reasons(sees, camera, poses[of_rig], points, normals)
+            rows[at] = np.flatnonzero(reason == Reason.COVERED).astype(np.int32)
+    return [rows[at] for at in range(len(rows))]
+
+
+def gated_reasons(
+    reason: ByteArray,
+    camera: Cameras,
+    poses: Poses,
+    points: FloatArray,
+    normals: FloatArray,
+    *,
+    has_limits: bool = True,
+) -> tuple[ByteArray, Int32Array]:
+    """(R, N) `Reason` of each row of the result and the pose that has it, from (P, N) of each pose.
+
+    Of a rig with a rule, the fewest criteria that its cameras must meet, or a limit; and the pose
+    of the camera that is missed most, -1 where none is: see `engine/area/rule.hpp`.
+    """
+    from rastercov.engine import area_rule as kernels
+
+    seen_from, at = apparent(camera, poses), (points, normals)
+    values = np.empty((len(led_by(camera, poses)), len(points)), np.uint8)
+    device = np.empty(values.shape, np.int32)
+    for gate, own, row in by_gate(camera, poses):
+        if gate is None:
+            values[row], device[row] = reason[own[:, 0]], own[:, :1]
+            continue
+        rule = gate._for_kernels()
+        if not has_limits:
+            rule = rule._replace(least_deg=0.0, most_deg=180.0, most_deviation=0.0)
+        for one, of_rig in zip(row, own, strict=True):
+            placed, given = seen_from[of_rig], reason[of_rig]
+            kernels.find_failures(rule, placed, *at, given, values[one], device[one])
+            device[one][device[one] >= 0] += of_rig[0]
+    return values, device

@@ -1,0 +1,319 @@
+"""Parts that no camera covers, divided by the criteria that must be met to cover them: exact.
+
+A stage is a set of criteria: what cameras, or rigs with a rule, cover without these. A part has the
+smallest set that covers it, of equal ones the first in the order of `_sets`, so that its reason is
+one criterion only where meeting it alone would cover it, in any camera. What no set covers lies
+behind all cameras, or beyond their lenses (`OUTSIDE`), or all are behind it (`BACK_FACING`). Stages
+of one criterion give the gain by it alone. Reasons have borders like covered areas, with bounds,
+and the order of cameras does not matter.
+
+Of steep views densities are judged at the largest angle that is allowed, see `Rules.without`: a
+camera that meets the angle has more of them. The gain by the angle alone is without this.
+
+`rastercov.reference.regions` has the same for single points.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.core.area import polygons
+from rastercov.core.area.features import FEATURES
+from rastercov.core.area.frames import frames_of, sides_of
+from rastercov.core.area.overlay import Overlay
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.rows import gated, tasks_of
+from rastercov.core.area.spread import SpreadUnion, union_of
+from rastercov.core.area.union import Covered, RegionUnion
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, by_gate, cameras_of, eyes_of, rows_of_result
+from rastercov.core.coverage.coverage import in_batches
+from rastercov.core.coverage.reasons import CRITERIA, NAMES, TOO_FEW_VIEWS, Reason, code_of, rows_in
+from rastercov.core.coverage.surface import own_reasons
+from rastercov.core.coverage.task import DENSITIES, STEEP, Task
+from rastercov.core.mesh import Mesh
+
+SLIVER_REL = 1e-9
+"""Part of a face below which a reason is rounding, and takes that of most of the face."""
+MOST_STAGES = 60
+"""Sets of criteria that cover anything; what later ones cover has the reason of all criteria."""
+CodeArray = NDArray[np.uint32]
+
+
+COLUMNS = ("xy", "face", "views", "reason")
+
+
+class ReasonPieces(NamedTuple):
+    """Convex pieces of faces in their planes, with the reason of each.
+
+    Attributes
+    ----------
+    xy, starts, face, views
+        As in `Covered`.
+    reason : (N,) uint32
+        Code of the reasons, see `rastercov.core.coverage.reasons.code_of`.
+    """
+
+    xy: FloatArray
+    starts: IntArray
+    face: Int32Array
+    views: Int32Array
+    reason: CodeArray
+
+    def joined(self, other: "ReasonPieces") -> "ReasonPieces":
+        """These pieces, then those of another."""
+        counts = np.concatenate([np.diff(self.starts), np.diff(other.starts)])
+        own = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in COLUMNS
+        }
+        return ReasonPieces(starts=polygons.starts_of(counts), **own)
+
+
+class Stage(NamedTuple):
+    """Criteria that are not asked, rows of `REASONS`, with what is needed for the others.
+
+    Those are cameras, task, and names for `RegionPass`.
+    """
+
+    rows: tuple[int, ...]
+    camera: Cameras
+    task: Task
+    relaxed: frozenset[str]
+
+    @property
+    def is_plain(self) -> bool:
+        """True where a task without the criteria covers the same; not with `STEEP`."""
+        return STEEP not in self.relaxed
+
+
+class Divided(NamedTuple):
+    """Parts that no camera covers, by reason.
+
+    Attributes
+    ----------
+    parts : Parts
+    doubt : (F,) float64
+        Bound of the area of each reason, m^2.
+    gains : dict of int to (2, F) float64
+        Area that cameras would cover without the criterion of a row, and its bound, m^2.
+    """
+
+    parts: ReasonPieces
+    doubt: FloatArray
+    gains: dict[int, FloatArray]
+
+
+def divided(
+    mesh: Mesh,
+    rest: ReasonPieces,
+    stages: Iterator[Stage],
+    passes: Callable[[Stage, BoolArray], Covered],
+    terminal: tuple[BoolArray, ByteArray],
+) -> Divided:
+    """Pieces that no camera covers, (N,), in parts of one reason.
+
+    `rest` are these pieces, ordered by face, as of `with_rest`; `passes` gives what passes a stage
+    of some faces, (F,), of which the first is without any criterion; and `terminal` are faces that
+    cameras are in front of, (F,), and the reasons of the surface itself, (F,).
+    """
+    frames, (in_front, own) = frames_of(mesh), terminal
+    overlay = Overlay(frames.corners, frames.areas, mesh.diagonal)
+    sizes = polygons.polygon_areas(rest.xy, rest.starts)
+    missing: FloatArray = np.bincount(rest.face, sizes, mesh.n_faces).astype(np.float64)
+    faces = np.flatnonzero(missing).astype(np.int32)
+    _add(overlay, 0, (rest.xy, rest.starts, rest.face), faces, missing[faces])
+    rows_own = np.unique(own[own > Reason.COVERED]).tolist()
+    every = next(stages)
+    reached = passes(every, missing > 0)
+    is_reached = reached.area[0] > 0
+    doubt, is_open, added = reached.bound.copy(), is_reached.copy(), list[Stage]()
+    gains: dict[int, FloatArray] = {}
+    for stage in stages:
+        # A face that a set covers as a whole needs no larger one.
+        asked = is_reached if len(stage.rows) < 2 else is_open
+        if len(added) == MOST_STAGES:
+            break
+        if not asked.any():
+            continue
+        passed = passes(stage, asked)
+        doubt += passed.bound
+        if len(stage.rows) == 1 and stage.is_plain:
+            gains[stage.rows[0]] = np.stack([0 * doubt, passed.bound])
+        elif not stage.rows:
+            gains |= {row: np.stack([0 * doubt, passed.bound * (own == row)]) for row in rows_own}
+        is_open &= passed.area[0] < (1 - SLIVER_REL) * frames.areas
+        if (passed.area[0] > 0).any():
+            added.append(stage)
+            _add_covered(overlay, len(added), passed)
+    _add_covered(overlay, len(added) + 1, reached)
+    whole = overlay.partition()
+    kept = np.flatnonzero((whole.tag & 1 > 0) & (whole.area > 0))
+    face, bits = whole.face[kept], whole.tag[kept] >> 1
+    code = np.where(in_front[face], np.uint32(Reason.OUTSIDE), np.uint32(Reason.BACK_FACING))
+    for at, stage in reversed([*enumerate([*added, every])]):
+        is_in = (bits >> at) & 1 > 0
+        code[is_in] = code_of(stage.rows) if stage.rows else Reason.COVERED
+        if len(stage.rows) < 2 and stage.is_plain and stage is not every:
+            for row in stage.rows or rows_own:
+                counts = is_in & (own[face] == (Reason.COVERED if stage.rows else row))
+                areas = whole.area[kept[counts]]
+                gains[row][0] = np.bincount(face[counts], areas, mesh.n_faces)
+    cut = polygons.chosen(whole.xy, whole.starts, kept)
+    none = np.zeros(len(kept), np.int32)
+    parts = ReasonPieces(*cut, face, none, _with_own(code, own[face]))
+    return Divided(_without_slivers(parts, doubt + SLIVER_REL * frames.areas), doubt, gains)
+
+
+def _with_own(code: CodeArray, own: ByteArray) -> CodeArray:
+    """Codes, (N,), with the reasons of the surface itself, (N,).
+
+    Where nothing fails, a coincident surface is in front, or it is rounding.
+    """
+    with_own = np.where(code == Reason.COVERED, np.uint32(Reason.OCCLUDED), code)
+    for row in np.unique(own[own > Reason.COVERED]).tolist():
+        for each in np.unique(code[own == row]).tolist():
+            both = row if each == Reason.COVERED else code_of((*rows_in(each), row))
+            alone = each in (Reason.OUTSIDE, Reason.BACK_FACING)
+            with_own[(own == row) & (code == each)] = row if alone else both
+    return with_own
+
+
+def _add_covered(overlay: Overlay, number: int, passed: Covered) -> None:
+    """Add what a stage covers."""
+    listed = np.flatnonzero(passed.area[0] > 0).astype(np.int32)
+    rows = np.flatnonzero(passed.area[0][passed.face] > 0)
+    pieces = *polygons.chosen(passed.xy, passed.starts, rows), passed.face[rows]
+    _add(overlay, number, pieces, listed, passed.area[0][listed])
+
+
+def _add(
+    overlay: Overlay,
+    number: int,
+    pieces: tuple[FloatArray, IntArray, Int32Array],
+    faces: Int32Array,
+    areas: FloatArray,
+) -> None:
+    """Add pieces, ordered by face, as those of the camera of a number."""
+    zero, row = np.zeros(len(faces)), np.zeros(len(pieces[2]), np.int32)
+    pairs = np.zeros(len(faces), np.int32), faces, areas, zero, zero
+    overlay.add((*pieces, row), pairs, np.array([number]))
+
+
+def _without_slivers(parts: ReasonPieces, doubt: FloatArray) -> ReasonPieces:
+    """Parts in which reasons that are less of a face than is certain, (F,), are that of most."""
+    areas = polygons.polygon_areas(parts.xy, parts.starts)
+    keys, own = np.unique(parts.face * (np.int64(1) << 32) + parts.reason, return_inverse=True)
+    size, face = np.bincount(own, areas, len(keys)), keys >> 32
+    order = np.lexsort((size, face))
+    last = np.flatnonzero(np.diff(face[order], append=-1))
+    most = np.repeat(keys[order][last], np.diff(last, prepend=-1))
+    reason = np.empty(len(keys), np.uint32)
+    reason[order] = np.where(size[order] > doubt[face[order]], keys[order], most) & 0xFFFFFFFF
+    return parts._replace(reason=reason[own])
+
+
+def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:
+    """Without any criterion; then each set of those that are asked, small ones first.
+
+    A criterion that includes others, as light includes enough of it, counts with these.
+    """
+    tasks = tasks_of(camera, task)
+    rules = [each.rules(own) for own, each in zip(cameras_of(camera), tasks, strict=True)]
+    has = {
+        Reason.TOO_OBLIQUE: any(each.cos_incidence > 0 for each in rules),
+        Reason.OCCLUDED: True,
+        Reason.TOO_COARSE: any(getattr(each, name) > 0 for each in rules for name in DENSITIES),
+        Reason.OUT_OF_FOCUS: any(each.z_n > 0 or each.z_f < np.inf for each in rules),
+        Reason.OUTSIDE: any(not each.is_curved for each in cameras_of(camera)),
+    }
+    of_features = {row: (c, t) for each in FEATURES for row, c, t in each.stages(camera, task)}
+    asked = (
+        *reversed([row for row in CRITERIA if row in of_features]),
+        *(r for r in has if has[r]),
+    )
+    includes = {}
+    for row, scene in of_features.items():
+        left = {other for each in FEATURES for other, *_ in each.stages(*scene)}
+        includes[row] = of_features.keys() - left - {row}
+    sets = [rows for n in range(1, len(asked) + 1) for rows in combinations(asked, n)
+            if not any(includes[row] & {*rows} for row in rows if row in includes)]  # fmt: skip
+    sets.sort(key=lambda rows: sum(1 + len(includes.get(row, ())) for row in rows))
+    free = [row for row in asked if not any(row in each for each in includes.values())]
+    yield _stage(tuple(free), camera, task)
+    if any((own_reasons(mesh, each) > Reason.COVERED).any() for each in tasks):
+        yield _stage((), camera, task)
+    for rows in sets:
+        stage = _stage(rows, camera, task)
+        yield stage
+        if Reason.TOO_OBLIQUE in rows and has[Reason.TOO_COARSE] and Reason.TOO_COARSE not in rows:
+            yield stage._replace(relaxed=stage.relaxed | {STEEP})
+
+
+def _stage(rows: tuple[int, ...], camera: Cameras, task: Task) -> Stage:
+    """Stage without some criteria."""
+    for row in rows:
+        for each in FEATURES:
+            camera, task = next(
+                ((c, t) for own, c, t in each.stages(camera, task) if own == row), (camera, task)
+            )
+    return Stage(rows, camera, task, frozenset(NAMES[row] for row in rows))
+
+
+def passes(mesh: Mesh, poses: Poses, stage: Stage, asked: BoolArray, views: int = 1) -> Covered:
+    """Area of faces, (F,), that up to `views` cameras cover without the criteria of a stage."""
+    finder = RegionPass(mesh, stage.camera, stage.task, only_task=True, relaxed=stage.relaxed)
+    degrees = stage.task.min_angle_deg if views > 1 else 0.0
+    return united(finder, poses, asked, union_of(mesh, views, degrees))
+
+
+def gains_of_views(
+    covered: Covered, wanted: IntArray, network: tuple[Cameras, Task, Poses]
+) -> dict[int, FloatArray]:
+    """Gains as of `Divided` where several cameras are wanted of faces, (F,).
+
+    That by "too few cameras" is what one covers besides.
+    """
+    mesh, (camera, task, poses), k = covered.mesh, network, int(wanted.max())
+    row, every = wanted - 1, np.arange(len(wanted))
+    own = own_reasons(mesh, tasks_of(camera, task)[0])
+    has_more = mesh.task_mask & (own == Reason.COVERED)
+    has_more &= covered.area[row, every] < (1 - SLIVER_REL) * frames_of(mesh).areas
+    more = np.where(mesh.task_mask, covered.area[0] - covered.area[row, every], 0.0)
+    gains = {TOO_FEW_VIEWS: np.stack([more, np.where(wanted > 1, covered.bound, 0.0)])}
+    for stage in stages_of(mesh, camera, task):
+        if len(stage.rows) == 1 and stage.is_plain:
+            passed = passes(mesh, poses, stage, has_more, k)
+            gain = np.where(has_more, passed.area[row, every] - covered.area[row, every], 0.0)
+            bound = np.where(has_more, passed.bound + covered.bound, 0.0)
+            gains[stage.rows[0]] = np.stack([np.maximum(gain, 0.0), bound])
+    return gains
+
+
+def united(
+    finder: RegionPass, poses: Poses, asked: BoolArray, union: RegionUnion | SpreadUnion
+) -> Covered:
+    """Area of faces, (F,), that rows of the result cover, added to a union; the pass is closed."""
+    mesh, camera = finder.mesh, finder.camera
+    rows = rows_of_result(camera, poses)
+    with closing(finder):
+        for part in in_batches(poses, mesh.n_faces, finder.threads, rows):
+            union.add(gated(finder.find(part, closed=union.closed | ~asked), camera, part))
+    return union.covered()
+
+
+def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
+    """(F,) faces of which enough cameras of a row of the result are in front, not edge-on."""
+    frames, eyes = frames_of(mesh), eyes_of(camera, poses)
+    mask = np.zeros(mesh.n_faces, np.bool_)
+    for gate, own, _ in by_gate(camera, poses):
+        for rows in own:
+            left = np.flatnonzero(asked & ~mask)
+            sides = sides_of(eyes[rows], frames.origin[left], frames.normal[left])
+            front, rear = (side[0] if gate is None else gate.holds(side) for side in sides)
+            mask[left] = front | (rear & mesh.two_sided_mask[left])
+    return mask

@@ -1,0 +1,346 @@
+"""Lens of a camera: pixels of rays, rays of pixels, and all that loops over its images need.
+
+What an image shows of an ideal plane is bounded by curves. Each plane is divided once for a
+camera, so that loops over surfaces cut by straight lines only (`native.lens_field`).
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, wraps
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.base.arguments import checked_array
+from rastercov.base.checks import shown
+from rastercov.base.errors import CameraError
+from rastercov.base.format import frozen_record
+from rastercov.base.memory import FloatArray, read_only
+from rastercov.core.camera.camera import Camera, border_of
+from rastercov.core.camera.lenses.planes import IdealPlane, Proved, planes_in
+from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens
+from rastercov.core.camera.models import MODELS, coefficients_by_name
+from rastercov.core.camera.parallel import MODEL
+from rastercov.engine import lens_rays, solver_lens
+from rastercov.engine.lens_polygons import measure_polygons
+
+
+@contextmanager
+def _camera_errors() -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise CameraError(str(error)) from None
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """A central camera model: a ray (X, Y, Z), x right, y down, z forward, has one pixel (u, v).
+
+    The centre of the top-left pixel is at (0.5, 0.5). `of_camera.lens_of` has the lens of
+    a camera.
+
+    Parameters
+    ----------
+    width, height : int
+        Image size, px.
+    code : int
+        Base of the lens, a row of `rastercov.core.camera.lenses.BASES`.
+    coefficients : tuple of float
+        Parameters up to `solver_lens.LATE`.
+    max_angle_deg : float, optional
+        Largest angle from the z axis at which the lens is trusted.
+
+    Raises
+    ------
+    CameraError
+        If the lens folds at its axis, so that no region is valid.
+    """
+
+    width: int
+    height: int
+    code: int
+    coefficients: tuple[float, ...]
+    max_angle_deg: float | None = None
+    _region: tuple[FloatArray, float, bool] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        limit = math.pi if self.max_angle_deg is None else math.radians(self.max_angle_deg)
+        params = np.zeros(solver_lens.SIZE)
+        params[: len(self.coefficients)] = self.coefficients
+        with _camera_errors():
+            region = solver_lens.find_region(self.code, self.width, self.height, limit, params)
+        object.__setattr__(self, "_region", (params, *region))
+
+    @property
+    def params(self) -> FloatArray:
+        """Parameters for the kernels, (32,), with the valid region."""
+        return self._region[0].copy()
+
+    @property
+    def valid_angle(self) -> float:
+        """Angle of the border of the valid region, a cone, from the z axis, radians."""
+        return self._region[1]
+
+    @property
+    def is_whole(self) -> bool:
+        """True where each pixel of the image has a ray; False where some see nothing."""
+        return self._region[2]
+
+    def project(self, rays: ArrayLike) -> FloatArray:
+        """Pixels (..., 2) of rays (..., 3) of any length, NaN outside the valid region."""
+        return self._each(lens_rays.project_many, "rays", rays, 3, (2,))
+
+    def jacobian(self, rays: ArrayLike) -> FloatArray:
+        """Derivatives (..., 2, 3) of pixels by rays, px per unit; NaN outside the valid region."""
+        return self._each(lens_rays.jacobian_many, "rays", rays, 3, (2, 3))
+
+    def unproject(self, pixels: ArrayLike) -> FloatArray:
+        """Rays (..., 3) of unit length of pixels (..., 2), also beyond the image.
+
+        NaN for a pixel that no ray of the valid region meets.
+        """
+        return self._each(lens_rays.unproject_many, "pixels", pixels, 2, (3,))
+
+    @cached_property
+    def row(self) -> FloatArray:
+        """All that is proved of the lens as one row, see `engine/lens/packed.cpp`."""
+        return read_only(self.row_within(solver_lens.EDGE_TOLERANCE, solver_lens.FIELD_TOLERANCE))
+
+    def row_within(self, edge: float, field: float) -> FloatArray:
+        """The same with other tolerances.
+
+        Parameters
+        ----------
+        edge : float
+            Bound of the error of the area under an edge or a part of one, px^2.
+        field : float
+            Mean width of the undecided cells along a border of the image, in units of the plane.
+        """
+        params, angle, _ = self._region
+        with _camera_errors():
+            size = self.width, self.height
+            return solver_lens.pack(self.code, params, angle, *size, edge, field)
+
+    @cached_property
+    def proved(self) -> tuple[Proved, ...]:
+        """Ideal planes that hold the valid region, each pixel in one of them, as loops take them.
+
+        Their pinholes end where the image of the lens does: those of one frame together, because
+        they are solved once.
+        """
+        return planes_in(self.row)
+
+    @property
+    def planes(self) -> tuple[IdealPlane, ...]:
+        """The planes alone."""
+        return tuple(each.plane for each in self.proved)
+
+    def _each(
+        self,
+        loop: Callable[..., None],
+        name: str,
+        values: ArrayLike,
+        n: int,
+        shape: tuple[int, ...],
+    ) -> FloatArray:
+        wanted = f"real numbers of shape (..., {n})"
+        given = checked_array(name, values, "iuf", wanted, CameraError)
+        if given.ndim < 1 or given.shape[-1] != n:
+            raise CameraError(f"expected {name} of shape (..., {n}), got {given.shape}")
+        flat = np.ascontiguousarray(given, np.float64).reshape(-1, n)
+        out = np.empty((len(flat), *shape))
+        loop(self.code, self._region[0], flat, out)
+        return out.reshape(*given.shape[:-1], *shape)
+
+
+def terms_of(camera: Camera) -> tuple[int, tuple[float, ...]]:
+    """Code of the base of a camera's lens, and the parameters of its equations."""
+    params = np.zeros(solver_lens.SIZE)
+    pixels = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.skew], np.float64)
+    model = list(MODELS).index(camera.model)
+    code = solver_lens.set_terms(model, pixels, np.array(camera.distortion, np.float64), params)
+    return code, tuple(params[: solver_lens.LIMIT].tolist())
+
+
+BLIND = 6
+"""Place of the blind area in a row."""
+MOST_LENSES = 1024
+"""Lenses that are kept: a reconstruction may have one for each image."""
+OPTICS = (
+    *("width", "height", "fx", "fy", "cx", "cy", "skew", "model", "distortion", "max_angle_deg"),
+)
+"""Fields of a camera that make its lens."""
+Found = TypeVar("Found")
+
+
+@lru_cache(maxsize=MOST_LENSES)
+def optics_of(camera: Camera) -> Camera:
+    """A camera with the same lens that is in focus everywhere and has no near plane.
+
+    That of parallel rays sees the plane at depth 1 as they see it in units of `unit_of`.
+    """
+    own = {name: getattr(camera, name) for name in OPTICS}
+    if not camera.is_parallel:
+        return Camera(**own)
+    unit = unit_of(camera)
+    own |= {name: own[name] * unit for name in ("fx", "fy", "skew")}
+    if not camera.distortion:
+        return Camera(**(own | {"model": "pinhole"}))
+    scale = unit * (camera.magnification or 0.0)  # metres of the sensor
+    its = coefficients_by_name(camera.model, camera.distortion)
+    model = "division" if "kappa" in its else "opencv"
+    values = [value * scale ** OF_RADIUS[name] for name, value in its.items()]
+    limit = {"max_angle_deg": MOST_ANGLE_DEG}
+    return Camera(**(own | limit | {"model": model, "distortion": values}))
+
+
+MOST_ANGLE_DEG = 70.0
+"""Of parallel rays with distortion: 2.7 units from the axis, for one plane of any model."""
+OF_RADIUS = {"kappa": 2, "k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6}
+"""Powers of the radius on the sensor that coefficients of parallel rays are of."""
+
+
+def unit_of(camera: Camera) -> float:
+    """Metres across parallel rays that are a unit of their plane; 0 of rays through a point.
+
+    A power of two, by which nothing is rounded, so that the image reaches to between 1/2 and 1.
+    """
+    if not camera.is_parallel:
+        return 0.0
+    y = (border_of(camera.width, camera.height, 2)[..., 1] - camera.cy) / camera.fy
+    x = border_of(camera.width, camera.height, 2)[..., 0] - camera.cx - camera.skew * y
+    return float(2.0 ** np.ceil(np.log2(np.hypot(x / camera.fx, y).max())))
+
+
+def ideal_camera(camera: Camera, plane: Proved) -> Camera:
+    """Pinhole of an ideal plane of a camera; of parallel rays one of these without distortion."""
+    own, unit = plane.camera, unit_of(camera)
+    if not camera.is_parallel:
+        return own
+    scaled = replace(own, fx=own.fx / unit, fy=own.fy / unit)
+    return replace(scaled, near=camera.near, model=MODEL)
+
+
+def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
+    """Keep the result of a function of a lens, which takes seconds, for all that have the lens."""
+    result = lru_cache(maxsize=MOST_LENSES)(function)
+
+    @wraps(function)
+    def of_camera(camera: Camera, *others: object) -> Found:
+        if not camera.is_parallel:
+            return result(optics_of(camera), *others)
+        try:
+            return result(optics_of(camera), *others)
+        except CameraError:
+            raise CameraError(
+                "expected distortion and skew that do not fold a parallel image, got "
+                f"{shown((*camera.distortion, camera.skew))}; give 1/m2 on the sensor"
+            ) from None
+
+    return of_camera
+
+
+@_kept
+def lens_of(camera: Camera) -> LensModel:
+    """Lens of a camera, the pinhole's own for one without distortion.
+
+    That of parallel rays takes rays (x, y, `unit_of`) to points at x and y, whatever their depth.
+
+    Raises
+    ------
+    CameraError
+        For a lens that folds at its axis.
+    """
+    return LensModel(camera.width, camera.height, *terms_of(camera), camera.max_angle_deg)
+
+
+@_kept
+def planes_of(camera: Camera) -> tuple[Proved, ...]:
+    """Ideal planes of the lens of a camera."""
+    return lens_of(camera).proved
+
+
+def curved_lens(camera: Camera) -> CurvedLens:
+    """Lens of a camera for the loops."""
+    lens, records = lens_of(camera), [each.record for each in planes_of(camera)]
+
+    def stacked(name: str) -> Any:
+        return read_only(np.array([getattr(record, name) for record in records]))
+
+    def padded(name: str) -> tuple[Any, Any]:
+        polygons = [getattr(record, name) for record in records]
+        rows = np.zeros((len(polygons), MOST_SIDES, 2))
+        for row, polygon in zip(rows, polygons, strict=True):
+            row[: len(polygon)] = polygon
+        return read_only(rows), read_only(np.array([len(each) for each in polygons], np.int64))
+
+    regions, region_sides = padded("region")
+    holes, hole_sides = padded("hole")
+    return CurvedLens(
+        lens.code,
+        read_only(lens.params),
+        float(camera.width),
+        float(camera.height),
+        not MODELS[camera.model].is_planar,
+        stacked("frame"),
+        stacked("params"),
+        regions,
+        region_sides,
+        holes,
+        hole_sides,
+        stacked("longest"),
+        stacked("parts_of"),
+        stacked("is_graded"),
+        stacked("bend"),
+        stacked("arc_half"),
+        stacked("arc_bend"),
+        records[0].tolerance,
+        unit_of(camera),
+    )
+
+
+@frozen_record
+class PolygonAreas:
+    """Signed areas of polygons of an ideal plane in the image of a lens, px^2.
+
+    Attributes
+    ----------
+    whole : (N,) float64
+        Of the whole image of each polygon; positive where it runs from x to y.
+    inside : (N,) float64
+        Of the part within 0 <= u <= width and 0 <= v <= height.
+    bound : (N,) float64
+        Bound of the error of the quadrature of both. It leaves out rounding, about 1e-15 of the
+        image size times the extent, and the error of the places where `inside` is cut at the
+        border of the image.
+    """
+
+    whole: FloatArray
+    inside: FloatArray
+    bound: FloatArray
+
+
+def polygon_areas(proved: Proved, polygons: Sequence[FloatArray]) -> PolygonAreas:
+    """Areas of polygons in the image of a lens.
+
+    Parameters
+    ----------
+    proved : Proved
+        An ideal plane of the lens.
+    polygons : sequence of (K, 2) float64
+        Corners in units of the plane, within its region and outside its hole.
+    """
+    starts = np.cumsum([0, *map(len, polygons)])
+    corners = np.concatenate([np.empty((0, 2)), *polygons])
+    out = np.empty((len(polygons), 3))
+    measure_polygons(proved.record, corners, starts, out)
+    return PolygonAreas(out[:, 0], out[:, 1], out[:, 2] * proved.record.tolerance)
+
+
+def blind_area(lens: LensModel) -> float:
+    """Area of the image whose pixels see nothing, px^2: no ray of the valid region meets them."""
+    return float(lens.row[BLIND])

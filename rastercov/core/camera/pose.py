@@ -1,0 +1,246 @@
+"""Camera poses: world_from_camera matrices, checked once.
+
+p_world = world_from_camera @ p_camera. Camera axes are OpenCV's: +x right, +y down, +z forward. The
+thesis' frame (6.8-6.11), X left and Y up, is ours turned by 180 degrees about Z.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import field
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
+from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
+from rastercov.base.errors import PoseError
+from rastercov.base.format import InOneLine, frozen_record, plural
+from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
+from rastercov.base.typed import check_fields
+from rastercov.core.mesh.arrays import matrices_of
+from rastercov.engine import camera_pose
+
+DRIFT_TOLERANCE, ROUNDING = 1e-6, 1e-14
+"""A rotation further than the first from orthonormal is refused; nearer, and further than the
+second, it is made orthonormal."""
+LIMITS = LARGEST_COORDINATE, DRIFT_TOLERANCE, ROUNDING
+OF_LAST_ROW = "does not end in the row 0 0 0 1"
+FAULTS = (
+    *(
+        "",
+        "is not finite",
+        f"is beyond ±{LARGEST_COORDINATE:g} m",
+        OF_LAST_ROW,
+    ),
+    *("is not a rotation (scaled, sheared or drifted)", "is a reflection, not a rotation"),
+)
+DRIFTED = camera_pose.DRIFTED
+"""Index of a pose that has drifted; those below are of `FAULTS`."""
+
+
+def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
+    """Poses with their small rotation drift removed, and what is wrong with the others.
+
+    Of (P, 4, 4) or (4, 4) world_from_camera: a copy, in which rows at fault are left as they came,
+    and the fault of each of these by its row. PoseError for an array of the wrong shape or type.
+    """
+    array = real_numbers("poses", poses, "(P, 4, 4) (rc.read_poses reads a file)")
+    out = as_matrices(array[None] if array.ndim == 2 else array)
+    values = np.empty(len(out), np.uint8)
+    camera_pose.find_faults(out, LIMITS, values)
+    if not values.any():
+        return out, {}
+    faults = {row: FAULTS[at] for row, at in enumerate(values.tolist()) if 0 < at < DRIFTED}
+    for row, text in faults.items():
+        if text == OF_LAST_ROW and np.array_equal(out[row, :, 3], (0, 0, 0, 1)):
+            faults[row] = f"{text}, but its transpose does"
+    drifted = np.flatnonzero(values == DRIFTED)
+    if len(drifted):
+        u, _, vt = np.linalg.svd(out[drifted, :3, :3])
+        out[drifted, :3, :3] = u @ vt
+    return out, faults
+
+
+def error_of(rows: tuple[int, ...], text: str) -> PoseError:
+    """Error of some poses: the first by its number, before the text, and how many others."""
+    others = f" (and {plural(len(rows) - 1, 'more pose')})" if len(rows) > 1 else ""
+    return PoseError(f"pose {rows[0]} (from 0){text}{others}", rows)
+
+
+def valid_poses(poses: "ArrayLike | Poses") -> FloatArray:
+    """Poses as `check_poses` returns them; any fault is a `PoseError` that names its rows."""
+    return Poses.of(poses).world_from_camera
+
+
+def renumbered(poses: "ArrayLike | Poses") -> "Poses":
+    """Valid poses that are numbered from 0, each with its camera; faults as for `valid_poses`."""
+    placed = Poses.of(poses)
+    n, matrices = len(placed), placed.world_from_camera
+    return Poses(matrices, np.arange(n), matrices, {}, placed.camera)
+
+
+@frozen_record(repr=False)
+class Poses(InOneLine):
+    """Validated camera poses; functions that take poses do not check them again. See `Poses.of`.
+
+    Attributes
+    ----------
+    world_from_camera : (P, 4, 4) float64
+        Rigid transforms.
+    ids : (P,) int64
+        Row of each pose in the input.
+    given : (N, 4, 4) float64
+        All rows of the input, including rejected ones.
+    rejected : dict of int to str
+        Rows that were skipped, and the reason for each.
+    camera : (P,) int32
+        Index of the camera of each pose, where there are several; 0 unless given.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> eyes = [(0.6, 0, 0), (0, 0.6, 0)]
+    >>> poses = rc.Poses.of(rc.look_at(eyes, (0, 0, 0)), camera=[0, 1])
+    >>> len(poses), poses.eyes.tolist(), poses.camera.tolist()
+    (2, [[0.6, 0.0, 0.0], [0.0, 0.6, 0.0]], [0, 1])
+    """
+
+    world_from_camera: FloatArray
+    ids: IntArray
+    given: FloatArray
+    rejected: Mapping[int, str] = field(default_factory=dict)
+    camera: Int32Array = field(default_factory=lambda: np.zeros(0, np.int32))
+
+    def __post_init__(self) -> None:
+        arrays = (self.world_from_camera, self.ids, self.given, self.camera)
+        if not all(isinstance(each, np.ndarray) and each.ndim for each in arrays):
+            check_fields(self)  # takes ten times as long as all else, and each batch makes some
+        if len(self.camera) != len(self.ids):
+            object.__setattr__(self, "camera", np.zeros(len(self.ids), np.int32))
+
+    @classmethod
+    def of(
+        cls,
+        poses: "ArrayLike | Poses",
+        *,
+        camera: ArrayLike | None = None,
+        skip_bad: bool = False,
+    ) -> "Poses":
+        """Checked poses; `Poses` are not checked again.
+
+        Parameters
+        ----------
+        poses : (P, 4, 4) or (4, 4) array_like, or Poses
+            world_from_camera.
+        camera : int or (P,) int array_like, optional
+            Index of the camera of each pose, or of all of them; 0, or that of the `Poses`, unless
+            given.
+        skip_bad : bool
+            Leave out poses that are not rigid transforms instead of raising.
+
+        Raises
+        ------
+        PoseError
+            For a pose that is not a rigid transform, with its rows, and for invalid camera indices.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import rastercov as rc
+        >>> rows = [np.eye(4), np.diag((2, 2, 2, 1))]
+        >>> poses = rc.Poses.of(rows, skip_bad=True)
+        >>> poses.ids.tolist(), list(poses.rejected)
+        ([0], [1])
+        """
+        skip_bad = flag("skip_bad_poses", skip_bad)
+        if isinstance(poses, Poses):
+            if camera is not None:
+                indices = _camera_indices(camera, len(poses))
+                return Poses(poses.world_from_camera, poses.ids, poses.given, {}, indices)
+            return poses
+        matrices, faults = check_poses(poses)
+        if faults and not skip_bad:
+            raise error_of(
+                tuple(sorted(faults)),
+                f": expected a rigid transform, got one that {faults[min(faults)]}; correct or "
+                "skip it (skip_bad_poses)",
+            )
+        ids = np.arange(len(matrices))
+        indices = np.zeros(len(ids), np.int32)
+        if camera is not None:
+            indices = _camera_indices(camera, len(ids))
+        if not faults:
+            return cls(matrices, ids, matrices, {}, indices)
+        ids = np.delete(ids, list(faults))
+        return cls(matrices[ids], ids, matrices, faults, indices[ids])
+
+    @property
+    def eyes(self) -> FloatArray:
+        """(P, 3) camera centres, metres."""
+        return self.world_from_camera[:, :3, 3]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __getitem__(self, rows: "slice | AnyArray") -> "Poses":
+        """Some of the poses, by their rows among the accepted ones."""
+        matrices, ids, camera = self.world_from_camera[rows], self.ids[rows], self.camera[rows]
+        return Poses(matrices, ids, self.given, {}, camera)
+
+    def by_camera(self) -> "Iterator[tuple[int, slice | IntArray]]":
+        """Index of each camera in use, and the rows of its poses; a slice if it has all poses."""
+        used = np.unique(self.camera)
+        if len(used) == 1:
+            yield int(used[0]), slice(None)
+            return
+        for index in used:
+            yield int(index), np.flatnonzero(self.camera == index)
+
+    def check_cameras(self, n_cameras: int) -> set[int]:
+        """Indices of the cameras of the poses; `PoseError` for one beyond these."""
+        used: set[int] = set(self.camera.tolist())
+        if used and max(used) >= n_cameras:
+            row = int(self.camera.argmax())
+            raise PoseError(
+                f"expected camera indices below {n_cameras}, got {self.camera[row]} for pose "
+                f"{self.ids[row]}; give all cameras, or correct the index"
+            )
+        return used
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
+        return np.array(self.world_from_camera, dtype, copy=copy)
+
+
+def _camera_indices(camera: ArrayLike, n_poses: int) -> Int32Array:
+    """(P,) indices of cameras; one number serves all poses."""
+    indices = checked_array(
+        "camera", camera, "iu", f"{n_poses} indices, one for each pose", PoseError
+    )
+    if indices.ndim == 0:
+        indices = np.broadcast_to(indices, n_poses)
+    if indices.shape != (n_poses,):
+        raise PoseError(
+            f"expected camera to have one index for each of {n_poses} poses, got shape "
+            f"{indices.shape}"
+        )
+    if n_poses and not 0 <= int(indices.min()) <= int(indices.max()) < 2**31:
+        raise PoseError(f"expected camera indices of 0 or more, got {int(indices.min())}")
+    return indices.astype(np.int32)
+
+
+def inverse(poses: FloatArray) -> FloatArray:
+    """camera_from_world of world_from_camera, or the reverse; (..., 4, 4)."""
+    rotation = np.swapaxes(poses[..., :3, :3], -1, -2)
+    return matrices_of(rotation, -(rotation @ poses[..., :3, 3, None])[..., 0])
+
+
+def as_matrices(poses: AnyArray) -> FloatArray:
+    """Float64 copy if it is (P, 4, 4), also of no poses at all, else PoseError."""
+    if poses.shape == (0,):
+        return np.zeros((0, 4, 4))
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+        raise PoseError(f"expected poses of shape (P, 4, 4), got {poses.shape}")
+    return owned("poses", poses, np.float64)
+
+
+def real_numbers(name: str, values: ArrayLike, shape: str) -> AnyArray:
+    """Array of real numbers of any shape, not copied; PoseError names the wanted one."""
+    return checked_array(name, values, "iuf", f"numbers of shape {shape}", PoseError)

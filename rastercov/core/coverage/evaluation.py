@@ -1,0 +1,348 @@
+"""The question that `evaluate` asks, and its result.
+
+A `Query` asks which part of a surface cameras cover, by a task; it is checked once, before the
+work. An `Evaluation` has figures of all cameras together, and of each pair of pose and
+face.
+"""
+
+from collections.abc import Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, ReadByName, frozen_record
+from rastercov.base.typed import guarded_class
+from rastercov.core.area.by_camera import ByCamera, doubts_of
+from rastercov.core.area.features import narrowed
+from rastercov.core.area.network import AreaNetwork, unit_of_result
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.rows import gated
+from rastercov.core.area.table import Regions
+from rastercov.core.area.union import Covered
+from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, cameras_of, check_scene, led_by, with_equipment
+from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.doubts import dead_pixels, doubts
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased
+from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import is_long
+from rastercov.core.coverage.silhouettes import GroupViews, group_views
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.shards import Staff
+
+if TYPE_CHECKING:
+    from rastercov import OverTime
+
+RETIRED = {
+    "folder": "give shards=FOLDER",
+    "skip_bad_poses": "give Poses.of(poses, skip_bad=True)",
+    "threads": "give method=Engine(METHOD, threads=N)",
+    "workers": "give shards=(FOLDER, workers)",
+}
+"""Arguments of the last version, and what to give instead."""
+
+
+def asked(
+    mesh: Mesh, camera: Cameras, task: Task | None, given: Mapping[str, object]
+) -> tuple[Cameras, Task, Phases | None]:
+    """Cameras, task and phases by the arguments of features; ConfigError for other arguments."""
+    left, phases, words = dict(given), None, equipment_words()
+    camera = with_equipment(camera, {word: left.pop(word, None) for word in words}, mesh)
+    for each in phased():
+        if (value := left.pop(each.word, None)) is not None:
+            phases = each.asked(mesh, value)
+    for name in left:
+        known = ", ".join([*(each.word for each in phased()), *words])
+        raise ConfigError(
+            f"expected further arguments {known}, got {shown(name)}; "
+            f"{RETIRED.get(name, 'give it in task' if hasattr(Task, name) else 'correct the name')}"
+        )
+    return camera, narrowed(camera, Task() if task is None else task), phases
+
+
+@frozen_record
+class Query:
+    """Scene, cameras, poses and task of an evaluation.
+
+    Attributes
+    ----------
+    camera : Camera, Rig or sequence of Camera
+        With equipment on which it depends what they see.
+    phases : Phases or None
+        Those of the scene, whose mesh is at rest.
+    by : {"area", "face"} or None
+        Unit that is asked for.
+    by_area : bool
+        Basis of the result; see `unit_of_result` for the choice, and for errors.
+    by_face_because : str
+        Why the result is by face, where that was not requested.
+    """
+
+    mesh: Mesh
+    camera: Cameras
+    poses: Poses
+    task: Task
+    engine: Engine = field(default_factory=Engine)
+    phases: Phases | None = None
+    by: str | None = None
+    by_area: bool = field(init=False)
+    by_face_because: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        task = self.task
+        self.poses.check_cameras(len(cameras_of(self.camera)))
+        unit, why = unit_of_result(self.by, task, self.engine, self.camera, len(self.poses))
+        self.__dict__.update(by_area=unit == "area", by_face_because=why)
+        if self.phases is not None:
+            self.phases.check(self.mesh, self.camera, self.poses, task)
+            if not self.by_area:
+                raise ConfigError(
+                    "expected a result by area, got one by face; " + (why or "leave out 'by'")
+                )
+
+    @property
+    def is_long(self) -> bool:
+        """True for a run that is kept in shards; see `shards.is_long`."""
+        if self.phases is None:
+            return is_long(len(self.poses), self.mesh.n_faces)
+        n = self.phases.images(self.poses)
+        return n > MOST_IMAGES or is_long(n, self.mesh.n_faces)
+
+    def of_phases(self, poses: Poses, folder: Path | None, staff: Staff) -> AreaNetwork | None:
+        """Area by some of the poses in all phases; None where the scene has one."""
+        scene = self.camera, poses, self.task
+        if self.phases is None:
+            return None
+        return self.phases.network(scene, self.engine, folder, staff)
+
+
+@guarded_class
+@frozen_record(repr=False, kw_only=True)
+class Evaluation(Coverage):
+    """Result of `evaluate`: values for each pose and face, and for all cameras together.
+
+    The (P, F) arrays are those of `Coverage`.
+
+    Attributes
+    ----------
+    poses : Poses
+        Evaluated poses: all of them, unless the run was interrupted.
+    engine : Engine
+        Method and device.
+    options : mapping or None
+        Options of the run, recorded with the result.
+    network : Network
+        Coverage of each face by all cameras together.
+    by_face_because : str
+        Reason why the result is by face although `by="face"` was not given; otherwise "".
+    areas : AreaNetwork or None
+        Covered area of a result by area; see `covered`; of all frames if bodies move.
+    per_camera : ByCamera
+        Results of each camera where there are several.
+    pairs : str
+        Pairs of pose and face that a command wrote to a table; "none" for `evaluate`.
+    n_rows : int
+        Number of these pairs.
+    quarantined : dict of int to str
+        Poses that were skipped because they crash a worker, and how the worker ended.
+    seconds : float
+        Time of the evaluation.
+    interrupted : bool
+        True if poses are missing because the run was interrupted.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.sphere_of_poses((0, 0, 0), distance=0.6, count=6)
+    >>> result = rc.evaluate(mesh, camera, poses, rc.Task(views=2))
+    >>> result.by, len(result.poses), result.interrupted
+    ('area', 6, False)
+    >>> round(result.covered.share(views=2), 3)
+    1.0
+    >>> result.network.views.tolist()  # cameras that cover each face as a whole
+    [2, 2, 3, 3, 2, 2, 2, 2, 2, 2, 2, 2]
+    """
+
+    poses: Poses
+    engine: Engine
+    options: ReadByName | None
+    network: Network
+    by_face_because: str
+    areas: AreaNetwork | None
+    per_camera: ByCamera
+    pairs: str
+    n_rows: int
+    quarantined: Mapping[int, str]
+    seconds: float
+    interrupted: bool
+
+    @property
+    def by(self) -> str:
+        """Basis of the result: "area" or "face"."""
+        return "face" if self.areas is None else "area"
+
+    @property
+    def covered(self) -> Covered:
+        """Exact area of each face that at least 1 to k cameras cover, with k `Task.views`.
+
+        ConfigError for a result by face.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> result = rc.evaluate(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0)))
+        >>> result.covered.area[0].round(4).tolist()  # m^2 of each of the 12 faces
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02, 0.02]
+        """
+        if self.areas is None:
+            why = self.by_face_because or 'give by="area", with method certified or exact'
+            raise ConfigError(f"expected an evaluation by area, got one by face; {why}")
+        return self.areas.covered
+
+    @property
+    def over_time(self) -> "OverTime":
+        """Coverage over time, if bodies move; ConfigError for a static scene.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> eye = rc.look_at((0.6, 0, 0), (0, 0, 0))
+        >>> motion = rc.Motion(mesh, {"mesh": rc.turntable(4)})
+        >>> round(rc.evaluate(mesh, camera, eye, motion=motion).over_time.share(), 3)  # the sides
+        0.667
+        """
+        if (found := getattr(self.areas, "over_time", None)) is None:
+            raise ConfigError("expected an evaluation over time, got a static scene; give motion=")
+        return found
+
+    def group_views(self) -> GroupViews:
+        """Silhouette of each group in each image: areas, px^2, visible and truncated shares.
+
+        The arrays are (P, G). Computed at each call; ConfigError for method "sampled".
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> result = rc.evaluate(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+        >>> result.group_views().visible.round(6).tolist()
+        [[49152.0]]
+        """
+        return group_views(self.mesh, self.camera, self.poses, self.engine)
+
+    def summary(self) -> ByName:
+        """Content of `summary.json`: figures of the network and of each pose, warnings, inputs.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+        >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+        >>> summary = rc.evaluate(mesh, camera, rc.look_at((0, 0, 0.6), (0, 0, 0))).summary()
+        >>> round(summary["covered_area"]["percent"], 2), summary["by"]
+        (16.67, 'area')
+        >>> {zone["reason"] for zone in summary["dead_zones"]}
+        {'back_facing'}
+        """
+        network, placed = self.network, self.poses
+        result = network.summary() | {"by": self.by, "by_face_because": self.by_face_because}
+        of_phases = {} if self.areas is None else self.areas.of_phases()
+        if self.areas is not None:
+            self.areas.add_to(result, self.camera, placed)
+            result |= self.areas.dead_zones(self.camera, placed)
+            result |= {} if of_phases else self.per_camera.further()
+        per_pose = [
+            {"pose": pose, "covered_faces": covered, "mean_coverage": mean}
+            for pose, covered, mean in zip(
+                network.pose_ids, network.covered_faces, network.mean_coverage, strict=True
+            )
+        ]
+        result |= {
+            "interrupted": self.interrupted,
+            "table": {"pairs": self.pairs, "rows": self.n_rows},
+            "quarantined": {str(pose): end for pose, end in self.quarantined.items()},
+            "skipped_poses": {str(row): text for row, text in placed.rejected.items()},
+            "seconds": self.seconds,
+            "poses_per_second": len(placed) / self.seconds if len(placed) else 0.0,
+            "run": provenance_of(
+                self.mesh, self.camera, placed.given, self.task, self.options, self.info
+            ),
+            "size_m": np.ptp(self.mesh.bounds, axis=0).tolist(),
+            "warnings": list(self.mesh.warnings),
+            "dead_pixels": dead_pixels(self.camera),
+            "result_warnings": [
+                *doubts(network, self.camera, placed),
+                *doubts_of(result),
+                *(self.areas.doubts() if self.areas is not None else ()),
+            ],
+            "per_pose": per_pose,
+        }
+        result["doubts"] = result["result_warnings"]
+        if of_phases:
+            return result | of_phases
+        if len(cameras_of(self.camera)) > 1:
+            result["by_camera"] = self.per_camera.summary()
+            leads = led_by(self.camera, placed)
+            for entry, index in zip(per_pose, placed.camera[leads].tolist(), strict=True):
+                entry["camera"] = self.per_camera.names[index]
+        return result
+
+
+def regions(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: ArrayLike | Poses,
+    task: Task | None = None,
+    *,
+    method: str | Engine = "certified",
+    threads: int | None = None,
+    **given: object,
+) -> Regions:
+    """Parts of the evaluated faces that each pose covers, as convex polygons in their planes.
+
+    Mesh, camera, poses, task and optional inputs are as for `evaluate`, method and threads as for
+    `open_observer`. For a `Rig` with a rule, a row of the result is a pose of the rig, with the
+    parts that its cameras cover together. With a motion and R rows per frame, row t * R + r is row
+    r in frame t, on the mesh at rest; `pose_ids` are repeated for each frame, and absent bodies
+    have no regions. Thresholds of whole faces must have their defaults: `min_pixels`,
+    `min_visibility`, `min_coverage`, `focus_rule`, `cap_resolution`. `views` and `min_angle_deg`
+    apply to several poses, and are ignored here.
+
+    Raises
+    ------
+    ConfigError
+        For a threshold that applies to whole faces, method "sampled", or an unknown argument.
+    PoseError
+        For a pose that is not a rigid transform.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> seen = rc.regions(mesh, camera, rc.look_at((0.6, 0, 0), (0, 0, 0)))
+    >>> seen.areas().round(4).tolist()  # m^2 of each face in each pose
+    [[0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
+    """
+    check_scene(mesh, camera)
+    placed, engine = Poses.of(poses), Engine.of(method, threads)
+    camera, task, phases = asked(mesh, camera, task, given)
+    if phases is not None:
+        return phases.regions(camera, placed, task, engine)
+    return gated(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)

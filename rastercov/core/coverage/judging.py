@@ -1,0 +1,274 @@
+"""Poses measured and judged face by face, a few at a time, in the threads that measure them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rastercov.base.arguments import check_choice
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, frozen_record
+from rastercov.base.memory import TINY, AnyArray, BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.core.area.rows import gated, gated_reasons
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
+from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
+from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
+from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.reasons import Reason, nearer
+from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import BoundKind
+from rastercov.engine.coverage_network import add_poses, add_rows
+
+if TYPE_CHECKING:
+    from rastercov.core.area.table import Regions
+
+CHOICES = ("none", "covered", "seen", "all")
+"""Pairs that a table may hold: those covered; those seen, that is with some part of the face in the
+image and its front to the camera, though other faces may hide it; or every pair."""
+SUMMED: ByName = {
+    "coverage": np.float64,
+    "reason": np.uint8,
+    "visibility_bound": np.float64,
+    "visibility_kind": np.uint8,
+    "in_view_fraction": np.float64,
+}
+"""Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels."""
+
+
+@frozen_record
+class JudgedPoses:
+    """A few poses that a network has judged and not yet added; see `judge`.
+
+    Attributes
+    ----------
+    poses : Poses
+        The poses.
+    clipped : (P,) bool
+        Whether the near plane cut away a surface in view.
+    rows : PairRows
+        Figures of the pairs that were asked for, by pose, then by face.
+    measured : Observation or FaceCounts, or None
+        Measurement of the poses, of those that this process has measured.
+    sums : dict of int to Sums
+        Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1.
+    regions : Regions or None
+        Regions of the poses, where the observer finds any.
+    eyes : (P, 3) float64
+        As of `rig.eyes_of`, metres.
+    leads : (P,) bool, or None
+        Of rigs with a rule, the first pose of each, at which `RESULT` has the sums of the rig.
+    """
+
+    poses: Poses
+    clipped: BoolArray
+    rows: PairRows
+    measured: Measured | None
+    sums: dict[int, Sums]
+    regions: "Regions | None"
+    eyes: FloatArray
+    leads: BoolArray | None = None
+
+    @classmethod
+    def of(
+        cls,
+        poses: Poses,
+        measured: Measured,
+        rows: PairRows,
+        sums: dict[int, Sums],
+        camera: Cameras,
+    ) -> "JudgedPoses":
+        """Poses of a camera or several that this process has measured."""
+        result, leads = getattr(measured, "regions", None), leads_of(camera, poses)
+        eyes = eyes_of(camera, poses)
+        return cls(poses, measured.clipped, rows, measured, sums, result, eyes, leads)
+
+
+OF_PARTS = (
+    "expected a result by area for rigs with a rule or lamps, got one by face; leave out 'by'"
+)
+"""Reason why these are refused by face."""
+RESULT = -1
+"""Camera by which sums of all poses, or of rigs with a rule, are kept."""
+
+
+def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
+    """`JudgedPoses.leads` of some poses; None where each camera counts alone."""
+    if not is_joint(camera):
+        return None
+    leads = np.zeros(len(poses), np.bool_)
+    leads[led_by(camera, poses)] = True
+    return leads
+
+
+def no_sums(n_faces: int, n_poses: int) -> Sums:
+    """Sums of poses before any is added."""
+    return Sums(
+        views=np.zeros(n_faces, np.int64),
+        best=np.zeros(n_faces),
+        best_row=np.zeros(n_faces, np.int64),
+        reason=np.zeros(n_faces, np.uint8),
+        alone=np.zeros(n_faces, np.uint8),
+        kinds=np.zeros(len(BoundKind), np.int64),
+        bounds=np.zeros(2),
+        covered_faces=np.zeros(n_poses, np.int64),
+        totals=np.zeros(n_poses),
+    )
+
+
+def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
+    """Add the sums of other poses to `ours`; their row 0 is row `first` of these."""
+    ours.views[:] += theirs.views
+    rows = theirs.best_row + first
+    better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
+    ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
+    ours.reason[:] = nearer(ours.reason, theirs.reason)
+    ours.alone[:] |= theirs.alone
+    ours.kinds[:] += theirs.kinds
+    np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
+    own = slice(first, first + len(theirs.totals))
+    ours.covered_faces[own] += theirs.covered_faces
+    ours.totals[own] += theirs.totals
+
+
+def _merged(parts: Sequence[Sums]) -> Sums:
+    """Sums of different poses of one batch together."""
+    if len(parts) == 1:
+        return parts[0]
+    whole = no_sums(len(parts[0].views), len(parts[0].totals))
+    for part in parts:
+        merge(whole, part)
+    return whole
+
+
+def sums_of(
+    mesh: Mesh, figures: Mapping[str, AnyArray], camera: Int32Array, *, apart: bool
+) -> dict[int, Sums]:
+    """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
+    sums = {}
+    for index in np.unique(camera).tolist() if apart else [-1]:
+        own = np.flatnonzero((camera == index) | (index < 0))
+        sums[index] = _sums_of_rows(mesh, figures, own)
+    return sums
+
+
+def _sums_of_rows(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
+    """Sums of the figures of some poses, rows of (P, F) each."""
+    coverage, reason, bound, kind, part = (
+        np.ascontiguousarray(figures[name], dtype) for name, dtype in SUMMED.items()
+    )
+    sums = no_sums(mesh.n_faces, len(coverage))
+    add_rows(rows, mesh.task_mask, coverage, reason, bound, kind, part, sums)
+    return sums
+
+
+def sums_of_rigs(
+    mesh: Mesh,
+    task: Task,
+    camera: Cameras,
+    poses: Poses,
+    figures: Mapping[str, AnyArray],
+    regions: "Regions",
+) -> Sums:
+    """Sums of rigs with a rule, or with equipment, from the figures of P poses and their `Regions`.
+
+    A rig covers a face by the share of its area that its cameras cover together, and its
+    reason is that of the camera that is missed most.
+    """
+    rows = led_by(camera, poses)
+    shares = gated(regions, camera, poses).areas() / np.maximum(mesh.areas, TINY)
+    shares[:, mesh.degenerate_mask] = 0.0
+    folded = {name: np.zeros((len(poses), mesh.n_faces), kind) for name, kind in SUMMED.items()}
+    folded["coverage"][rows] = np.minimum(shares, 1.0)
+    folded["in_view_fraction"][rows] = figures["in_view_fraction"][rows]
+    covered = (shares >= task.min_coverage) & (shares > 0)
+    on = mesh.centroids, mesh.normals
+    reason = gated_reasons(figures["reason"], camera, poses, *on, has_limits=False)[0]
+    # Each camera may cover most of the face, and together they cover less: one is in the shadow.
+    left = next((each.reason for each in regions.conditions), Reason.OCCLUDED)
+    reason[~covered & (reason == Reason.COVERED)] = left
+    reason[covered] = Reason.COVERED
+    folded["reason"][rows] = reason
+    return _sums_of_rows(mesh, folded, rows)
+
+
+def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums], Worker]:
+    """Sums of one thread, and the worker that judges poses of a batch and adds them to these.
+
+    Parameters
+    ----------
+    judge : FacePass
+    sink : Sink
+        Memory for the rows of the batch.
+    apart : bool
+        Keep the sums of each camera apart.
+    """
+    mesh, of_camera = judge.mesh, dict[int, Sums]()
+    is_scored, coverage = mesh.task_mask, np.empty(mesh.n_faces)
+
+    def add(rows: slice, index: int, scope: Scope) -> None:
+        camera, rules = index if apart else -1, judge.rules[index]
+        if camera not in of_camera:
+            of_camera[camera] = no_sums(mesh.n_faces, len(sink.pose_ids))
+        sums = of_camera[camera]
+        add_poses(rows.start, rows.stop, scope, rules, is_scored, sums, coverage, sink)
+
+    return of_camera, add
+
+
+def judge(
+    mesh: Mesh,
+    task: Task,
+    observer: Observer,
+    poses: Poses,
+    *,
+    pairs: str = "none",
+    apart: bool = False,
+) -> Iterator[JudgedPoses]:
+    """Measure poses, a few at a time; see `Network.judge`."""
+    check_observer(observer)
+    check_choice("pairs", pairs, CHOICES)
+    faces = FacePass(observer.mesh, observer.camera, observer.threads, task)
+    choice, n_faces = CHOICES.index(pairs), mesh.n_faces
+    n_rows = min(len(poses), batch_size(n_faces, observer.threads)) * n_faces if choice else 0
+    # Used again for each batch; what no row is written to is never taken from the system.
+    memory = PairRows(*(np.empty(n_rows, ROW_TYPES[name]) for name in PairRows._fields))
+
+    def judged(batch: Poses, seen: Measured) -> JudgedPoses:
+        sink = Sink(choice, batch.ids, np.zeros(len(batch), np.int64), memory)
+        of_threads: list[dict[int, Sums]] = []
+
+        def worker() -> Worker:
+            sums, add = _adder(faces, sink, apart=apart)
+            of_threads.append(sums)
+            return add
+
+        if len(batch):
+            faces.share(seen, batch, worker)
+        parts: dict[int, list[Sums]] = {}
+        for camera, sums in (entry for part in of_threads for entry in part.items()):
+            parts.setdefault(camera, []).append(sums)
+        turns = np.flatnonzero(sink.counts)
+        spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
+        columns = (
+            np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
+            for part in memory
+        )
+        whole = {camera: _merged(some) for camera, some in parts.items()}
+        rows = PairRows(*columns)
+        result = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
+        if result.leads is not None and result.regions is None:
+            raise ConfigError(OF_PARTS)
+        if result.leads is not None and result.regions is not None and len(batch):
+            figures = arrays_for(list(SUMMED), (len(batch), n_faces))
+            faces.fill(seen, batch, figures)
+            whole[RESULT] = sums_of_rigs(
+                mesh, task, observer.camera, batch, figures, result.regions
+            )
+            whole[RESULT].kinds[:] = sum(part.kinds for at, part in whole.items() if at >= 0)
+        return result
+
+    together = rows_of_result(observer.camera, poses)
+    return (judged(batch, seen) for batch, seen in measurements(observer, poses, together))

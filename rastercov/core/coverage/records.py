@@ -1,0 +1,219 @@
+"""Records of the loops over faces: meshes, cameras, observations, figures and sums.
+
+Their fields are in the order of the structs of `engine/coverage`.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.format import ByName
+from rastercov.base.memory import (
+    AnyArray,
+    BoolArray,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    aligned_array,
+    read_only,
+)
+from rastercov.base.threads import once_each
+from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.surface import own_reasons
+from rastercov.core.mesh import Mesh
+from rastercov.engine.coverage_figures import COLUMNS, CURVED_COLUMNS, MOST_DOUBTFUL, SIDE_ROUNDING
+
+if TYPE_CHECKING:
+    from rastercov.core.camera.lenses.records import CurvedLens
+
+Bytes = NDArray[np.uint8]
+Singles = NDArray[np.float32]
+
+
+class PinholeRecord(NamedTuple):
+    """Intrinsics and image size of a pinhole, pixels."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: float
+    height: float
+
+
+class ParallelLens(NamedTuple):
+    """Parallel rays along the axis: fx and fy are in pixels per unit of length."""
+
+    scale: PinholeRecord
+
+
+class SceneRecord(NamedTuple):
+    """Arrays of a mesh, read-only."""
+
+    vertices: FloatArray
+    faces: NDArray[np.uint64]
+    normals: FloatArray
+    own: Bytes  # reason of the surface itself, `COVERED` where there is none
+    two_sided: BoolArray
+    offsets: FloatArray
+    reach: float  # greatest coordinate
+    doubtful_cosine: float  # below which a face may be edge-on
+
+
+class ObservationRecord(NamedTuple):
+    """An observation, read-only; see `rastercov.Observation`.
+
+    Areas are `visible / scale` and `drawn / scale`, px^2: counts of samples are float64 or int32.
+    `kind` is (0, 0) where all figures are counted, and `area_error` where it is 0 everywhere.
+    """
+
+    poses: FloatArray
+    near: FloatArray
+    visible: AnyArray
+    drawn: AnyArray
+    scale: float
+    kind: Bytes
+    area_error: FloatArray
+    samples_per_pixel: float
+
+
+class FaceFigures(NamedTuple):
+    """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for."""
+
+    in_view: BoolArray
+    in_view_fraction: FloatArray
+    projected_area: FloatArray
+    visible_pixels: FloatArray
+    drawn_pixels: FloatArray
+    resolution: FloatArray
+    pixel_density: FloatArray
+    facing_density: FloatArray
+    in_focus: BoolArray
+    visibility: FloatArray
+    visibility_bound: FloatArray
+    visibility_kind: Bytes
+    incidence: FloatArray
+    coverage: FloatArray
+    reason: Bytes
+
+
+TYPES: dict[str, type] = {
+    name: np.bool_ if name in ("in_view", "in_focus") else np.float64
+    for name in FaceFigures._fields
+} | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
+"""Types of the arrays of `FaceFigures`."""
+NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
+
+
+def figures_of(arrays: Mapping[str, AnyArray]) -> FaceFigures:
+    """Record of the (P, F) arrays that are given, by their names."""
+    return FaceFigures(**(NO_FIGURES | dict(arrays)))
+
+
+class Sums(NamedTuple):
+    """Sums over poses of a batch, see `rastercov.Network`; (F,) unless noted.
+
+    `best_row` is the row of the pose in its batch, and `alone` has bits of the criteria that some
+    camera fails alone. `bounds` has the largest bound in view and the
+    largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
+    the evaluated faces that it covers, and the total of their coverage.
+    """
+
+    views: IntArray
+    best: FloatArray
+    best_row: IntArray
+    reason: Bytes
+    alone: Bytes
+    kinds: IntArray
+    bounds: FloatArray
+    covered_faces: IntArray
+    totals: FloatArray
+
+
+class PairRows(NamedTuple):
+    """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
+
+    Figures are named as in `FaceFigures`, floats are float32, and what has a name is its code.
+    """
+
+    pose: Int32Array
+    face: Int32Array
+    in_view: BoolArray
+    in_view_fraction: Singles
+    projected_area: Singles
+    visible_pixels: Singles
+    drawn_pixels: Singles
+    resolution: Singles
+    pixel_density: Singles
+    facing_density: Singles
+    in_focus: BoolArray
+    visibility: Singles
+    visibility_bound: Singles
+    visibility_kind: Int32Array
+    incidence: Singles
+    coverage: Singles
+    reason: Int32Array
+
+
+_SHORT = {np.bool_: np.bool_, np.float64: np.float32, np.uint8: np.int32}
+ROW_TYPES: dict[str, type] = {"pose": np.int32, "face": np.int32} | {
+    name: _SHORT[kind] for name, kind in TYPES.items()
+}
+"""Types of the columns of `PairRows`."""
+
+
+class Sink(NamedTuple):
+    """Memory for the rows of a batch of P poses: room for all P * F pairs.
+
+    The rows of the poses that a thread takes together, `turn` the first of them, are the
+    `counts[turn]` from `turn * F` on.
+    """
+
+    choice: int  # index of `network.CHOICES`
+    pose_ids: IntArray
+    counts: IntArray
+    rows: PairRows
+
+
+@once_each
+def scene_of(mesh: Mesh) -> SceneRecord:
+    """Arrays of a `Mesh`, whatever a task asks of its surface."""
+    return SceneRecord(
+        read_only(mesh.vertices, np.float64),
+        read_only(mesh.faces.view(np.uint64), np.uint64),
+        read_only(mesh.normals, np.float64),
+        read_only(own_reasons(mesh), np.uint8),
+        read_only(mesh.two_sided_mask, np.bool_),
+        read_only(mesh.plane_offsets, np.float64),
+        float(np.abs(mesh.bounds).max()),
+        float(min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL)),
+    )
+
+
+def lens_of(camera: Camera, unit: float = 1.0) -> "PinholeRecord | ParallelLens | CurvedLens":
+    """Numbers of a `Camera` in a scene whose lengths are in units of a size, metres."""
+    if camera.is_pinhole:
+        return pinhole_of(camera)
+    if not camera.is_curved:
+        own = pinhole_of(camera)
+        return ParallelLens(own._replace(fx=own.fx * unit, fy=own.fy * unit))
+    from rastercov.core.camera.lenses.of_camera import curved_lens
+
+    curved = curved_lens(camera)
+    return curved._replace(unit=curved.unit / unit)
+
+
+def pinhole_of(camera: Camera) -> PinholeRecord:
+    """Numbers of a `Camera` without distortion, or of an ideal plane."""
+    size = float(camera.width), float(camera.height)
+    return PinholeRecord(
+        float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size
+    )
+
+
+def workspace(n_vertices: int, lens: "PinholeRecord | ParallelLens | CurvedLens") -> FloatArray:
+    """Memory of one thread for the projected vertices."""
+    columns = COLUMNS if isinstance(lens, PinholeRecord | ParallelLens) else CURVED_COLUMNS
+    return aligned_array((n_vertices, columns), np.float64)

@@ -1,0 +1,346 @@
+"""Shards of an evaluation: what a report needs of some poses, kept until the report is whole.
+
+A long run writes what it has in shards, so that one which was ended continues where it was; and
+workers can make them. A folder holds the inputs (`rastercov.core.coverage.shard_inputs`) and, with
+the checksum of each, shards/shard-*.npz: sums of a network, rows of the table, coverage of
+pictures, regions. Frames are a unit in place of poses where `store_in` is given them.
+"""
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.format import ByName, ReadByName
+from rastercov.base.memory import AnyArray
+from rastercov.base.output import named_folder, own_folder, own_place, remove_folder
+from rastercov.base.versions import version_of
+from rastercov.core.area.regions import RegionObserver
+from rastercov.core.area.table import Regions, joined
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, cameras_of, eyes_of, gates_of, rig_to_json
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.judging import JudgedPoses, leads_of, merge, no_sums
+from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.provenance import sha256
+from rastercov.core.coverage.records import PairRows, Sums
+from rastercov.core.coverage.shard_inputs import (
+    INPUTS,
+    Inputs,
+    header_bytes,
+    npz_bytes,
+    opened_once,
+    read_npz,
+    write_inputs,
+)
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.shards import ShardStore, Staff, fill
+from rastercov.shards.run import counted
+from rastercov.shards.store import DamagedError
+from rastercov.shards.store import remove as remove_files
+
+LOG = logging.getLogger("rastercov")
+FUNCTION = "rastercov.core.coverage.shards:make"
+"""Function by which workers make a shard."""
+PAIRS_A_SHARD = 1 << 19
+"""Pose-face pairs of one shard: a tenth of a second of work or more, and some 50 MB of regions."""
+UNFINISHED = "unfinished"
+"""Folder in that of a report, for the shards of a run until its report is whole."""
+LONG_RUN = 128
+"""Shards from which on a run is kept: shorter ones are done again in a minute or two."""
+FILES = (
+    "shards/shard-*.npz",
+    "shards/.*.part",
+    "quarantine/shard-*.json",
+    *INPUTS,
+    "sha256/*.sha256",
+)
+"""Files of a folder, in an order of removal that is safe to interrupt."""
+OF_REGIONS = (
+    *("xy", "starts", "face", "pose", "pair_pose", "pair_face"),
+    *("area", "bound", "excess", "cut_short"),
+)
+"""Arrays of `Regions` in a shard."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Figures that are kept of each pose; all of it is in the header.
+
+    Attributes
+    ----------
+    engine : Engine
+    by_area : bool
+        True where regions are kept.
+    pairs : str
+        Rows of the table, of `rastercov.core.coverage.judging.CHOICES`.
+    apart : bool
+        True where the sums of each camera are kept apart.
+    """
+
+    engine: Engine
+    by_area: bool
+    pairs: str = "none"
+    apart: bool = False
+
+
+class EvaluationShards:
+    """Shards of one evaluation in a folder of its own, which is made.
+
+    The caller holds the lock of the folder above.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of unfinished evaluations; that of this one is named by a hash in it.
+    observer : Observer
+        Of the mesh and the cameras, by the engine.
+    poses : Poses
+    task : Task
+    wanted : Wanted
+    """
+
+    def __init__(
+        self, folder: Path, observer: Observer, poses: Poses, task: Task, wanted: Wanted
+    ) -> None:
+        self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
+        header = header_of(observer, poses, task, wanted)
+        scene = observer.mesh, observer.camera, poses
+        self.store = store_in(folder, header, len(poses), FUNCTION, scene)
+
+    @property
+    def quarantined(self) -> dict[int, str]:
+        """Poses, by their ids, that were left out because they kill their process."""
+        return {int(self.poses.ids[row]): end for row, end in self.store.quarantined().items()}
+
+    def parts(self, staff: Staff) -> Iterator[JudgedPoses]:
+        """Every shard in turn, as of `judged_parts`."""
+        store = self.store
+        made: dict[int, bytes] = {}
+
+        def make(number: int, did: Callable[[int], None]) -> bytes:
+            poses = self.poses[store.rows(number)]
+            arrays = _measured(self.observer, poses, self.task, self.wanted, did)
+            made[number] = packed(store.folder, number, arrays)
+            return made[number]
+
+        for number in fill(store, make, partial(unpacked, store), staff):
+            arrays = unpacked(store, number, made.pop(number, None))
+            yield self._part(arrays, self.poses[store.rows(number)])
+
+    def _part(self, arrays: dict[str, AnyArray], poses: Poses) -> JudgedPoses:
+        left, regions = poses[np.isin(poses.ids, arrays["ids"])], None
+        eyes = eyes_of(self.observer.camera, left)
+        if self.wanted.by_area:
+            own: Any = _under("regions", arrays)
+            own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
+            own["conditions"] = getattr(self.observer, "conditions", ())
+            regions = Regions(pose_ids=left.ids, eyes=eyes, **own)
+        cameras = {path.split(".")[1] for path in arrays if path.startswith("sums.")}
+        return JudgedPoses(
+            poses=left,
+            clipped=arrays["clipped"],
+            rows=PairRows(**_under("rows", arrays)),
+            measured=None,
+            sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
+            regions=regions,
+            eyes=eyes,
+            leads=leads_of(self.observer.camera, left),
+        )
+
+
+def packed(folder: Path, number: int | None, arrays: Mapping[str, AnyArray]) -> bytes:
+    """File of a shard, with the run in the folder and the number that it is of."""
+    return npz_bytes({**arrays, "of": np.array(f"{folder.name} {number}")})
+
+
+def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, AnyArray]:
+    """Arrays of a shard; DamagedError for one of another run, and as of `ShardStore.read`."""
+    arrays = read_npz(data or store.read(number) or b"")
+    if str(arrays.pop("of", "")) != f"{store.folder.name} {number}":
+        why = "a shard of another run or of other poses"
+        raise DamagedError(store.folder / store.name(number), why)
+    return arrays
+
+
+def store_in(
+    above: Path,
+    header: ReadByName,
+    n: int,
+    function: str,
+    scene: tuple[Mesh, Cameras, Poses],
+    **arrays: NDArray[np.generic],
+) -> ShardStore:
+    """Shards of n poses, or frames, in a folder that is named by the hash of their header."""
+    own = above / hashlib.sha256(header_bytes(header)).hexdigest()[:16]
+    own_folder(named_folder(above) / own.name)
+    mesh, cameras, poses = scene
+    write_inputs(own, header, mesh, cameras, poses, LOG.warning, **arrays)
+    return ShardStore(own, "shards/shard-{}.npz", n, header["poses_a_shard"], function)
+
+
+def remove(report: Path) -> None:
+    """Remove the shards of all runs in the folder of a report; only files that are known.
+
+    A link or a file in the place of their folder stays.
+    """
+    above = report / UNFINISHED
+    if above.is_dir() and not above.is_symlink():
+        for folder in above.glob("[0-9a-f]" * 16):
+            remove_files(folder, FILES)
+        remove_folder(above)
+
+
+def kept_in(folder: Path) -> Path:
+    """Folder in that of a report for the shards of its run; ConfigError for a link."""
+    return own_place(folder / UNFINISHED)
+
+
+def judged_parts(
+    network: Network,
+    observer: Observer,
+    poses: Poses,
+    wanted: Wanted,
+    shards: EvaluationShards | None,
+    staff: Staff,
+) -> Iterator[JudgedPoses]:
+    """Judged poses of an evaluation, in the order of the poses.
+
+    By way of shards where the run is kept in some, else the network judges what the observer, of
+    `open_for`, measures. An interrupt while workers are busy is raised after the shards that are
+    there.
+    """
+    if shards is not None:
+        yield from shards.parts(staff)
+        return
+    did = counted(len(poses), staff.progress)
+    for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
+        yield batch
+        did(len(batch.poses))
+
+
+def is_long(n_poses: int, n_faces: int) -> bool:
+    """True for a run that is kept in shards."""
+    return n_poses * n_faces > LONG_RUN * PAIRS_A_SHARD
+
+
+def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
+    """Content of a shard, as `rastercov.shards.ShardStore` wants it."""
+    observer, poses, task, wanted = _opened(folder)
+    return packed(folder, number, _measured(observer, poses[chosen], task, wanted))
+
+
+def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Observer:
+    """Observer by the engine, which finds regions, too, where the result is by area."""
+    if wanted.by_area:
+        return RegionObserver(mesh, camera, task, wanted.engine)
+    return open_observer(mesh, camera, wanted.engine)
+
+
+@opened_once
+def _opened(folder: Path, inputs: Inputs) -> tuple[Observer, Poses, Task, Wanted]:
+    """Observer of a folder, its poses, thresholds and figures."""
+    task, wanted = asked_of(inputs)
+    return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
+
+
+def asked_of(inputs: Inputs) -> tuple[Task, Wanted]:
+    """Thresholds and figures of a folder."""
+    entries = inputs.header["wanted"]
+    engine = Engine(**entries["engine"] | {"threads": 1})
+    return Task(**inputs.header["task"]), Wanted(**entries | {"engine": engine})
+
+
+def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> ByName:
+    """Entries of the header of a folder, ready for JSON."""
+    engine = replace(wanted.engine, threads=None)
+    return inputs_of(observer, poses, task, observer.mesh.n_faces, PAIRS_A_SHARD) | {
+        "wanted": asdict(replace(wanted, engine=engine))
+    }
+
+
+def inputs_of(
+    observer: Observer, poses: Poses, task: Task, n_elements: int, pairs_a_shard: int
+) -> ByName:
+    """Entries of a header on scene, poses and method, and the size of shards, ready for JSON."""
+    mesh = observer.mesh
+    cameras = [json.dumps(each.to_json(), sort_keys=True) for each in cameras_of(observer.camera)]
+    if rules := rig_to_json(observer.camera):
+        cameras.append(json.dumps(rules, sort_keys=True))
+    together = max((gate.n for gate in gates_of(observer.camera).values()), default=1)
+    size = max(1, pairs_a_shard // max(1, n_elements) // together) * together
+    groups = json.dumps([group.to_json() for group in mesh.groups])
+    return {
+        "rastercov": version_of("rastercov"),
+        "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
+        "camera": sha256(*cameras),
+        "poses": hash_of(poses),
+        "task": asdict(task),
+        "measured_by": asdict(observer.info),
+        "poses_a_shard": size,
+    }
+
+
+def hash_of(poses: Poses) -> str:
+    """SHA-256 of poses, their ids and cameras."""
+    return sha256(poses.world_from_camera, poses.ids, poses.camera)
+
+
+def _measured(
+    observer: Observer,
+    poses: Poses,
+    task: Task,
+    wanted: Wanted,
+    did: Callable[[int], None] = lambda n_poses: None,
+) -> dict[str, AnyArray]:
+    """Arrays of a shard of some poses; `did` is called with the poses that are done."""
+    network, batches = Network(observer.mesh, task), []
+    for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
+        batches.append(batch)
+        did(len(batch.poses))
+    arrays = {"ids": poses.ids} | _joined(poses, batches)
+    if wanted.by_area:
+        arrays |= _below("regions", arrays_of_regions([batch.regions for batch in batches]))
+    return arrays
+
+
+def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, AnyArray]:
+    """Arrays of all batches of some poses, whatever their sizes and the number of threads."""
+    rows = [batch.rows for batch in batches]
+    ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
+    sums: dict[int, Any] = {}
+    for first, batch in zip(ends, batches, strict=False):
+        for camera, part in batch.sums.items():
+            merge(sums.setdefault(camera, no_sums(len(part.views), len(poses))), part, int(first))
+    columns = map(np.concatenate, zip(*rows, strict=True))
+    arrays = {"clipped": np.concatenate([batch.clipped for batch in batches])}
+    arrays |= _below("rows", dict(zip(rows[0]._fields, columns, strict=True)))
+    for camera, part in sorted(sums.items()):
+        arrays |= _below(f"sums.{camera}", part._asdict())
+    return arrays
+
+
+def _below(path: str, arrays: Mapping[Any, AnyArray]) -> dict[str, AnyArray]:
+    """Arrays by their paths in a file, such as "sums.0.views"."""
+    return {f"{path}.{name}": array for name, array in arrays.items()}
+
+
+def _under(path: str, arrays: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """Arrays of a file below a path, by their names; see `_below`."""
+    own = f"{path}."
+    return {name[len(own) :]: array for name, array in arrays.items() if name.startswith(own)}
+
+
+def arrays_of_regions(values: Sequence[Any]) -> dict[str, AnyArray]:
+    """Arrays of the regions of several batches, as those of one."""
+    both = joined(values)
+    return {name: np.asarray(getattr(both, name)) for name in OF_REGIONS}

@@ -1,0 +1,67 @@
+"""Paths and units of mesh files, and their readers, which are found when a file is loaded."""
+
+import os
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from rastercov.base.arguments import members
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import MeshError
+from rastercov.base.features import hooks_of
+from rastercov.base.files import StrPath
+from rastercov.core.mesh.site import Site
+
+METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
+METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
+LARGEST_FILE = 2 << 30
+
+
+class Limits(NamedTuple):
+    """Limits and tolerances of reading, see `Mesh.load`."""
+
+    drop_invalid: bool
+    max_bytes: int
+    memory_budget: int | None
+    deflection_mm: float | None
+
+
+class MeshFiles:
+    """Hooks of what reads mesh files."""
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Suffixes of the files."""
+        raise NotImplementedError
+
+    def read(
+        self, paths: Sequence[StrPath], scales: Sequence[float], limits: Limits
+    ) -> tuple[Any, list[tuple[str, str, int, Site]]]:
+        """One scene, `Polygons` in metres; and name, SHA-256, faces and site of each file."""
+        raise NotImplementedError
+
+
+def mesh_files() -> MeshFiles:
+    """The readers."""
+    return hooks_of(MeshFiles)[0]
+
+
+def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:
+    """One path or several as a sequence, or MeshError."""
+    kinds = (str, os.PathLike)
+    wanted = "a path or several, as strings or Paths"
+    paths = [path] if isinstance(path, kinds) else members("path", path, kinds, wanted, MeshError)
+    if not paths:
+        raise MeshError("expected at least one mesh file, got none; pass a path")
+    return paths
+
+
+def metres_per(unit: str | float) -> float:
+    """Metres in one `unit`, a name or a positive number."""
+    if isinstance(unit, str) and unit in METRES:
+        return METRES[unit]
+    if (metres := finite_number(unit)) > 0:
+        return metres
+    raise MeshError(
+        f"expected unit to be one of {', '.join(filter(str.isascii, METRES))} or a positive "
+        f"number of metres, got {shown(unit)}"
+    )

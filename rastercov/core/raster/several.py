@@ -1,0 +1,76 @@
+"""Rasterisers of several cameras, counted as one."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.format import ByName
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.contract import FaceCounts, Rasterizer
+
+MOST_OPEN = 16
+"""Rasterisers that are open at a time."""
+
+
+class Rasterizers:
+    """A rasteriser for each of some cameras, opened when a pose has it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The faces.
+    cameras : sequence of Camera
+        At least one; the first is opened at once.
+    *arguments, **options
+        As for `open_rasterizer`.
+
+    Attributes
+    ----------
+    info : RasterizerInfo
+        Of the first.
+    """
+
+    def __init__(
+        self, mesh: Mesh, cameras: Sequence[Camera], *arguments: Any, **options: Any
+    ) -> None:
+        def opened(index: int) -> Rasterizer:
+            return open_rasterizer(mesh, cameras[index], *arguments, **options)
+
+        first = opened(0)
+        self.info, self._opened, self._open = first.info, opened, {0: first}
+        self._lock = threading.Lock()
+
+    def count(self, poses: Poses) -> FaceCounts:
+        """Samples of each face in each pose, through the camera of the pose."""
+        parts = list(poses.by_camera())
+        if len(parts) <= 1:
+            return self._of(parts[0][0] if parts else 0).count(poses)
+        counts = [self._of(index).count(poses[rows]) for index, rows in parts]
+        order = np.argsort(np.concatenate([rows for _, rows in parts]))
+        arrays: ByName = {
+            name: np.concatenate([getattr(each, name) for each in counts])[order]
+            for name in ("visible", "drawn", "background", "clipped")
+        }
+        return replace(counts[0], **arrays)
+
+    def _of(self, index: int) -> Rasterizer:
+        """Rasteriser of a camera; the one that was used least lately is closed for it."""
+        with self._lock:
+            pop = self._open.pop(index, None)
+            if pop is None:
+                if len(self._open) >= MOST_OPEN:
+                    self._open.pop(next(iter(self._open))).close()
+                pop = self._opened(index)
+            self._open[index] = pop  # the latest is the last
+            return pop
+
+    def close(self) -> None:
+        """Close all of them."""
+        for rasterizer in self._open.values():
+            rasterizer.close()

@@ -1,0 +1,181 @@
+// What stands behind handles of C, and the checks that all calls share.
+//
+// Twin: tests/native/test_c_border.py.
+#pragma once
+#include "c/handles.hpp"
+#include "solver/mesh.hpp"
+#include "solver/pass.hpp"
+#include "solver/union.hpp"
+#pragma GCC visibility push(default) // all else is hidden
+#include "rastercov.h"
+#pragma GCC visibility pop
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <new>
+
+namespace rastercov::c {
+constexpr double GAP_REL = 1e-6;    // as of rastercov.core.area.regions
+constexpr double STRIP_REL = 2e-5;  // of borders of the image of a lens, as there
+constexpr double FLOOR_REL = 1e-15; // least distance of two corners, relative to the diagonal
+constexpr double RIGID = 1e-6;      // largest error of a rotation
+constexpr int64_t MOST_FACES = std::numeric_limits<int32_t>::max() / 3;
+constexpr int64_t MOST_THREADS = 1024, MOST_VIEWS = 10'000;
+
+// Faces that hide, in a scene of diagonal 1 about the origin, for points: see area_point.
+struct Hiders {
+    std::array<double, 3> centre;
+    double diagonal;
+    std::vector<int64_t> faces; // in the order of the tree
+    std::vector<int64_t> row;   // of each face in it, -1 for none
+    std::vector<double> corners, nodes;
+};
+
+struct SurfaceObject {
+    engine::Mesh mesh;
+    mutable std::mutex changes;
+    mutable std::unique_ptr<const Hiders> hiders; // made at the first question
+};
+
+// A lens: its ideal planes for solvers, and itself for points. Views are of its own numbers.
+struct LensObject {
+    std::vector<double> numbers;
+    std::vector<int32_t> children;
+    std::vector<uint8_t> kinds;
+    CurvedLens curved = {};
+    std::vector<double> rows; // of each plane, those of the lens
+    std::vector<int64_t> counts;
+    std::unique_ptr<bool[]> flags;
+    bool has_closed_form = false;
+    std::vector<engine::IdealPlane> planes;
+    std::vector<lens::Tree> trees;
+    std::vector<lens::Slopes> slopes;
+
+    // Pointwise criteria in each plane.
+    std::shared_ptr<engine::CameraTask> task_of(const Rules &rules) const;
+};
+
+// Solvers of a camera and a task, kept for the next call with the same.
+struct SolverObject {
+    std::shared_ptr<const SurfaceObject> surface;
+    bool is_certifying;
+    int64_t n_threads;
+    std::mutex changes;
+    rc_camera camera = {};
+    std::shared_ptr<const LensObject> lens; // of it; what its pass uses
+    rc_task task = {};
+    bool has_task = false;
+    std::shared_ptr<engine::Pass> pass;
+};
+
+// Poses as a pass takes them.
+struct Placed {
+    std::vector<double> matrices;
+    std::vector<int32_t> camera;
+    std::vector<int64_t> rows;
+
+    Placed(const double *poses, int64_t n);
+    engine::Poses poses() const {
+        const auto n = int64_t(rows.size());
+        return {
+            {matrices.data(), {n}}, {camera.data(), {n}}, {rows.data(), {n}}, {rows.data(), {n}}};
+    }
+};
+
+struct RegionsObject {
+    std::shared_ptr<const SurfaceObject> surface;
+    std::vector<engine::Regions> poses;
+};
+
+struct UnionObject {
+    std::shared_ptr<const SurfaceObject> surface;
+    mutable std::mutex changes;
+    std::unique_ptr<engine::Union> all;
+};
+
+Handles &handles();
+std::string &last_error();
+
+// What is said where there may be no memory for a text.
+[[maybe_unused]] inline rc_status failed(rc_status status, const char *what) noexcept {
+#ifdef __cpp_exceptions
+    try {
+        last_error() = what;
+    } catch (...) {
+        last_error().clear();
+    }
+#endif
+    return status;
+}
+
+// Runs a call: its code, with a text where it is not RC_OK.
+template <class Call> rc_status guard(const char *doing, Call call) noexcept {
+#ifndef __cpp_exceptions // errors leave through the host
+    (void)doing;
+    call();
+    return RC_OK;
+#else
+    try {
+        call();
+        return RC_OK;
+    } catch (const BadHandle &error) {
+        return failed(RC_BAD_HANDLE, error.what());
+    } catch (const Error &error) {
+        return failed(RC_BAD_ARGUMENT, error.what());
+    } catch (const Interrupted &) {
+        return failed(RC_STOPPED, "stopped by the callback; finished rows are kept");
+    } catch (const std::bad_alloc &) {
+        char text[160];
+        std::snprintf(text, sizeof text,
+                      "expected memory for %s, got too little; pass fewer poses or free handles",
+                      doing);
+        return failed(RC_OUT_OF_MEMORY, text);
+    } catch (const std::exception &error) {
+        return failed(RC_FAILED, error.what());
+    } catch (...) {
+        return failed(
+            RC_FAILED,
+            "expected a std::exception from the callback, got another type; catch it there");
+    }
+#endif
+}
+
+inline void expect_array(const void *array, const char *name) {
+    if (array) return;
+    fail((std::string("expected a pointer to ") + name + ", got null; pass one").c_str());
+}
+
+template <class T> T *expect_result(T *result) {
+    expect_array(static_cast<const void *>(result), "the result");
+    return result;
+}
+
+void check_camera(const rc_camera *camera);
+void check_pose(const double *pose);
+void check_faces(const SurfaceObject &surface, int64_t n_faces);
+void write_corners(const SurfaceObject &surface, const std::vector<int32_t> &faces,
+                   const int32_t *counts, const double *xy, double *corners);
+Rules rules_of(const rc_task &task);
+// Adds regions of poses, all at once.
+void add_poses(engine::Union &to, const std::vector<const engine::Regions *> &poses);
+#ifdef __wasm__
+double tangent_of(double angle);
+inline double cosine_of(double angle) { return std::cos(angle); }
+#else // rounded once, by any library of C
+inline double cosine_of(double angle) { return double(std::cos(static_cast<long double>(angle))); }
+inline double tangent_of(double angle) { return double(std::tan(static_cast<long double>(angle))); }
+#endif
+// The pass of a solver for a camera, and for a task or none.
+std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
+                                      const rc_task *task);
+// A lens of the numbers of one row, see lens/packed.cpp.
+std::shared_ptr<LensObject> lens_from(std::vector<double> numbers);
+// The lens of a camera that was checked, null for a pinhole.
+std::shared_ptr<const LensObject> lens_of(const rc_camera &camera);
+inline const engine::Regions &pose_of(const RegionsObject &regions, int64_t pose) {
+    expect(pose >= 0 && pose < int64_t(regions.poses.size()),
+           "a pose index below the number of poses", pose, "count poses from 0");
+    return regions.poses[size_t(pose)];
+}
+
+} // namespace rastercov::c

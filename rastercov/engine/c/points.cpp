@@ -1,0 +1,222 @@
+// Points for C: the first criterion that each of a surface fails in a pose, and what hides it; and
+// places for a camera.
+//
+// Occlusion is a segment from the near plane to the point, traced through a tree of triangles in a
+// scene of diagonal 1 about the origin.
+//
+// Twin: rastercov.core.area.point_pass, by tests/native/test_c_border.py.
+#include "c/objects.hpp"
+#include "camera/near.hpp"
+#include "mesh/grow.hpp"
+#include "mesh/place.hpp"
+#include "sort.hpp"
+#include <algorithm>
+#include <numeric>
+
+namespace rastercov::c {
+namespace {
+// Distance from a point up to which a surface hides nothing, in diagonals.
+constexpr double MARGIN_REL = 1e-9;
+
+Box box_of(const engine::MeshArrays &mesh) {
+    Box box;
+    for (size_t axis = 0; axis < 3; axis++) {
+        Range all;
+        for (const int64_t v : mesh.faces.rows()) all.add(mesh.vertices[3 * v + int64_t(axis)]);
+        box[0][axis] = all.least;
+        box[1][axis] = all.most;
+    }
+    return box;
+}
+
+std::unique_ptr<const Hiders> make_hiders(const engine::Mesh &of) {
+    const engine::MeshArrays &mesh = *of.arrays;
+    auto made = std::make_unique<Hiders>();
+    const Box box = box_of(mesh);
+    made->diagonal = of.diagonal > 0 ? of.diagonal : 1.0;
+    for (size_t k = 0; k < 3; k++) made->centre[k] = (box[0][k] + box[1][k]) / 2;
+    std::vector<int64_t> solid, corners;
+    for (int64_t f = 0; f < of.n_faces(); f++) {
+        if (mesh.is_target[f] || !(mesh.areas[f] > 0)) continue;
+        solid.push_back(f);
+        for (int k = 0; k < 3; k++) corners.push_back(mesh.faces[3 * f + k]);
+    }
+    made->row.assign(size_t(of.n_faces()), -1);
+    made->nodes.assign(24, INFINITY);
+    if (solid.empty()) return made;
+    std::vector<double> placed(size_t(mesh.vertices.size()));
+    for (size_t k = 0; k < placed.size(); k++)
+        placed[k] = (mesh.vertices[int64_t(k)] - made->centre[k % 3]) / made->diagonal;
+    const mesh::Points points = {placed.data(), {int64_t(placed.size() / 3)}};
+    const auto n = int64_t(solid.size());
+    std::vector<uint64_t> keys(solid.size());
+    mesh::order_keys<int64_t>(points, {corners.data(), {n}}, {keys.data(), {n}});
+    std::vector<int64_t> order(solid.size()), sorted;
+    std::iota(order.begin(), order.end(), 0);
+    sort_range(order.begin(), order.end(), [&](int64_t a, int64_t b) {
+        return std::pair(keys[size_t(a)], a) < std::pair(keys[size_t(b)], b);
+    });
+    for (const int64_t at : order) {
+        made->row[size_t(solid[size_t(at)])] = int64_t(made->faces.size());
+        made->faces.push_back(solid[size_t(at)]);
+        for (int64_t k = 3 * at; k < 3 * at + 3; k++) {
+            sorted.push_back(corners[size_t(k)]);
+            const double *const corner = placed.data() + 3 * corners[size_t(k)];
+            made->corners.insert(made->corners.end(), corner, corner + 3);
+        }
+    }
+    int64_t leaves = 2;
+    while (leaves * mesh::LEAF < n) leaves *= 2;
+    std::vector<double> boxes(size_t(6 * n));
+    made->nodes.resize(size_t(12 * leaves));
+    mesh::grow_boxes<int64_t, double>(points, {sorted.data(), {n}}, 0.0, {boxes.data(), {n}},
+                                      {made->nodes.data(), {2 * leaves}});
+    return made;
+}
+
+const Hiders &hiders_of(const SurfaceObject &surface) {
+    const std::scoped_lock lock(surface.changes);
+    if (!surface.hiders) surface.hiders = make_hiders(surface.mesh);
+    return *surface.hiders;
+}
+
+struct Asked {
+    const double *points;
+    const int32_t *faces;
+    int64_t n;
+};
+
+Rules in_units_of(Rules rules, double scale) {
+    rules.z_n /= scale;
+    rules.z_f /= scale;
+    rules.min_pixel_density *= scale;
+    rules.min_facing_density *= scale;
+    rules.min_pixels_per_m2 *= scale * scale;
+    return rules;
+}
+
+template <class Camera>
+void judge(const SurfaceObject &surface, const Camera &camera, double near, const Rules &rules,
+           const double *pose, const Asked &asked, const rc_failures &out) {
+    const Hiders &hiders = hiders_of(surface);
+    const engine::MeshArrays &mesh = *surface.mesh.arrays;
+    const auto placed = [&](const double *at, size_t k) {
+        return (at[k] - hiders.centre[k]) / hiders.diagonal;
+    };
+    const double eye_at[3] = {pose[3], pose[7], pose[11]};
+    const Box box = box_of(mesh);
+    const double depth =
+        near_of(near, farthest_of(box, [&](int axis) { return eye_at[axis]; })) / hiders.diagonal;
+    double rotation[9], eye[3];
+    for (size_t k = 0; k < 9; k++) rotation[k] = pose[4 * (k / 3) + k % 3];
+    for (size_t k = 0; k < 3; k++) eye[k] = placed(eye_at, k);
+    const Rules own = in_units_of(rules, hiders.diagonal);
+    mesh::Hits hits = {{hiders.corners.data(), {int64_t(hiders.faces.size())}},
+                       {hiders.nodes.data(), {int64_t(hiders.nodes.size() / 6)}},
+                       true};
+    for (int64_t i = 0; i < asked.n; i++) {
+        const int32_t f = asked.faces[i];
+        const double *const at = asked.points + 3 * i, *const normal = &mesh.normal[3 * f];
+        const double x = placed(at, 0) - eye[0], y = placed(at, 1) - eye[1],
+                     z = placed(at, 2) - eye[2];
+        const auto [fails, alone, away] =
+            coverage::judge_point(camera, own, Array<const double, 3, 3>{rotation, {}}, depth,
+                                  {x, y, z}, {normal[0], normal[1], normal[2]}, mesh.two_sided[f]);
+        out.hiders[i] = -1;
+        uint8_t found = alone.value_or(coverage::Reason(coverage::REASON_OF[fails]));
+        if (!(mesh.areas[f] > 0)) found = coverage::DEGENERATE;
+        else if (!alone) {
+            const double length = std::sqrt(x * x + y * y + z * z), share = depth / away;
+            const double reach = length * (1.0 - share) - MARGIN_REL;
+            int64_t hit = -1;
+            if (reach > 0.0)
+                hit = hits.first({{eye[0] + share * x, eye[1] + share * y, eye[2] + share * z},
+                                  {x / length, y / length, z / length},
+                                  reach},
+                                 hiders.row[size_t(f)]);
+            if (hit >= 0) {
+                found = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
+                out.hiders[i] = int32_t(hiders.faces[size_t(hit)]);
+            }
+        }
+        out.reasons[i] = found;
+    }
+}
+
+// Places that are outside of bodies and keep a distance from every surface.
+void find_clear(const SurfaceObject &surface, const double *points, int64_t n, double distance,
+                uint8_t *is_clear) {
+    const Hiders &hiders = hiders_of(surface);
+    const engine::MeshArrays &mesh = *surface.mesh.arrays;
+    const double least = distance / hiders.diagonal;
+    mesh::Hits hits = {{hiders.corners.data(), {int64_t(hiders.faces.size())}},
+                       {hiders.nodes.data(), {int64_t(hiders.nodes.size() / 6)}},
+                       true};
+    const auto counts = [&](int64_t t) { return !mesh.two_sided[hiders.faces[size_t(t)]]; };
+    for (int64_t i = 0; i < n; i++) {
+        double at[3];
+        for (size_t k = 0; k < 3; k++)
+            at[k] = (points[3 * i + int64_t(k)] - hiders.centre[k]) / hiders.diagonal;
+        const mesh::NearestPoint near = mesh::nearest_to({at, {}}, hits.corners, hits.nodes);
+        is_clear[i] =
+            near.squared >= least * least && !mesh::is_behind(hits, {at[0], at[1], at[2]}, counts);
+    }
+}
+
+void check_points(int64_t n, const double *points) {
+    expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 points", n, "pass the number of rows");
+    if (n > 0) expect_array(points, "points");
+    for (int64_t k = 0; k < 3 * n; k++)
+        expect(std::abs(points[k]) <= engine::LARGEST_COORDINATE, "finite points", points[k],
+               "pass points in metres");
+}
+} // namespace
+} // namespace rastercov::c
+
+using namespace rastercov;
+using namespace rastercov::c;
+
+rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,
+                          const double *pose, int64_t n_points, const double *points,
+                          const int32_t *faces, const rc_failures *failures) {
+    return guard("judging points", [&] {
+        const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
+        check_camera(camera);
+        expect_array(task, "task");
+        const Rules rules = rules_of(*task);
+        expect_array(pose, "pose");
+        check_pose(pose);
+        check_points(n_points, points);
+        if (n_points == 0) return;
+        expect_array(faces, "faces");
+        expect_array(failures, "failures");
+        expect_array(failures->reasons, "reasons");
+        expect_array(failures->hiders, "hiders");
+        const int64_t n = object->mesh.n_faces();
+        for (int64_t i = 0; i < n_points; i++)
+            expect(faces[i] >= 0 && faces[i] < n, "indices of faces", faces[i],
+                   "count faces from 0");
+        const Asked asked = {points, faces, n_points};
+        const double near = camera->near;
+        if (const auto lens = lens_of(*camera)) {
+            judge(*object, lens->curved, near, rules, pose, asked, *failures);
+        } else {
+            const Lens pinhole = {camera->fx, camera->fy,    camera->cx,
+                                  camera->cy, camera->width, camera->height};
+            judge(*object, pinhole, near, rules, pose, asked, *failures);
+        }
+    });
+}
+
+rc_status rc_clear_places(const rc_surface *surface, int64_t n_points, const double *points,
+                          double distance, uint8_t *is_clear) {
+    return guard("places for a camera", [&] {
+        const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
+        check_points(n_points, points);
+        expect(distance >= 0 && distance <= engine::LARGEST_COORDINATE, "a distance of 0 m or more",
+               distance, "pass metres");
+        if (n_points == 0) return;
+        expect_array(is_clear, "is_clear");
+        find_clear(*object, points, n_points, distance, is_clear);
+    });
+}

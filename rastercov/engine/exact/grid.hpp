@@ -1,0 +1,507 @@
+// Regular grid over the image that lists the faces by cells.
+//
+// Cells are listed where they are asked for: near event edges, or all. Those of one row and column
+// touch the boxes of the faces that they list.
+//
+// Twins: tests/exact/test_blocks.py lists faces by their boxes.
+#pragma once
+#include "exact/setup.hpp"
+#include <tuple>
+
+namespace rastercov::exact {
+
+enum : uint8_t { NOT_ASKED, ASKED, LISTED }; // states of a cell
+constexpr int64_t ENTRIES_AT_A_TIME = 64;    // entries of a cell that are compared at a time
+constexpr int64_t MANY = 256;                // entries of a cell whose corners are compared, too
+constexpr int64_t CORNER = 6;                // their first row in CellGrid.bounds
+constexpr int64_t GROUP_SIZE = 32;           // entries of the least groups
+constexpr int KEYS = 9; // of a face, by which groups are made: its box and the sum of its corners
+constexpr int64_t BUCKETS = 64; // ranges of 1/z by which the faces of a cell are sorted first
+
+struct Cells {
+    int64_t left, right, top, bottom; // first and last column, first and last row
+};
+
+// Row or column of the grid at a position; positions outside go to the first or the last.
+inline int64_t cell(double position, double origin, double per_pixel, int64_t n) {
+    return std::min(std::max(int64_t((position - origin) * per_pixel), int64_t(0)), n - 1);
+}
+inline int64_t column_at(double u, const CellGrid &grid) {
+    return cell(u, grid.left, grid.per_u, grid.columns);
+}
+inline int64_t row_at(double v, const CellGrid &grid) {
+    return cell(v, grid.top, grid.per_v, grid.rows);
+}
+inline int64_t cell_at(double u, double v, const CellGrid &grid) {
+    return row_at(v, grid) * grid.columns + column_at(u, grid);
+}
+
+inline Cells cells_of_rectangle(const Bounds &b, const CellGrid &grid) {
+    return {column_at(b.u_min, grid), column_at(b.u_max, grid), row_at(b.v_min, grid),
+            row_at(b.v_max, grid)};
+}
+
+// Cells that a box touches, of a face or of a block.
+template <class Boxes> Cells cells_of_box(const Boxes &box, int64_t f, const CellGrid &grid) {
+    return cells_of_rectangle({box(f, U_MIN), box(f, U_MAX), box(f, V_MIN), box(f, V_MAX)}, grid);
+}
+
+// Face that hid another one at the centre of the box of a face, -1 for none.
+inline int64_t likely_hider(int64_t f, const Array<double, Any, 6> &box, const CellGrid &grid) {
+    const double u = (box(f, U_MIN) + box(f, U_MAX)) / 2, v = (box(f, V_MIN) + box(f, V_MAX)) / 2;
+    return grid.hider[cell_at(u, v, grid)];
+}
+
+// Marks a cell and those before it in its row, and the row above, in grid.is_near.
+inline void mark_near(int64_t row, int64_t column, bool is_near, const CellGrid &grid) {
+    for (int64_t i = std::max(row - 1, int64_t(0)); i <= row; i++)
+        for (int64_t j = std::max(column - 1, int64_t(0)); j <= column; j++)
+            grid.is_near[i * grid.columns + j] = is_near;
+}
+
+// Asks for the cells of a rectangle.
+inline void ask_for_cells(const Cells &cells, const CellGrid &grid) {
+    int64_t n = grid.n_fresh[0];
+    for (int64_t row = cells.top; row <= cells.bottom; row++)
+        for (int64_t column = cells.left; column <= cells.right; column++) {
+            const int64_t at = row * grid.columns + column;
+            if (grid.asked[at] != NOT_ASKED) continue;
+            grid.asked[at] = ASKED;
+            grid.fresh_bits(row, column >> 6) |= uint64_t(1) << (column & 63);
+            mark_near(row, column, true, grid);
+            grid.fresh[n++] = int32_t(at);
+        }
+    grid.n_fresh[0] = n;
+}
+
+// Affine bounds of 1/z in a cell: `least` and `most` at (u, v), with slopes from there.
+struct Slab {
+    double u, v, slope_u, slope_v, least, most;
+
+    // True if it is surely not above w at a point, or surely above it, except by ties and rounding.
+    bool is_below(double at_u, double at_v, double w) const {
+        return is_bounded(most, at_u, at_v, w) &&
+               along(at_u, at_v) + most <= w * (1 + DEPTH_TIE_REL);
+    }
+    bool is_above(double at_u, double at_v, double w) const {
+        return is_bounded(least, at_u, at_v, w) &&
+               along(at_u, at_v) + least >= w * (1 + 4 * DEPTH_TIE_REL);
+    }
+
+  private:
+    static constexpr double MOST_REL = 1e4; // of 1/z, for the rounding
+    double along(double at_u, double at_v) const {
+        return slope_u * (at_u - u) + slope_v * (at_v - v);
+    }
+    bool is_bounded(double bound, double at_u, double at_v, double w) const {
+        return std::abs(bound) + std::abs(slope_u * (at_u - u)) + std::abs(slope_v * (at_v - v)) <=
+               MOST_REL * w;
+    }
+};
+
+// Bounds of u, v and w of a corner of some faces, all of them for one that is not known; the vertex
+// that all have there, -1 for none.
+struct CornerOfMany {
+    Range at[3];
+    int32_t common;
+};
+
+// Entries of a cell of MANY that are near one another, GROUP_SIZE of them or the two groups which
+// it was divided into: bounds of the columns of their boxes, of their corners, and of 1/z of their
+// planes in the cell; the key by which it is divided, and the least of its upper part.
+struct Group {
+    Range of[6];
+    CornerOfMany corners[3];
+    Slab slab;
+    int32_t axis;
+    double middle, per_w; // that of all groups of a cell has what their keys have, see key_of
+    bool is_settled;      // no crossing is listed of any of them any more
+    bool is_joined;       // each is known to coincide with another, see is_loose
+};
+
+// The first entry of a group, and how many GROUP_SIZE it has.
+struct Place {
+    int64_t first, size;
+    Place lower() const { return {first, size / 2}; }
+    Place upper() const { return {first + size / 2 * GROUP_SIZE, size - size / 2}; }
+};
+// Each has a row of its own: one of two groups that of its middle.
+inline Group &group_at(const Place &place, const CellGrid &grid) {
+    if (place.size == 1) return grid.groups[place.first / GROUP_SIZE * 2];
+    return grid.groups[place.upper().first / GROUP_SIZE * 2 + 1];
+}
+
+// Rectangle of a cell and a little around it.
+inline Bounds rectangle_of_cell(int64_t at, const View &view) {
+    constexpr double AROUND_REL = 0x1p-6, AROUND = 0x1p27; // of the cell; roundings of a position
+    const CellGrid &grid = view.grid;
+    const double width = 1 / grid.per_u, height = 1 / grid.per_v;
+    const double left = grid.left + double(at % grid.columns) * width;
+    const int64_t row = at / grid.columns;
+    const double top = grid.top + double(row) * height;
+    const double more = AROUND * view.camera.pixel_error;
+    const double across = AROUND_REL * width + more, down = AROUND_REL * height + more;
+    return {left - across, left + width + across, top - down, top + height + down};
+}
+
+// Lets a slab hold another one, too, in a rectangle.
+inline void widen(Slab &slab, const Slab &its, const Bounds &rectangle) {
+    Range all = {slab.least, slab.most};
+    for (const double u : {rectangle.u_min, rectangle.u_max})
+        for (const double v : {rectangle.v_min, rectangle.v_max}) {
+            const double above = its.slope_u * (u - its.u) + its.slope_v * (v - its.v) -
+                                 slab.slope_u * (u - slab.u) - slab.slope_v * (v - slab.v);
+            if (std::isfinite(above)) all.add({its.least + above, its.most + above});
+            else all = {-INF, INF};
+        }
+    slab.least = all.least;
+    slab.most = all.most;
+}
+
+// True if the corners of the image of a face are those of the face.
+inline bool has_own_corners(int64_t f, const Projected &projected) {
+    return !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
+}
+
+// A group of one face.
+inline Group group_of(int64_t f, const View &view) {
+    const Projected &projected = view.projected;
+    const Plane plane = plane_of(f, view.camera, projected);
+    Group group = {};
+    group.slab = {plane.u, plane.v, plane.a, plane.b, plane.w, plane.w};
+    for (int column = U_MIN; column <= W_MAX; column++)
+        group.of[column].add(projected.box(f, column));
+    for (int k = 0; k < 3; k++) {
+        CornerOfMany &corner = group.corners[k];
+        corner.common = projected.faces(f, k);
+        for (const int axis : {U, V, W})
+            if (has_own_corners(f, projected))
+                corner.at[axis].add(projected.uvw(corner.common, axis));
+            else corner.at[axis] = {-INF, INF};
+    }
+    return group;
+}
+
+// Lets a group hold another one, too, whose corners are taken in the order in which each is near
+// one of its own.
+inline void widen(Group &group, Group other, const Bounds &rectangle) {
+    for (int column = U_MIN; column <= W_MAX; column++) group.of[column].add(other.of[column]);
+    for (int k = 0; k < 3; k++) {
+        const auto distance_to = [&](const CornerOfMany &its) {
+            double total = 0.0;
+            for (const int axis : {U, V})
+                total += std::abs(its.at[axis].least + its.at[axis].most -
+                                  group.corners[k].at[axis].least - group.corners[k].at[axis].most);
+            return total;
+        };
+        for (int j = k + 1; j < 3; j++)
+            if (distance_to(other.corners[j]) < distance_to(other.corners[k]))
+                std::swap(other.corners[j], other.corners[k]);
+        for (const int axis : {U, V, W}) group.corners[k].at[axis].add(other.corners[k].at[axis]);
+        if (other.corners[k].common != group.corners[k].common) group.corners[k].common = -1;
+    }
+    widen(group.slab, other.slab, rectangle);
+}
+
+// A number in which faces near one another differ little, pixels. `per_w` are those of a unit of
+// 1/z: a relative change of it shifts what is seen of a face by about that share of the image.
+inline double key_of(int64_t f, int axis, double per_w, const Projected &projected) {
+    const double scale = (axis < CORNER ? axis / 2 : axis - CORNER) == W ? per_w : 1.0;
+    if (axis < CORNER) return scale * projected.box(f, axis);
+    axis -= CORNER;
+    if (!has_own_corners(f, projected))
+        return scale * 1.5 * (projected.box(f, 2 * axis) + projected.box(f, 2 * axis + 1));
+    double sum = 0.0;
+    for (int k = 0; k < 3; k++) sum += projected.uvw(projected.faces(f, k), axis);
+    return scale * sum;
+}
+
+// Sorts n entries so that each of the first `lower` has a key that is not above those of the
+// others.
+//
+// C. A. R. Hoare. Algorithm 65: Find. 1961.
+inline void select(int32_t *entries, double *keys, int64_t n, int64_t lower) {
+    int64_t low = 0;
+    int64_t high = n - 1;
+    while (low < high) {
+        const double pivot = keys[lower];
+        int64_t i = low;
+        int64_t j = high;
+        while (i <= j) {
+            while (keys[i] < pivot) i++;
+            while (pivot < keys[j]) j--;
+            if (i > j) break;
+            std::swap(keys[i], keys[j]);
+            std::swap(entries[i++], entries[j--]);
+        }
+        if (j < lower) low = i;
+        if (lower < i) high = j;
+    }
+}
+
+// Divides `place` of a cell, and the entries behind it if they are fewer than a group, into groups
+// of faces near one another, each by the key that differs most in it.
+inline void divide(const Place &place, int64_t n, double per_w, const View &view) {
+    const auto &[projected, grid] = std::tie(view.projected, view.grid);
+    if (place.size < 2) return;
+    int32_t *const entries = grid.entries.data + place.first;
+    double *const keys = grid.nearest.data + place.first;
+    int32_t best = 0;
+    double widest = -1.0;
+    for (int axis = 0; axis < KEYS; axis++) {
+        Range all;
+        for (int64_t k = 0; k < n; k++) all.add(key_of(entries[k], axis, per_w, projected));
+        if (all.most - all.least > widest) {
+            widest = all.most - all.least;
+            best = axis;
+        }
+    }
+    for (int64_t k = 0; k < n; k++) keys[k] = key_of(entries[k], best, per_w, projected);
+    const int64_t lower = place.lower().size * GROUP_SIZE;
+    select(entries, keys, n, lower);
+    Group &group = group_at(place, grid);
+    group.axis = best;
+    group.middle = keys[lower];
+    group.per_w = per_w;
+    divide(place.lower(), lower, per_w, view);
+    divide(place.upper(), n - lower, per_w, view);
+}
+
+inline void lay_groups(const Place &place, const Bounds &rectangle, const View &view) {
+    const CellGrid &grid = view.grid;
+    Group &group = group_at(place, grid);
+    if (place.size == 1) {
+        group = group_of(grid.entries[place.first], view);
+        for (int64_t entry = place.first + 1; entry < place.first + GROUP_SIZE; entry++)
+            widen(group, group_of(grid.entries[entry], view), rectangle);
+        return;
+    }
+    lay_groups(place.lower(), rectangle, view);
+    lay_groups(place.upper(), rectangle, view);
+    const auto [axis, middle, per_w] = std::tuple(group.axis, group.middle, group.per_w);
+    group = group_at(place.lower(), grid);
+    group.axis = axis;
+    group.middle = middle;
+    group.per_w = per_w;
+    widen(group, group_at(place.upper(), grid), rectangle);
+}
+
+// All groups of a cell of MANY.
+inline Place all_groups(int64_t at, const CellGrid &grid) {
+    return {grid.starts[at], (grid.stops[at] - grid.starts[at]) / GROUP_SIZE};
+}
+
+// Lays the bounds of the faces of a cell one after another in memory, the first time.
+//
+// More than MANY faces, such as needles of one fan, are divided into groups, and their corners
+// follow: boxes hardly separate them. A face that is clipped, or whose outline is in doubt, has NaN
+// there, which no comparison excludes.
+inline void lay_bounds(int64_t at, const View &view) {
+    const auto &[projected, grid] = std::tie(view.projected, view.grid);
+    if (grid.has_bounds[at]) return;
+    grid.has_bounds[at] = true;
+    const int64_t first = grid.starts[at], stop = grid.stops[at];
+    const bool has_many = stop - first > MANY;
+    if (has_many) {
+        double most = 0.0;
+        for (int64_t entry = first; entry < stop; entry++)
+            most = std::max(most, projected.box(grid.entries[entry], W_MAX));
+        divide(all_groups(at, grid), stop - first, most > 0 ? view.camera.width / most : 0.0, view);
+    }
+    for (int64_t entry = first; entry < stop; entry++)
+        for (int column = U_MIN; column <= W_MAX; column++)
+            grid.bounds(column, entry) = projected.box(grid.entries[entry], column);
+    if (!has_many) return;
+    for (int64_t entry = first; entry < stop; entry++) {
+        const int64_t f = grid.entries[entry];
+        const bool is_known = has_own_corners(f, projected);
+        for (int k = 0; k < 3; k++)
+            for (const int axis : {U, V})
+                grid.bounds(CORNER + 2 * k + axis, entry) =
+                    is_known ? projected.uvw(projected.faces(f, k), axis) : NAN;
+    }
+    lay_groups(all_groups(at, grid), rectangle_of_cell(at, view), view);
+}
+
+// Least and greatest value of a line at the corners of an entry of a cell of MANY faces.
+inline Range values_at_corners(int64_t entry, const Line &line, const CellGrid &grid) {
+    const double *const corner = grid.bounds.data + grid.bounds.extent(1) * CORNER + entry;
+    const int64_t stride = grid.bounds.extent(1);
+    const double a = line.value(corner[0], corner[stride]),
+                 b = line.value(corner[2 * stride], corner[3 * stride]),
+                 c = line.value(corner[4 * stride], corner[5 * stride]);
+    return {least(a, b, c), greatest(a, b, c)};
+}
+
+// Bounds of those values in a group: a value rises or falls with u, and with v, as it is rounded.
+// Corners where all have one of two vertices are left out.
+inline Range values_at_corners(const Group &group, const Line &line, int64_t without = -1,
+                               int64_t or_without = -1) {
+    Range all;
+    for (const auto &[at, common] : group.corners) {
+        if (common >= 0 && (common == without || common == or_without)) continue;
+        const auto &[u, v, w] = at;
+        const bool rises = line.dv <= 0, falls = line.du <= 0;
+        const double low = line.value(rises ? u.least : u.most, falls ? v.most : v.least);
+        const double high = line.value(rises ? u.most : u.least, falls ? v.least : v.most);
+        if (!(low <= high)) return {NAN, NAN};
+        all.add({low, high});
+    }
+    return all;
+}
+
+// True if a point is surely outside of an entry of a cell of MANY faces, by more than `margin`
+// pixels along u and v.
+inline bool is_outside(int64_t entry, double u, double v, double margin, const CellGrid &grid) {
+    const double *const corner = grid.bounds.data + grid.bounds.extent(1) * CORNER + entry;
+    const int64_t stride = grid.bounds.extent(1);
+    bool is_left = false;
+    bool is_right = false;
+    for (int k = 0; k < 3; k++) {
+        const int j = k < 2 ? k + 1 : 0;
+        const double from_u = corner[2 * k * stride], from_v = corner[(2 * k + 1) * stride];
+        const double du = corner[2 * j * stride] - from_u,
+                     dv = corner[(2 * j + 1) * stride] - from_v;
+        const double value = du * (v - from_v) - dv * (u - from_u);
+        const double width = margin * (std::abs(du) + std::abs(dv));
+        is_left |= value<-width, is_right |= value> width;
+    }
+    return is_left & is_right;
+}
+
+// Depths of a face that is asked for: least W_MAX, least and greatest W_MIN.
+struct Depths {
+    double least_near, least_far, most_far;
+};
+
+// Adds the entries first ... last - 1, of one cell with bounds and at most ENTRIES_AT_A_TIME, whose
+// boxes touch a rectangle and a range of depths, to grid.found, after the first n there; how many
+// there are then.
+//
+// Only those are added for which `also` is true; it takes an entry.
+template <class Also>
+__attribute__((always_inline)) inline int64_t
+find_faces_if(int64_t first, int64_t last, const Bounds &rectangle, const Depths &depths,
+              const CellGrid &grid, int64_t n, Also also) {
+    const double *const bounds = grid.bounds.data + first;
+    const int64_t stride = grid.bounds.extent(1);
+    const auto touches = [&](int64_t k) {
+        const auto value = [&](int column) { return bounds[stride * column + k]; };
+        return (value(U_MIN) <= rectangle.u_max) & (value(U_MAX) >= rectangle.u_min) &
+               (value(V_MIN) <= rectangle.v_max) & (value(V_MAX) >= rectangle.v_min) &
+               (value(W_MAX) >= depths.least_near) & (value(W_MIN) >= depths.least_far) &
+               (value(W_MIN) <= depths.most_far);
+    };
+    for (int64_t at = 0; at < last - first; at += AT_A_TIME) {
+        int64_t is_found[AT_A_TIME]; // SPARE_ENTRIES behind the last may be read
+        for (int k = 0; k < AT_A_TIME; k++) is_found[k] = touches(at + k) & also(first + at + k);
+        uint64_t bits = 0;
+        for (int k = 0; k < AT_A_TIME; k++) bits |= uint64_t(is_found[k]) << k;
+        if (last - first - at < AT_A_TIME) bits &= (uint64_t(1) << (last - first - at)) - 1;
+        for (; bits; bits &= bits - 1)
+            grid.found[n++] = grid.entries[first + at + lowest_bit(bits)];
+    }
+    return n;
+}
+inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
+                          const Depths &depths, const CellGrid &grid, int64_t n) {
+    return find_faces_if(first, last, rectangle, depths, grid, n, [](int64_t) { return true; });
+}
+
+// True if the bounds of a group touch a rectangle and a range of depths.
+inline bool touches(const Group &group, const Bounds &rectangle, const Depths &depths) {
+    const auto &of = group.of;
+    return (of[U_MIN].least <= rectangle.u_max) & (of[U_MAX].most >= rectangle.u_min) &
+           (of[V_MIN].least <= rectangle.v_max) & (of[V_MAX].most >= rectangle.v_min) &
+           (of[W_MAX].most >= depths.least_near) & (of[W_MIN].most >= depths.least_far) &
+           (of[W_MIN].least <= depths.most_far);
+}
+
+// A walk through the entries of a cell with bounds: some at a time, or, of MANY, by groups, those
+// first that are near a face with some keys.
+class Walk {
+  public:
+    int64_t first, last; // entries of this step
+
+    Walk(int64_t at, const CellGrid &grid, const double *keys = nullptr)
+        : _rest(grid.starts[at]), _stop(grid.stops[at]), _grid(grid), _keys(keys) {
+        if (_stop - _rest <= MANY) return;
+        _todo[_n++] = all_groups(at, grid);
+        _rest += _todo[0].size * GROUP_SIZE;
+    }
+
+    // Takes a step; false after the last one. Groups are passed over for which `may` is false.
+    template <class May> bool next(May may) {
+        while (_n > 0) {
+            const Place place = _todo[--_n];
+            Group &group = group_at(place, _grid);
+            if (!may(group, place)) continue;
+            if (place.size == 1) {
+                first = place.first;
+                last = first + GROUP_SIZE;
+                return true;
+            }
+            const bool is_upper = _keys && _keys[group.axis] >= group.middle;
+            _todo[_n++] = is_upper ? place.lower() : place.upper();
+            _todo[_n++] = is_upper ? place.upper() : place.lower();
+        }
+        first = _rest;
+        last = std::min(first + ENTRIES_AT_A_TIME, _stop);
+        _rest = last;
+        return first < last;
+    }
+
+  private:
+    int64_t _rest, _stop;
+    const CellGrid &_grid;
+    const double *_keys;
+    Place _todo[64];
+    int _n = 0;
+};
+
+// Sorts the faces listed in a cell from front to back by their nearest depth, the first time. They
+// are sorted into BUCKETS equal ranges of 1/z first, which leaves little to do.
+//
+// D. Shell. A High-Speed Sorting Procedure. 1959.
+inline void sort_cell(int64_t at, const Array<double, Any, 6> &box, const CellGrid &grid) {
+    grid.is_sorted[at] = true;
+    grid.has_bounds[at] = false;
+    const int64_t first = grid.starts[at], n = grid.stops[at] - first;
+    int32_t *const entries = grid.entries.data + first, *const found = grid.found.data;
+    double *const nearest = grid.nearest.data + first, *const key = grid.bounds.data + first;
+    int64_t *const ends = grid.buckets.data;
+    Range all;
+    for (int64_t i = 0; i < n; i++) {
+        const double w = box(entries[i], W_MAX);
+        key[i] = w;
+        found[i] = entries[i];
+        all.add(w);
+    }
+    const auto [least, most] = all;
+    const double per_w = most > least ? BUCKETS / (most - least) : 0.0;
+    std::fill(ends, ends + BUCKETS + 1, 0);
+    for (int64_t i = 0; i < n; i++) ends[cell(-key[i], -most, per_w, BUCKETS) + 1]++;
+    for (int64_t bucket = 1; bucket <= BUCKETS; bucket++) ends[bucket] += ends[bucket - 1];
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t bucket = cell(-key[i], -most, per_w, BUCKETS);
+        nearest[ends[bucket]] = key[i];
+        entries[ends[bucket]] = found[i];
+        ends[bucket]++;
+    }
+    int64_t gap = 1;
+    while (3 * gap + 1 < n) gap = 3 * gap + 1;
+    for (; gap > 0; gap /= 3)
+        for (int64_t i = gap; i < n; i++) {
+            const double w = nearest[i];
+            const int32_t f = entries[i];
+            int64_t j = i;
+            for (; j >= gap && nearest[j - gap] < w; j -= gap) {
+                nearest[j] = nearest[j - gap];
+                entries[j] = entries[j - gap];
+            }
+            nearest[j] = w;
+            entries[j] = f;
+        }
+}
+
+} // namespace rastercov::exact

@@ -1,0 +1,109 @@
+// The border of Union to Python: rastercov.engine.solver_union.
+//
+// Twins: tests/area/test_union.py, by Clipper2.
+#include "solver/union.hpp"
+#include "bind.hpp"
+#include <atomic>
+#include <nanobind/stl/pair.h>
+
+namespace rastercov {
+
+using engine::FlatFaces, engine::RegionPairs, engine::RegionPieces;
+RECORD(FlatFaces, corners, areas);
+RECORD(RegionPieces, xy, starts, face, pose);
+RECORD(RegionPairs, pose, face, area, bound, excess);
+
+namespace {
+namespace nb = nanobind;
+using Numbers = IntArray;
+using Values = FloatArray;
+
+constexpr auto ADD =
+    "Add regions; `progress(done, total)` may raise, and the union is as before then.";
+
+// A union that one thread at a time uses.
+struct Handle {
+    engine::Union united;
+    std::atomic<bool> is_busy = false;
+    Handle(const FlatFaces &faces, double least, int64_t views, int64_t most)
+        : united(faces, least, views, most) {}
+};
+
+template <class Use> auto use(Handle &self, Use with) {
+    require(!self.is_busy.exchange(true),
+            "expected one thread in a union, got a second one; pass each thread its own");
+    struct Leave {
+        Handle &self;
+        ~Leave() { self.is_busy = false; }
+    } leave = {self};
+    return with(self.united);
+}
+
+void begin(Handle &self, const RegionPieces &pieces, Numbers tags, Values bound, Values excess) {
+    use(self, [&](engine::Union &all) { all.begin(pieces, tags, bound, excess); });
+}
+void add(Handle &self, const RegionPieces &pieces, const RegionPairs &pairs, Numbers number,
+         const nb::object &callback) {
+    engine::Progress progress;
+    if (!callback.is_none())
+        progress = [&callback](int64_t done, int64_t total) {
+            const nb::gil_scoped_acquire locked;
+            callback(done, total);
+        };
+    const auto work = [&] {
+        use(self, [&](engine::Union &all) { all.add(pieces, pairs, number, progress); });
+    };
+    call_apart(ADD, work, pieces, pairs, number);
+}
+void fill(Handle &self, BoolArray chosen) {
+    use(self, [&](engine::Union &all) { all.fill(chosen); });
+}
+std::pair<int64_t, int64_t> size(Handle &self) {
+    return use(self, [](engine::Union &all) { return all.size(); });
+}
+void write(Handle &self, area::Points xy, Column<int64_t> starts, Column<int32_t> face,
+           Column<int64_t> tag, Column<double> area) {
+    use(self, [&](engine::Union &all) { all.write(xy, starts, face, tag, area); });
+}
+void write_areas(Handle &self, Array<double, Any, Any> out) {
+    use(self, [&](engine::Union &all) { all.write_areas(out); });
+}
+void write_bounds(Handle &self, Array<double, 2, Any> out) {
+    use(self, [&](engine::Union &all) { all.write_bounds(out); });
+}
+void write_closed(Handle &self, Column<bool> out) {
+    use(self, [&](engine::Union &all) { all.write_closed(out); });
+}
+double n_pairs(Handle &self) {
+    return use(self, [](engine::Union &all) { return all.n_pairs(); });
+}
+struct Callback {}; // in signatures
+} // namespace
+
+template <> inline void put_type<Callback>(std::string &text, Type<Callback>) { text += "object"; }
+
+void register_solver_union(nb::module_ &m) {
+    m.attr("MOST_PIECES") = engine::MOST_PIECES;
+    nb::class_<Handle> type(m, "Union", "Union of regions of poses; one thread at a time uses it.");
+    def(type, nb::init<const FlatFaces &, double, int64_t, int64_t>(), "faces", "least", "views",
+        "most");
+    def(type, "begin", begin, "Begin with a partition, by face, and its bounds.", "pieces", "tags",
+        "bound", "excess");
+    type.def("add", add, nb::arg("pieces"), nb::arg("pairs"), nb::arg("number"),
+             nb::arg("progress").none(),
+             nb::sig(signature<void, RegionPieces, RegionPairs, Numbers, Callback>(
+                         "add", true, "pieces", "pairs", "number", "progress")
+                         .c_str()),
+             ADD);
+    def(type, "fill", fill, "Add one more pose, which covers all of some faces.", "chosen");
+    def(type, "size", size, "Pieces of the partition, and corners.");
+    def(type, "write", write, "Fill arrays of that size with the pieces by face.", "xy", "starts",
+        "face", "tag", "area");
+    def(type, "write_areas", write_areas,
+        "Fill row j with the area of each face that at least j + 1 poses cover, m^2.", "out");
+    def(type, "write_bounds", write_bounds, "Fill bound and excess of each area, m^2.", "out");
+    def(type, "write_closed", write_closed, "Mark the faces that k poses cover as a whole.", "out");
+    def(type, "n_pairs", n_pairs, "Pairs of pieces in one cell so far: what a union compares.");
+}
+
+} // namespace rastercov

@@ -1,0 +1,109 @@
+// Limits of a pose, by the bounding box where that decides.
+//
+// Twin: rastercov.core.camera.near_plane.
+#include "solver/limits.hpp"
+#include "camera/near.hpp"
+#include "exact/depth.hpp"
+#include <cmath>
+
+namespace rastercov::engine {
+
+double widest_of(const Lens &of) {
+    return std::hypot(std::max(of.cx, of.width - of.cx) / of.fx,
+                      std::max(of.cy, of.height - of.cy) / of.fy);
+}
+
+namespace {
+// True if a surface in view of a pinhole, or of parallel rays, is beyond `from` and nearer than the
+// limit.
+bool cuts_in(const Surface &surface, const Lens &of, const Pose &pose, bool is_parallel,
+             double from, double limit) {
+    const double sides[12] = {of.fx, 0,     of.cx, -of.fx, 0,      of.width - of.cx,
+                              0,     of.fy, of.cy, 0,      -of.fy, of.height - of.cy};
+    const double least =
+        exact::least_depth(surface.vertices(), surface.faces(), {pose.rotation, {3, 3}},
+                           {pose.centre, {3}}, {sides, {4, 3}}, is_parallel, from, limit);
+    return least < limit;
+}
+
+// Calls with each pinhole of a camera and its pose until it is true.
+template <class Test> bool any_pinhole(const Camera &camera, const Pose &pose, Test test) {
+    if (camera.planes.empty()) return test(camera.image, pose);
+    const lens::Frame *last = nullptr;
+    for (const IdealPlane &plane : camera.planes) {
+        const lens::Frame &frame = plane.record.frame;
+        const bool is_new = !last || !std::equal(frame.begin(), frame.end(), last->begin());
+        if (is_new && test(plane.pinhole, turned(pose, frame))) return true;
+        last = &frame;
+    }
+    return false;
+}
+
+// True if the near plane cuts away a surface in view. Only faces within reach of the eye can: the
+// depth of a point in view is never less than its distance times the cosine of the widest ray. So
+// the bounding box decides nearly always.
+bool is_cut(const Surface &surface, const Camera &camera, const Pose &pose, double limit) {
+    double widest = 0.0;
+    any_pinhole(camera, pose, [&](const Lens &of, const Pose &) {
+        widest = std::max(widest, widest_of(of));
+        return false;
+    });
+    const double reach = limit * std::sqrt(1 + widest * widest);
+    for (int axis = 0; axis < 3; axis++)
+        if (!(pose.centre[axis] > surface.bounds()[0][axis] - reach &&
+              pose.centre[axis] < surface.bounds()[1][axis] + reach))
+            return false;
+    return any_pinhole(camera, pose, [&](const Lens &of, const Pose &own) {
+        return cuts_in(surface, of, own, false, 0.0, limit);
+    });
+}
+
+// True if the camera is beyond the bounding box by more than NEAR_TO_FAR of the farthest distance:
+// one that is mounted on a face looks through it, for the near plane cuts it away, which is_cut
+// cannot tell where the face is edge-on to rounding.
+bool is_outside(const Surface &surface, const Pose &pose, double farthest) {
+    const double margin = NEAR_TO_FAR * farthest;
+    for (int axis = 0; axis < 3; axis++)
+        if (pose.centre[axis] < surface.bounds()[0][axis] - margin ||
+            pose.centre[axis] > surface.bounds()[1][axis] + margin)
+            return true;
+    return false;
+}
+// Limits of parallel rays, which are outside of a closed surface where they meet nothing before the
+// near plane.
+Limits limits_of_parallel(const Surface &surface, const Camera &camera, const Pose &pose,
+                          double near) {
+    const Extent extent = extent_along(surface, pose);
+    const auto cuts_from = [&](double from) {
+        return any_pinhole(camera, pose, [&](const Lens &of, const Pose &own) {
+            return cuts_in(surface, of, own, true, from, near);
+        });
+    };
+    const bool is_within = extent.least < near && cuts_from(-INFINITY);
+    return {near, !is_within && surface.hides_its_back(extent.distance(near)),
+            is_within && cuts_from(0.0)};
+}
+} // namespace
+
+Pose turned(const Pose &pose, const lens::Frame &frame) {
+    Pose out = pose;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double total = 0.0;
+            for (int k = 0; k < 3; k++) total += pose.at(i, k) * frame(k, j);
+            out.rotation[3 * i + j] = total;
+        }
+    return out;
+}
+
+Limits limits_of(const Surface &surface, const Camera &camera, const Pose &pose) {
+    const double farthest =
+        farthest_of(surface.bounds(), [&](int axis) { return pose.centre[axis]; });
+    const double near = near_of(camera.near, farthest);
+    if (camera.is_parallel) return limits_of_parallel(surface, camera, pose, near);
+    const bool is_clipped = is_cut(surface, camera, pose, near);
+    const bool can_cull = !is_clipped && is_outside(surface, pose, farthest);
+    return {near, can_cull && surface.hides_its_back(farthest), is_clipped};
+}
+
+} // namespace rastercov::engine

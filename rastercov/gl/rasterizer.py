@@ -1,0 +1,258 @@
+"""OpenGL rasteriser: the contract of `raster.contract` around one of two strategies.
+
+- *pipeline*: graphics pipeline of any driver, many poses a draw where a GPU can; see `pipeline`.
+- *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
+
+"auto" is "compute" on a GPU with atomics of 64 bits, and for a focal length so long that the
+graphics pipeline would misplace edges, else "pipeline".
+
+A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
+poses, with the programs, images and buffers in use.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rastercov import shaders
+from rastercov.base.arguments import check_choice
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import CameraError, ConfigError
+from rastercov.base.format import ByName
+from rastercov.base.memory import Float32Array, FloatArray, Int32Array
+from rastercov.core.camera.camera import Camera
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import self_test
+from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
+from rastercov.core.raster.sample_grid import SampleGrid
+from rastercov.gl.compute import Compute
+from rastercov.gl.context import HeadlessContext, open_context
+from rastercov.gl.pipeline import MAX_POSES, Pipeline
+from rastercov.gl.resources import Resources
+
+PLANS = ("pipeline", "compute")
+WAYS: dict[str, ByName] = {
+    "pipeline": {"plan": "pipeline", "max_layers": 1},
+    "layers": {"plan": "pipeline", "max_layers": MAX_POSES},
+    "compute": {"plan": "compute"},
+}
+"""Options of every way to draw and count, for self-tests."""
+MAX_FOCAL_LENGTH = 1 << 16
+"""Largest focal length and principal point of the graphics pipeline, in pixels. Its float32 places
+edges to about 2^-23 of that: 1/128 px."""
+SELF_TEST_INTERVAL = 256
+"""Poses between two self-tests of the device."""
+
+
+class GLRasterizer(Rasterizer):
+    """The contract of `rastercov.core.raster.contract` on OpenGL.
+
+    Parameters
+    ----------
+    mesh, camera, supersample, roll
+        As for `open_rasterizer`.
+    device : str, int or HeadlessContext
+        "auto", "hardware", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context
+        that is already open is used and left open.
+    plan : {"auto", "pipeline", "compute"}
+        Way to draw and count.
+    max_layers : int, optional
+        Most poses of a draw of plan "pipeline", up to 128, each an image of its own; above 1 they
+        are counted on the device. By default 128 on a GPU, else 1; always 1 where the device
+        cannot draw in layers.
+
+    Raises
+    ------
+    CameraError, ConfigError, DeviceError, ResourceError
+        For a lens, which `open_rasterizer` draws; a bad argument; a device that lacks a feature or
+        fails its self-test; lack of memory.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        camera: Camera,
+        *,
+        supersample: int = 1,
+        roll: float = 0.0,
+        device: str | int | HeadlessContext = "auto",
+        plan: str = "auto",
+        max_layers: int | None = None,
+    ) -> None:
+        if camera.is_curved:
+            camera.check_pinhole(
+                "expected a pinhole for GLRasterizer", "use open_rasterizer, which draws any lens"
+            )
+        if camera.is_parallel and mesh.has_targets:
+            raise CameraError("expected no targets with parallel rays, got some; use backend 'cpu'")
+        check_choice("plan", plan, ("auto", *PLANS))
+        if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
+            raise ConfigError(
+                f"expected max_layers to be a whole number from 1 to {MAX_POSES}, got "
+                f"{shown(max_layers)}"
+            )
+        super().__init__(mesh, camera, supersample, roll)
+        self._owns_context = not isinstance(device, HeadlessContext)
+        self._context = device if isinstance(device, HeadlessContext) else open_context(device)
+        self._resources = Resources(self._context)
+        try:
+            known = self._context.info
+            by_default = 1 if known.is_software else MAX_POSES
+            layers = by_default if max_layers is None else int(max_layers)
+            self._prepare(self._chosen(plan, max_layers), layers if known.has_batches else 1)
+            self._run_self_test()
+        except BaseException:
+            self.close()
+            raise
+
+    def _chosen(self, plan: str, max_layers: int | None) -> str:
+        """Plan to run; ConfigError when it cannot run."""
+        reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
+        if self.camera.is_parallel:
+            return self._for_parallel(plan)
+        info = self._context.info
+        if plan == "auto":
+            has_compute = info.has_int64_atomics and not info.is_software and max_layers is None
+            plan = "compute" if has_compute or reach > MAX_FOCAL_LENGTH else "pipeline"
+        if plan == "pipeline" and not reach <= MAX_FOCAL_LENGTH:
+            raise ConfigError(
+                f"expected fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', "
+                f"got {reach:,g}; use plan 'compute' or backend 'cpu'"
+            )
+        return plan
+
+    def _for_parallel(self, plan: str) -> str:
+        """Plan to run for parallel rays; ConfigError when it cannot run."""
+        if plan == "compute":
+            raise ConfigError("expected plan 'pipeline' for parallel rays, got another; change it")
+        reach = max(self.camera.fx, self.camera.fy) * self.mesh.diagonal
+        if not reach <= MAX_FOCAL_LENGTH:
+            raise ConfigError(
+                f"expected a mesh of up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', got "
+                f"{reach:,g}; use backend 'cpu'"
+            )
+        return "pipeline"
+
+    def _prepare(self, plan: str, max_layers: int) -> None:
+        """Compile the programs, allocate the images and upload the mesh."""
+        resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
+        grid = SampleGrid(camera, self.supersample, self.roll)
+        resources.use()
+        kind: Any = Compute if plan == "compute" else partial(Pipeline, max_layers=max_layers)
+        self._strategy: Any = kind(resources, mesh, camera, grid)
+        self.info = RasterizerInfo(
+            backend="gl",
+            plan=plan,
+            renderer=self._context.info.renderer,
+            driver=self._context.info.version,
+            device=str(self._context.info.device),
+            depth=self._strategy.depth,
+            shaders=shaders.digest(),
+        )
+        self._scene = self._strategy.scene(mesh, camera, grid)
+        # Not rotated, since its counts are known for that grid; the programs are the same.
+        test_grid = SampleGrid(self_test.CAMERA)
+        self._self_test_scene = self._strategy.scene(self_test.MESH, self_test.CAMERA, test_grid)
+        self._pixels = SampleGrid(camera)
+        self._self_test_view = 0
+
+    # --- the contract ---------------------------------------------------------------------------
+
+    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+        n_bytes = np.dtype(self._scene.grid.count_type).itemsize
+        check_counts(len(poses), self.mesh.n_faces, n_bytes * (1 + drawn))
+        with self._current():
+            counts = self._count(self._scene, poses, drawn)
+            if self._targets is None:
+                return counts
+            count_targets = self._strategy.count_targets(self._scene, self._targets, poses)
+            return self._with_targets(counts, *count_targets)
+
+    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
+        grid = self._pixels
+        shape = grid.height, grid.width
+        face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
+        with self._current():
+            prepared = self._strategy.prepare(self._scene, poses, grid)
+            self._strategy.begin(prepared, np.array([0]))
+            for tile in grid.tiles(self._strategy.tile):
+                x, y, width, height = tile
+                part = np.s_[y : y + height, x : x + width]
+                face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
+        return face, depth
+
+    def close(self) -> None:
+        """Release everything on the device; later calls raise `DeviceError`."""
+        if not self._is_open:
+            return
+        self._context.check_owner()
+        super().close()
+        self._context.make_current()
+        self._resources.release()
+        if self._owns_context:
+            self._context.release()
+
+    @contextmanager
+    def _current(self) -> Iterator[None]:
+        """Make the context current, and report the device's errors at the end."""
+        self._check_open()
+        self._resources.use()
+        yield
+        self._resources.poll("drawing")
+
+    # --- counting -------------------------------------------------------------------------------
+
+    def _count(self, scene: Any, poses: FloatArray, with_drawn: bool) -> FaceCounts:
+        """Count poses in batches and tiles; run the self-test when it is due."""
+        shape = (len(poses), scene.mesh.n_faces)
+        visible = np.zeros(shape, scene.grid.count_type)
+        drawn = np.zeros(shape, scene.grid.count_type) if with_drawn else None
+        background = np.zeros(len(poses), np.int64)
+        grid, strategy = scene.grid, self._strategy
+        prepared = strategy.prepare(scene, poses, grid)
+        for rows in strategy.batches(prepared):
+            strategy.begin(prepared, rows)
+            for tile in grid.tiles(strategy.tile):
+                counts = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
+                tile_visible, tile_background, tile_drawn = counts
+                visible[rows] += tile_visible
+                background[rows] += tile_background
+                if drawn is not None:
+                    drawn[rows] += tile_drawn
+            self._resources.poll("drawing")
+            if scene is self._scene:
+                self._note(len(prepared.clipped[rows]))
+        wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
+        if wrong.size:
+            row = int(wrong[0])
+            raise self._resources.untrusted(
+                f"counted {visible[row].sum() + background[row]} samples of {grid.n_samples}"
+            )
+        return self._result(visible, drawn, background, prepared.clipped)
+
+    # --- self-test ------------------------------------------------------------------------------
+
+    def _note(self, n_poses: int) -> None:
+        """Run the self-test where it is due after some more poses."""
+        self._poses_since_self_test += n_poses
+        if self._poses_since_self_test >= SELF_TEST_INTERVAL:
+            self._run_self_test()
+
+    def _run_self_test(self) -> None:
+        """Count a scene with known counts; DeviceError when the device counts it wrongly.
+
+        The two views take turns, so an image left over from the previous test is noticed.
+        """
+        self._poses_since_self_test = 0
+        with self._current():
+            view = self._self_test_view
+            self._self_test_view = 1 - view
+            counts = self._count(self._self_test_scene, self_test.POSES[[view]], with_drawn=True)
+        if not np.array_equal(counts.visible[0], self_test.VISIBLE[view]):
+            raise self._resources.untrusted("drew a known scene wrongly")
+        assert counts.drawn is not None
+        if not np.array_equal(counts.drawn, self_test.DRAWN[[view]]):
+            raise self._resources.untrusted("counted a known scene wrongly")

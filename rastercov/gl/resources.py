@@ -1,0 +1,242 @@
+"""Ownership of every OpenGL object of a rasteriser, and the calls that moderngl does not offer.
+
+moderngl reports neither a failed allocation, which leaves an object that does not work, nor a
+missing memory barrier, which gives wrong counts. Allocation, error polling, clearing, reading and
+the barrier are therefore implemented once, here, and the strategies use nothing else.
+"""
+
+import ctypes
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov import shaders
+from rastercov.base.errors import DeviceError, ResourceError
+from rastercov.base.memory import AnyArray
+from rastercov.gl.context import HeadlessContext
+
+_COLOR, _DEPTH = 0x1800, 0x1801
+_DEPTH_ATTACHMENT, _DEPTH_COMPONENT, _DEPTH_COMPONENT32F = 0x8D00, 0x1902, 0x8CAC
+_FRAMEBUFFER, _FRAMEBUFFER_COMPLETE, _TEXTURE_2D_ARRAY = 0x8D40, 0x8CD5, 0x8C1A
+_LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
+_UINT, _INT, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
+FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
+    "glBindFramebuffer": (None, _UINT, _UINT),
+    "glBindTexture": (None, _UINT, _UINT),
+    "glCheckFramebufferStatus": (_UINT, _UINT),
+    "glClearBufferfv": (None, _UINT, _INT, _POINTER),
+    "glClearBufferuiv": (None, _UINT, _INT, _POINTER),
+    "glClipControl": (None, _UINT, _UINT),
+    "glDeleteTextures": (None, _INT, _POINTER),
+    "glFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
+    "glGenTextures": (None, _INT, _POINTER),
+    "glTexImage3D": (None, _UINT, *(_INT,) * 6, _UINT, _UINT, _POINTER),
+}
+
+FACE_BYTES, DEPTH_BYTES = 4, 4
+SAMPLE_BYTES = FACE_BYTES + DEPTH_BYTES
+"""Bytes of a sample of a `Target`: face index and depth."""
+WORDS, MAX_ZERO_GROUPS = 7, 4096
+"""Binding and most workgroups of zero.comp."""
+
+
+class Target:
+    """Stack of triangle-ID images (uint32) with float32 depth, one layer a pose."""
+
+    def __init__(self, resources: "Resources", width: int, height: int, layers: int) -> None:
+        what = f"{layers} images of {width} x {height}"
+        size = width * height * layers * SAMPLE_BYTES
+        gl = resources.gl
+        self.faces = resources.make(
+            what, size, lambda: gl.texture_array((width, height, layers), 1, dtype="u4")
+        )
+        self.faces.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self.frame = resources.make(what, size, lambda: gl.framebuffer([self.faces]))
+        resources.attach_depth(self.frame, width, height, layers, what)
+        # moderngl disables the depth mask for a depth attachment that it did not create.
+        self.frame.depth_mask = True
+
+
+class Resources:
+    """OpenGL objects of one rasteriser on one context; `release` releases all of them."""
+
+    def __init__(self, context: HeadlessContext) -> None:
+        self.context = context
+        self.gl = context.gl
+        self._stack = ExitStack()
+        self._zeroing: Any = None
+        # moderngl lists objects that Python has dropped, to release them later. Objects that were
+        # released explicitly stay in that list, so they are removed from it.
+        left = [thing for thing in self.gl.objects if not isinstance(thing, moderngl.InvalidObject)]
+        self.gl.objects.clear()
+        self.gl.objects.extend(left)
+
+    def use(self) -> None:
+        """Make the context current and set the state that all draws share."""
+        self.context.check_owner()
+        self.context.make_current()
+        self._call("glClipControl", _LOWER_LEFT, _ZERO_TO_ONE)
+        self.gl.memory_barrier()  # shaders of an interrupted call may still write counters
+        self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
+        self.gl.cull_face = "back"
+
+    def _call(self, name: str, *arguments: object) -> Any:
+        return self.context.function(name, *FUNCTIONS[name])(*arguments)
+
+    def own(self, thing: Any) -> Any:
+        """Return an OpenGL object and release it in `release`."""
+        self._stack.callback(thing.release)
+        return thing
+
+    def make(self, what: str, size: int, create: Callable[[], Any]) -> Any:
+        """Result of `create()`, owned; ResourceError with `what` and its `size` if it fails."""
+        asked = f"{what} ({size / 2**20:,.1f} MiB)"
+        try:
+            thing = create()
+        except (moderngl.Error, MemoryError) as error:
+            raise ResourceError(f"expected the device to allocate {asked}, got: {error}") from None
+        reported = self.gl.error
+        if reported != "GL_NO_ERROR":
+            thing.release()
+            raise ResourceError(f"expected the device to allocate {asked}, got: {reported}")
+        return self.own(thing)
+
+    def buffer(self, what: str, data: AnyArray | None = None, size: int = 0) -> Any:
+        """Buffer with the given contents, or of `size` bytes."""
+        if data is None:
+            return self.make(what, size, lambda: self.gl.buffer(None, size, dynamic=True))
+        contents = np.ascontiguousarray(data)
+        return self.make(what, contents.nbytes, lambda: self.gl.buffer(contents))
+
+    def program(self, fragment: str, **defines: int) -> Any:
+        """Program of `face.vert` and the named fragment shader."""
+        stages = {
+            "vertex_shader": shaders.source("face.vert", **defines),
+            "fragment_shader": shaders.source(f"{fragment}.frag", **defines),
+        }
+        return self._compile(f"face.vert and {fragment}.frag", self.gl.program, **stages)
+
+    def compute(self, name: str, **defines: int) -> Any:
+        """Compute program of the named shader."""
+        text = shaders.source(f"{name}.comp", **defines)
+        return self._compile(f"{name}.comp", self.gl.compute_shader, source=text)
+
+    def _compile(self, names: str, build: Callable[..., Any], **stages: str) -> Any:
+        try:
+            return self.own(build(**stages))
+        except moderngl.Error as error:
+            log = " ".join(str(error).split())
+            raise DeviceError(
+                f"expected {self.context.info.renderer} to compile {names} (shaders "
+                f"{shaders.digest()[:12]}), got: {log}"
+            ) from None
+
+    def attach_depth(
+        self, frame: moderngl.Framebuffer, width: int, height: int, layers: int, what: str
+    ) -> None:
+        """Attach a float32 depth texture to a framebuffer; moderngl only makes 24-bit depth."""
+        name = _UINT(0)
+        self._call("glGenTextures", 1, ctypes.addressof(name))
+        delete = self.context.function("glDeleteTextures", *FUNCTIONS["glDeleteTextures"])
+        self._stack.callback(lambda: delete(1, ctypes.addressof(name)))
+        self._call("glBindTexture", _TEXTURE_2D_ARRAY, name.value)
+        self._call(
+            "glTexImage3D",
+            _TEXTURE_2D_ARRAY,
+            0,
+            _DEPTH_COMPONENT32F,
+            width,
+            height,
+            layers,
+            0,
+            _DEPTH_COMPONENT,
+            _FLOAT,
+            None,
+        )
+        self._call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
+        self._call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
+        status = self._call("glCheckFramebufferStatus", _FRAMEBUFFER)
+        error = self.gl.error
+        if status != _FRAMEBUFFER_COMPLETE or error != "GL_NO_ERROR":
+            size = width * height * layers * DEPTH_BYTES / 2**20
+            raise ResourceError(
+                f"expected the device to allocate depth for {what} ({size:,.1f} MiB), got: "
+                f"{error}, framebuffer status {status:#x}"
+            )
+
+    def clear(self, target: Target) -> None:
+        """Set every sample of every layer to no face and the farthest depth."""
+        target.frame.use()
+        zeros = (_UINT * 4)()  # as a float, too
+        self._call("glClearBufferuiv", _COLOR, 0, ctypes.addressof(zeros))
+        self._call("glClearBufferfv", _DEPTH, 0, ctypes.addressof(zeros))
+
+    def read_faces(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.uint32]:
+        """Face indices + 1 of layer 0 inside box = (x, y, width, height), (height, width)."""
+        ids = np.empty((box[3], box[2]), np.uint32)
+        target.frame.read_into(ids, viewport=box, components=1, dtype="u4", alignment=FACE_BYTES)
+        return ids
+
+    def read_depth(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.float32]:
+        """Depth buffer values of layer 0 inside a box, unconverted."""
+        depth = np.empty((box[3], box[2]), np.float32)
+        target.frame.read_into(depth, viewport=box, components=1, attachment=-1, dtype="f4")
+        return depth
+
+    def zero(self, buffer: moderngl.Buffer, size: int) -> None:
+        """Set the first `size` bytes of a buffer, a multiple of 4, to 0 on the device."""
+        if self._zeroing is None:
+            self._zeroing = self.compute("zero")
+        buffer.bind_to_storage_buffer(WORDS)
+        set_uniforms(self._zeroing, n=size // 4)
+        self._zeroing.run(min(MAX_ZERO_GROUPS, -(-size // 1024)))
+        self.gl.memory_barrier()
+
+    def read_words(self, buffer: moderngl.Buffer, *shape: int) -> NDArray[np.uint32]:
+        """First words of a buffer, after a barrier: the only reader of what shaders wrote."""
+        self.gl.memory_barrier()
+        words = np.empty(shape, np.uint32)
+        buffer.read_into(words, size=words.nbytes)
+        return words
+
+    def untrusted(self, what: str) -> DeviceError:
+        """Error to raise when the device has given a wrong result."""
+        renderer = self.context.info.renderer
+        return DeviceError(
+            f"expected correct results of {renderer}, got a fault: it {what}; see "
+            "`rastercov doctor`, or use backend 'cpu'"
+        )
+
+    def poll(self, doing: str) -> None:
+        """Raise when the device has reported an error or lost the context while `doing`."""
+        error = self.gl.error
+        if error == "GL_OUT_OF_MEMORY":
+            raise ResourceError(
+                f"expected enough memory of the device, got too little while {doing}; use backend "
+                "'cpu'"
+            )
+        if error != "GL_NO_ERROR":
+            raise DeviceError(
+                f"expected no error of the device, got {error} while {doing}; see `rastercov "
+                "doctor`"
+            )
+        if self.context.reset_status():
+            raise DeviceError(
+                f"expected a live context, got a lost one while {doing}; open a new rasteriser"
+            )
+
+    def release(self) -> None:
+        """Release every object."""
+        self.context.parking_frame.use()  # moderngl rebinds the framebuffer that was bound last
+        self._stack.close()
+
+
+def set_uniforms(program: Any, **uniforms: object) -> None:
+    """Set the uniforms that the program has; the compiler removes unused ones."""
+    for name, value in uniforms.items():
+        if name in program:
+            program[name].value = value

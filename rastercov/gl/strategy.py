@@ -1,0 +1,112 @@
+"""Base of the strategies that draw and count for the OpenGL rasteriser.
+
+`rasterizer` owns the contract, the context and the self-test; a strategy owns the programs and the
+images: `pipeline` with the graphics pipeline, `compute` with compute shaders.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rastercov.base.errors import ResourceError
+from rastercov.base.memory import Float32Array, FloatArray, IntArray
+from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster.sample_grid import Box
+from rastercov.core.raster.targets import TargetFaces
+from rastercov.gl.resources import Resources, set_uniforms
+
+WordArray = NDArray[np.uint32]
+Counts = IntArray | WordArray
+
+COUNTER_BYTES = 4
+COUNT_COLUMNS, COUNT_ROWS = 8 * 16, 8
+"""Samples of a workgroup of `count.comp`: 8 x 8 invocations, each a run of 16 samples of a row."""
+
+
+class Strategy:
+    """Programs and images on a device, for one mesh and camera: what both plans share.
+
+    `Pipeline` and `Compute` add these methods; `scene` and `prepared` are records of their own.
+
+    - `scene(mesh, camera, grid)` uploads a mesh; the result has `mesh`, `camera` and `grid`.
+    - `prepare(scene, poses, grid)` computes what shaders need of poses; the result has `clipped`,
+      (P,) bool.
+    - `batches(prepared)` yields the rows of the poses of each batch, as indices or as a slice.
+    - `begin(prepared, rows)` uploads the poses of a batch.
+    - `count(scene, prepared, rows, tile, drawn=...)` draws a batch into a tile: visible samples
+      (B, F), background (B,), drawn samples.
+    - `image(scene, prepared, tile)` draws the first pose into a tile: faces and depths, as in
+      `VisibilityBuffer`.
+
+    Attributes
+    ----------
+    depth : str
+        Description of the depth buffer, as in `RasterizerInfo`.
+    tile : (width, height)
+        Largest part of a canvas that is drawn at once.
+    max_tile : int
+        Largest side of one image on the device, in samples; larger images are drawn in tiles.
+    image_budget : int
+        Bytes of face indices and depth in one batch of poses.
+    """
+
+    max_tile: ClassVar = 8192
+    image_budget: ClassVar = 512 << 20
+    depth: str
+    tile: tuple[int, int]
+    prepare: Any
+    begin: Any
+    image: Any
+    _counting: Any
+    _counters: Any
+
+    def __init__(self, resources: Resources, mesh: Mesh, face_bytes: int, least_bytes: int) -> None:
+        """Take resources whose storage blocks hold `face_bytes` a face, and `least_bytes`."""
+        self._resources = resources
+        info = resources.context.info
+        needed = max(face_bytes * (mesh.n_faces + 1), least_bytes)
+        self._block = int(info.limits["max_ssbo_bytes"])
+        if needed > self._block:
+            raise ResourceError(
+                f"expected a storage block of at most {self._block:,} bytes on {info.renderer}, "
+                f"got {needed:,} for this mesh; use backend 'cpu'"
+            )
+
+    def count_targets(
+        self, scene: Any, targets: TargetFaces, poses: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Visible and drawn samples of the targets, (P, N) each.
+
+        They are counted on the CPU: the depths of each pose are read back.
+        """
+        visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
+        grid, near = scene.grid, near_limit(scene.camera, scene.mesh.bounds, poses)
+        for row in range(len(poses)):
+            depths = partial(self._depths, scene, poses[row : row + 1])
+            visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
+        return visible, drawn
+
+    def _depths(
+        self, scene: Any, pose: FloatArray, top: int, bottom: int
+    ) -> Iterator[tuple[Box, Float32Array]]:
+        """Depths of one pose, (1, 4, 4), in tiles that hold some rows; see `targets.Depths`."""
+        prepared = self.prepare(scene, pose, scene.grid)
+        self.begin(prepared, slice(0, 1))
+        for tile in scene.grid.tiles(self.tile):
+            if tile[1] < bottom and tile[1] + tile[3] > top:
+                yield tile, self.image(scene, prepared, tile)[1]
+
+    def _count_on_device(
+        self, n_faces: int, tile: Box, n_poses: int
+    ) -> tuple[WordArray, WordArray]:
+        """Count the faces of a batch in a compute shader."""
+        stride = n_faces + 1
+        set_uniforms(self._counting, size=tile[2:], corner=tile[:2], stride=stride)
+        self._resources.zero(self._counters, COUNTER_BYTES * n_poses * stride)
+        self._counting.run(-(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS), n_poses)
+        counters = self._resources.read_words(self._counters, n_poses, stride)
+        return counters[:, 1:], counters[:, 0]

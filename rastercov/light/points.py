@@ -1,0 +1,269 @@
+"""Light of lamps at points of faces: the reason why each is not lit as a task asks; the feature."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName, number
+from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, WholeArray
+from rastercov.core.area.feature import Feature, Scene
+from rastercov.core.area.frames import frames_of, in_front
+from rastercov.core.area.point_pass import PointPass
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.area.table import Finder
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, Rig, eyes_of, names_of
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.light.figures import LightFigures
+from rastercov.light.lamp_rig import lamps_of
+from rastercov.light.lamps import Lamps, are_lit, illuminances, points_of
+from rastercov.light.regions import (
+    HIGHLIGHT,
+    OF_LIGHT,
+    TOO_BRIGHT,
+    TOO_DARK,
+    UNLIT,
+    Light,
+    check_light,
+    failing_lamp,
+    narrowed_by,
+)
+
+
+class LightOfPoints:
+    """Light of the lamps of cameras at points of faces, (N, 3) metres; one thread may use it."""
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        rig: Rig,
+        lamps: Lamps,
+        task: Task,
+        points: FloatArray,
+        face: WholeArray,
+    ) -> None:
+        lamps = lamps._around(mesh.bounds)
+        self.lamps, self.task, self._points = lamps, task, points
+        self._rig, self._gates = rig, rig.gates
+        self._normals = frames_of(mesh).normal[face]
+        self._two_sided = mesh.two_sided_mask[face]
+        self._judge = PointPass(mesh, lamps.eyes, Task(), points, face)
+        self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+        self._dazzled = [own.max_highlight_deg for own in tasks_of(rig, task)]
+        self._carried = lamps.carried_by(rig.names)
+        self._rides = np.asarray(self._carried.any(axis=1))
+        self._fixed = self._reached(points_of(lamps, ~self._rides))
+
+    def of_cell(self) -> FloatArray:
+        """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
+        poses, reached = self._fixed
+        fronts = in_front(eyes_of(self.lamps.eyes, poses), self._points, self._normals)
+        on = self._points, self._normals
+        sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
+        return np.where(self._two_sided, np.maximum(*sides), sides[0])
+
+    def illuminance(self, lead: Poses) -> FloatArray:
+        """(N,) illuminance on the side of a pose by all lamps, those that it carries too."""
+        poses, reached = self._lamps_of(lead)
+        on = self._points, self._normals
+        is_front = in_front(eyes_of(self._rig, lead), *on)[0]
+        side = in_front(eyes_of(self.lamps.eyes, poses), *on) == is_front
+        return illuminances(self.lamps, poses, reached & (side | ~self._two_sided), *on)
+
+    def _lamps_of(self, own: Poses) -> tuple[Poses, BoolArray]:
+        """Points of lamps for the first of some poses, and (K, N) what each reaches."""
+        poses, reached = self._fixed
+        if self._rides.any():
+            world = own.world_from_camera[:1] @ self._camera_from_rig[own.camera[:1]]
+            on_rig = self._reached(points_of(self.lamps, self._rides, world))
+            is_there = self._carried[on_rig[0].camera, own.camera[0]]
+            reached = np.concatenate([reached, on_rig[1] & is_there[:, None]])
+            camera = np.concatenate([poses.camera, on_rig[0].camera])
+            matrices = np.concatenate([poses.world_from_camera, on_rig[0].world_from_camera])
+            poses = Poses.of(matrices, camera=camera)
+        return poses, reached
+
+    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
+        """See `PointCondition`."""
+        poses, reached = self._lamps_of(own)
+        fronts = in_front(eyes_of(self._rig, own), self._points, self._normals)
+        gate = self._gates.get(int(own.camera[0]))
+        if gate is None or sees is None:
+            return self._on_side(own, poses, reached, fronts[0])
+        front, rear = (gate.holds(sees & side) for side in (fronts, ~fronts))
+        is_front = front | ~rear
+        on_side = self._on_side(
+            own, poses, reached, is_front, (gate.holds, sees & (fronts == is_front))
+        )
+        if (both := front & rear).any():
+            rest = gate.holds, sees & (fronts == ~both)
+            other = self._on_side(own, poses, reached, ~both, rest)
+            on_side[both] = np.minimum(on_side, other)[both]  # reasons of light are above `COVERED`
+        return on_side
+
+    def _on_side(
+        self,
+        own: Poses,
+        poses: Poses,
+        reached: BoolArray,
+        is_front: BoolArray,
+        together: tuple[Callable[[BoolArray], BoolArray], BoolArray] | None = None,
+    ) -> ByteArray:
+        """(N,) reason on a side of each point, by the points of lamps that reach it, (K, N).
+
+        A camera that sees a lamp mirrored does not count; with a function whether a rule holds, and
+        the points that each of its cameras sees, (n, N), the others may be enough.
+        """
+        on, task, eyes = (self._points, self._normals), self.task, eyes_of(self.lamps.eyes, poses)
+        sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
+        on_side = np.full(len(self._points), Reason.COVERED, np.uint8)
+        dazzled = np.zeros((len(own), len(self._points)), np.bool_)
+        for row, (centre, index) in enumerate(
+            zip(eyes_of(self._rig, own), own.camera, strict=True)
+        ):
+            if degrees := self._dazzled[index]:
+                dazzled[row] = self._mirrored(centre, eyes, sees, degrees)
+        is_lost = dazzled.any(axis=0)
+        if together is not None:
+            holds, covers = together
+            is_lost &= ~holds(covers & ~dazzled)
+        on_side[is_lost] = HIGHLIGHT
+        light = illuminances(self.lamps, poses, sees, *on)
+        if task.max_illuminance is not None:
+            on_side[light > task.max_illuminance] = TOO_BRIGHT
+        on_side[light < task.min_illuminance] = TOO_DARK
+        on_side[~are_lit(self.lamps, sees, poses.camera)] = UNLIT
+        return on_side
+
+    def _mirrored(
+        self, centre: FloatArray, eyes: FloatArray, sees: BoolArray, degrees: float
+    ) -> BoolArray:
+        """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
+        to_camera = centre - self._points
+        to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1), TINY)[:, None]
+        mask = np.zeros(len(self._points), np.bool_)
+        for eye, own in zip(eyes, sees, strict=True):
+            half = eye - self._points
+            half /= np.maximum(np.linalg.norm(half, axis=1), TINY)[:, None]
+            half += to_camera
+            along = np.abs(np.einsum("ni,ni->n", half, self._normals))
+            mask |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
+        return mask
+
+    def _reached(self, poses: Poses) -> tuple[Poses, BoolArray]:
+        """Points of lamps by their poses, and (K, N) the points of faces that each reaches."""
+        return poses, self._judge.covers(poses)
+
+
+class OfLight(NamedTuple):
+    """Illuminances of faces, (F,), their unit, and the limits of the task."""
+
+    values: FloatArray
+    unit: str
+    least: float = 0.0
+    most: float | None = None
+
+
+class PointLamps(Feature):
+    """Lamps of rigs, see `rastercov.light.lamps`."""
+
+    figures = LightFigures
+
+    def narrowed(self, camera: Cameras, task: Task) -> Task:
+        """See `Feature`: within what the lamps ask for."""
+        return narrowed_by(task, lamps_of(camera))
+
+    def check(self, camera: Cameras, task: Task) -> None:
+        """See `Feature`."""
+        check_light(task, lamps_of(camera))
+
+    def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
+        """See `Feature`."""
+        lamps = lamps_of(camera)
+        for own in () if lamps is None else lamps.carried_by(names_of(camera)):
+            if len(used := {bodies[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
+                raise ConfigError(
+                    f"expected cameras that share a lamp to be on one body, got {', '.join(used)}; "
+                    "place the lamp in the world"
+                )
+
+    def condition(
+        self,
+        mesh: Mesh,
+        camera: Cameras,
+        task: Task,
+        find: Callable[[Sequence[Camera]], Finder],
+    ) -> Light | None:
+        """See `Feature`."""
+        lamps = lamps_of(camera)
+        if lamps is None or not isinstance(camera, Rig):
+            return None
+        lamps = lamps._around(mesh.bounds)
+        finder = find(lamps.eyes)
+        return Light(lamps, task, camera, finder.find, finder)
+
+    def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
+        """See `Feature`."""
+        if lamps_of(camera) is None or not isinstance(camera, Rig):
+            return
+        if any(own.max_highlight_deg > 0 for own in tasks_of(camera, task)):
+            yield HIGHLIGHT, camera, task._without(["max_highlight_deg"])
+        if task.max_illuminance is not None:
+            yield TOO_BRIGHT, camera, task._without(["max_illuminance"])
+        if task.min_illuminance > 0:
+            yield TOO_DARK, camera, task._without(["min_illuminance"])
+        yield UNLIT, camera._equipped("lamps", None), task._without(OF_LIGHT)
+
+    def at_points(
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
+    ) -> LightOfPoints | None:
+        """See `Feature`."""
+        lamps = lamps_of(camera)
+        if lamps is None or not isinstance(camera, Rig):
+            return None
+        return LightOfPoints(mesh, camera, lamps, task, points, face)
+
+    def device(
+        self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
+    ) -> str | None:
+        """See `Feature`: the nearest lamp, or the one that is mirrored."""
+        if not UNLIT <= reason <= HIGHLIGHT or not isinstance(camera, Rig):
+            return None
+        return failing_lamp(camera, lead, point, normal, reason)
+
+    def measured(
+        self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
+    ) -> tuple[str, ByName]:
+        """See `Feature`: least and greatest illuminance."""
+        mesh, camera, task = scene
+        if reason not in (TOO_DARK, TOO_BRIGHT):
+            return "", {}
+        light = self.at_points(mesh, camera, task, points, face)
+        assert light is not None
+        illuminance, unit = light.illuminance(lead), light.lamps.unit
+        least, most = float(illuminance.min()), float(illuminance.max())
+        words = f"down to {number(least)} {unit}, {number(task.min_illuminance)} {unit} required"
+        if reason == TOO_BRIGHT:
+            limit = number(task.max_illuminance or 0.0)
+            words = f"up to {number(most)} {unit}, {limit} {unit} allowed"
+        return words, {"illuminance": {"least": least, "most": most, "unit": unit}}
+
+    def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, OfLight]:
+        """See `Feature`: `lux`, illuminance by the fixed lamps, its unit and its limits."""
+        lamps, faces = lamps_of(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+        light = self.at_points(mesh, camera, Task(), mesh.centroids[faces], faces)
+        if lamps is None or light is None or light._rides.all():
+            return {}
+        values = np.zeros(mesh.n_faces)
+        values[faces] = light.of_cell()
+        light_of = OfLight(values, lamps.unit, task.min_illuminance, task.max_illuminance)
+        return {"lux": light_of}
+
+
+HOOKS = PointLamps()

@@ -1,0 +1,479 @@
+"""Sunlit area, hours and energy of faces and groups by directions to the sun, with self-shadowing.
+
+Each direction is a view along parallel rays, solved as exactly as that of a camera:
+
+    hours = sum w V / D,    energy = sum w E V,
+
+with the area V of a face that the sun lights and D of the whole face, both projected along the
+rays, m^2, a weight w, hours, and the irradiance E perpendicular to the rays, W/m^2. Energy is not
+divided by the cosine of incidence, so that grazing light stays bounded. The hours of a group are
+those by the lit share of its silhouette from the sun, so that frames, panes and triangles do not
+change them. A group with several pieces, such as windows, has the least hours of one of them, too.
+
+What all of the disc of the sun lights is bounded from both sides by shadows that edges cast from
+it, as in `rastercov.tolerance`. What some of it lights is at least what its middle or one of
+`rim_of` lights, and at most what is lit or in such a shadow.
+"""
+
+import math
+from collections.abc import Iterator
+from contextlib import closing
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.base.arguments import check_choice, checked_array, finite_points
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import InOneLine, frozen_record
+from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.core.area.cells import cells
+from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.swept import from_both_sides, swept
+from rastercov.core.camera.parallel import SUN_RADIUS_DEG
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.viewpoints import cone_of_directions
+from rastercov.core.coverage.coverage import in_batches
+from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.exact_pass import ExactPass, room_for
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.topology import Topology, components_of
+from rastercov.light.sun import unit_directions, views_from
+from rastercov.shards import Progress, silent
+
+EDGE_ON = 1e-9
+"""Radians between rays and a face up to which the face gets nothing."""
+PAIRS_TOGETHER = 1 << 14
+"""Pairs of directions and faces that are summed at a time: their figures stay in the cache."""
+RINGS = (8, 0.6), (16, 1.0)
+"""Directions within the disc of the sun, and their distance from its middle in radii."""
+DOUBT_REL = 1e-9
+"""Part of a face that some of the disc may light, below which it is not looked for."""
+MOST_PIECES, MOST_COMPONENTS = 100, 1000
+"""Pieces, and connected components, of a group beyond which it is taken as one."""
+TOUCHING = 1e-6
+"""Distance of bounding boxes of one piece, relative to the diagonal of the mesh."""
+LIT_BY = "middle", "all", "some"
+"""Parts of the disc that light a point."""
+
+
+class SunlitAreas(NamedTuple):
+    """Areas projected along n directions, m^2, (n, F): lit, whole, bounds of their errors."""
+
+    lit: FloatArray
+    whole: FloatArray
+    bound: FloatArray
+
+
+@frozen_record(repr=False)
+class Sunlight(InOneLine):
+    """Sunlight on the faces and groups of a mesh, from N directions.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    directions : (N, 3) float64
+        Unit vectors to the sun.
+    weights, irradiance : (N,) float64
+        Hours of each direction, and W/m^2 perpendicular to the rays.
+    hours, hours_bound : (F,) float64
+        Hours of sun on each face, mean over its area, and the bound of their error.
+    energy, energy_bound : (F,) float64
+        Energy on each face, Wh, and the bound of its error.
+    names : (K,) tuple of str
+        Evaluated groups, and the outermost parts that contain them, such as storeys; below, both
+        are called groups.
+    lit, lit_bound : (N, K) float64
+        Lit area of each group, perpendicular to the rays, m^2, and the bound of its error.
+    share, share_bound : (N, K) float64
+        Lit share of the silhouette of each group from the sun, and the bound of its error.
+    part_hours, part_hours_bound : (K,) float64
+        Hours of each group, weighted by that share, and the bound of their error.
+    part_energy, part_energy_bound : (K,) float64
+        Energy on each group, Wh, and the bound of its error.
+    n_pieces : (K,) int64
+        Number of pieces of each group, parts whose bounding boxes do not touch; 1 for a group of
+        more than 100 of them.
+    least_hours, least_hours_bound : (K,) float64
+        Hours of the piece with the least sunlight, and the bound of their error.
+    least_share : (N, K) float64
+        Lit share of the silhouette of that piece from the sun.
+    least_at : (K, 3) float64
+        Middle of the bounding box of that piece, metres.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> sunlit = rc.sunlit(rc.shapes.box((2, 2, 2)), [(0, 0, 1), (1, 0, 0)], weights=[1, 3])
+    >>> sunlit.hours[[0, 2, 8, 10]].round(6).tolist()  # below, and three of the other sides
+    [0.0, 3.0, 0.0, 1.0]
+    >>> sunlit.names, sunlit.part_hours.round(6).tolist(), sunlit.part_energy.round(6).tolist()
+    (('mesh',), [4.0], [16.0])
+    """
+
+    mesh: Mesh
+    directions: FloatArray
+    weights: FloatArray
+    irradiance: FloatArray
+    hours: FloatArray
+    hours_bound: FloatArray
+    energy: FloatArray
+    energy_bound: FloatArray
+    names: tuple[str, ...]
+    lit: FloatArray
+    lit_bound: FloatArray
+    share: FloatArray
+    share_bound: FloatArray
+    part_hours: FloatArray
+    part_hours_bound: FloatArray
+    part_energy: FloatArray
+    part_energy_bound: FloatArray
+    n_pieces: IntArray
+    least_hours: FloatArray
+    least_hours_bound: FloatArray
+    least_share: FloatArray
+    least_at: FloatArray
+
+
+def sunlit(
+    mesh: Mesh,
+    directions: ArrayLike,
+    weights: ArrayLike | None = None,
+    irradiance: ArrayLike = 1.0,
+    *,
+    lit_by: str = "middle",
+    step: float = 0.0,
+    starts: ArrayLike | None = None,
+    threads: int | None = None,
+    progress: Progress = silent,
+) -> Sunlight:
+    """Hours and energy of sun on each face and group, exactly, with the bounds of their errors.
+
+    Occluders shade, targets do not. A face is lit from its front, a two-sided one from either side.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene.
+    directions : (N, 3) array_like
+        Vectors to the sun, of any length; see `rastercov.sun_directions`.
+    weights : (N,) array_like, optional
+        Hours of each direction, 0 or more; 1 unless given.
+    irradiance : float or (N,) array_like
+        Irradiance perpendicular to the rays, W/m^2, 0 or more. With 1, the default, an energy is
+        the lit projected area times the hours, m^2 h.
+    lit_by : {"middle", "all", "some"}
+        A point is lit by the centre of the sun, by all of its disc, or by some of it: the middle
+        between two bounds, which are `hours_bound` apart from it. The penumbra lies between what
+        "all" and "some" light.
+    step : float
+        Hours from each direction to the next where these are of times: bounds are then those of
+        integrals over time. Between two times values rise or fall, and an integral is off by half a
+        step of the change.
+    starts : (N,) array_like of bool, optional
+        True for directions that do not follow the one before, such as those of sunrise.
+    threads : int, optional
+        Number of threads; one per core unless given.
+    progress : callable, optional
+        Called with the number of views done and their total.
+
+    Raises
+    ------
+    ConfigError
+        For directions of length 0, and values outside these limits.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> roof = rc.shapes.box((1, 1, 0.1), centre=(0.5, 0, 2))
+    >>> scene = rc.Mesh.joined([rc.shapes.box((2, 2, 1)), roof], ["house", "roof"])
+    >>> sunlit = rc.sunlit(scene, [(0, 0, 1)], irradiance=1000)
+    >>> dict(zip(sunlit.names, sunlit.part_energy.round(6).tolist()))  # Wh
+    {'house': 3000.0, 'roof': 1000.0}
+    """
+    towards = unit_directions(directions)
+    n = len(towards)
+    hours = _each("weights", 1.0 if weights is None else weights, n)
+    power = _each("irradiance", irradiance, n)
+    check_choice("lit_by", lit_by, list(LIT_BY))
+    step, is_first = float(_each("step", step, 1)[0]), np.zeros(n, np.bool_)
+    if starts is not None:
+        wanted = f"{n} of True or False"
+        is_first = checked_array("starts", starts, "b", wanted, ConfigError)
+        if is_first.shape != (n,):
+            raise ConfigError(f"expected starts to be {wanted}, got shape {is_first.shape}")
+    piece = pieces_of(mesh)
+    parts = parts_of(mesh, piece)
+    single = [(each,) for own in parts.values() for each in own]
+    units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
+    rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(units))
+    sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
+    last, change = np.zeros((2, 2, mesh.n_faces))
+    of_piece = np.zeros((2, n, int(piece.max()) + 1))
+    left_out = None if mesh.task_mask.all() else ~mesh.task_mask
+    observation = _observed(mesh, towards, left_out, threads)
+    if lit_by != "middle":
+        observation = _of_disc(mesh, towards, lit_by, threads)
+    row = 0
+    for some in observation:
+        if not len(some.lit):
+            continue
+        rows = np.arange(row, row + len(some.lit))
+        alone[:, rows] = some.lit.sum(axis=1), some.bound.sum(axis=1)
+        lit, whole, bound = _facing(mesh, towards[rows], some)
+        each = np.stack((_over(lit, whole), _over(2 * bound, whole), lit, bound))
+        if step:
+            rate = each[::2] * np.stack((np.ones(len(rows)), power[rows]))[..., None]
+            change = _changes(rate, is_first[rows], last, change)
+            last = rate[:, -1]
+        each *= rates[:, rows, None]
+        each[:, 0] += sums
+        sums = each.sum(axis=1)  # one row after the other, whatever their number
+        of_piece[:, rows] = _totals(lit, piece), _totals(bound, piece)
+        row += len(rows)
+        progress(row, total)
+    every = np.zeros((4, n, len(units)))
+    for own, row in units.items():
+        faces = np.isin(piece, own)
+        known = alone if faces.all() and lit_by == "middle" and not mesh.has_targets else None
+        sizes = of_piece[:, :, own].sum(axis=2)
+        every[:, :, row] = *sizes, *_shares(mesh, towards, faces, sizes, known, threads)
+        progress(n * (2 + row), total)
+    areas = every.take([units[own] for own in parts.values()], axis=2)
+    unit_hours = (hours @ every[2]).tolist()
+    least = [min(own, key=lambda each: unit_hours[units[(each,)]]) for own in parts.values()]
+    of_least = every[2:].take([units[(each,)] for each in least], axis=2)
+    boxes = _least_by(piece, _boxes(mesh))[least]
+    n_pieces = np.array([*map(len, parts.values())], np.int64)
+    integrals = hours @ areas[2:], rates[2] @ areas[:2], hours @ of_least
+    values = areas[2], areas[0] * power[:, None], of_least[0]
+    for own, each in zip(integrals, values, strict=True):
+        if step and n:
+            none = np.zeros(each.shape[1])
+            own[1] += step / 2 * (_changes(each, is_first, none, none) + each[-1])
+    sums[1::2] += step / 2 * (change + last)
+    of_pieces = n_pieces, *integrals[2], of_least[0], (boxes[:, :3] - boxes[:, 3:]) / 2
+    of_parts = *areas, *integrals[0], *integrals[1], *of_pieces
+    return Sunlight(*(mesh, towards, hours, power, *sums, tuple(parts), *of_parts))
+
+
+def _changes(
+    values: FloatArray, is_first: BoolArray, last: FloatArray, before: FloatArray
+) -> FloatArray:
+    """Sum of the changes of values of n directions, (..., n, K), added to that before, (..., K).
+
+    The first changes from the `last` before; the first of an arc from 0, after the one before it
+    has changed to 0.
+    """
+    earlier = np.concatenate((last[..., None, :], values[..., :-1, :]), axis=-2)
+    result = np.where(is_first[:, None], values + earlier, np.abs(values - earlier))
+    result[..., 0, :] += before
+    return result.sum(axis=-2)
+
+
+def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:
+    """Pieces of the groups to evaluate by their names, and of each outermost part."""
+    numbers_by_key: dict[str, tuple[int, ...]] = {}
+    outer: dict[str, tuple[int, ...]] = {}
+    own, first = np.unique(piece, return_index=True)
+    group = mesh.face_group[first]
+    for row in np.unique(group).tolist():
+        name, pieces = mesh.groups[row].name, tuple(own[group == row].tolist())
+        if not mesh.groups[row].is_occluder:
+            numbers_by_key[name] = pieces
+            if "/" in name:
+                above = name.split("/")[0]
+                outer[above] = (*outer.get(above, ()), *pieces)
+    return numbers_by_key | outer
+
+
+def pieces_of(mesh: Mesh) -> IntArray:
+    """(F,) number of the piece of each face; pieces of a group have boxes that do not touch.
+
+    A group of one piece, or of more than `MOST_PIECES`, has its own number.
+    """
+    n, n_vertices = len(mesh.groups), mesh.n_vertices
+    piece = mesh.face_group.astype(np.int64)
+    component = Topology.of(
+        mesh.welded_faces + piece[:, None] * n_vertices, n * n_vertices
+    ).components()
+    boxes, group = _least_by(component, _boxes(mesh)), np.zeros(int(component.max()) + 1, np.int64)
+    group[component] = piece
+    margin = TOUCHING * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    number = group.copy()
+    for row in np.flatnonzero(np.bincount(group) > 1).tolist():
+        own = np.flatnonzero(group == row)
+        if len(own) > MOST_COMPONENTS or mesh.groups[row].is_occluder:
+            continue
+        cluster = _apart(boxes[own], margin)
+        if 1 < (k := int(cluster.max()) + 1) <= MOST_PIECES:
+            number[own] = n + cluster
+            n += k
+    return number[component]
+
+
+def _boxes(mesh: Mesh) -> FloatArray:
+    """(F, 6) least coordinates of faces, and the greatest ones, negated."""
+    places = mesh.vertices[mesh.faces]
+    return np.concatenate((places.min(axis=1), -places.max(axis=1)), axis=1)
+
+
+def _least_by(label: IntArray, values: FloatArray) -> FloatArray:
+    """Least values, (N, 6), of rows by their labels, (N,)."""
+    least = np.full((int(label.max()) + 1, values.shape[1]), np.inf)
+    np.minimum.at(least, label, values)
+    return least
+
+
+def _apart(boxes: FloatArray, margin: float) -> IntArray:
+    """(C,) number of the cluster of each of `_boxes`, so that those around clusters are apart."""
+    cluster = np.arange(len(boxes))
+    while True:
+        touch = (boxes[:, None] + np.roll(boxes, 3, axis=1) <= margin).all(axis=2)
+        of = components_of(len(boxes), np.argwhere(touch))
+        if of.max() == len(boxes) - 1:
+            return cluster
+        cluster, boxes = of[cluster], _least_by(of, boxes)
+
+
+def _totals(areas: FloatArray, piece: IntArray) -> FloatArray:
+    """(n, max + 1) sums of areas, (n, F), by pieces."""
+    n = int(piece.max()) + 1
+    keys = np.add.outer(np.arange(len(areas)) * n, piece)
+    sums = np.bincount(keys.ravel(), areas.ravel(), len(areas) * n)
+    return sums.reshape(-1, n).astype(np.float64, copy=False)
+
+
+def divided(mesh: Mesh, size: float) -> Mesh:
+    """The mesh with faces to evaluate whose sides are up to a size, m, and its occluders."""
+    pieces, others = cells(mesh, size), np.flatnonzero(~mesh.task_mask)
+    corners = [pieces.vertices, mesh.vertices[mesh.faces[others]].reshape(-1, 3)]
+    group = np.concatenate([mesh.face_group[pieces.source_face], mesh.face_group[others]])
+    faces = np.arange(3 * len(group)).reshape(-1, 3)
+    return Mesh(np.concatenate(corners), faces, mesh.groups, group)
+
+
+def _each(name: str, values: ArrayLike, n: int) -> FloatArray:
+    """(n,) values of 0 or more of the directions; ConfigError for others."""
+    is_one = isinstance(values, float | int)
+    if is_one and not finite_number(values) >= 0:
+        raise ConfigError(f"expected {name} of 0 or more, got {shown(values)}; correct it")
+    wanted = f"{n} numbers of 0 or more"
+    given = np.full(n, values) if np.ndim(values) == 0 else values
+    points = finite_points(name, given, (n,), wanted)
+    if not (points >= 0).all():
+        raise ConfigError(
+            f"expected {name} to be {wanted}, got {shown(values)}; leave out the rest"
+        )
+    return points
+
+
+def _over(areas: FloatArray, whole: FloatArray) -> FloatArray:
+    """Areas over those of the whole, at most 1, 0 where there is none."""
+    return np.minimum(np.divide(areas, whole, np.zeros(areas.shape), where=whole > 0), 1)
+
+
+def _facing(mesh: Mesh, directions: FloatArray, some: SunlitAreas) -> SunlitAreas:
+    """Areas of the faces to evaluate, 0 of those that turn away or are edge-on."""
+    task = mesh.task_mask & ~mesh.degenerate_mask
+    cosine = directions @ mesh.normals.T
+    facing = np.where(task, np.where(mesh.two_sided_mask, np.abs(cosine), cosine), -1.0)
+    is_lit = facing > EDGE_ON
+    lit, whole, bound = (np.where(is_lit, each, 0.0) for each in some)
+    return SunlitAreas(lit, whole, np.where((facing > 0) & ~is_lit, facing * mesh.areas, bound))
+
+
+def _observed(
+    mesh: Mesh, directions: FloatArray, left_out: BoolArray | None, threads: int | None
+) -> Iterator[SunlitAreas]:
+    """Lit and whole areas of faces, some directions after the others."""
+    camera, matrices = views_from(directions, mesh.bounds)
+    per_m2, step = camera.fx * camera.fy, max(1, PAIRS_TOGETHER // mesh.n_faces)
+    engine = Engine.of("certified", threads)
+    with closing(ExactPass(mesh, camera, engine)) as solver:
+        for poses in in_batches(Poses.of(matrices), mesh.n_faces, solver.threads):
+            seen = room_for(len(poses), mesh.n_faces)
+            solver.observe(poses, seen, left_out)
+            every = seen.visible_pixels, seen.drawn_pixels, seen.area_error
+            for row in range(0, len(poses), step):
+                yield SunlitAreas(*(each[row : row + step] / per_m2 for each in every))
+
+
+def _of_disc(
+    mesh: Mesh, directions: FloatArray, lit_by: str, threads: int | None
+) -> Iterator[SunlitAreas]:
+    """The same of what all or some of the disc of the sun lights."""
+    both = from_both_sides(mesh)
+    camera, matrices = views_from(directions, mesh.bounds)
+    tangent = math.tan(math.radians(SUN_RADIUS_DEG))
+    inner = rim_of(directions)
+    _, rim = views_from(inner.reshape(-1, 3), mesh.bounds)
+    rim = rim.reshape(*inner.shape[:2], 4, 4)
+    with (
+        closing(RegionPass(both, camera, threads=threads)) as finder,
+        closing(RegionPass(mesh, camera, threads=threads, only_task=True)) as samples,
+    ):
+        for poses in in_batches(Poses.of(matrices), mesh.n_faces, finder.threads):
+            seen = finder.find(poses)
+            least, most, possible = np.moveaxis(
+                swept(finder, poses, seen, mesh.task_mask, tangent), 2, 0
+            )
+            cosine = np.abs(directions[poses.ids] @ mesh.normals.T)
+            crossed = cosine <= math.sin(math.atan(tangent)) * (1 + EDGE_ON)
+            if lit_by == "some":
+                most, least = np.where(crossed, mesh.areas, possible), seen.areas()
+                least = _of_rim(samples, rim[poses.ids], least, most)
+            else:
+                least, most = np.where(crossed, 0.0, least), np.where(crossed, 0.0, most)
+            bound = np.maximum(most - least, 0) / 2 + seen.bounds()
+            yield SunlitAreas((least + most) / 2 * cosine, mesh.areas * cosine, bound * cosine)
+
+
+def rim_of(directions: FloatArray) -> FloatArray:
+    """(N, K, 3) unit vectors to the disc of the sun around unit vectors, in `RINGS`."""
+    tangent = math.tan(math.radians(SUN_RADIUS_DEG))
+    angles = [math.atan(part * tangent * math.cos(math.pi / n)) for n, part in RINGS]
+    rings = [
+        cone_of_directions(directions, n, math.degrees(angle))
+        for (n, _), angle in zip(RINGS, angles, strict=True)
+    ]
+    return np.concatenate(rings, axis=1)
+
+
+def _of_rim(
+    finder: RegionPass, matrices: FloatArray, least: FloatArray, most: FloatArray
+) -> FloatArray:
+    """Areas that `rim_of` lights, (P, F), where more than at least may be; poses (P, K, 4, 4)."""
+    of_rim = least.copy()
+    for row, own in enumerate(matrices):
+        closed = most[row] - least[row] <= DOUBT_REL * finder.mesh.areas
+        if not closed.all():
+            seen = finder.find(Poses.of(own), closed).at_least(1, np.zeros(len(own), np.int64))
+            lit = seen.areas()[0] - seen.bounds()[0]
+            of_rim[row] = np.where(closed, least[row], np.maximum(lit, least[row]))
+    return of_rim
+
+
+def _shares(
+    mesh: Mesh,
+    directions: FloatArray,
+    faces: BoolArray,
+    lit: FloatArray,
+    whole: FloatArray | None,
+    threads: int | None,
+) -> FloatArray:
+    """(2, n) lit shares of the silhouette of faces, and bounds, of areas and their bounds, (2, n).
+
+    `whole` are those of the silhouette if they are known; otherwise the faces are solved alone.
+    """
+    rows = np.flatnonzero(lit[0])
+    used, corners = np.unique(mesh.faces[faces], return_inverse=True)
+    if whole is None:
+        alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
+        every = _observed(alone, directions[rows], None, threads)
+        sums = [(some.lit.sum(axis=1), some.bound.sum(axis=1)) for some in every]
+        whole = np.zeros((2, len(directions)))
+        if sums:
+            whole[:, rows] = np.concatenate(sums, axis=1)
+    return _over(np.stack((lit[0], lit[1] + whole[1])), np.where(lit[0], whole[0], 0.0))

@@ -1,0 +1,1 @@
+"""Parts that move, and coverage over time."""

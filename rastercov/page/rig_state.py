@@ -1,0 +1,251 @@
+"""State of a viewer: cameras with their poses, and the thresholds; the page edits it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from rastercov.base.checks import shown
+from rastercov.base.errors import ConfigError, PoseError
+from rastercov.base.format import first_of, frozen_record
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.pose import Poses, valid_poses
+from rastercov.core.camera.rig import Rig, Views, eyes_of, names_of_poses, rows_of_result
+from rastercov.core.coverage.task import NEEDED, Task
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
+from rastercov.placement.select.problem import views_of
+
+MOST_STATIONS = 5_000
+"""Cameras that a viewer takes."""
+LONGEST_NAME = 120
+"""Characters of a name."""
+
+
+@frozen_record
+class Station:
+    """A camera at its place.
+
+    Attributes
+    ----------
+    id : int
+        Number that stays the same whatever is edited.
+    name : str
+    camera : str
+        Name of its camera in `RigState.whole`.
+    pose : (4, 4) float64
+        world_from_camera.
+    is_on : bool
+        False leaves it out of the network.
+    """
+
+    id: int
+    name: str
+    camera: str
+    pose: FloatArray
+    is_on: bool = True
+
+
+def checked_pose(pose: FloatArray) -> FloatArray:
+    """The pose, read-only; PoseError unless it is a rigid transform."""
+    return frozen(valid_poses(pose)[0].copy())
+
+
+@frozen_record
+class RigState:
+    """Stations, their cameras, and thresholds.
+
+    Attributes
+    ----------
+    stations : tuple of Station
+    whole : Rig
+        All cameras, with their rules, places, own thresholds and equipment.
+    task : Task
+    needed : mapping of str to int, or None
+        Cameras that faces of a group need, 1 for groups that are not named; those of the task for
+        all of them unless given.
+    catalogue : Path or None
+        Catalogue of the plan, beside that of the package.
+    unit : {"m", "unit"}
+        Of lengths; "unit" is that of a reconstruction without a scale.
+    """
+
+    stations: tuple[Station, ...]
+    whole: Rig
+    task: Task = field(default_factory=Task)
+    needed: Mapping[str, int] | None = None
+    catalogue: Path | None = None
+    unit: str = "m"
+
+    @classmethod
+    def of(
+        cls, rig: Rig, poses: Poses, names: tuple[str, ...] = (), task: Task | None = None
+    ) -> "RigState":
+        """State of the cameras of a rig and their poses.
+
+        Names of the stations are as of `names_of_poses`.
+
+        Raises
+        ------
+        ConfigError
+            For more poses than `MOST_STATIONS`.
+        """
+        if len(poses) > MOST_STATIONS:
+            raise ConfigError(
+                f"expected up to {MOST_STATIONS:,} poses in the viewer, got {len(poses):,}; "
+                "give fewer"
+            )
+        words = names_of_poses(poses, names)
+        stations = tuple(
+            Station(row, words[row], rig.names[index], frozen(pose.copy()))
+            for row, (index, pose) in enumerate(
+                zip(poses.camera.tolist(), poses.world_from_camera, strict=True)
+            )
+        )
+        task = task or Task()
+        every = dict(zip(rig.names, tasks_of(rig, task), strict=True))
+        own = rig._with(tasks={name: every[name] for name in rig.tasks})
+        return cls(stations, own, task)
+
+    def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
+        """Cameras with the rules of their rigs, and stations of rigs whose cameras are all on.
+
+        A rig is stations that follow one another, in the order of its cameras.
+        """
+        gates = sorted(self.whole.gates.items())
+        rig = self.whole._only([at + row for at, gate in gates for row in range(gate.n)])
+        stations: list[Station] = []
+        for row in range(len(self.stations)):
+            for at, gate in rig.gates.items():
+                own, some = rig.names[at : at + gate.n], self.stations[row : row + gate.n]
+                if tuple(each.camera for each in some) == own and all(each.is_on for each in some):
+                    stations += some
+        return rig, _placed(rig, stations), stations
+
+    def counted(self) -> tuple[Poses, tuple[Station, ...]]:
+        """Stations that are on and count, with their poses; `Poses.camera` counts those of `whole`.
+
+        A camera of a rig with a rule counts where all cameras of the rig are on.
+        """
+        ruled = {at + row for at, gate in self.whole.gates.items() for row in range(gate.n)}
+        of_rule = {self.whole.names[at] for at in ruled}
+        whole = {each.id for each in self.of_rules()[2]} if ruled else set()
+        values = tuple(e for e in self.on if e.camera not in of_rule or e.id in whole)
+        return _placed(self.whole, values), values
+
+    @cached_property
+    def cameras(self) -> Mapping[str, Camera]:
+        """Cameras by name."""
+        return MappingProxyType(dict(zip(self.whole.names, self.whole.cameras, strict=True)))
+
+    @property
+    def on(self) -> tuple[Station, ...]:
+        """Stations of the network."""
+        return tuple(each for each in self.stations if each.is_on)
+
+    @property
+    def eyes(self) -> FloatArray:
+        """(N, 3) positions of all stations."""
+        return np.array([each.pose[:3, 3] for each in self.stations]).reshape(-1, 3)
+
+    @property
+    def sights(self) -> FloatArray:
+        """(P, 3) points that the stations that are on see from, see `rig.eyes_of`."""
+        return eyes_of(self.rig(), self.poses())
+
+    def station(self, station: int) -> Station:
+        """A station by its id; ConfigError where it is gone."""
+        for each in self.stations:
+            if each.id == station:
+                return each
+        raise ConfigError(
+            f"expected a camera of the rig, got station {shown(station)}; reload the page"
+        )
+
+    def camera_of(self, station: Station) -> Camera:
+        """The camera of a station."""
+        return self.cameras[station.camera]
+
+    def task_of(self, camera: str) -> Task:
+        """The thresholds that decide what a camera covers, by its name."""
+        return self.whole.tasks.get(camera) or of_one_camera(self.task)
+
+    def carried(self, bodies: Mapping[str, FloatArray]) -> "RigState":
+        """With the stations of some cameras, by their names, moved by poses (4, 4) of bodies."""
+        stations = [
+            replace(each, pose=frozen(bodies[each.camera] @ each.pose))
+            if each.camera in bodies
+            else each
+            for each in self.stations
+        ]
+        return replace(self, stations=tuple(stations)) if bodies else self
+
+    @property
+    def most_views(self) -> int:
+        """Largest number of cameras that a face needs."""
+        return self.task.views if self.needed is None else max([1, *self.needed.values()])
+
+    def need(self, mesh: Mesh) -> IntArray:
+        """(F,) cameras that must cover each face."""
+        return views_of(mesh, self.task.views if self.needed is None else self.needed)
+
+    def rig(self, rule_of: Poses | None = None) -> Rig:
+        """The cameras that stations use, all where none does, and with equipment.
+
+        Each counts by itself, unless their rules hold of poses, which are then those of whole rigs.
+        """
+        used = {each.camera for each in self.stations} or set(self.cameras)
+        names, has_all = self.whole.names, bool(self.whole.equipment)
+        only = self.whole._only([at for at, name in enumerate(names) if has_all or name in used])
+        try:
+            if rule_of is not None:
+                rows_of_result(only, rule_of)
+                return only
+        except PoseError:
+            pass
+        return only._with(gates={})
+
+    def poses(self, *, all_stations: bool = False) -> Poses:
+        """Poses of the stations that are on, or of all; `Poses.camera` counts those of `rig`."""
+        return _placed(self.rig(), self.stations if all_stations else self.on)
+
+    def check_whole(self, stations: Sequence[Station]) -> None:
+        """Raise `ConfigError` unless stations are those of whole rigs where cameras have rules."""
+        try:
+            rows_of_result(self.whole, _placed(self.whole, stations))
+        except PoseError:
+            raise ConfigError(
+                "expected all cameras of each rig with a rule, in its order, got others; complete "
+                "the rig, or delete it"
+            ) from None
+
+    def views(self) -> Views:
+        """All stations as `Views`, for files; ConfigError for a part of a rig with a rule."""
+        names, has_unit = tuple(each.name for each in self.stations), self.unit == "m"
+        self.check_whole(self.stations)
+        poses = self.poses(all_stations=True)
+        return Views(self.rig(poses), poses, names, has_unit=has_unit)
+
+    def camera(self, name: str) -> Camera:
+        """A camera by its name; ConfigError where there is none."""
+        if name not in self.cameras:
+            known = first_of(list(self.cameras))
+            raise ConfigError(f"expected one of {known}, got camera {shown(name)}; correct it")
+        return self.cameras[name]
+
+
+def _placed(rig: Rig, stations: Sequence[Station]) -> Poses:
+    """Poses of stations, with the rows of their cameras in a rig."""
+    row = {name: at for at, name in enumerate(rig.names)}
+    matrices = np.array([each.pose for each in stations]).reshape(-1, 4, 4)
+    return Poses.of(matrices, camera=[row[each.camera] for each in stations])
+
+
+def of_one_camera(task: Task) -> Task:
+    """The thresholds that decide what one camera covers, whatever the equipment."""
+    return replace(task._without(NEEDED), views=1, min_angle_deg=0.0)

@@ -1,0 +1,248 @@
+"""Files that a viewer saves: rig, thresholds, report, or a page without a server."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+from rastercov.base.arguments import check_choice
+from rastercov.base.errors import ConfigError, RastercovError
+from rastercov.base.files import UnreadableError, one_line, read_json
+from rastercov.base.format import ByName, ReadByName, plural
+from rastercov.base.output import (
+    check_place,
+    named_folder,
+    own_folder,
+    write_bytes,
+    write_json,
+    write_text,
+)
+from rastercov.core.coverage.task import Task
+from rastercov.formats.cameras.own import content_of
+from rastercov.page.actions import MOST_OF_DRAWING, Drawing, Of, checked
+from rastercov.page.live import live_page, why_recorded
+from rastercov.page.rig_state import RigState
+from rastercov.page.scene import OF_A_RIG, described_state
+from rastercov.page.session import Session, Stations, unframed
+from rastercov.report.feature import MOST_LEVELS
+from rastercov.report.pages import embedded, levels_of
+
+NAMES = {"rig": "rig.json", "task": "task.toml"}
+DRAWING = "viewer_drawing.json"
+"""Drawing under the floor plan."""
+MODES = tuple(name for name in OF_A_RIG if name != "single")
+"""Ways to colour the faces that the file has."""
+
+
+class Save(Of):
+    """Request of a page for files of its rig."""
+
+    what: Literal["rig", "task", "report", "page"]
+
+
+class Saving:
+    """Saves the rigs of the pages of a session.
+
+    Parameters
+    ----------
+    session : Session
+    out : Path, optional
+        Folder for the files; without one they can be downloaded only.
+    """
+
+    def __init__(self, session: Session, out: Path | None = None) -> None:
+        self.session, self.out = session, out
+
+    def _asked(self, entries: ReadByName) -> tuple[str, RigState]:
+        asked = checked(Save, entries)
+        return asked.what, self.session.taken(asked.rig, asked.at, asked.goal).state
+
+    def content(self, entries: ReadByName) -> tuple[str, bytes]:
+        """Name and bytes of the rig, the thresholds, or a page that needs no server."""
+        with self.session.lock:
+            what, state = self._asked(entries)
+            if what == "page":
+                return "rig.html", page_of(self.session, state).encode()
+            check_choice("what", what, tuple(NAMES))
+            return NAMES[what], _texts(state)[what].encode()
+
+    def save(self, entries: ReadByName) -> dict[str, str]:
+        """Save the rig with its thresholds, or a report.
+
+        Gives the place, and words on it.
+
+        Raises
+        ------
+        ConfigError
+            For anything else, and where no folder was given.
+        """
+        if self.out is None:
+            raise ConfigError(
+                "expected a folder to save to, got none; start with --out, or download"
+            )
+        with self.session.lock:
+            what, state = self._asked(entries)
+            check_choice("what", what, ("rig", "report"))
+            named_folder(self.out)
+            if what == "report":
+                path = own_folder(self.out / "report")
+                return {"path": str(path), "words": self._report(state, path)}
+            drawing, path = self.session.drawing, self.out / NAMES["rig"]
+            if state.stations or drawing is None:
+                for name, text in _texts(state).items():
+                    write_bytes(self.out / NAMES[name], text.encode())
+                for word, each in state.whole.equipment.items():
+                    write_json(self.out / f"{word}.json", each.to_json())
+            if drawing is not None or (self.out / DRAWING).is_file():
+                path = path if state.stations else self.out / DRAWING
+                content = None if drawing is None else drawing.model_dump()
+                own = {"scene": self.session.scene.title, "drawing": content}
+                write_bytes(self.out / DRAWING, json.dumps(own).encode())
+        return {"path": str(path), "words": f"saved {path}"}
+
+    def _report(self, state: RigState, path: Path) -> str:
+        from rastercov.report.coverage import Options, run  # loads pyarrow
+
+        if not state.on:
+            raise ConfigError("expected a camera that is on, got none; add one")
+        if state.unit != "m":
+            raise ConfigError("expected lengths in metres, got no scale; use rastercov audit")
+        state.check_whole(state.on)
+        scene, poses = self.session.scene, state.poses()
+        options = Options(method=self.session.method, sheet=scene.sheet.words())
+        rig = state.rig(poses)
+        phases = scene.phases_with(rig)
+        asked = None if phases is None else phases.asked
+        run(scene.mesh, rig, poses, state.task, path, options, phases=asked)
+        return f"wrote a report of {plural(len(state.on), 'camera')} to {path}"
+
+
+def with_drawing(session: Session, folders: Sequence[Path]) -> Session:
+    """The session with the drawing of its scene in the first of some folders that has it.
+
+    Raises
+    ------
+    ConfigError
+        For a drawing that is damaged.
+    """
+    for path in (folder / DRAWING for folder in folders):
+        if session.drawing is None and path.is_file():
+            try:
+                content = read_json(path, 2 * MOST_OF_DRAWING)
+                if content["scene"] == session.scene.title and content["drawing"]:
+                    session.drawing = checked(Drawing, content["drawing"])
+            except (RastercovError, UnreadableError, LookupError, TypeError) as error:
+                fault = (
+                    f"{path}: expected a drawing of the viewer, got {one_line(error)}; remove it"
+                )
+                raise ConfigError(fault) from None
+    return session
+
+
+def _texts(state: RigState) -> dict[str, str]:
+    """Text of each of `NAMES`: the rig as our own JSON, and the table `[task]` of a plan.
+
+    ConfigError for a rig without cameras.
+    """
+    if not state.stations:
+        raise ConfigError("expected a camera to save, got none; add one")
+    task, defaults = asdict(state.task), asdict(Task())
+    own = {name: value for name, value in task.items() if value != defaults[name]}
+    tables = {"task": own}
+    if state.needed is not None:
+        own.pop("views", None)
+        tables["task.views"] = dict(state.needed)
+    lines = []
+    for table, entries in tables.items():
+        lines.append(f"[{table}]\n")
+        lines += [f"{_toml(name)} = {_toml(value)}\n" for name, value in entries.items()]
+    return {"rig": json.dumps(content_of(state.views())) + "\n", "task": "".join(lines)}
+
+
+def _toml(value: str | float) -> str:
+    """A text, number or truth value as TOML, which has them as JSON does, DEL apart."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def export_page(
+    session: Session, path: str | Path, modes: Sequence[str] = MODES, *, is_still: bool = True
+) -> Path:
+    """Write a page that needs no server.
+
+    Parameters
+    ----------
+    session : Session
+        What it shows.
+    path : str or Path
+        The file, .html.
+    modes : sequence of str
+        Ways to colour the faces; one that the thresholds do not allow is left out.
+    is_still : bool
+        Figures are recorded; else the page computes them, where it can: see `live.why_recorded`.
+
+    Raises
+    ------
+    ConfigError
+        For a file of another suffix.
+    ResourceError
+        For more than `MOST_FACES` faces.
+    """
+    check_name(path)
+    state = session.scene.start
+    text = exported(session, state, modes) if is_still else page_of(session, state, modes)
+    write_text(path, text)
+    return Path(path)
+
+
+def page_of(session: Session, state: RigState, modes: Sequence[str] = MODES) -> str:
+    """Text of a page that computes, or of recorded figures that says why it does not."""
+    if why := why_recorded(session, state):
+        return exported(session, state, modes, [why])
+    return live_page(session, state)
+
+
+def check_name(path: str | Path) -> None:
+    """Raise `ConfigError` unless a file is named as a page."""
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise ConfigError(f"expected an .html file, got {path}; rename it")
+    check_place(Path(path))
+
+
+def exported(
+    session: Session, state: RigState, modes: Sequence[str] = MODES, notes: Sequence[str] = ()
+) -> str:
+    """Text of a page of recorded figures; ResourceError for more than `MOST_FACES` faces."""
+    scene = session.scene.described(can_edit=False)
+    scene["notes"] += notes
+    own = [each for each in scene["modes"] if each["id"] in modes]
+    frames: ByName = {}
+    phases = session.scene.phases
+    n = 0 if phases is None else phases.count
+    if phases is not None and n * len(own) * scene["n_faces"] > MOST_LEVELS:
+        n = 0
+        scene = {name: each for name, each in scene.items() if name not in phases.described()}
+    times: list[tuple[float, ...]] = [(row,) for row in range(n)] or [()]
+    known = set()
+    for at, mode in product(times, (each["id"] for each in own)):
+        with session.lock:
+            asked = session.of(state, at)
+            try:
+                head, levels = unframed(asked.answer("frame", mode=mode))
+            except RastercovError:
+                continue  # by exact area where a threshold is of a face
+            known.add(mode)
+            head["state"] = _recorded(session, asked)
+            frames["@".join((mode, *map(str, at)))] = head | levels_of(levels)
+    asked = session.of(state, times[0])
+    zones: list[Any] = asked.answer("zones") if "area" in frames else []
+    scene["modes"] = [each for each in own if each["id"] in known]
+    data = {"scene": scene, "state": _recorded(session, asked), "frames": frames, "zones": zones}
+    return embedded(session.scene.mesh, data)
+
+
+def _recorded(session: Session, asked: Stations) -> ByName:
+    """The rig of a page of recorded figures at a time."""
+    own = {"revision": 0, "at": asked.moment.at, "goal": ""}
+    return described_state(session.scene, asked.state, asked.shown) | own

@@ -1,0 +1,700 @@
+/**
+ * The page's own program: the rig, its edits and their history, and figures by the engine inside.
+ *
+ * An exported page has everything in its element #live, bytes as base64 of zlib and the rest as JSON, and
+ * nothing leaves it. A served page opens the same from a `Server`, which keeps what it stores, saves files, and
+ * answers what the engine cannot, by questions with the whole rig: see rastercov/page/live.py and session.py.
+ */
+
+import { Refused, bytesOf } from "rastercov/api.js";
+import { metres, squareMetres } from "rastercov/dom.js";
+import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
+import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
+import { Work } from "rastercov/live_jobs.js";
+import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
+import { LIVE_MODES, painted } from "rastercov/live_paint.js";
+import { isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
+import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
+import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
+import { zonesOf } from "rastercov/live_zones.js";
+import { Asking } from "rastercov/live_worker.js";
+import { offerFile } from "rastercov/status.js";
+
+/** Lenses that were changed and are kept. */
+const MOST_LENSES = 32;
+const CHANGED = "the rig has changed since; the page now shows the new rig";
+const NO_ANSWER = "not available in an exported page: use rastercov view";
+
+/** Bytes of base64 of zlib; those of an array. */
+export async function inflated(text) {
+  if (ArrayBuffer.isView(text)) return text.buffer.slice(text.byteOffset, text.byteOffset + text.byteLength);
+  try {
+    const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return await new Response(stream).arrayBuffer();
+  } catch {
+    throw new Refused("expected the data of this file, got damaged bytes; get the file again", 400);
+  }
+}
+
+export class Live {
+  isRecorded = false;
+  #variants = new Map(); // name -> [state, figures]
+  borders = {}; // of the lenses that were proved here
+  #frame = null; // the last one
+  goal = ""; // that is shown, "" for the task
+  #phase = { at: [], bodies: {} }; // that is shown, with the pose of the body of each camera that is on one
+  #places = null; // {places, cost} of the stations, where a plan has them
+  #stored = { revision: 0, steps: [], rest: "" }; // by the program
+  #isDrawingSaved = true;
+
+  constructor(data, server = null) {
+    this.data = data;
+    this.server = server;
+    this.isLive = !server;
+    this.name = "live";
+    this.work = new Work(this);
+    this.isKept = data.scene?.constraints?.is_kept ?? false; // whether cameras keep the constraints of the plan
+    if (server || data.isPlayground || location.protocol === "about:") this.link = null; // no address has the scene
+    if (server) this.#serve(server);
+  }
+
+  /** What a program does in place of this page. */
+  #serve(server) {
+    const asked = (what) => ({ ...this.asked(), ...what });
+    this.canSave = () => true;
+    this.drawing = server.drawing;
+    this.keepDrawing = (changes) => {
+      this.#isDrawingSaved = false;
+      return server.keepDrawing(changes);
+    };
+    this.download = (what) => server.download(asked({ what }));
+    this.save = async (what) => {
+      const done = await server.save(asked({ what }));
+      if (what === "rig") {
+        this.history.saved();
+        this.#isDrawingSaved = true;
+      }
+      return done;
+    };
+    this.image = (station, side) => this.ask("image", { station, side });
+    this.ping = async () => {
+      const { revision, measured } = await server.ping();
+      const isOurs = revision === this.#stored.revision;
+      return { revision: isOurs ? this.history.revision : -1, at: this.#phase.at, goal: this.goal, measured };
+    };
+  }
+
+  /** The data of this page, or null where its file does not compute. */
+  static dataOfPage() {
+    const holder = document.getElementById("live");
+    return holder && typeof WebAssembly === "object" ? JSON.parse(holder.textContent) : null;
+  }
+
+  async #open() {
+    const { engine, mesh, worker, scene, state } = this.data;
+    const [vertices, faces, groups] = await Promise.all([mesh.vertices, mesh.faces, mesh.groups].map(inflated));
+    this.groupOf = new Uint16Array(groups);
+    this.vertices = new Float64Array(vertices);
+    this.faces = new Int32Array(faces);
+    this.n = this.groupOf.length;
+    if (engine) await this.#start(engine, mesh, worker, scene);
+    const sold = this.server ? {} : JSON.parse(new TextDecoder().decode(await inflated(this.data.catalogue)));
+    this.catalogue = Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
+    const [own] = edited({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
+    this.first = this.#named(own);
+    this.history = new History(await this.#linked(this.first));
+    await this.load();
+  }
+
+  /** The engine, with the surfaces of the task and of each goal. */
+  async #start(engine, mesh, worker, scene) {
+    const bytes = await inflated(engine);
+    const goals = (this.data.goals ?? []).map((each) => ({ ...each, limits: [{ ...each, goal: each.name, name: `goal ${each.name}` }] }));
+    const parts = [{ ...mesh, name: "", limits: scene.required ?? [] }, ...goals];
+    this.parts = new Map(parts.map((each) => [each.name, partOf(each, this.groupOf)]));
+    const asked = Object.fromEntries([...this.parts].map(([name, { roles, isTask, unseeable }]) => [name, { roles, isTask, unseeable }]));
+    const surface = { vertices: this.vertices, faces: this.faces, group: this.groupOf, parts: asked };
+    this.asking = new Asking(worker, new Uint8Array(bytes), surface);
+    this.lenses = Object.fromEntries(
+      await Promise.all(Object.entries(this.data.lenses).map(async ([name, text]) => [name, new Float64Array(await inflated(text))])),
+    );
+    const areas = await this.asking.ask("areas");
+    const { colours } = this.data;
+    for (const each of Object.values(colours.scales)) each.palette = bytesOf(each.palette);
+    this.painting = {
+      n: this.n,
+      areas,
+      ...colours,
+    };
+    this.areas = areas;
+  }
+
+  /** Takes what pages of this program have stored, if any. */
+  async load() {
+    if (!this.server) return;
+    const { session, revision, steps, rest } = await this.server.load();
+    const states = new Map(); // equal ones are one, as `is_shown` of a variant wants it
+    const { sold, models } = this.first;
+    const stateOf = (plain) => {
+      const text = JSON.stringify(plain);
+      if (!states.has(text)) states.set(text, { ...plain, sold, models });
+      return states.get(text);
+    };
+    this.name = session;
+    const all = steps.map(([state, words]) => [stateOf(state), words]);
+    this.history = steps.length ? new History(null, { steps: all, at: rest.at, saved: rest.saved }) : new History(this.first);
+    this.#variants = new Map((rest.variants ?? []).map(([name, state, figures]) => [name, [stateOf(state), figures]]));
+    this.#isDrawingSaved = rest.isDrawingSaved ?? true;
+    this.isKept = rest.isKept ?? this.data.scene.constraints.is_kept;
+    this.goal = rest.goal ?? "";
+    await this.#show(rest.phase ?? []);
+    this.#stored = { revision, steps: steps.length ? all : [], rest: JSON.stringify(rest) };
+  }
+
+  /** Stores what has changed since the last time; refused where another page was first. */
+  async #store() {
+    const { steps, at, saved } = this.history.all;
+    const known = this.#stored;
+    const plain = ({ sold, models, ...state }) => state;
+    const variants = [...this.#variants].map(([name, [state, figures]]) => [name, plain(state), figures]);
+    const rest = { at, saved, variants, isKept: this.isKept, isDrawingSaved: this.#isDrawingSaved, goal: this.goal, phase: this.#phase.at };
+    const text = JSON.stringify(rest);
+    let keep = 0;
+    while (keep < Math.min(steps.length, known.steps.length) && steps[keep] === known.steps[keep]) keep++;
+    if (keep === steps.length && keep === known.steps.length && text === known.rest) return;
+    const added = steps.slice(keep).map(([state, words]) => [plain(state), words]);
+    const { revision } = await this.server.store({ revision: known.revision, keep, steps: added, rest });
+    this.#stored = { revision, steps: steps.slice(), rest: text };
+  }
+
+  /** What a question is of: the rig as rastercov reads it, where bodies are at rest. */
+  asked({ stations, cameras, task, needed, devices } = this.history.state) {
+    return { rig: { stations, cameras, task, needed, devices }, at: this.#phase.at, goal: this.goal };
+  }
+
+  ask = (question, more = {}, state = this.history.state) => this.server.ask({ question, ...this.asked(state), ...more });
+
+  /** Shows a phase by its numbers, the first for none. */
+  async #show(at) {
+    if (!this.server || this.#phase.key === JSON.stringify(at)) return;
+    this.#phase = { ...(await this.ask("phase", { at })), key: JSON.stringify(at) };
+  }
+
+  /** A state with cameras where bodies carry them. */
+  shown(state) {
+    const { bodies } = this.#phase;
+    const stations = state.stations.map((each) => (each.camera in bodies ? { ...each, pose: multiply(bodies[each.camera], each.pose) } : each));
+    return { ...state, stations };
+  }
+
+  /** A state that was made of `shown`, which is of `state`, with cameras where bodies carry them from. */
+  atRest(made, shown, state) {
+    const { bodies } = this.#phase;
+    const same = new Map(shown.stations.map((each, row) => [each, state.stations[row]]));
+    const back = (each) => (each.camera in bodies ? { ...each, pose: multiply(rigidInverse(bodies[each.camera]), each.pose) } : each);
+    return { ...made, stations: made.stations.map((each) => same.get(each) ?? back(each)) };
+  }
+
+  /** The action with its pose at an allowed place, and a line where that is another one. */
+  async #settled(action, shown) {
+    if (!this.isKept || !["pose", "add"].includes(action.do)) return { action, notice: "" };
+    const own = shown.stations.find(({ id }) => id === action.station);
+    const { pose, notice } = await this.ask("settled", { pose: action.pose, before: own?.pose ?? action.pose });
+    return { action: { ...action, pose }, notice };
+  }
+
+  /** Values of a camera of the catalogue that an action names. */
+  async #sold({ do: what, camera, source }, { cameras, sold }) {
+    const name = { use: camera, add: camera, new_camera: source }[what];
+    if (!this.server || !name || name in cameras) return sold;
+    return { [name]: (await this.ask("camera", { name })).plain };
+  }
+
+  /** A state with new cameras as rastercov describes them, which refuses what is none. */
+  async #described(state, before) {
+    const cameras = { ...state.cameras };
+    for (const [name, camera] of Object.entries(this.server ? cameras : {})) {
+      if (Object.values(before.cameras).includes(camera)) continue;
+      const said = await this.ask("camera", { plain: camera.plain });
+      cameras[name] = { ...camera, ...said, lens: said.origins ? null : camera.lens };
+    }
+    return { ...state, cameras, sold: before.sold };
+  }
+
+  /** A state with the lenses of this file by what they are proved of. */
+  #named(state) {
+    const cameras = { ...state.cameras };
+    for (const [name, camera] of Object.entries(cameras)) {
+      if (!camera.lens) continue;
+      cameras[name] = described(camera, state.models);
+      this.lenses[cameras[name].lens] = this.lenses[camera.lens];
+    }
+    return { ...state, cameras };
+  }
+
+  /** A state whose lenses are proved, with their borders; those of this page first. */
+  async #proved(state) {
+    if (!this.asking) return state;
+    const cameras = { ...state.cameras };
+    for (const camera of Object.values(cameras)) {
+      if (!camera.lens || camera.lens in this.lenses) continue;
+      const { prover } = this.data;
+      if (!prover && this.server) continue;
+      if (!prover) throw new Refused(`expected a lens model that this page supports, got ${camera.model}; use rastercov view`, 400);
+      const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflated(prover)), opticsOf(camera));
+      this.lenses[camera.lens] = row;
+      this.borders[camera.lens] = Array.from({ length: border.length / 3 }, (_, k) => [...border.subarray(3 * k, 3 * k + 3)]);
+      for (const old of Object.keys(this.borders).slice(0, -MOST_LENSES)) {
+        delete this.lenses[old];
+        delete this.borders[old];
+      }
+    }
+    for (const [name, camera] of Object.entries(cameras)) {
+      const border = this.borders[camera.lens];
+      if (border) cameras[name] = { ...camera, border };
+    }
+    return { ...state, cameras };
+  }
+
+  /** The rig of the address, where it has one; else that of the file. */
+  async #linked(state) {
+    try {
+      const rig = await rigOfFragment(location.hash, state);
+      return rig ? await this.#proved(edited(state, { do: "restore", rig })[0]) : state;
+    } catch {
+      return state; // an address that was cut short
+    }
+  }
+
+  /** Address of this page with the present rig. */
+  async link() {
+    const address = location.href.split("#")[0] + (await fragmentOf(this.history.state, this.first));
+    history.replaceState(null, "", address);
+    return address;
+  }
+
+  /** What is shown: the task, or a goal of the plan. */
+  get part() {
+    return this.parts.get(this.goal);
+  }
+
+  /** What paints its faces, with its area. */
+  get own() {
+    const { isTask } = this.part;
+    this.part.total ??= Math.max(this.areas.reduce((sum, area, f) => sum + (isTask[f] ? area : 0), 0), 1e-300);
+    return { ...this.painting, isTask, total: this.part.total };
+  }
+
+  canSave = (what) => ["rig", "task", "page"].includes(what);
+
+  async scene() {
+    this.opening ??= this.#open();
+    await this.opening;
+    const { scene, candidates } = this.data;
+    if (this.server) return scene;
+    const [known] = Object.values(candidates ?? {});
+    const placement = known ? { ...scene.placement, tries: known.length } : scene.placement;
+    return { ...scene, placement, can_edit: true, catalogue: this.catalogue };
+  }
+
+  async soup() {
+    await (this.opening ??= this.#open());
+    const { origin } = this.data;
+    const corners = new Float32Array(9 * this.n);
+    for (let k = 0; k < 3 * this.n; k++) {
+      for (let axis = 0; axis < 3; axis++) corners[3 * k + axis] = this.vertices[3 * this.faces[k] + axis] - origin[axis];
+    }
+    return { corners, origin };
+  }
+
+  async groups() {
+    await (this.opening ??= this.#open());
+    return this.groupOf;
+  }
+
+  async state() {
+    await (this.opening ??= this.#open());
+    return this.#state();
+  }
+
+  hasMode = (mode) => Boolean(this.server) || LIVE_MODES.includes(mode);
+
+  #state() {
+    const { cameras, task, needed, devices = [] } = this.history.state;
+    const stations = this.shown(this.history.state).stations.map((each, row) => ({ ...each, place: this.#places?.places[row] ?? "allowed" }));
+    const variants = [...this.#variants].map(([name, [state, figures]]) => ({
+      ...figures,
+      name,
+      is_shown: state === this.history.state,
+      is_of_task: state.task === task,
+    }));
+    const rest = { session: this.name, is_kept: this.isKept, variants, at: this.#phase.at, goal: this.goal, devices };
+    const own = this.history.described();
+    return { ...own, ...rest, is_saved: own.is_saved && this.#isDrawingSaved, stations, cameras, task, needed };
+  }
+
+  #rig = () => this.rigOf(this.history.state);
+
+  /** A state as the solver takes it, for the task or a goal: stations that are on. */
+  rigOf(state, part = this.part) {
+    const { stations, cameras } = state;
+    const { task, needed: views = null } = part.task ? part : state;
+    const { groups, reasons } = this.data.scene;
+    const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
+    const used = {};
+    for (const [name, camera] of Object.entries(cameras)) {
+      const { width, height, fx, fy, cx, cy, near = 0 } = camera.plain;
+      const lens = camera.lens ? this.lenses[camera.lens] : null;
+      const focus = focusOf(camera.plain, (camera.task ?? task).max_blur);
+      used[name] = { width, height, fx, fy, cx, cy, near, lens, lensName: camera.lens, focus, task: camera.task };
+    }
+    const own = (rows) => rows.map((row) => ({ row, views: wanted[row] }));
+    return {
+      part: part.name,
+      stations: stations.filter((each) => each.is_on).map(({ id, camera, pose }) => ({ id, camera, pose })),
+      cameras: used,
+      task,
+      need: new Int32Array(this.groupOf).map((group) => wanted[group]),
+      needed: views,
+      groups: own(part.rows),
+      required: part.limits.map(({ rows = part.rows }) => own(rows)),
+      reasons,
+      rows: rowsOf(state),
+    };
+  }
+
+  /** Does an action; what is refused leaves everything as it was. */
+  async act(request) {
+    const [back, goal, phase, places, isKept, variants] = [this.history.kept(), this.goal, this.#phase, this.#places, this.isKept, this.#variants];
+    try {
+      return await this.#acted(request);
+    } catch (error) {
+      back();
+      this.goal = goal;
+      [this.#phase, this.#places, this.isKept, this.#variants] = [phase, places, isKept, variants];
+      throw error;
+    }
+  }
+
+  async #acted({ revision, mode, options, station, is_drag: isDrag, at = [], action, goal = "" }) {
+    if (!this.server && !this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one from the list`, 400);
+    this.goal = goal;
+    await this.#show(at);
+    const notice = await this.#edit(action, isDrag, revision);
+    if (this.data.served?.has_places) this.#places = await this.ask("places");
+    const isPartial = isDrag && action.do === "pose" && this.n >= this.data.unionAtRest;
+    let found = null;
+    try {
+      if (this.isOwn(mode)) found = await this.#figures(mode, isDrag, isPartial);
+    } catch (error) {
+      if (!this.server) throw error;
+    }
+    found ??= await this.ask("frame", { mode, options, station, is_drag: isDrag });
+    if (this.#places) found.json.summary.cost = this.#places.cost;
+    this.#frame = { summary: found.json.summary };
+    await this.#vary(action);
+    if (this.server && !isDrag) await this.#store();
+    return { json: { ...found.json, state: this.#state(), notice }, payload: found.payload };
+  }
+
+  /** Whether the engine of this page answers; without a program it is asked for everything. */
+  isOwn(mode = "reason") {
+    if (!this.asking || !this.server) return Boolean(this.asking);
+    const { stations, cameras, task } = this.history.state;
+    const on = stations.filter((each) => each.is_on);
+    const isPlain = ({ camera: name }) => {
+      const { origins, lens } = cameras[name];
+      return !(origins || (lens && (!(lens in this.lenses) || task.min_pixels_per_m2 > 0)));
+    };
+    const { ofFaces, defaults } = this.data;
+    const isOfPoints = Object.keys(ofFaces).every((name) => task[name] === defaults[name]);
+    return LIVE_MODES.includes(mode) && isOfPoints && on.every(isPlain) && on.length * this.n <= this.data.mostPairs;
+  }
+
+  /** Figures by the engine, as the answer to "frame" has them. */
+  async #figures(mode, isDrag, isPartial) {
+    const rig = this.#rig();
+    const others = [...this.parts.values()].filter((part) => part !== this.part && part.limits.length);
+    const [found, ...rest] = await Promise.all([
+      this.asking.ask("frame", rig, mode, !isDrag, isPartial),
+      ...others.map((part) => this.asking.ask("cover", this.rigOf(this.history.state, part), isPartial)),
+    ]);
+    const areas = new Map([[this.goal, found.required], ...others.map(({ name }, at) => [name, rest[at].required])]);
+    const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
+    const figures = { ...found.faces, stations, levels: this.data.scene.levels };
+    const { levels, palette, ...shown } = painted(this.own, mode, figures);
+    // The engine has no figures of what is lost where groups need other numbers of views.
+    const lost = this.server && rig.needed && !isDrag ? await this.ask("by_camera") : [];
+    const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
+    const summary = {
+      covered: { area_percent: found.covered.percent },
+      covered_area: found.covered,
+      by_face_because: "",
+      cost: null,
+      required: [...this.parts.values()].flatMap(({ name, limits }) => limits.map((each, at) => requirementOf(each, areas.get(name)[at]))),
+      by_camera: found.cameras.map(({ station, m2, row }) => ({
+        station,
+        faces: 0,
+        area_percent: share(m2),
+        alone_percent: lost.find((each) => each.station === station)?.alone_percent ?? (found.alone ? share(found.alone[row]) : null),
+      })),
+    };
+    const json = { mode, ...shown, palette: base64Of(palette), summary, is_partial: found.isPartial };
+    return { json, payload: Uint8Array.from(levels) };
+  }
+
+  /** Changes the rig; a line for the user, or "". */
+  async #edit(action, isDrag, revision) {
+    const { history } = this;
+    if (action.do !== "none" && revision !== history.revision) {
+      throw new Refused(CHANGED, 409);
+    }
+    let line = "";
+    if (action.do === "undo") history.go(-1);
+    else if (action.do === "redo") history.go(1);
+    else if (action.do === "show_variant") this.#showVariant(action.name);
+    else if (action.do === "constraints") this.#keep(action.is_kept);
+    else if (!/_variant$/.test(action.do)) {
+      if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown for new thresholds, got a goal; choose the task under Goals", 400);
+      if (action.do === "task" && !this.server) checkTask(action.changes, this.data);
+      const [before, shown] = [history.state, this.shown(history.state)];
+      const { action: settled, notice } = await this.#settled(action, shown);
+      const [made, words] = edited({ ...shown, sold: await this.#sold(action, shown) }, settled);
+      const state = await this.#proved(await this.#described(this.atRest(made, shown, before), before));
+      if (words && revision !== history.revision) throw new Refused(CHANGED, 409);
+      if (words) history.take(state, words, isDrag);
+      line = isDrag ? "" : notice;
+    }
+    // An older state may have a lens that is not kept any more.
+    await this.#proved(history.state);
+    return line;
+  }
+
+  #keep(isKept) {
+    if (isKept && !this.data.scene.constraints.is_kept) throw new Refused("expected constraints, got a scene without any; open a plan with some", 400);
+    this.isKept = isKept;
+  }
+
+  #showVariant(name) {
+    const [state] = this.#variants.get(name) ?? refuse(`expected a saved variant, got '${name}'; pick another`);
+    if (state !== this.history.state) this.history.take(state, `show ${name}`);
+  }
+
+  /** Keeps the rig that is shown as a variant, or drops one. */
+  #vary({ do: what, name }) {
+    const known = this.#variants;
+    if (what === "keep_variant") {
+      const { covered, covered_area, cost } = this.#frame.summary;
+      const cameras = this.history.state.stations.filter((each) => each.is_on).length;
+      this.#variants = new Map([...known, [name, [this.history.state, { covered, covered_area, cost, cameras }]]]);
+    } else if (what === "drop_variant") {
+      if (!known.has(name)) refuse(`expected a saved variant, got '${name}'; pick another`);
+      this.#variants = new Map([...known].filter(([each]) => each !== name));
+    }
+  }
+
+  /** Pieces that too few cameras cover, as the answer to "pieces" has them. */
+  async pieces() {
+    if (!this.isOwn()) return this.ask("pieces");
+    const { faces, counts, corners, reasons } = await this.#pieces();
+    const names = Object.keys(this.data.scene.reasons);
+    const n = faces.length;
+    const payload = new Uint8Array(4 + 12 * n + 4 * corners.length);
+    const numbers = new Uint32Array(payload.buffer, 0, 1 + 3 * n);
+    numbers[0] = n;
+    numbers.set(faces, 1);
+    numbers.set(reasons.map((name) => names.indexOf(names.includes(name) ? name : name.split("+")[0])), 1 + n);
+    numbers.set(counts, 1 + 2 * n);
+    const { origin } = this.data;
+    new Float32Array(payload.buffer, 4 + 12 * n).set(corners.map((value, k) => value - origin[k % 3]));
+    return { json: {}, payload };
+  }
+
+  /** The pieces of the present rig, kept until it changes. */
+  #pieces() {
+    const of = `${this.history.revision} ${this.goal}`;
+    if (this.found?.of !== of) this.found = { of, pieces: this.asking.ask("pieces", this.#rig()) };
+    return this.found.pieces;
+  }
+
+  async zones() {
+    return this.isOwn() ? zonesOf(await this.#pieces(), this) : this.ask("zones");
+  }
+
+  /** What fails at each spot {point, face, normal} in each row, see `Solver.failures`. */
+  failures = (spots) => this.asking.ask("failures", this.#rig(), spots);
+
+  /** Reason of the middle of a face in each camera, with its figures there. */
+  async why(face) {
+    if (!this.isOwn()) return this.ask("why", { face });
+    const { scene, advice } = this.data;
+    const corners = cornersOf(this, face);
+    const point = centroid(corners);
+    const normal = normalOf(corners);
+    const group = scene.groups[this.groupOf[face]];
+    const found = { face, group: group.name, area: this.areas[face], cameras: [], words: "" };
+    if (!this.part.isTask[face]) return { ...found, words: "Occluder: not evaluated." };
+    const rig = this.#rig();
+    const names = Object.keys(scene.reasons);
+    const { said, failed } = await this.asking.ask("why", rig, { point, face, normal });
+    found.cameras = said.map((each, row) => {
+      const station = rig.stations[row];
+      const name = names[each.reason];
+      const ray = subtract(centreOf(station.pose), point);
+      const cosine = (ray[0] * normal[0] + ray[1] * normal[1] + ray[2] * normal[2]) / (length(ray) * length(normal) || 1);
+      const own = { share: each.share, incidence: Math.acos(Math.min(1, Math.max(-1, cosine))), distance: distance(centreOf(station.pose), point) };
+      const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
+      const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
+      const label = scene.reasons[name];
+      const { focus, task } = rig.cameras[station.camera];
+      const depths = corners.map((corner) => dot(subtract(corner, centreOf(station.pose)), column(station.pose, 2)));
+      const seen = { ...own, pixel_density: each.density, facing_density: each.facing };
+      return {
+        station: station.id,
+        name: this.history.state.stations.find(({ id }) => id === station.id).name,
+        reason: name,
+        words: occluder ? label.replace(scene.reasons.occluded, `$& by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}`) : label,
+        help: advice_of(advice[name], seen, depths, { ...rig.task, ...task }, focus, occluder?.name, scene.unit),
+        figures: figuresOf(seen, scene.unit),
+        occluder,
+      };
+    });
+    return { ...found, isOfCentre: true, words: verdict(rig, failed, rig.need[face]) };
+  }
+
+  /** Texts of the files that `rastercov check` takes, by name. */
+  #files() {
+    const { state } = this.history;
+    const { scene } = this.data;
+    if (!state.stations.length) throw new Refused("there is no camera to save; add one", 400);
+    if (state.gates && !(state.rule && isOfRigs(state))) {
+      throw new Refused("expected only complete rigs, got a camera that belongs to none; delete it, or use rastercov view", 400);
+    }
+    const surfaces = surfaceFiles(scene, this);
+    return {
+      "rig.json": rigFile(state, scene.unit === "m"),
+      "plan.toml": planFile(state, surfaces, this.data),
+      ...Object.fromEntries(surfaces.map(({ name, text }) => [name, text])),
+    };
+  }
+
+  async download(what) {
+    if (what === "page") return pageOf(this.data, this, this.history.state);
+    const name = { rig: "rig.json", task: "plan.toml" }[what];
+    if (!name) throw new Refused(NO_ANSWER, 400);
+    return new Blob([this.#files()[name]], { type: "text/plain" });
+  }
+
+  /** Saves all files of the rig, as downloads. */
+  async save(what) {
+    if (what !== "rig") throw new Refused(NO_ANSWER, 400);
+    const files = this.#files();
+    for (const [name, text] of Object.entries(files)) offerFile(name, text, "text/plain");
+    this.history.saved();
+    const isAsked = [...this.parts.values()].some(({ limits }) => limits.some(({ limit }) => limit > 0));
+    const command = `rastercov check plan.toml --poses rig.json${isAsked ? "" : " --min-coverage 0.9"}`;
+    const nOff = this.history.state.stations.filter((each) => !each.is_on).length;
+    const off = nOff ? `; this command also counts the cameras that are switched off here (${nOff})` : "";
+    return { path: "rig.json", words: `downloaded ${Object.keys(files).join(", ")}; to check: ${command}${off}` };
+  }
+
+  ping = async () => ({ revision: this.history.revision, at: [], goal: this.goal, measured: [] });
+  drawing = async () => ({});
+  keepDrawing = async () => ({});
+  job = async () => this.work.described();
+  cancelJob = async () => this.work.cancel();
+  resume = () => this.work.resume();
+  image = async () => this.#refuse();
+
+  async startJob(what) {
+    if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
+    this.work.start(what);
+  }
+
+  /** Area that the cameras of a state cover, summed over the views that are needed; of one that is shown, see `atRest`. */
+  async worth(made, shown, state) {
+    const rest = this.atRest(made, shown, state);
+    if (!this.isOwn()) return (await this.ask("worth", {}, rest)).m2;
+    const { covered } = await this.asking.ask("frame", this.rigOf(rest), "area", false);
+    return covered.by_views.reduce((sum, { m2 }) => sum + m2, 0);
+  }
+
+  /** Pieces that the cameras of a state leave open, as of `Figures.pieces`. */
+  open(made, shown, state) {
+    const rest = this.atRest(made, shown, state);
+    return this.isOwn() ? this.asking.ask("pieces", this.rigOf(rest)) : this.ask("open", {}, rest);
+  }
+
+  /** Poses that a plan allows a further camera, or null. */
+  candidatesOf(camera) {
+    const body = this.#phase.bodies[camera];
+    const own = this.data.candidates?.[camera];
+    return (body && own?.map((pose) => multiply(body, pose))) ?? own ?? null;
+  }
+
+  #refuse() {
+    refuse(NO_ANSWER);
+  }
+}
+
+/** {goal, status, words, asked} of a share {name, limit, ...} that is required or, where `is_most`, permitted,
+ * by the covered area of its groups, with its bound. */
+function requirementOf(
+  { name, limit, goal = "", is_most: isMost = false, asked = "" },
+  { m2, bound_m2: bound, doubtful_m2: doubtful, of_m2: whole },
+) {
+  const [low, share, high] = [m2 - bound, m2, m2 + bound + doubtful].map((part) => share_of(part, whole));
+  const status = status_of(low, high, limit, isMost);
+  const texts = [short_by(share, limit, status, isMost), squareMetres(whole - m2), ends_in_words(low, high)];
+  const words = outcome_line(`${name}: ${percent(share)} of the area covered, `, status, [limit, null], ...texts, isMost);
+  return { goal, status, words, asked };
+}
+
+const refuse = (words) => {
+  throw new Refused(words, 400);
+};
+
+/** The task or a goal of the plan, of what the file says on it: roles of faces, and rows of its groups. */
+function partOf({ roles: ofGroups, unseeable, ...rest }, groupOf) {
+  const roles = new Uint8Array(groupOf).map((group) => ofGroups[group]);
+  const rows = [...ofGroups.keys()].filter((row) => !(ofGroups[row] & 1));
+  return { ...rest, roles, isTask: roles.map((role) => (role & 1 ? 0 : 1)), unseeable: new Map(unseeable), rows };
+}
+
+/** Words on a point by what fails in each row; of a rule as rastercov/page/measurements.py has them. */
+function verdict({ rows, reasons }, failed, wanted) {
+  const isOfRules = rows.some(({ gate }) => gate);
+  const covering = failed.filter(({ reason }) => reason === "covered").length;
+  const noun = isOfRules ? "rig" : "camera";
+  const of = `${covering} ${noun}${covering === 1 ? "" : "s"}, ${wanted} required`;
+  if (!isOfRules) return `The centre of the face is covered by ${of}.`;
+  if (covering >= wanted) return `The centre of the face is measured by ${of}.`;
+  const { reason, device } = nearest({ rows }, failed);
+  const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${labelOf(reasons, reason)}`;
+  return `The centre of the face is not measured: ${of}${why}.`;
+}
+
+/** Refuses thresholds that this page does not compute. */
+function checkTask(changes, { ofFaces, defaults }) {
+  for (const [name, value] of Object.entries(changes)) {
+    const only = name in ofFaces ? defaults[name] : value;
+    if (value !== only) throw new Refused(`expected ${name} = ${only} for results by area, got ${value}: it ${ofFaces[name]}`, 400);
+  }
+}
+
+function figuresOf({ share, incidence, distance: away, pixel_density: density, facing_density: facing }, unit) {
+  const rows = {
+    "covered part of the face": percent(share),
+    "angle of incidence": `${number(degrees(incidence))}°`,
+    "pixel density": density > 0 ? density_text(density, `px/${unit}`, facing) : "–",
+    "facing density": facing > 0 ? density_text(facing, `px/${unit}`) : "–",
+    distance: metres(away),
+  };
+  return Object.entries(rows).map(([label, value]) => ({ label, value }));
+}
+
+/** What a camera of the catalogue is. */
+const wordsOf = ({ product, width, height, focal_length: f }) =>
+  [product, `${width} × ${height} px`, f ? `${number(1e3 * f, 4)} mm` : ""].filter(Boolean).join(", ");
+
+const base64Of = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));

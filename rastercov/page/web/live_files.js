@@ -1,0 +1,147 @@
+/**
+ * Files of a page that computes: the rig, the plan and its surfaces, which `rastercov check` takes, with the
+ * figures of the page.
+ */
+
+/** The rig, as JSON. */
+export function rigFile({ stations, cameras, rule, ...state }, hasUnit) {
+  const [gate] = state.gates ?? [];
+  const names = [...new Set([...(gate?.names ?? []), ...Object.keys(cameras)])].filter((name) => stations.some((each) => each.camera === name));
+  const tasks = Object.fromEntries(names.filter((name) => cameras[name].task).map((name) => [name, cameras[name].task]));
+  const content = {
+    ...(hasUnit ? {} : { has_unit: false }),
+    cameras: names.map((name) => ({ name, ...cameras[name].plain })),
+    ...(gate ? rule : {}),
+    ...(Object.keys(tasks).length ? { tasks } : {}),
+    world_from_camera: stations.map(({ pose }) => [0, 4, 8, 12].map((row) => pose.slice(row, row + 4))),
+    camera: stations.map((each) => names.indexOf(each.camera)),
+    images: stations.map((each) => each.name),
+  };
+  return `${JSON.stringify(content)}\n`;
+}
+
+/** Surfaces as OBJ, [{name, text, role, groups, twoSided}]: the task with what hides, and targets. */
+export function surfaceFiles({ groups }, { vertices, faces, groupOf }) {
+  const isTarget = groups.map(({ role }) => role === "target");
+  const parts = [
+    ["scene.obj", "occluder", (group) => !isTarget[group]],
+    ["targets.obj", "target", (group) => isTarget[group]],
+  ];
+  return parts.flatMap(([name, role, isIn]) => {
+    const own = groups.map((each, row) => ({ ...each, row })).filter(({ row }) => isIn(row) && groupOf.includes(row));
+    if (!own.length) return [];
+    const hiding = role === "target" ? own : own.filter((each) => each.role === "occluder");
+    const text = objOf(vertices, faces, groupOf, groups, isIn);
+    return { name, text, role: hiding.length ? role : "task", groups: hiding.map(nameOf), twoSided: own.filter((each) => each.is_two_sided).map(nameOf) };
+  });
+}
+
+const nameOf = ({ name }) => name.replace(/\p{Cc}/gu, " ");
+
+/** Vertices with all their digits, and faces by group, in their order. */
+function objOf(vertices, faces, groupOf, groups, isIn) {
+  const lines = [];
+  for (let v = 0; v < vertices.length; v += 3) lines.push(`v ${vertices[v]} ${vertices[v + 1]} ${vertices[v + 2]}`);
+  let last = -1;
+  groupOf.forEach((group, face) => {
+    if (!isIn(group)) return;
+    if (group !== last) lines.push(`g ${nameOf(groups[group])}`);
+    last = group;
+    lines.push(`f ${faces[3 * face] + 1} ${faces[3 * face + 1] + 1} ${faces[3 * face + 2] + 1}`);
+  });
+  return `${lines.join("\n")}\n`;
+}
+
+/**
+ * Plan of the surfaces with the thresholds of a state, as TOML; `defaults` are those of a task. `rastercov place`
+ * can run it: it has the cameras of the rig, candidates around the part or on the walls of the room, and their
+ * number.
+ */
+export function planFile(state, surfaces, { defaults, scene, goals = [] }) {
+  const { task, needed } = state;
+  const lines = [];
+  for (const { name, role, groups, twoSided } of surfaces) {
+    lines.push("[[meshes]]", `path = ${toml(name)}`, `role = ${toml(role)}`);
+    if (groups.length) lines.push(`groups = ${toml(groups)}`);
+    if (twoSided.length) lines.push(`two_sided = ${toml(twoSided)}`);
+  }
+  lines.push(...placementOf(state, scene), "[task]");
+  for (const [name, value] of Object.entries(task)) {
+    if (value !== null && value !== defaults[name] && !(needed && name === "views")) lines.push(`${name} = ${toml(value)}`);
+  }
+  const views = Object.entries(needed ?? {}).map(([name, value]) => `${toml(name)} = ${value}`);
+  if (views.length) lines.push(`views = { ${views.join(", ")} }`);
+  for (const goal of goals) lines.push(...goalOf(goal, state, defaults));
+  return `${lines.join("\n")}\n`;
+}
+
+/** A goal of a plan: thresholds that are not those of the task or, of an upper limit, the usual ones. */
+function goalOf({ name, groups, limit, is_most: isMost, task }, state, defaults) {
+  const base = isMost ? defaults : { ...state.task, ...(state.needed ? { views: 1 } : {}) };
+  const own = Object.entries(task).filter(([key, value]) => key in state.task && value !== base[key]);
+  return [
+    `[goals.${toml(name)}]`,
+    ...(groups.length ? [`groups = ${toml(groups)}`] : []),
+    `${isMost ? "at_most" : "coverage"} = ${limit}`,
+    ...own.map(([key, value]) => `${key} = ${toml(value)}`),
+  ];
+}
+
+/** Shares that are required, as the goal of a plan; null without any. */
+function requiredOf(required) {
+  const shares = required.filter(({ limit }) => limit > 0);
+  const [whole] = shares.filter(({ place }) => place === null);
+  const groups = shares.filter(({ place }) => place !== null).map(({ place, limit }) => `${toml(place)} = ${limit}`);
+  if (!shares.length) return null;
+  return ['goal = "fewest_cameras"', `coverage = ${whole?.limit ?? 0}`, ...(groups.length ? [`groups = { ${groups.join(", ")} }`] : [])];
+}
+
+/** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
+function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, high], is_room: isRoom, required = [] }) {
+  const used = [...new Set(stations.map((each) => each.camera))];
+  const goal = requiredOf(required);
+  if (unit !== "m" || gates.length || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) {
+    return goal ? ["[selection]", ...goal] : [];
+  }
+  const lines = used.flatMap((name) => [
+    `[cameras.${toml(name)}]`,
+    ...Object.entries(cameras[name].plain).map(([key, value]) => `${key} = ${toml(value)}`),
+  ]);
+  const size = Math.hypot(...high.map((value, axis) => value - low[axis]));
+  const where = isRoom
+    ? ['generator = "on_walls"', `spacing = ${size / 8}`, `inset = ${size / 100}`]
+    : ['generator = "on_sphere"', "count = 200"];
+  return [...lines, "[[candidates]]", ...where, "[selection]", ...(goal ?? ['goal = "best_coverage"', `cameras = ${stations.length}`])];
+}
+
+/** This page as a file, with a state in place of the one that it was opened with. */
+export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) {
+  const own = { ...data, samples: [], readers: "", isPlayground: false };
+  const [points, corners, groups] = await Promise.all([vertices, faces, groupOf].map(deflated));
+  own.mesh = { ...data.mesh, vertices: points, faces: corners, groups };
+  const { stations, cameras, task, needed = null } = state;
+  own.state = { ...data.state, stations, cameras, task, needed };
+  const names = [...new Set(Object.values(cameras).flatMap(({ lens }) => lens ?? []))];
+  const rows = await Promise.all(names.map(async (name) => [name, await deflated(lenses[name])]));
+  own.lenses = Object.fromEntries(rows);
+  const head = document.head.cloneNode(true);
+  head.querySelector("#live").textContent = JSON.stringify(own).replaceAll("<", "\\u003c");
+  head.querySelector("title").textContent = "rastercov";
+  const opening = '<p class="failed">Loading the scene…</p>\n<noscript><p class="failed">This page needs JavaScript: it draws the scene.</p></noscript>';
+  return new Blob([`<!DOCTYPE html>\n<html lang="en">\n${head.outerHTML}\n<body>\n${opening}\n</body>\n</html>\n`], { type: "text/html" });
+}
+
+/** Bytes of an array as base64 of zlib. */
+async function deflated(array) {
+  const stream = new Blob([array]).stream().pipeThrough(new CompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const parts = [];
+  for (let at = 0; at < bytes.length; at += 0x8000) parts.push(String.fromCharCode(...bytes.subarray(at, at + 0x8000)));
+  return btoa(parts.join(""));
+}
+
+/** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL and infinity apart. */
+function toml(value) {
+  if (Array.isArray(value)) return `[${value.map(toml).join(", ")}]`;
+  return value === null || value === Infinity ? "inf" : JSON.stringify(value).replaceAll("\x7f", "\\u007f");
+}

@@ -1,0 +1,363 @@
+/**
+ * The rig of a page: its edits, and undo.
+ *
+ * A state is {stations, cameras, task, needed, devices}; edits give another one, or throw a `Refused` with one line.
+ * `models` has the coefficients of each model of a lens, and `lens` of a camera names what is to be proved of it.
+ */
+
+import { Refused } from "rastercov/api.js";
+import { column, cross, dot, length, poseOf, scale, subtract, unit } from "rastercov/maths.js";
+import { depths_in_focus } from "rastercov/texts.js";
+
+const LONGEST_NAME = 120;
+const MOST_STATIONS = 5000;
+const RIGID = 1e-6;
+const RAYS_OF_BORDER = 32;
+
+const refuse = (words) => {
+  throw new Refused(words, 400);
+};
+
+export function stationOf(state, id) {
+  return state.stations.find((each) => each.id === id) ?? refuse(`there is no camera ${id}; it may have been deleted`);
+}
+
+const withStation = (state, station) => ({
+  ...state,
+  stations: state.stations.map((each) => (each.id === station.id ? station : each)),
+});
+
+/** The pose, or a refusal of what is no rigid motion. */
+function checkedPose(pose) {
+  const axes = [0, 1, 2].map((at) => column(pose, at));
+  const isRight = axes.every((a, i) => axes.every((b, j) => Math.abs(dot(a, b) - (i === j)) <= RIGID));
+  if (pose.length !== 16 || !pose.every(Number.isFinite) || !isRight || !(dot(cross(axes[0], axes[1]), axes[2]) > 0)) {
+    refuse("expected a rigid transform, 4 x 4, got another matrix; correct the pose");
+  }
+  return pose.slice();
+}
+
+function freeName(state, name) {
+  const taken = new Set(state.stations.map((each) => each.name));
+  let free = name;
+  for (let number = 2; taken.has(free); number++) free = `${name} ${number}`;
+  return free;
+}
+
+/** A state that has a camera of the rig or of the catalogue, `sold`. */
+function withCamera(state, name) {
+  if (name in state.cameras) return state;
+  const plain = state.sold?.[name] ?? refuse(`there is no camera ${name}; choose one from the list`);
+  const canFocus = Boolean(plain.focal_length && plain.pixel_size);
+  const model = plain.model ?? "pinhole";
+  const made = described({ model, plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) }, state.models);
+  return { ...state, cameras: { ...state.cameras, [name]: made } };
+}
+
+function withNew(before, camera, pose, name = "") {
+  const state = withCamera(before, camera);
+  if (state.stations.length >= MOST_STATIONS) refuse(`expected up to ${MOST_STATIONS} cameras; delete some`);
+  const id = Math.max(-1, ...state.stations.map((each) => each.id)) + 1;
+  const station = { id, name: freeName(state, name || `camera ${id + 1}`), camera, pose: checkedPose(pose), is_on: true };
+  return { ...state, stations: [...state.stations, { ...station, place: "allowed" }] };
+}
+
+/** The pose with a point in the middle of the image; its up stays as near as it can. */
+function aimed(pose, point) {
+  const eye = column(pose, 3);
+  const forward = unit(subtract(point, eye));
+  if (!(length(subtract(point, eye)) > 1e-9)) refuse("expected a point away from the camera; choose another one");
+  let up = scale(column(pose, 1), -1);
+  if (Math.abs(dot(up, forward)) > 0.999) up = column(pose, 2);
+  const right = unit(cross(forward, up));
+  return poseOf(right, cross(forward, right), forward, eye);
+}
+
+const EDITS = {
+  none: (state) => [state, ""],
+  pose: (state, { station, pose }) => {
+    const own = stationOf(state, station);
+    return [withStation(state, { ...own, pose: checkedPose(pose) }), `move ${own.name}`];
+  },
+  device: (state, { device, pose }) => {
+    const own = state.devices?.find((each) => each.id === device && each.pose) ?? refuse(`expected equipment of the scene, got '${device}'; choose another`);
+    const moved = { ...own, pose: checkedPose(pose) };
+    return [{ ...state, devices: state.devices.map((each) => (each === own ? moved : each)) }, `move ${own.name}`];
+  },
+  aim: (state, { station, point }) => {
+    const own = stationOf(state, station);
+    return [withStation(state, { ...own, pose: checkedPose(aimed(own.pose, point)) }), `aim ${own.name}`];
+  },
+  add: (state, { camera, pose }) => [withNew(state, camera, pose), "add a camera"],
+  duplicate: (state, { station }) => {
+    const own = stationOf(state, station);
+    return [withNew(state, own.camera, own.pose, own.name), `duplicate ${own.name}`];
+  },
+  delete: (state, { station }) => {
+    const own = stationOf(state, station);
+    return [{ ...state, stations: state.stations.filter((each) => each !== own) }, `delete ${own.name}`];
+  },
+  rename: (state, { station, name }) => {
+    const own = stationOf(state, station);
+    const words = name.trim();
+    if (!words || words.length > LONGEST_NAME || /\p{C}/u.test(words)) refuse(`expected a name of 1 to ${LONGEST_NAME} printable characters`);
+    if (words !== own.name && state.stations.some((each) => each.name === words)) {
+      refuse(`there is a camera “${words}” already; choose another name`);
+    }
+    return [withStation(state, { ...own, name: words }), `rename ${own.name}`];
+  },
+  switch: (state, { station, is_on: isOn }) => {
+    const own = stationOf(state, station);
+    return [withStation(state, { ...own, is_on: isOn }), `switch ${own.name} ${isOn ? "on" : "off"}`];
+  },
+  use: (state, { station, camera }) => {
+    const own = stationOf(state, station);
+    return [withStation(withCamera(state, camera), { ...own, camera }), `use ${camera} at ${own.name}`];
+  },
+  camera: (state, { camera, changes }) => {
+    if (!(camera in state.cameras)) refuse(`there is no camera ${camera}; choose one from the list`);
+    const cameras = { ...state.cameras, [camera]: changedCamera(state.cameras[camera], changes, state.models) };
+    return [{ ...state, cameras }, `change the lens of ${camera}`];
+  },
+  new_camera: (state, { name, source }) => {
+    if (name in state.cameras) refuse(`there is a camera ${name} already; choose another name`);
+    const { cameras } = withCamera(state, source);
+    return [{ ...state, cameras: { ...state.cameras, [name]: cameras[source] } }, `add camera type ${name}`];
+  },
+  task: (state, { changes }) => {
+    const unknown = Object.keys(changes).find((name) => !(name in state.task));
+    if (unknown) refuse(`expected ${Object.keys(state.task).join(", ")}, got ${unknown}`);
+    const needed = changes.views === undefined || changes.views === state.task.views ? state.needed : null;
+    return [{ ...state, task: { ...state.task, ...changes }, needed }, `change ${Object.keys(changes).join(", ")}`];
+  },
+  restore: (state, { rig }) => {
+    const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));
+    if (unknown) refuse(`there is no camera ${unknown.camera}; choose one from the list`);
+    const stations = rig.stations.map((each) => ({ place: "allowed", ...each, pose: checkedPose(each.pose) }));
+    return [{ ...state, ...rig, cameras: { ...state.cameras, ...rig.cameras }, stations }, "restore the rig"];
+  },
+};
+
+/** [the state after an edit, words for the history]; no words where nothing is to be undone. */
+export function edited(state, action) {
+  const edit = EDITS[action.do] ?? refuse(`this page cannot do that (${action.do}); use rastercov view`);
+  return edit(state, action);
+}
+
+/** A camera with other values. */
+function changedCamera(camera, changes, models) {
+  let made = { ...camera, plain: { ...camera.plain } };
+  for (const [name, value] of Object.entries(changes)) {
+    const at = models[camera.model]?.indexOf(name) ?? -1;
+    if (at >= 0) made = withCoefficient(made, at, value, models[camera.model].length);
+    else made = CHANGES[name]?.(made, value) ?? refuse(`no ${name} to change`);
+  }
+  return described(made, models);
+}
+
+function withCoefficient(camera, at, value, count) {
+  const distortion = Array.from({ length: count }, (_, k) => camera.plain.distortion?.[k] ?? 0);
+  distortion[at] = value;
+  return { ...camera, plain: { ...camera.plain, distortion } };
+}
+
+/** What the proofs of a lens depend on, rc_optics; as a text the name of its lens, null for a pinhole. */
+export function opticsOf({ model, plain }) {
+  const { width, height, fx, fy, cx, cy, skew = 0, max_angle_deg: angle, distortion = [] } = plain;
+  return { model, distortion, width, height, fx, fy, cx, cy, skew, max_angle_deg: angle ?? 0 };
+}
+
+const lensOf = (camera) => (camera.model === "pinhole" && !camera.plain.skew ? null : JSON.stringify(opticsOf(camera)));
+
+function scaled(camera, factor) {
+  const { plain } = camera;
+  const { fx, fy, focal_length: f } = plain;
+  const made = { ...plain, fx: fx * factor, fy: fy * factor };
+  if (plain.skew) made.skew = plain.skew * factor;
+  if (f) made.focal_length = f * factor;
+  delete made.product;
+  return { ...camera, plain: made };
+}
+
+const positive = (name, value) => (value > 0 && value < Infinity ? value : refuse(`expected ${name} to be a positive number, got ${value}`));
+
+function withRange(camera, low, high) {
+  const [near, far] = camera.plain.focus_range ?? [0, Infinity];
+  const plain = { ...camera.plain, focus_range: [low ?? near, high ?? far ?? Infinity] };
+  for (const name of ["aperture", "focus_distance", "f_number"]) delete plain[name];
+  return { ...camera, plain };
+}
+
+function focalLength({ plain }) {
+  if (!plain.focal_length || !plain.pixel_size) refuse("focus needs focal_length and pixel_size; change focus_near and focus_far");
+  return plain.focal_length;
+}
+
+const withFocus = (camera, aperture, distance) => {
+  const plain = { ...camera.plain, aperture, focus_distance: distance };
+  delete plain.focus_range;
+  return { ...camera, plain };
+};
+
+const CHANGES = {
+  hfov_deg: (camera, value) => {
+    if (camera.model !== "pinhole") refuse(`expected a pinhole for hfov_deg, got lens model ${camera.model}; change fx`);
+    if (!(value >= 0.01 && value <= 179)) refuse(`expected hfov_deg of 0.01 to 179, got ${value}`);
+    const { width, cx, fx } = camera.plain;
+    const half = (0.5 * width) / Math.tan((value * Math.PI) / 180);
+    const apart = cx * (width - cx);
+    return scaled(camera, (half + Math.sqrt(Math.max(0, half ** 2 + apart))) / fx);
+  },
+  fx: (camera, value) => scaled(camera, positive("fx", value) / camera.plain.fx),
+  px_per_m: (camera, value) => scaled(camera, positive("px_per_m", value) / camera.plain.fx),
+  magnification: (camera, value) => {
+    if (!camera.magnification) refuse(`expected a telecentric lens for magnification, got model ${camera.model}; change fx`);
+    return scaled(camera, positive("magnification", value) / camera.magnification);
+  },
+  cx: (camera, value) => ({ ...camera, plain: { ...camera.plain, cx: value } }),
+  cy: (camera, value) => ({ ...camera, plain: { ...camera.plain, cy: value } }),
+  width: (camera, value) => {
+    const { plain } = camera;
+    if (!(Number.isInteger(value) && value > 0)) refuse(`expected width to be a whole number of pixels, got ${value}`);
+    const height = Math.max(1, Math.round((plain.height * value) / plain.width));
+    const [across, down] = [value / plain.width, height / plain.height];
+    const made = { ...plain, width: value, height, fx: plain.fx * across, cx: plain.cx * across, fy: plain.fy * down, cy: plain.cy * down };
+    if (plain.skew) made.skew = plain.skew * across;
+    if (plain.pixel_size) made.pixel_size = [plain.pixel_size[0] / across, plain.pixel_size[1] / down];
+    if (plain.max_blur) made.max_blur = plain.max_blur * Math.min(across, down);
+    return { ...camera, plain: made };
+  },
+  focus_distance: (camera, value) => {
+    const { plain, origins } = camera;
+    positive("focus_distance", value);
+    if (!origins) return withFocus(camera, plain.aperture ?? focalLength(camera) / 2.8, value);
+    const shift = plain.focus_distance ? value - plain.focus_distance : 0;
+    const around = plain.focus_range?.map((depth) => depth === null ? null : Math.max(0, depth + shift));
+    return { ...camera, plain: { ...plain, focus_distance: value, ...(around && { focus_range: around }) } };
+  },
+  f_number: (camera, value) => {
+    positive("f_number", value);
+    if (camera.origins) {
+      const { focus_range: _, ...plain } = camera.plain;
+      return { ...camera, plain: { ...plain, f_number: value } };
+    }
+    const distance = camera.plain.focus_distance || Math.max(1, 2 * focalLength(camera));
+    return withFocus(camera, focalLength(camera) / value, distance);
+  },
+  focus_near: (camera, value) => withRange(camera, value, null),
+  focus_far: (camera, value) => withRange(camera, null, value),
+  near: (camera, value) => ({ ...camera, plain: { ...camera.plain, near: value } }),
+};
+
+/** Depths in focus, [z_n, z_f]: (3.10) and (3.11). */
+export function focusOf(plain, maxBlur = null) {
+  if (plain.focus_range) return [plain.focus_range[0], plain.focus_range[1] ?? Infinity];
+  if (!plain.aperture || !plain.focus_distance) return [0, Infinity];
+  const circle = (maxBlur ?? plain.max_blur ?? 1) * Math.min(...plain.pixel_size);
+  return depths_in_focus(plain.focus_distance, plain.focal_length, plain.aperture, circle);
+}
+
+/** What the page shows of a camera, by its `plain` values; the border of a lens is that of its proofs. */
+export function described(camera, models) {
+  const { plain } = camera;
+  const [near, far] = plain.focus_range ?? [null, null];
+  const [zn, zf] = focusOf(plain);
+  const isFocused = Boolean(plain.aperture || plain.focus_range);
+  const made = {
+    ...camera,
+    width: plain.width,
+    height: plain.height,
+    fx: plain.fx,
+    focal_length: plain.focal_length ?? null,
+    f_number: plain.aperture && plain.focal_length ? plain.focal_length / plain.aperture : null,
+    focus_distance: plain.focus_distance ?? null,
+    focus_near: near,
+    focus_far: far !== null && Number.isFinite(far) ? far : null,
+    near: plain.near ?? 0,
+    depth_of_field: isFocused ? [zn, Number.isFinite(zf) ? zf : null] : null,
+  };
+  if (camera.origins) return { ...made, lens: null }; // of parallel rays, as rastercov describes it
+  made.lens = lensOf(camera);
+  if (made.lens) {
+    const coefficients = (models[camera.model] ?? []).map((name, k) => [name, plain.distortion?.[k] ?? 0]);
+    return { ...made, cx: plain.cx, cy: plain.cy, ...Object.fromEntries(coefficients) };
+  }
+  const { width, height, fx, fy, cx, cy } = plain;
+  made.hfov_deg = ((Math.atan(cx / fx) + Math.atan((width - cx) / fx)) * 180) / Math.PI;
+  const parts = camera.border.length / 4;
+  const corners = [[0, 0], [width, 0], [width, height], [0, height], [0, 0]];
+  made.border = corners.slice(0, 4).flatMap(([u, v], side) => {
+    const [toU, toV] = corners[side + 1];
+    return Array.from({ length: parts }, (_, k) => {
+      const at = k / parts;
+      return [(u + at * (toU - u) - cx) / fx, (v + at * (toV - v) - cy) / fy, 1];
+    });
+  });
+  return made;
+}
+
+/** States in the order of the edits; a gesture is one step. */
+export class History {
+  #steps;
+  #at = 0;
+  #saved = 0;
+  #gesture = "";
+
+  constructor(state, { steps = [[state, ""]], at = 0, saved = 0 } = {}) {
+    [this.#steps, this.#at, this.#saved] = [steps.slice(), at, saved];
+    this.revision = 0;
+  }
+
+  get state() {
+    return this.#steps[this.#at][0];
+  }
+
+  /** What another page needs to go on: see the constructor. */
+  get all() {
+    return { steps: this.#steps, at: this.#at, saved: this.#saved };
+  }
+
+  take(state, words, isDrag = false) {
+    if (this.#gesture === words && words) this.#steps[this.#at] = [state, words];
+    else {
+      this.#steps.length = this.#at + 1;
+      if (this.#saved > this.#at) this.#saved = -1;
+      this.#steps.push([state, words]);
+      this.#at += 1;
+    }
+    this.#gesture = isDrag ? words : "";
+    this.revision += 1;
+  }
+
+  /** A function that puts back what is kept now. */
+  kept() {
+    const [steps, at, saved, gesture, revision] = [this.#steps.slice(), this.#at, this.#saved, this.#gesture, this.revision];
+    return () => {
+      [this.#steps, this.#at, this.#saved, this.#gesture, this.revision] = [steps, at, saved, gesture, revision];
+    };
+  }
+
+  go(by) {
+    this.#gesture = "";
+    if (!this.#steps[this.#at + by]) return;
+    this.#at += by;
+    this.revision += 1;
+  }
+
+  saved() {
+    this.#saved = this.#at;
+  }
+
+  described() {
+    const undo = this.#steps[this.#at][1];
+    const redo = this.#steps[this.#at + 1]?.[1] ?? "";
+    return {
+      revision: this.revision,
+      can_undo: Boolean(undo),
+      can_redo: Boolean(redo),
+      undo_label: undo,
+      redo_label: redo,
+      is_saved: this.#at === this.#saved,
+    };
+  }
+}

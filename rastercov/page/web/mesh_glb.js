@@ -1,0 +1,295 @@
+/** Scenes of GLB files; see rastercov/formats/meshes/gltf.py. One group a node, in the order of the tree. */
+
+import { Refused } from "rastercov/api.js";
+
+const COMPONENTS = {
+  5120: [1, "getInt8", 127],
+  5121: [1, "getUint8", 255],
+  5122: [2, "getInt16", 32767],
+  5123: [2, "getUint16", 65535],
+  5125: [4, "getUint32", 4294967295],
+  5126: [4, "getFloat32", 0],
+};
+const HARMLESS = ["KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_"];
+const READ = ["KHR_mesh_quantization"];
+const INSTANCING = "EXT_mesh_gpu_instancing";
+const LARGEST_COORDINATE = 1e30;
+const QUATERNION_TOLERANCE = 1e-3;
+const [TRIANGLES, STRIP, FAN] = [4, 5, 6];
+const NAMES = {
+  node: "camera children matrix mesh rotation scale translation weights skin name extras extensions",
+  mesh: "primitives weights name extras extensions",
+  primitive: "attributes indices material mode targets extras extensions",
+  accessor: "bufferView byteOffset componentType count type normalized sparse max min name extras extensions",
+  bufferView: "buffer byteOffset byteLength byteStride target name extras extensions",
+  scene: "nodes name extras extensions",
+  file: "accessors animations asset buffers bufferViews cameras extensions extensionsRequired extensionsUsed images materials meshes nodes samplers scene scenes skins textures extras",
+};
+
+/** Ends the reading of a file with one line. */
+export function refuse(words) {
+  throw new Refused(words, 400);
+}
+
+/** {vertices, faces, groupOf, names, notes} of a file of up to some faces. */
+export function readGlb(bytes, most) {
+  const made = { points: [], corners: [], groupOf: [], notes: [], most };
+  const { header, buffer } = chunksOf(bytes);
+  checkNames("file", header);
+  const required = listOf(header, "extensionsRequired").map(String);
+  const foreign = required.filter((name) => !READ.includes(name) && !HARMLESS.some((each) => name.startsWith(each)));
+  if (foreign.length) refuse(`expected supported extensions, got ${foreign[0].slice(0, 60)}; export without them`);
+  const scene = new Scene(header, buffer, made);
+  for (const { node, name, matrix } of scene.nodes()) if ("mesh" in node) scene.add(node, name, matrix);
+  if (listOf(header, "animations").length) made.notes.push("ignored animations: the nodes are at rest");
+  const { points, corners, groupOf, notes } = made;
+  if (!groupOf.length) refuse("expected triangles, got no faces; export the surface, not points");
+  const bad = points.findIndex((x) => !(Math.abs(x) <= LARGEST_COORDINATE));
+  if (bad >= 0) refuse(`vertex ${Math.floor(bad / 3)}: expected finite coordinates within ±1e30, got ${points[bad]}; repair the mesh`);
+  return { vertices: Float64Array.from(points), faces: Int32Array.from(corners), groupOf, names: scene.names, notes };
+}
+
+function chunksOf(bytes) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  if (bytes.length < 20 || view.getUint32(0, false) !== 0x676c5446) refuse("expected a GLB file, which begins with glTF, got another file; export a binary .glb");
+  const [version, length] = [view.getUint32(4, true), view.getUint32(8, true)];
+  if (version !== 2) refuse(`expected glTF version 2, got ${version}; export it again`);
+  const room = (what, size, at, end) => {
+    if (at + size > end) refuse(`expected ${size} bytes of ${what} from byte offset ${at} on, got ${end - at}; truncated; export it again`);
+  };
+  room("the header", length, 0, bytes.length);
+  const found = new Map();
+  for (let at = 12; at + 8 <= length; ) {
+    const [size, kind] = [view.getUint32(at, true), view.getUint32(at + 4, true)];
+    at += 8;
+    room("a chunk", size, at, length);
+    if (!found.has(kind)) found.set(kind, bytes.subarray(at, at + size));
+    at += size;
+  }
+  if (!found.has(0x4e4f534a)) refuse("expected a JSON chunk, got none; export it again");
+  let header;
+  try {
+    header = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(found.get(0x4e4f534a)));
+  } catch {
+    refuse("expected a readable JSON chunk, got damaged text; export it again");
+  }
+  if (!isObject(header)) refuse("expected the JSON chunk to be an object, got another type; export it again");
+  const asset = header.asset ?? {};
+  for (const [key, known] of [["version", "2."], ["minVersion", "2.0"]]) {
+    const wanted = String(asset[key] ?? "2.0");
+    if (!`${wanted}.`.startsWith(known)) refuse(`expected glTF 2.0, got ${key} ${wanted.slice(0, 20)}; export it again`);
+  }
+  return { header, buffer: found.get(0x004e4942) ?? new Uint8Array() };
+}
+
+const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+
+function listOf(owner, key) {
+  const found = owner[key] ?? [];
+  if (!Array.isArray(found) || (key in owner && owner[key] === null)) refuse(`expected '${key}' to be a list, got another type; export it again`);
+  return found;
+}
+
+function objectOf(header, key, index) {
+  const items = listOf(header, key);
+  if (!Number.isInteger(index) || !(index >= 0 && index < items.length) || !isObject(items[index])) {
+    refuse(`expected an index below ${items.length}, the objects of '${key}', got ${JSON.stringify(index)?.slice(0, 20)}; export it again`);
+  }
+  return items[index];
+}
+
+function countOf(owner, key, otherwise) {
+  const value = key in owner ? owner[key] : otherwise;
+  if (!Number.isSafeInteger(value) || value < 0) refuse(`expected '${key}' to be a whole number from 0, got ${JSON.stringify(value)?.slice(0, 20)}; export it again`);
+  return value;
+}
+
+function numbersOf(owner, key, otherwise) {
+  const values = key in owner ? owner[key] : otherwise;
+  const isRight = Array.isArray(values) && values.length === otherwise.length && values.every((each) => typeof each === "number" && Number.isFinite(each));
+  return isRight ? values : refuse(`expected '${key}' to be ${otherwise.length} finite numbers, got something else; export it again`);
+}
+
+function checkNames(kind, owner) {
+  const known = NAMES[kind].split(" ");
+  const other = Object.keys(owner).find((name) => !known.includes(name));
+  if (other !== undefined) refuse(`expected names of glTF 2.0 in a ${kind}, got ${other.slice(0, 40)}; export it again`);
+}
+
+const EYE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+
+const times = (a, b) =>
+  Array.from({ length: 16 }, (_, k) => [0, 1, 2, 3].reduce((sum, j) => sum + a[4 * (k >> 2) + j] * b[4 * j + (k & 3)], 0));
+
+class Scene {
+  names = [];
+
+  constructor(header, buffer, made) {
+    Object.assign(this, { header, buffer, made });
+    const [own] = listOf(header, "buffers");
+    if (own && "uri" in own) this.buffer = null;
+    else if (own) {
+      const promised = countOf(own, "byteLength");
+      if (buffer.length - promised < 0 || buffer.length - promised > 3) made.notes.push(`buffer 0 declares ${promised} bytes; the file has ${buffer.length}`);
+    }
+  }
+
+  /** Nodes that the scene shows, depth first, {node, name, matrix}. */
+  *nodes() {
+    const { header } = this;
+    const all = listOf(header, "nodes");
+    const below = new Set(all.flatMap((node) => (isObject(node) ? listOf(node, "children") : [])));
+    const scenes = listOf(header, "scenes");
+    const scene = scenes.length ? objectOf(header, "scenes", "scene" in header ? header.scene : 0) : null;
+    if (scene) checkNames("scene", scene);
+    const roots = scene ? listOf(scene, "nodes") : [...all.keys()].filter((row) => !below.has(row));
+    const seen = new Set();
+    const stack = [...roots].reverse().map((index) => ({ index, above: "", parent: EYE }));
+    while (stack.length) {
+      const { index, above, parent } = stack.pop();
+      const node = objectOf(header, "nodes", index);
+      checkNames("node", node);
+      if (seen.has(index)) refuse(`expected nodes that form a tree, got two parents of node ${index}; export it again`);
+      seen.add(index);
+      const name = nameOf(node) || above;
+      const matrix = node.extras?.rastercov_world === true ? EYE : times(parent, matrixOf(index, node));
+      for (const child of [...listOf(node, "children")].reverse()) stack.push({ index: child, above: name, parent: matrix });
+      yield { node, name, matrix };
+    }
+  }
+
+  /** Adds the triangles of the mesh of a node. */
+  add(node, name, matrix) {
+    const { header, made } = this;
+    const mesh = objectOf(header, "meshes", node.mesh);
+    checkNames("mesh", mesh);
+    const weights = [...listOf(mesh, "weights"), ...listOf(node, "weights")];
+    if (weights.some((each) => each !== 0) || node.extensions?.[INSTANCING] || "skin" in node) {
+      refuse("expected a scene at rest, got morph weights, instances or a skin; apply them, or use rastercov view");
+    }
+    const primitives = listOf(mesh, "primitives");
+    if (!primitives.length) refuse(`mesh ${node.mesh}: expected primitives, got none; export it again`);
+    const group = this.names.length;
+    this.names.push(name || nameOf(mesh) || `node${group}`);
+    for (const primitive of primitives) {
+      if (!isObject(primitive)) refuse(`mesh ${node.mesh}: expected primitives, got something else; export it again`);
+      checkNames("primitive", primitive);
+      const mode = "mode" in primitive ? primitive.mode : TRIANGLES;
+      if (!Number.isInteger(mode) || mode < 0 || mode > FAN) refuse(`mesh ${node.mesh}: expected a mode from 0 to 6, got ${JSON.stringify(mode)?.slice(0, 20)}; export it again`);
+      if (mode >= TRIANGLES) this.#triangles(node.mesh, primitive, mode, matrix, group);
+      else made.notes.push("ignored points or lines");
+    }
+  }
+
+  #triangles(mesh, primitive, mode, matrix, group) {
+    const { made } = this;
+    const attributes = primitive.attributes ?? {};
+    if (!("POSITION" in attributes)) refuse(`mesh ${mesh}: expected a primitive with POSITION, got one without; export it again`);
+    if (listOf(primitive, "targets").length) refuse("expected a scene at rest, got morph targets; apply them, or use rastercov view");
+    const points = this.#read(attributes.POSITION, "VEC3");
+    const n = points.length / 3;
+    let corners = Array.from({ length: n }, (_, row) => row);
+    if ("indices" in primitive) {
+      const [, , most] = COMPONENTS[objectOf(this.header, "accessors", primitive.indices).componentType] ?? refuse("expected indices of a known type, got another type; export it again");
+      corners = this.#read(primitive.indices, "SCALAR");
+      const beyond = corners.find((corner) => !(corner < Math.min(n, most)));
+      if (beyond !== undefined) refuse(`mesh ${mesh}: expected vertex indices in 0 ... ${Math.min(n, most) - 1}, got ${beyond}; export it again`);
+    }
+    if (mode === TRIANGLES && corners.length % 3) refuse(`expected triangles of 3 corners each, got ${corners.length} corners; export it again`);
+    if (mode !== TRIANGLES && [1, 2].includes(corners.length)) refuse(`expected a strip of 3 corners or more, got ${corners.length}; export it again`);
+    const first = made.points.length / 3;
+    for (let k = 0; k < n; k++) {
+      const p = points.slice(3 * k, 3 * k + 3);
+      for (let row = 0; row < 3; row++) {
+        made.points.push(matrix[4 * row] * p[0] + matrix[4 * row + 1] * p[1] + matrix[4 * row + 2] * p[2] + matrix[4 * row + 3]);
+      }
+    }
+    const isMirrored = determinant(matrix) < 0;
+    for (const [a, b, c] of trianglesOf(corners, mode)) {
+      checkCount(made, made.groupOf.length + 1);
+      made.corners.push(...(isMirrored ? [a, c, b] : [a, b, c]).map((corner) => first + corner));
+      made.groupOf.push(group);
+    }
+  }
+
+  /** Numbers of an accessor; normalised ones as fractions. */
+  #read(index, wanted) {
+    const accessor = objectOf(this.header, "accessors", index);
+    checkNames("accessor", accessor);
+    const where = `accessor ${index}`;
+    if ("sparse" in accessor || !("bufferView" in accessor)) refuse(`${where}: expected plain data, got sparse or none; export it uncompressed`);
+    const [size, get, most] = COMPONENTS[accessor.componentType] ?? [0];
+    const isIndex = wanted === "SCALAR";
+    const isRight = accessor.type === wanted && (isIndex ? get?.startsWith("getUint") : get !== "getUint32");
+    if (!size || !isRight) refuse(`expected ${where} to be ${wanted}, got ${JSON.stringify(accessor.type)?.slice(0, 20)} of ${JSON.stringify(accessor.componentType)?.slice(0, 20)}; export it again`);
+    const isNormalised = "normalized" in accessor ? accessor.normalized : false;
+    if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) refuse(`${where}: expected 'normalized' of integers only, got it elsewhere; export it again`);
+    const count = countOf(accessor, "count");
+    const columns = isIndex ? 1 : 3;
+    checkCount(this.made, count / 3);
+    const { at, stride, buffer } = this.#window(where, accessor, count, columns * size);
+    const view = new DataView(buffer.buffer, buffer.byteOffset, buffer.byteLength);
+    return Array.from({ length: count * columns }, (_, k) => {
+      const value = view[get](at + stride * Math.floor(k / columns) + size * (k % columns), true);
+      return isNormalised ? Math.max(value / most, -1) : value;
+    });
+  }
+
+  #window(where, accessor, count, row) {
+    const view = objectOf(this.header, "bufferViews", accessor.bufferView);
+    checkNames("bufferView", view);
+    const index = "buffer" in view ? view.buffer : 0;
+    objectOf(this.header, "buffers", index);
+    if (index !== 0 || !this.buffer) refuse("expected buffers in the file, got one outside (uri); export a .glb");
+    const stride = countOf(view, "byteStride", row);
+    const [start, within] = [countOf(view, "byteOffset", 0), countOf(accessor, "byteOffset", 0)];
+    const room = Math.min(countOf(view, "byteLength", 0), this.buffer.length - start);
+    if (!(stride >= row && (!count || within + (count - 1) * stride + row <= room))) {
+      refuse(`${where}: expected ${count} elements of ${row} bytes every ${stride}, got a view of ${Math.max(room, 0)} bytes; truncated; export it again`);
+    }
+    return { at: start + within, stride, buffer: this.buffer };
+  }
+}
+
+/** Refuses more faces than the page takes, before they are made. */
+function checkCount({ most }, n) {
+  if (n > most) refuse(`expected up to ${most.toLocaleString("en")} faces, got ${n.toLocaleString("en")}; simplify the mesh, or use rastercov view`);
+}
+
+function nameOf(owner) {
+  const name = owner.name || "";
+  return typeof name === "string" ? name.slice(0, 1000) : refuse("expected a name to be a string, got another type; export it again");
+}
+
+function matrixOf(index, node) {
+  const hasParts = ["translation", "rotation", "scale"].some((key) => key in node);
+  const [x, y, z, w] = numbersOf(node, "rotation", [0, 0, 0, 1]);
+  const long = Math.hypot(x, y, z, w);
+  if (!(Math.abs(long - 1) <= QUATERNION_TOLERANCE)) refuse(`expected a rotation of node ${index} to be a quaternion of length 1, got ${[x, y, z, w].join(" ").slice(0, 60)}; export it again`);
+  if ("matrix" in node) {
+    const m = numbersOf(node, "matrix", Array(16).fill(0));
+    const rows = Array.from({ length: 16 }, (_, k) => m[4 * (k & 3) + (k >> 2)]);
+    if ([0, 0, 0, 1].some((value, k) => Math.abs(rows[12 + k] - value) > 1e-6)) refuse(`node ${index}: expected a matrix whose last row is 0 0 0 1, got another row; export it again`);
+    if (hasParts) refuse(`expected one transform of node ${index}, got a matrix and another; export it again`);
+    return rows;
+  }
+  const [a, b, c, d] = [x, y, z, w].map((value) => value / long);
+  const turn = [
+    [1 - 2 * (b * b + c * c), 2 * (a * b - c * d), 2 * (a * c + b * d)],
+    [2 * (a * b + c * d), 1 - 2 * (a * a + c * c), 2 * (b * c - a * d)],
+    [2 * (a * c - b * d), 2 * (b * c + a * d), 1 - 2 * (a * a + b * b)],
+  ];
+  const size = numbersOf(node, "scale", [1, 1, 1]);
+  const place = numbersOf(node, "translation", [0, 0, 0]);
+  return turn.flatMap((row, k) => [...row.map((value, column) => value * size[column]), place[k]]).concat([0, 0, 0, 1]);
+}
+
+const determinant = (m) =>
+  m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
+
+/** Triangles of corners; odd ones of a strip are reversed; the first corner of a fan is the last of each. */
+function* trianglesOf(corners, mode) {
+  if (mode === TRIANGLES) for (let k = 0; k < corners.length; k += 3) yield corners.slice(k, k + 3);
+  for (let k = 0; mode === STRIP && k + 2 < corners.length; k++) yield [corners[k], corners[k + 1 + (k % 2)], corners[k + 2 - (k % 2)]];
+  for (let k = 0; mode === FAN && k + 2 < corners.length; k++) yield [corners[k + 1], corners[k + 2], corners[0]];
+}

@@ -1,0 +1,147 @@
+/**
+ * The empty page of the documentation: a mesh file of the reader's, or a built-in scene, becomes the scene of a
+ * page that computes. Nothing is uploaded: the file is read here.
+ */
+
+import { Refused } from "rastercov/api.js";
+import { button, choice, count, element, figure, fill } from "rastercov/dom.js";
+import { inflated } from "rastercov/live.js";
+import { cross, dot, subtract } from "rastercov/maths.js";
+import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
+
+const CUT_AT = 0.6; // height of the floor plan, as a part of that of the scene
+const LARGEST = 200; // units of a scene beyond which they are more likely millimetres
+const UNIT_OF = { glb: "m" };
+
+/** The data of a page with the scene that its reader chooses; other pages have theirs. */
+export async function withScene(data) {
+  return data.mesh ? data : withSurface(data, await chosen(data));
+}
+
+/** Shows the ways to begin; ends with {title, vertices, faces, groupOf, groups}, in metres. */
+function chosen(data) {
+  return new Promise((resolve) => {
+    const fault = element("p.fault", { role: "alert" });
+    const more = element("div");
+    const input = element("input", { type: "file", accept: ".stl,.obj,.ply,.off,.glb", id: "mesh-file", class: "file" });
+    const take = async (file) => {
+      if (!file) return;
+      fault.textContent = "";
+      fill(more, element("p.soft", { role: "status" }, "Loading the file…"));
+      await new Promise((drawn) => setTimeout(drawn, 30));
+      try {
+        checkSize(file.size);
+        const mesh = await readMesh(file.name, new Uint8Array(await file.arrayBuffer()), () => inflated(data.readers));
+        fill(more, unitForm(file.name, mesh, resolve));
+        more.querySelector("select").focus();
+      } catch (error) {
+        fill(more);
+        fault.textContent = error instanceof Refused ? error.message : `${file.name}: the file could not be read (${error.message})`;
+      }
+    };
+    input.addEventListener("change", () => take(input.files[0]));
+    const open = async (sample) => {
+      const [vertices, faces, groups] = await Promise.all([sample.vertices, sample.faces, sample.groups].map(inflated));
+      resolve({ ...sample, vertices: new Float64Array(vertices), faces: new Int32Array(faces), groupOf: new Uint16Array(groups), groups: sample.names });
+    };
+    const drop = (event) => {
+      event.preventDefault();
+      if (event.type === "drop") take(event.dataTransfer.files[0]);
+    };
+    for (const name of ["dragover", "drop"]) document.addEventListener(name, drop);
+    document.title = "Playground – rastercov";
+    document.body.replaceChildren(
+      element(
+        "main.begin",
+        {},
+        element("h1", {}, "rastercov ", element("span.soft", {}, "playground")),
+        element("p", {}, "Place cameras around a part or in a room, and see how much of the surface they cover, and why the rest is not covered."),
+        element("label.drop", { htmlFor: "mesh-file" }, element("strong", {}, "Open a mesh, or drop it here"), element("span.soft", {}, "STL, OBJ, PLY, OFF or GLB, up to 300,000 faces. The file stays on this device."), input),
+        fault,
+        more,
+        element("p", {}, "Or start from"),
+        element("div.buttons", {}, data.samples.map((sample) => button(sample.title, () => open(sample), { title: sample.words }))),
+      ),
+    );
+  });
+}
+
+/** Asks for the unit of a file, with the size that each gives; metres are those of GLB. */
+function unitForm(name, mesh, resolve) {
+  const [low, high] = boundsOf(mesh.vertices);
+  const sides = [0, 1, 2].map((axis) => high[axis] - low[axis]);
+  const kind = name.split(".").pop().toLowerCase();
+  const hint = UNIT_OF[kind] ?? (Math.max(...sides) > LARGEST ? "mm" : "m");
+  const size = element("output");
+  const show = (unit) => {
+    size.textContent = `${sides.map((side) => figure(side * UNITS[unit])).join(" × ")} m`;
+  };
+  const menu = choice("unit of the file", Object.keys(UNITS).map((unit) => [unit, unit]), hint, show);
+  show(hint);
+  const start = () => {
+    const metres = UNITS[menu.value];
+    resolve({ ...mesh, title: name, vertices: mesh.vertices.map((value) => value * metres) });
+  };
+  return element(
+    "div.unit-form",
+    {},
+    element("p", {}, `${[`${name}: ${count(mesh.groupOf.length)} faces`, ...new Set(mesh.notes)].join("; ")}.`),
+    element("p", {}, element("label", {}, "The unit of the file is ", menu), ", so the object measures ", size, kind === "glb" ? "." : ". The file does not state its unit: check the size."),
+    button("Start", start, { kind: "primary" }),
+  );
+}
+
+function boundsOf(vertices) {
+  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  for (let k = 0; k < vertices.length; k++) {
+    const axis = k % 3;
+    if (vertices[k] < low[axis]) low[axis] = vertices[k];
+    if (vertices[k] > high[axis]) high[axis] = vertices[k];
+  }
+  return [low, high];
+}
+
+/** Six times the volume that faces enclose: negative for a room, whose faces look inward. */
+function volumeOf(vertices, faces, origin) {
+  let sum = 0;
+  for (let f = 0; f < faces.length; f += 3) {
+    const [a, b, c] = [0, 1, 2].map((k) => subtract([...vertices.subarray(3 * faces[f + k], 3 * faces[f + k] + 3)], origin));
+    sum += dot(a, cross(b, c));
+  }
+  return sum;
+}
+
+/** The data with a surface, as rastercov/report/live.py has it. */
+function withSurface(data, { title, vertices, faces, groupOf, groups }) {
+  const bounds = boundsOf(vertices);
+  const [low, high] = bounds;
+  const counts = new Map();
+  const firsts = new Map();
+  groupOf.forEach((group, face) => {
+    counts.set(group, (counts.get(group) ?? 0) + 1);
+    if (!firsts.has(group)) firsts.set(group, face);
+  });
+  const entries = groups.map(({ name, role = "task", is_two_sided: isTwoSided = false }, row) => {
+    return { name, role, is_two_sided: isTwoSided, faces: counts.get(row) ?? 0, first: firsts.get(row) ?? -1 };
+  });
+  const size = Math.hypot(...subtract(high, low));
+  const isSite = size >= data.leastSite;
+  const scene = {
+    ...data.scene,
+    title,
+    n_faces: groupOf.length,
+    n_vertices: vertices.length / 3,
+    bounds,
+    frame: bounds,
+    up: [0, 0, 1],
+    cut: (1 - CUT_AT) * low[2] + CUT_AT * high[2],
+    towards: null,
+    is_room: volumeOf(vertices, faces, low) < 0,
+    groups: entries,
+    levels: isSite ? data.scene.levels : {},
+    modes: data.scene.modes.filter(({ id }) => isSite || id !== "level"),
+  };
+  const roles = entries.map(({ role, is_two_sided: isTwoSided }) => (role === "occluder" ? 1 : 0) + (role === "target" ? 2 : 0) + (isTwoSided ? 4 : 0));
+  const mesh = { vertices, faces, groups: groupOf, roles, unseeable: [] };
+  return { ...data, scene, mesh, origin: low.map((value, axis) => (value + high[axis]) / 2), isPlayground: true };
+}

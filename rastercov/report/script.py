@@ -1,0 +1,196 @@
+"""JavaScript of Python's functions of plain values, so that what reports and the page print is one.
+
+`texts_script` is the module `texts.js` of the page. A function may have numbers, texts, lists and
+mappings, the statements and expressions of `TEMPLATES`, `CALLS` and `METHODS`, constants of its
+module, and calls of other such functions; anything else is refused. Python's formats of numbers
+are in `page/plain.js`. JavaScript takes an empty list as true: compare its length.
+"""
+
+import ast
+import inspect
+import json
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from types import FunctionType
+
+from rastercov.base import format as texts
+from rastercov.base.format import ByName
+from rastercov.core.area.advice import advice_of
+from rastercov.core.camera.camera import depths_in_focus
+from rastercov.core.camera.viewpoints import distances_tried
+from rastercov.core.coverage import required
+
+Shared = Callable[..., object]
+SHARED: tuple[Shared, ...] = (
+    depths_in_focus,
+    distances_tried,
+    texts.number,
+    texts.percent,
+    texts.with_bound,
+    texts.area,
+    texts.distance,
+    texts.signed,
+    advice_of,
+    required.status_of,
+    required.short_by,
+    required.share_of,
+    required.ends_in_words,
+    required.outcome_line,
+)
+"""Functions that both print with."""
+HEAD = 'import { filled, formatted, withoutEnd } from "rastercov/plain.js";\n'
+TEMPLATES = {
+    "Assign": "{targets} = {value};\n",
+    "Attribute": "{value}.{attr}",
+    "BinOp": "({left} {op} {right})",
+    "Expr": "",
+    "For": "for ({target} of {iter}) {{\n{body}}}\n",
+    "FormattedValue": "formatted({value}, {format_spec})",
+    "If": "if ({test}) {{\n{body}}} else {{\n{orelse}}}\n",
+    "IfExp": "({test} ? {body} : {orelse})",
+    "JoinedStr": "[{values}].join('')",
+    "List": "[{elts}]",
+    "Return": "return {value};\n",
+    "Subscript": "{value}[{slice}]",
+    "Tuple": "[{elts}]",
+    "UnaryOp": "({op}{operand})",
+    **dict.fromkeys(("Load", "Store"), ""),
+    **{"Add": "+", "Sub": "-", "Mult": "*", "Div": "/", "Pow": "**", "USub": "-"},
+    **{"And": "&&", "Or": "||", "Not": "!"},
+    **{"Eq": "===", "NotEq": "!==", "Is": "===", "IsNot": "!=="},
+    **{"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">="},
+}
+"""JavaScript of nodes of `ast`, by their fields; a docstring is the only expression alone."""
+CALLS = {
+    "abs": "Math.abs({0})",
+    "float": "Number({0})",
+    "getattr": "{0}[{1}]",
+    "int": "Math.trunc(Number({0}))",
+    "math.inf": "Infinity",
+    "math.ceil": "Math.ceil({0})",
+    "math.degrees": "({0} * (180 / Math.PI))",
+    "math.isfinite": "Number.isFinite({0})",
+    "math.isinf": "(Math.abs({0}) === Infinity)",
+    "max": "Math.max(...[{every}].flat())",
+    "min": "Math.min(...[{every}].flat())",
+    "round": "Number(formatted({0}, '.' + {1} + 'f'))",
+}
+"""The same of functions, by the numbers of arguments; of one that is a list `max` has all of it."""
+METHODS = {
+    "format": "filled({on}, {{ {named} }})",
+    "get": "({on}[{0}] ?? {1})",
+    "removesuffix": "withoutEnd({on}, {0})",
+    "replace": "{on}.replaceAll({0}, {1})",
+    "split": "{on}.split({0})",
+}
+
+
+def script_of(functions: Iterable[Shared]) -> str:
+    """Text of a module that exports functions, and those that they call, by their names.
+
+    TypeError for what has no translation.
+    """
+    made = _Script(functions)
+    bodies = [made.function(each) for each in made.called]
+    constants = [f"const {name} = {value};\n" for name, value in made.constants.items()]
+    return "".join([HEAD, *constants, *bodies])
+
+
+@cache
+def texts_script() -> str:
+    """The module `texts.js` of the page."""
+    return script_of(SHARED)
+
+
+class _Script:
+    """Translator of functions, to which it adds those that they call, and of their constants."""
+
+    def __init__(self, functions: Iterable[Shared]) -> None:
+        self.called = [*functions]
+        self.constants: dict[str, str] = {}
+        self._globals: ByName = {}
+        self._local: tuple[str, ...] = ()
+
+    def function(self, given: Shared) -> str:
+        """A function that is exported."""
+        assert isinstance(given, FunctionType)
+        tree = ast.parse(inspect.getsource(given)).body[0]
+        assert isinstance(tree, ast.FunctionDef)
+        parameters = inspect.signature(given).parameters.values()
+        self._globals, self._local = given.__globals__, given.__code__.co_varnames
+        heads = ", ".join(
+            each.name + ("" if each.default is each.empty else f" = {json.dumps(each.default)}")
+            for each in parameters
+        )
+        own = ", ".join(self._local[len(parameters) :])
+        let = f"let {own};\n" if own else ""
+        return f"export function {given.__name__}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
+
+    def text(self, node: object) -> str:
+        """A node of `ast`, or several of one field."""
+        if isinstance(node, list):
+            between = "" if node and isinstance(node[0], ast.stmt) else ", "
+            return between.join(map(self.text, node))
+        if not isinstance(node, ast.AST):
+            return "undefined" if node is None else str(node)
+        kind = type(node).__name__
+        if kind == "Attribute" and (said := ast.unparse(node)) in CALLS:
+            return CALLS[said]
+        if kind in TEMPLATES:
+            own = {name: self.text(value) for name, value in ast.iter_fields(node)}
+            return TEMPLATES[kind].format(**own)
+        match node:
+            case ast.Constant(value):
+                return json.dumps(value, ensure_ascii=False)
+            case ast.Name(name):
+                return self._named(name)
+            case ast.BoolOp(operator, values):
+                return f"({f' {self.text(operator)} '.join(map(self.text, values))})"
+            case ast.Compare(left, operators, others):
+                pairs = zip([left, *others], operators, others, strict=False)
+                return f"({' && '.join(self._compared(*each) for each in pairs)})"
+            case ast.Call():
+                return self._call(node)
+        raise _refused(node)
+
+    def _named(self, name: str) -> str:
+        if name in self._local:
+            return name
+        text = json.dumps(self._globals[name], ensure_ascii=False)
+        if self.constants.setdefault(name, text) != text:
+            raise TypeError(f"expected one constant {name} of all functions, got two; rename one")
+        return name
+
+    def _compared(self, left: ast.expr, operator: ast.cmpop, right: ast.expr) -> str:
+        one, other = self.text(left), self.text(right)
+        if isinstance(operator, ast.In):
+            return f"{other}.includes({one})"
+        return f"{one} {self.text(operator)} {other}"
+
+    def _call(self, node: ast.Call) -> str:
+        said, given = ast.unparse(node.func), [*map(self.text, node.args)]
+        named = {str(each.arg): self.text(each.value) for each in node.keywords}
+        if said in CALLS:
+            return CALLS[said].format(*given, every=", ".join(given))
+        if isinstance(node.func, ast.Attribute) and node.func.attr in METHODS:
+            of = {"on": self.text(node.func.value), "named": _entries(named)}
+            return METHODS[node.func.attr].format(*given, **of)
+        function = self._globals.get(said)
+        if fields := getattr(function, "_fields", ()):
+            return f"({{ {_entries(dict(zip(fields, given, strict=True)))} }})"
+        if not inspect.isfunction(function):
+            raise _refused(node)
+        self.called += [function] * (function not in self.called)
+        rest = [*inspect.signature(function).parameters][len(given) :]
+        given += [named.get(each, "undefined") for each in rest]
+        return f"{function.__name__}({', '.join(given)})"
+
+
+def _entries(named: Mapping[str, str]) -> str:
+    return ", ".join(f"{name}: {value}" for name, value in named.items())
+
+
+def _refused(node: ast.AST) -> TypeError:
+    return TypeError(
+        f"expected Python that has a JavaScript here, got {ast.unparse(node)}; see CALLS"
+    )

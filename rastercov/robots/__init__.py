@@ -1,0 +1,1 @@
+"""Robots before cameras, and cameras on robots."""

@@ -1,0 +1,1 @@
+"""Rules of rigs, limits of their rays, uncertainty and the laser line."""

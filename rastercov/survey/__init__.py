@@ -1,0 +1,1 @@
+"""Flights, orbits, facades and footprints on a map."""

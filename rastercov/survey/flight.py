@@ -1,0 +1,261 @@
+"""Flight of a plan: its entries, and the waypoints of the chosen positions in a short order.
+
+The order is that of the patterns that made the candidates, or, where it is shorter, a tour through
+all of them from the home position; `legs.py` finds the ways over obstacles. The vehicle climbs
+straight up at home, and lands there straight down. Overlap and ground
+sampling distance are those of the exact footprints of the planned images.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from rastercov.base.errors import ConfigError, errors_as
+from rastercov.base.format import distance, in_decimals, plural, sampling, verb
+from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.threads import once_each
+from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage.task import Task
+from rastercov.core.mesh import Mesh
+from rastercov.placement.candidates.ground import heights_at
+from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, is_straight, length_of
+from rastercov.placement.plan.product import Product
+from rastercov.survey.plan_section import FlightSection
+
+if TYPE_CHECKING:
+    from rastercov.core.area.footprints import Footprints
+
+STRAIGHT = 1e-6
+"""Sine of the angle to the vertical below which a view has no heading of its own."""
+LOOKS_DOWN_DEG = -45.0
+"""Pitch below which a view is meant for what is below it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flight(Product):
+    """Waypoints in the order of flight.
+
+    Attributes
+    ----------
+    asked : FlightSection
+    mesh : Mesh
+    mounts : Mounts
+        Cameras and rigs that fly.
+    poses : Poses
+        Pose of the mount at each of N waypoints.
+    rows : (N,) int64
+        Position of each, a row of the placement.
+    home : (3,) float64
+        Place of take-off, metres.
+    over : sequence of (K, 3) float64 or None
+        Points that are passed on each of N + 1 legs: from home to the first waypoint, with the top
+        of the climb, to each other, and back; None where every way that was tried comes too near to
+        something.
+    """
+
+    asked: FlightSection
+    mesh: Mesh
+    mounts: Mounts
+    poses: Poses
+    rows: IntArray
+    home: FloatArray
+    over: Sequence[FloatArray | None]
+
+    word = "flight"
+
+    @property
+    def places(self) -> FloatArray:
+        """(N, 3) positions, metres."""
+        return self.poses.eyes
+
+    @cached_property
+    def views(self) -> tuple[FloatArray, FloatArray]:
+        """(N, 3) horizontal directions that the images head for, and pitch of the views, degrees.
+
+        That of a view straight down is the direction of the upper edge of its image.
+        """
+        matrices = self.poses.world_from_camera
+        forward, upper = matrices[:, :3, 2], -matrices[:, :3, 1]
+        level = np.hypot(forward[:, 0], forward[:, 1])
+        pitch = np.degrees(np.arctan2(forward[:, 2], level))
+        ahead = np.where((level < STRAIGHT)[:, None], -np.sign(forward[:, 2:]) * upper, forward)
+        ahead = ahead * (1, 1, 0)
+        return ahead / np.linalg.norm(ahead, axis=1, keepdims=True), pitch
+
+    @cached_property
+    def headings_deg(self) -> FloatArray:
+        """(N,) headings, clockwise from north, or from +y without a CRS."""
+        ahead, _ = self.views
+        if (place := self.asked.place) is not None:
+            return place.headings_deg(self.places, 10 * ahead)
+        return np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) % 360
+
+    def way_to(self, row: int) -> FloatArray:
+        """(K + 2, 3) points of the way to a waypoint from the one before or home; N is home."""
+        stops = (self.home, *self.places, self.home)
+        over = self.over[row]
+        return np.array((stops[row], *(() if over is None else over), stops[row + 1]))
+
+    @cached_property
+    def legs(self) -> FloatArray:
+        """(N + 1,) lengths of the way from home through the waypoints and back, metres."""
+        return np.array([length_of(*self.way_to(row)) for row in range(len(self.over))])
+
+    @cached_property
+    def n_beside(self) -> int:
+        """Waypoints that look down with no surface below."""
+        is_down = self.views[1] < LOOKS_DOWN_DEG
+        return int(np.isnan(heights_at(self.mesh, self.places[is_down, :2])).sum())
+
+    @property
+    def n_over(self) -> int:
+        """Legs that lead over the scene."""
+        return len(self.over) - sum(is_straight(self.over)) - len(self.blocked)
+
+    @property
+    def blocked(self) -> list[int]:
+        """Waypoints that no way leads to, from 1; N + 1 is home."""
+        return [row + 1 for row, each in enumerate(self.over) if each is None]
+
+    @property
+    def seconds(self) -> float:
+        """Time at the speed of the plan, with the stops, without turns."""
+        return float(self.legs.sum()) / self.asked.speed + self.asked.hover * len(self.rows)
+
+    @cached_property
+    def clearance(self) -> tuple[float, int]:
+        """Least distance to the surface between the tops above home, metres, and after which leg.
+
+        That is the number of the waypoint before it, 0 for home.
+        """
+        ways = [self.way_to(row) for row in range(len(self.over))]
+        ways[0], ways[-1] = ways[0][1:], ways[-1][:-1]
+        space = Airspace(self.mesh)
+        best, low, high = space.distance(np.concatenate(ways)), 0, len(ways)
+        while np.isfinite(best) and high - low > 1:  # which of them comes so near
+            middle = (low + high) // 2
+            near = space.distance(np.concatenate(ways[low:middle])) <= best * (1 + SAME_REL)
+            low, high = (low, middle) if near else (middle, high)
+        return best, low
+
+    @cached_property
+    def footprints(self) -> "Footprints":
+        """Footprints of all images, in the order of flight."""
+        from rastercov.core.area.footprints import footprints
+
+        placed, owner = self.mounts.cameras(self.poses)
+        names = [str(row + 1) for row in owner.tolist()]
+        return footprints(self.mesh, self.mounts.rig, placed, Task(), names=names)
+
+    @cached_property
+    def _figures(self) -> dict[str, Any]:
+        return self.footprints.summary()
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentence on waypoints beside the surface, where there are some."""
+        if not (n := self.n_beside):
+            return []
+        return [
+            f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
+            "surface, where strips keep to its mean height: the median GSD may differ from what "
+            "the height or gsd of the plan gives"
+        ]
+
+    def summary(self) -> dict[str, Any]:
+        """Figures, ready for JSON; `order` are rows of the positions."""
+        away, leg = self.clearance
+        own = {name: self._figures[name] for name in ("strips", "gsd_per_px")}
+        place = self.asked.place
+        return {
+            "waypoints": len(self.rows),
+            "images": len(self.footprints.names),
+            "length_m": float(self.legs.sum()),
+            "duration_s": self.seconds,
+            "clearance_m": away if np.isfinite(away) else None,
+            "nearest_after": leg,
+            "beside_surface": self.n_beside,
+            "detours": self.n_over,
+            "blocked": self.blocked,
+            "crs": None if place is None else place.words,
+            "home": self.home,
+            "order": self.rows,
+            **own,
+            **self.footprints.overlap_figures(),
+            "sentences": self.lines(),
+        }
+
+    def lines(self) -> list[str]:
+        """Sentences on the flight."""
+        from rastercov.core.area.footprints import overlap_words
+
+        away, leg = self.clearance
+        figures = self._figures
+        text = f"flight: {plural(len(self.rows), 'waypoint')}, {in_decimals(self.legs.sum(), 0)} m"
+        hover = self.asked.hover
+        text += f", about {in_decimals(self.seconds / 60, 1)} min at {self.asked.speed:g} m/s"
+        text += f"{f', with {hover:g} s at each waypoint' if hover else ''}"
+        if np.isfinite(away):
+            text += f"; at least {distance(away)} from the surface, nearest after "
+            text += f"waypoint {leg}" if leg else "take-off"
+        if self.n_over:
+            text += f"; {plural(self.n_over, 'leg')} over the scene"
+        own = [words] if (words := overlap_words(figures)) else []
+        if figures["gsd_per_px"] is not None:
+            own.insert(0, f"GSD {sampling(figures['gsd_per_px'])} (median of the images)")
+        lines = [text, *([", ".join(own)] if own else [])]
+        lines += self.notes
+        if blocked := self.blocked:
+            is_home = blocked[0] in (1, len(self.over))
+            lines.append(
+                f"no flight is written: the scene blocks {plural(len(blocked), 'leg')}, the first "
+                + (f"to waypoint {blocked[0]}" if blocked[0] < len(self.over) else "back home")
+                + ", and also the ways over it; move "
+                + ("home in [flight]" if is_home else "the positions")
+                + ", or decrease clearance in [constraints]"
+            )
+        elif self.asked.place is None:
+            lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")
+        return lines
+
+
+class FlightNetwork(Protocol):
+    """Cameras that are chosen."""
+
+    @property
+    def mounted(self) -> Poses:
+        """Poses of the mounts."""
+
+
+@once_each
+def flight_of(
+    cameras: FlightNetwork,
+    asked: FlightSection,
+    space: Airspace,
+    mounts: Mounts,
+    candidates: IntArray,
+) -> Flight:
+    """Flight through the poses of a network, each made for a candidate by its number."""
+    mounted, mesh = cameras.mounted, space.mesh
+    eyes = mounted.eyes
+    rows = np.argsort(candidates, kind="stable")
+    home = np.array(asked.home or _home(mesh, eyes[rows[0]]))
+    if (place := asked.place) is not None:
+        stops = np.concatenate((home[None], eyes))
+        with errors_as(ConfigError, "flight"):
+            place.check_scene(np.stack((stops.min(axis=0), stops.max(axis=0))))
+    first, (rows, over) = rows[0], course_of(space, home, eyes, rows)
+    if asked.home is None and rows[0] != first:
+        home = _home(mesh, eyes[rows[0]])
+        rows, over = course_of(space, home, eyes, rows)
+    return Flight(asked, mesh, mounts, mounted[rows], rows, home, over)
+
+
+def _home(mesh: Mesh, eye: FloatArray) -> FloatArray:
+    """Place on the ground below a position; on the lowest level of the mesh beside it."""
+    below = float(heights_at(mesh, eye[None, :2])[0])
+    return np.array((eye[0], eye[1], mesh.bounds[0, 2] if np.isnan(below) else below))

@@ -1,0 +1,150 @@
+"""Map of the number of images that cover each place: GeoTIFF, or PNG with a world file.
+
+Each side of a footprint that crosses a row of cells adds 1 or -1 to the cell behind the crossing,
+by its direction. The sums along the row are the number of footprints around the middle of each
+cell.
+
+OGC 19-008r4, GeoTIFF Standard 1.1.
+"""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from PIL import Image, TiffImagePlugin
+
+from rastercov.base.arguments import check_choice
+from rastercov.base.errors import ConfigError
+from rastercov.base.memory import AnyArray, FloatArray, IntArray
+from rastercov.base.output import check_place, write_bytes
+from rastercov.formats.georeference import GeoReference
+from rastercov.survey.geo.layer import Layer
+
+SUFFIXES = (".tif", ".tiff", ".png")
+USUAL_SIDE, MOST_CELLS = 1000, 100_000_000
+"""Cells along the longer side unless a size is given, and in all at most."""
+STEPS = (1.0, 2.0, 5.0, 10.0)
+"""Sizes of cells: these times a power of ten."""
+PIXEL_SCALE, TIE_POINT, KEYS, ASCII_KEYS = 33550, 33922, 34735, 34737
+"""Tags of GeoTIFF."""
+USER_DEFINED, METRE = 32767, 9001
+
+
+class OverlapMap(NamedTuple):
+    """Number of images over cells, the upper left corner of the map, and the size of a cell, m."""
+
+    images: NDArray[np.uint16]
+    corner: FloatArray
+    cell: float
+
+
+def check_name(path: Path) -> None:
+    """Raise `ConfigError` unless a map can be written to a file of this name."""
+    check_choice("the suffix of --overlap-map", path.suffix.lower(), SUFFIXES)
+    check_place(path)
+
+
+def overlap_map(layer: Layer, cell: float | None = None) -> OverlapMap:
+    """The map of a layer, with cells of a size in metres; by default about `USUAL_SIDE` of them.
+
+    Raises
+    ------
+    ConfigError
+        For footprints without area, and for too many cells.
+    """
+    bounds = shapely.total_bounds(layer.on_map)
+    if not np.isfinite(bounds).all():
+        raise ConfigError(
+            "expected footprints with area for --overlap-map, got empty ones: no image sees the "
+            "surface from above; name it with --surface, or check the poses"
+        )
+    extent = bounds[2:] - bounds[:2]
+    size = _usual(float(extent.max())) if cell is None else cell
+    low, high = np.floor(bounds[:2] / size), np.ceil(bounds[2:] / size)
+    if not float(np.prod(high - low)) <= MOST_CELLS:
+        raise ConfigError(
+            f"expected at most {MOST_CELLS:,} cells of the map, got more at {size:g} m; increase "
+            "--map-cell"
+        )
+    columns, rows = (high - low).astype(np.int64).tolist()
+    corner = np.array((low[0], high[1])) * size
+    count = np.zeros((rows, columns + 1), np.int32)
+    for polygon in layer.on_map:  # as much work as its sides cross rows
+        _add(count, polygon, corner, size)
+    sums = count.cumsum(axis=1)[:, :-1]
+    return OverlapMap(np.clip(sums, 0, 2**16 - 1).astype(np.uint16), corner, size)
+
+
+def _usual(extent: float) -> float:
+    least = extent / USUAL_SIDE
+    power = 10.0 ** np.floor(np.log10(least))
+    return float(next(power * step for step in STEPS if power * step >= least * (1 - 1e-9)))
+
+
+def _add(count: IntArray, polygon: shapely.MultiPolygon, corner: FloatArray, cell: float) -> None:
+    """Add the crossings of the sides of a polygon with the middles of rows."""
+    rings = shapely.get_rings(shapely.orient_polygons(shapely.get_parts(polygon)))
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    at = (points - corner) * (1 / cell, -1 / cell)
+    same = np.flatnonzero(ring[1:] == ring[:-1])
+    start, end = at[same], at[same + 1]
+    top, bottom = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
+    first = np.ceil(top - 0.5).astype(np.int64)
+    n = np.maximum(np.ceil(bottom - 0.5).astype(np.int64) - first, 0)
+    side = np.repeat(np.arange(len(n)), n)
+    row = first[side] + np.arange(len(side)) - np.repeat(np.cumsum(n) - n, n)
+    rise = end[side] - start[side]
+    share = (row + 0.5 - start[side, 1]) / np.where(rise[:, 1] == 0, 1.0, rise[:, 1])
+    x = start[side, 0] + share * rise[:, 0]
+    column = np.clip(np.ceil(x - 0.5).astype(np.int64), 0, count.shape[1] - 1)
+    # A border runs counter-clockwise with y up: down its left side, where y of rows grows.
+    np.add.at(count, (row, column), np.where(rise[:, 1] > 0, 1, -1))
+
+
+def write(overlap_map: OverlapMap, place: GeoReference | None, path: Path) -> None:
+    """Write a map by its suffix; beside a PNG its world file, .pgw."""
+    if path.suffix.lower() == ".png":
+        most = int(overlap_map.images.max(initial=0))
+        pixels = overlap_map.images.astype(np.uint8) if most < 256 else overlap_map.images
+        write_bytes(path, _encoded(pixels, "PNG"))
+        x, y = overlap_map.corner + np.array((0.5, -0.5)) * overlap_map.cell
+        lines = [overlap_map.cell, 0.0, 0.0, -overlap_map.cell, x, y]
+        world = path.with_suffix(".pgw")
+        write_bytes(world, "".join(f"{line!r}\n" for line in map(float, lines)).encode())
+        return
+    write_bytes(path, _encoded(overlap_map.images, "TIFF", _tags(overlap_map, place)))
+
+
+def _encoded(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
+    file, more = io.BytesIO(), {"compression": "tiff_adobe_deflate"} if kind == "TIFF" else {}
+    if tags is not None:
+        own = TiffImagePlugin.ImageFileDirectory_v2()
+        for tag, (type_of_tag, values) in tags.items():
+            own.tagtype[tag] = type_of_tag
+            own[tag] = values
+        more |= {"tiffinfo": own}  # type: ignore[dict-item] # of other values
+    Image.fromarray(pixels).save(file, kind, **more)
+    return file.getvalue()
+
+
+def _tags(overlap_map: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int, Any]]:
+    """Tags of GeoTIFF and their types, with the CRS by its EPSG code, or by its name alone."""
+    short, double, text = 3, 12, 2
+    x, y = overlap_map.corner.tolist()
+    code = USER_DEFINED if place is None or place.epsg is None else place.epsg
+    citation = f"{'local metres' if place is None else place.map_crs.name}|"
+    model = USER_DEFINED if place is None else 1
+    entries = [(1024, 0, 1, model), (1025, 0, 1, 1), (1026, ASCII_KEYS, len(citation), 0)]
+    entries += [] if place is None else [(3072, 0, 1, code)]
+    entries.append((3076, 0, 1, METRE))
+    keys = [1, 1, 1, len(entries), *(value for entry in entries for value in entry)]
+    return {
+        PIXEL_SCALE: (double, (overlap_map.cell, overlap_map.cell, 0.0)),
+        TIE_POINT: (double, (0.0, 0.0, 0.0, x, y, 0.0)),
+        KEYS: (short, tuple(keys)),
+        ASCII_KEYS: (text, citation),
+    }

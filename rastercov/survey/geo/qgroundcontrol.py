@@ -1,0 +1,142 @@
+"""Flight as a plan of QGroundControl: simple items, heights relative to home.
+
+Images in passing are triggered by distance along straight lines of equal steps, and one by one
+elsewhere. The way back is written as waypoints and a landing: that of a return to launch depends on
+the settings of the vehicle. Sources: QGroundControl, "Plan File Format"; MAVLink, common message
+set, MAV_CMD.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from rastercov.base.format import ByName
+from rastercov.base.memory import FloatArray
+from rastercov.base.output import json_bytes
+from rastercov.survey.flight import Flight
+
+WAYPOINT, LAND, TAKE_OFF, SPEED = 16, 21, 22, 178
+GIMBAL, TRIGGER_DISTANCE, CAPTURE = 205, 206, 2000
+"""MAV_CMD_NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF, DO_CHANGE_SPEED, DO_MOUNT_CONTROL,
+DO_SET_CAM_TRIGG_DIST and IMAGE_START_CAPTURE."""
+OF_MISSION, RELATIVE = 2, 3
+"""MAV_FRAME_MISSION, and MAV_FRAME_GLOBAL_RELATIVE_ALT."""
+FIRMWARE = {"ardupilot": 3, "px4": 12}
+"""MAV_AUTOPILOT_ARDUPILOTMEGA and MAV_AUTOPILOT_PX4."""
+MULTIROTOR, TARGETING = 2, 2
+"""MAV_TYPE_QUADROTOR, and MAV_MOUNT_MODE_MAVLINK_TARGETING."""
+LEAST_OF_RUN, SAME_STEP_REL, SAME_ANGLE_DEG = 3, 1e-3, 0.1
+"""Images of a straight line at least; its steps and headings differ by less."""
+
+
+class Items:
+    """Items of a mission."""
+
+    def __init__(self) -> None:
+        self.list: list[ByName] = []
+
+    def add(self, command: int, *params: float | None) -> None:
+        """A command without a place."""
+        given = [*params, *[0] * (7 - len(params))]
+        self._append(command, OF_MISSION, given)
+
+    def go(self, command: int, at: Sequence[float], hold: float, yaw: float | None) -> None:
+        """A command at latitude, longitude and height above home."""
+        height = {"AMSLAltAboveTerrain": None, "Altitude": at[2], "AltitudeMode": 1}
+        self._append(command, RELATIVE, [hold, 0, 0, yaw, *at], height)
+
+    def _append(
+        self, command: int, frame: int, params: list[Any], more: ByName | None = None
+    ) -> None:
+        number = len(self.list) + 1
+        own: ByName = {"autoContinue": True, "command": command, "doJumpId": number}
+        own |= {"frame": frame, "params": params, "type": "SimpleItem"}
+        self.list.append((more or {}) | own)
+
+
+def content(flight: Flight) -> bytes:
+    """The file, of a flight with a CRS."""
+    place = flight.asked.place
+    assert place is not None
+    home = place.geodetic(flight.home[None])[0]
+    mission = {
+        "cruiseSpeed": flight.asked.speed,
+        "firmwareType": FIRMWARE[flight.asked.firmware],
+        "globalPlanAltitudeMode": 1,
+        "hoverSpeed": flight.asked.speed,
+        "items": _items(flight),
+        "plannedHomePosition": [round(home[1], 9), round(home[0], 9), round(home[2], 3)],
+        "vehicleType": MULTIROTOR,
+        "version": 2,
+    }
+    whole = {
+        "fileType": "Plan",
+        "geoFence": {"circles": [], "polygons": [], "version": 2},
+        "groundStation": "QGroundControl",
+        "mission": mission,
+        "rallyPoints": {"points": [], "version": 2},
+        "version": 1,
+    }
+    return json_bytes(whole, indent=2) + b"\n"
+
+
+def _relative(flight: Flight, points: FloatArray) -> list[tuple[float, ...]]:
+    """Latitude, longitude and height above home of (N, 3) points."""
+    assert flight.asked.place is not None
+    degrees = flight.asked.place.geodetic(points)
+    heights = np.round(points[:, 2] - flight.home[2], 3)
+    at = np.column_stack((degrees[:, 1], degrees[:, 0])).round(9).tolist()
+    return [(*row, height) for row, height in zip(at, heights.tolist(), strict=True)]
+
+
+def _items(flight: Flight) -> list[ByName]:
+    asked, items = flight.asked, Items()
+    stops = _relative(flight, flight.places)
+    over = [_relative(flight, flight.way_to(row)[1:-1]) for row in range(len(stops) + 1)]
+    yaw, pitch = flight.headings_deg.round(3).tolist(), flight.views[1].round(3).tolist()
+    items.go(TAKE_OFF, over[0].pop(0), 0, None)
+    items.add(SPEED, 1, asked.speed, -1)
+    last = None
+    for first, end in _runs(flight):
+        if pitch[first] != last:
+            last = pitch[first]
+            items.add(GIMBAL, last, 0, 0, 0, 0, 0, TARGETING)
+        for point in over[first]:
+            items.go(WAYPOINT, point, 0, None)
+        items.go(WAYPOINT, stops[first], asked.hover, yaw[first])
+        if end - first == 1:
+            items.add(CAPTURE, 0, 0, 1, 0)
+            continue
+        step = float(np.mean(flight.legs[first + 1 : end]))
+        items.add(TRIGGER_DISTANCE, round(step, 3), 0, 1)
+        items.go(WAYPOINT, stops[end - 1], 0, yaw[end - 1])
+        items.add(TRIGGER_DISTANCE, 0)
+    for point in over[-1]:
+        items.go(WAYPOINT, point, 0, None)
+    items.go(LAND, (*over[-1][-1][:2], 0.0), 0, None)
+    return items.list
+
+
+def _runs(flight: Flight) -> list[tuple[int, int]]:
+    """First waypoint of each straight line of equal steps and equal views, and the one after."""
+    n = len(flight.rows)
+    if flight.asked.hover:
+        return [(row, row + 1) for row in range(n)]
+    ways = np.diff(flight.places, axis=0)
+    headings, pitch = flight.headings_deg, flight.views[1]
+    turn = np.abs((np.diff(headings) + 180) % 360 - 180)
+    is_same = (turn < SAME_ANGLE_DEG) & (np.abs(np.diff(pitch)) < SAME_ANGLE_DEG)
+    is_same &= np.array([len(flight.way_to(row)) == 2 for row in range(1, n)], bool)
+    runs, first = [], 0
+    while first < n:
+        end = first + 1
+        while end < n and is_same[end - 1]:
+            away = np.linalg.norm(ways[end - 1] - ways[first])
+            if away > SAME_STEP_REL * np.linalg.norm(ways[first]):
+                break
+            end += 1
+        end = end if end - first >= LEAST_OF_RUN else first + 1
+        runs.append((first, end))
+        first = end
+    return runs

@@ -1,0 +1,1 @@
+"""Coverage that errors of installation cannot take away."""

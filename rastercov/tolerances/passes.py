@@ -1,0 +1,523 @@
+"""Coverage that is certain under all installation errors, and that is possible under some.
+
+Each camera is off by up to a distance, an angle and a share of its focal length, independently of
+the others. A part of a face is sure if its camera covers it with all of these errors, and possible
+if with some. The lower bound of each criterion is exact, except for two densities; the upper bound
+is not. `rastercov/engine/tolerance/tolerance.cpp` computes both, and docs/appendix/tolerance.md has
+the proof. Nothing is searched: draws are given beside the bounds, and only they find an
+installation that fails.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rastercov.base.checks import finite_number, shown
+from rastercov.base.errors import ConfigError
+from rastercov.base.format import ByName
+from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
+from rastercov.core.area.frames import frames_of
+from rastercov.core.area.records import Criteria
+from rastercov.core.area.regions import GAP_REL, RegionPass
+from rastercov.core.area.rows import tasks_of
+from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
+from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Rules, Task
+from rastercov.core.exact.cameras import pinhole_numbers
+from rastercov.core.mesh import Mesh
+from rastercov.engine import solver_tolerance
+from rastercov.tolerances.inset import around_lens, check_lens, inset, shows
+from rastercov.tolerances.turned import nearest_of
+
+MOST_ANGLE_DEG, MOST_FOCAL_PERCENT = 45.0, 50.0
+"""Errors of a camera must be below them."""
+LEAST_CHANCE = 0.5
+OTHERS = "*"
+"""All cameras that errors by name do not have."""
+WIDE_PX = 4000
+"""Longer side of the image that holds those of all errors, px; it has no criteria of pixels."""
+ENDLESS = 1e9
+"""Metres."""
+NO_IMAGE = 2
+SLOPE_MARGIN = 1.001
+"""Factor on the size of that image: rounding."""
+
+
+Amount = float | Sequence[float] | Mapping[str, float] | FloatArray
+"""Error of all cameras, of each pose, or of each camera by name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors:
+    """Greatest errors of an installation, or their standard deviations.
+
+    Attributes
+    ----------
+    position_mm, angle_deg, focal_percent : float, (P,) sequence, or mapping of str to float
+        Errors of the camera centre, of its rotation about any axis, and of its focal length: of all
+        cameras, of each pose, or of each camera by its name, "*" for those that are not named.
+    part_mm, part_deg : float
+        Errors of the place of the part, and of its rotation about its middle.
+    distribution : {"uniform", "normal"}
+        uniform: errors are at most these. normal: these are standard deviations along, or about,
+        each axis, and coverage is certain with the probability `chance`.
+    chance : float
+        Probability of the installations that count, [0.5, 1); for "normal".
+    """
+
+    position_mm: Amount = 0.0
+    angle_deg: Amount = 0.0
+    focal_percent: Amount = 0.0
+    part_mm: float = 0.0
+    part_deg: float = 0.0
+    distribution: str = "uniform"
+    chance: float = 0.99
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range."""
+        if self.distribution not in ("uniform", "normal"):
+            raise ConfigError(
+                f"expected distribution uniform or normal, got {shown(self.distribution)}; use one"
+            )
+        chance = finite_number(self.chance)
+        if not LEAST_CHANCE <= chance < 1:
+            raise ConfigError(
+                f"expected chance from {LEAST_CHANCE} to below 1, got {shown(self.chance)}; use "
+                "0.99"
+            )
+        for name in ("position_mm", "angle_deg", "focal_percent", "part_mm", "part_deg"):
+            given = getattr(self, name)
+            _checked(name, list(given.values()) if isinstance(given, Mapping) else given)
+
+    def sizes(self, camera: Cameras, poses: Poses, pivot: FloatArray) -> FloatArray:
+        """(P, 3) greatest errors of each pose: metres, radians, and a share of the focal length.
+
+        Those of the part are errors of all cameras about the pivot, (3,), metres. Normal errors
+        have a ball of each camera and kind; all hold together with the probability `chance`.
+        """
+        names = names_of(camera)
+        columns = [
+            _of_poses(name, getattr(self, name), names, poses)
+            for name in ("position_mm", "angle_deg", "focal_percent")
+        ]
+        sizes = np.stack(columns, axis=1) * (1e-3, math.pi / 180, 1e-2)
+        part = np.array([self.part_mm * 1e-3, math.radians(self.part_deg)])
+        if self.distribution == "normal":
+            n_balls = int((sizes > 0).sum() + (part > 0).sum())
+            radius = _radii(self.chance ** (1 / max(n_balls, 1)))
+            sizes, part = sizes * radius, part * radius[:2]
+        away = np.linalg.norm(poses.eyes - pivot, axis=1)
+        sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
+        sizes[:, 1] += part[1]
+        if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():
+            raise ConfigError(
+                f"expected errors below {MOST_ANGLE_DEG:g} degrees and {MOST_FOCAL_PERCENT:g} % of "
+                f"the focal length, got {shown(self.angle_deg)} and {shown(self.focal_percent)}"
+            )
+        return sizes
+
+
+def _radii(share: float) -> FloatArray:
+    """Radii of the balls of a normal position and rotation vector, and of a normal number."""
+
+    def within(radius: float) -> tuple[float, float]:
+        """Probability that a vector of three normal numbers, and one number, are within it."""
+        one = math.erf(radius / math.sqrt(2))
+        return one - math.sqrt(2 / math.pi) * radius * math.exp(-radius * radius / 2), one
+
+    items = []
+    for kind in (0, 0, 1):
+        low, high = 0.0, 40.0
+        while high - low > 1e-12 * high:
+            middle = (low + high) / 2
+            low, high = (low, middle) if within(middle)[kind] >= share else (middle, high)
+        items.append(high)
+    return np.array(items)
+
+
+def _checked(name: str, given: object) -> FloatArray:
+    """Errors as numbers, of one or a sequence; ConfigError for one below 0 or none."""
+    is_one = isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)
+    values: Any = [given] if is_one else given
+    result = np.array([finite_number(value) for value in values])
+    if result.ndim != 1 or not ((result >= 0) & np.isfinite(result)).all():
+        raise ConfigError(f"expected {name} of 0 or more, got {shown(given)}; correct it")
+    return result
+
+
+def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> FloatArray:
+    """(P,) error of each pose, of a number for all, one for each, or one for each camera."""
+    if isinstance(given, Mapping):
+        if unknown := sorted(map(str, set(given) - {*names, OTHERS})):
+            raise ConfigError(
+                f"expected {name} of a camera of the rig ({', '.join(names[:5])}), got "
+                f"{shown(unknown[0])}; correct the name"
+            )
+        by_camera = _checked(name, [given.get(each, given.get(OTHERS, 0.0)) for each in names])
+        return by_camera[poses.camera]
+    if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str):
+        values = _checked(name, given)
+        if len(values) != len(poses):
+            raise ConfigError(
+                f"expected {name} as a number, or one for each of {len(poses)} poses, got "
+                f"{len(values)}"
+            )
+        return values
+    return np.repeat(_checked(name, given), len(poses))
+
+
+class MountedRegions(NamedTuple):
+    """Regions of P poses with errors, and what is known of each pose.
+
+    Attributes
+    ----------
+    regions : Regions
+    nearest : (P,) float64
+        Distance of the surface from the camera centre, metres.
+    figures : (P, 4) int64
+        Edges that are an event for some camera centre, shadows, faces on which a shadow has no end,
+        and where nothing is sure: 1 where the surface may reach the camera centre, `NO_IMAGE` where
+        a lens has no part of its image that is far enough from the border.
+    """
+
+    regions: Regions
+    nearest: FloatArray
+    figures: IntArray
+
+
+class TolerancePass:
+    """Sure and possible regions of one mesh through its cameras by one task.
+
+    Parameters are those of `RegionPass`.
+
+    Raises
+    ------
+    ConfigError
+        For what has no proof; see `check_provable`.
+    """
+
+    def __init__(
+        self, mesh: Mesh, camera: Cameras, task: Task, *, threads: int | None = None
+    ) -> None:
+        self.mesh, self.camera, self.task = mesh, camera, task
+        self.nominal = RegionPass(mesh, camera, task, threads=threads)
+        check_provable(camera, task)
+        if self.nominal.conditions:
+            given = ", ".join(equipment_on(camera))
+            raise ConfigError(
+                f"expected no equipment with installation errors, got {given}; omit it"
+            )
+
+    def close(self) -> None:
+        """Release the scratch memory."""
+        self.nominal.close()
+
+    def sure(self, poses: Poses, sizes: FloatArray, nominal: Regions) -> MountedRegions:
+        """Parts covered with all errors, (P, 3), of the nominal regions of the same poses."""
+        if not sizes.any():
+            return MountedRegions(
+                nominal, np.full(len(poses), np.inf), np.zeros((len(poses), 4), np.int64)
+            )
+        inside, is_blind = self._inset(poses, sizes, nominal)
+        # An error without end leaves nothing.
+        sizes = np.where(is_blind[:, None] & (np.arange(3) == 0), ENDLESS, sizes)
+        result = self._found(poses, sizes, inside, inside.excess, is_sure=True)
+        result.figures[is_blind, 3] = NO_IMAGE
+        return result
+
+    def alone(self, cameras: Sequence[Camera], index: WholeArray) -> tuple[Mesh, Cameras, Task]:
+        """Scene of cameras in place of those of an index, which keep the thresholds of these."""
+        rig, names = self.camera, [f"{row}" for row in range(len(cameras))]
+        if not isinstance(rig, Rig) or not rig.tasks:
+            return self.mesh, cameras, self.task
+        own = zip(names, index.tolist(), strict=True)
+        tasks = {name: rig.tasks[rig.names[at]] for name, at in own if rig.names[at] in rig.tasks}
+        return self.mesh, Rig(cameras, names, tasks=tasks), self.task
+
+    def _inset(
+        self, poses: Poses, sizes: FloatArray, nominal: Regions
+    ) -> tuple[Regions, BoolArray]:
+        """The regions, of lenses those within the border of all errors; lenses with none, (P,)."""
+        index = poses.camera
+        curved = [at for at in range(len(poses)) if self.nominal.cameras[index[at]].is_curved]
+        is_blind = np.zeros(len(poses), np.bool_)
+        if not curved:
+            return nominal, is_blind
+        rows, nearest, images = np.array(curved), nearest_of(nominal), []
+        for at in curved:
+            own = self.nominal.cameras[index[at]]
+            image = inset(own, sizes[at], nearest[at])
+            is_blind[at] = image is None
+            images.append(image or own)
+        scene = self.alone(images, index[rows])
+        with closing(RegionPass(*scene, threads=self.nominal.threads)) as finder:
+            result = finder.find(
+                Poses.of(poses.world_from_camera[rows], camera=np.arange(len(rows)))
+            )
+        order = np.arange(len(poses))
+        order[rows] = len(poses) + np.arange(len(rows))
+        result = taken(joined([nominal, result]), order)
+        return replace(result, pose_ids=nominal.pose_ids), is_blind
+
+    def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> MountedRegions:
+        """Parts that are covered with some errors; `nearest` is that of `sure`."""
+        wide, both = self._wide(poses, sizes, nearest), from_both_sides(self.mesh)
+        finder = RegionPass(both, wide, Task(), threads=self.nominal.threads)
+        own = Poses.of(poses.world_from_camera, camera=np.arange(len(poses)))
+        seen = finder.find(own)
+        finder.close()
+        return self._found(poses, sizes, seen, seen.bound, is_sure=False)
+
+    def _wide(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> list[Camera]:
+        """Pinholes whose images hold those of each pose with all errors."""
+        cameras, focal = self.nominal.cameras, _focal_of(self.camera, poses, sizes)
+        return [
+            _wide_camera(_pinhole_of(cameras[at], focal[at]), size, away)
+            for at, size, away in zip(
+                poses.camera.tolist(), sizes.tolist(), nearest.tolist(), strict=True
+            )
+        ]
+
+    def _found(
+        self, poses: Poses, sizes: FloatArray, source: Regions, bound: FloatArray, *, is_sure: bool
+    ) -> MountedRegions:
+        """Regions of the engine, camera by camera, in the order of the poses."""
+        own, order, parts = self.nominal, [], []
+        focal = _focal_of(self.camera, poses, sizes)
+        nearest, figures = np.empty(len(poses)), np.empty((len(poses), 4), np.int64)
+        with_bound = replace(source, excess=bound)
+        for index in np.unique(poses.camera).tolist():
+            rows = np.flatnonzero(poses.camera == index)
+            some, camera = poses[rows], own.cameras[index]
+            pinhole = _pinhole_of(camera, focal[index])
+            size = sizes[rows] * (1, 1, not camera.is_curved)
+            criteria = Criteria(pinhole_numbers(pinhole), own._rules[index], GAP_REL)
+            result = solver_tolerance.find(
+                own._surface,
+                own._planes(own._is_asked & own._is_left[index]),
+                criteria,
+                (
+                    read_only(some.world_from_camera, np.float64),
+                    read_only(size, np.float64),
+                    float(camera.near),
+                    MARGINS,
+                ),
+                table_of(taken(with_bound, rows)),
+                is_sure,
+                own.threads,
+            )
+            arrays, nearest[rows], figures[rows] = result
+            parts.append(own._joined(some, arrays))
+            order.append(rows)
+        regions = taken(joined(parts), np.argsort(np.concatenate(order)))
+        return MountedRegions(regions, nearest, figures)
+
+
+def _focal_of(camera: Cameras, poses: Poses, sizes: FloatArray) -> FloatArray:
+    """Greatest error of the focal length of each camera, (C,)."""
+    focal = np.zeros(len(cameras_of(camera)))
+    np.maximum.at(focal, poses.camera, sizes[:, 2])
+    return focal
+
+
+def _pinhole_of(camera: Camera, focal: float) -> Camera:
+    """The camera, or a pinhole whose image holds that of a lens."""
+    return around_lens(camera, focal) if camera.is_curved else camera
+
+
+def check_provable(camera: Cameras, task: Task) -> None:
+    """ConfigError, in one line, for what the proof does not hold for."""
+    tasks = tasks_of(camera, task)
+    for name, each, its in zip(names_of(camera), cameras_of(camera), tasks, strict=True):
+        if each.is_parallel:
+            raise ConfigError(
+                "expected central cameras with installation errors, got parallel rays of "
+                f"{shown(name)}; check it without installation errors"
+            )
+        if not each.is_curved:
+            continue
+        check_lens(name, each)
+        own = its.rules(each)
+        if max(own.min_pixels_per_m2, own.min_pixel_density, own.min_facing_density) > 0:
+            raise ConfigError(
+                "expected no density threshold with a distorted lens and installation errors, got "
+                f"one of {shown(name)}; undistort its images, or leave it out"
+            )
+        if not MODELS[each.model].is_planar and (own.z_n > 0 or own.z_f < math.inf):
+            raise ConfigError(
+                f"expected no focus limits with lens model {each.model} and installation errors, "
+                f"got some of {shown(name)}; leave them out"
+            )
+    for gate in gates_of(camera).values():
+        if gate.unproved:
+            raise ConfigError(gate.unproved)
+
+
+def _wide_camera(camera: Camera, size: Sequence[float], nearest: float) -> Camera:
+    """Pinhole whose image holds every point that the camera may see with some errors.
+
+    A direction turns by t = angle + asin(position / nearest) at most. For a border at the angle b
+    from the axis, and directions within c of it, x / z is at most tan b + sin t / (cos b cos c).
+    """
+    position, angle, focal = size
+    shift = 0.0 if position == 0 else math.asin(min(1.0, position / max(nearest, position)))
+    turn = angle + shift
+    halves = [
+        math.atan(max(at, size - at) / (length * (1 - focal)))
+        for at, size, length in (
+            (camera.cx, camera.width, camera.fx),
+            (camera.cy, camera.height, camera.fy),
+        )
+    ]
+    corner = math.atan(math.hypot(*map(math.tan, halves))) + turn
+    if corner >= 1.5:  # nothing is known of what is beside it: the engine leaves the pose out
+        return Camera(width=8, height=8, fx=8, fy=8)
+    slopes = [
+        SLOPE_MARGIN * (math.tan(half) + math.sin(turn) / (math.cos(half) * math.cos(corner)))
+        for half in halves
+    ]
+    focal_px = WIDE_PX / (2 * max(slopes))
+    width, height = (math.ceil(2 * slope * focal_px) for slope in slopes)
+    return Camera(width=width, height=height, fx=focal_px, fy=focal_px)
+
+
+def unmet(
+    mesh: Mesh,
+    camera: Camera,
+    rules: Rules,
+    pose: FloatArray,
+    size: FloatArray,
+    points: FloatArray,
+    face: WholeArray,
+) -> ByteArray:
+    """(N,) first `Reason` that some errors of a pose, (3,), break at points that it covers.
+
+    It is OCCLUDED where all other criteria hold with all errors: those of the table of
+    docs/appendix/tolerance.md.
+    """
+    d, a, p = size.tolist()
+    away, normal = points - pose[:3, 3], frames_of(mesh).normal[face]
+    height = np.abs(np.einsum("ni,ni->n", away, normal))
+    at = away @ pose[:3, :3]
+    z, distance = at[:, 2], np.linalg.norm(at, axis=1)
+    rho = np.hypot(at[:, 0], at[:, 1])
+    least, most = z * math.cos(a) - rho * math.sin(a) - d, z + rho * math.sin(a) + d
+    fx, fy = camera.fx * (1 + p), camera.fy * (1 + p)
+    borders = np.array(
+        [
+            (fx, 0, camera.cx),
+            (-fx, 0, camera.width - camera.cx),
+            (0, fy, camera.cy),
+            (0, -fy, camera.height - camera.cy),
+        ]
+    )
+    along = at @ (borders / np.linalg.norm(borders, axis=1, keepdims=True)).T
+    across = np.sqrt(np.maximum(distance[:, None] ** 2 - along**2, 0.0))
+    inside = (along * math.cos(a) - across * math.sin(a)).min(axis=1) - d
+    if camera.is_curved:
+        image = inset(camera, size, float(distance.min(initial=np.inf)))
+        inside = np.where(image is not None and shows(image, at), 1.0, -1.0)
+    flat = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
+    steep = rules.tan_incidence > 0
+    limit = height * rules.tan_incidence - d / rules.cos_incidence if steep else np.inf
+    tests = (
+        (Reason.BACK_FACING, height <= d),
+        (Reason.OUTSIDE, (inside < 0) | (least < camera.near)),
+        (Reason.OUT_OF_FOCUS, (least < rules.z_n) | (most > rules.z_f)),
+        (Reason.TOO_COARSE, _is_coarse(camera, rules, size, at, height, normal @ pose[:3, :3])),
+        (Reason.TOO_OBLIQUE, flat > limit),
+    )
+    result = np.full(len(points), Reason.OCCLUDED, np.uint8)
+    for reason, fails in reversed(tests):
+        result[fails] = reason
+    return result
+
+
+def _is_coarse(
+    camera: Camera,
+    rules: Rules,
+    size: FloatArray,
+    at: FloatArray,
+    height: FloatArray,
+    normal: FloatArray,
+) -> BoolArray:
+    """(N,) points, in camera axes, whose densities may be too low with some errors."""
+    d, a, p = size.tolist()
+    z = at[:, 2]
+    deepest = z + np.hypot(at[:, 0], at[:, 1]) * math.sin(a) + d
+    facing = (1 - p) * min(camera.fx, camera.fy) / deepest
+    lower = np.maximum(height - d, 0.0)
+    per_m2 = (1 - p) ** 2 * camera.fx * camera.fy * lower / deepest**3
+    fails = (facing < rules.min_facing_density) | (per_m2 < rules.min_pixels_per_m2)
+    if rules.min_pixel_density > 0:
+        slopes = np.zeros((len(at), 2, 3))
+        slopes[:, 0, 0], slopes[:, 1, 1] = camera.fx / z, camera.fy / z
+        slopes[:, :, 2] = -at[:, :2] * (camera.fx, camera.fy) / (z * z)[:, None]
+        # On the surface: without the part along its normal.
+        slopes -= (slopes @ normal[:, :, None]) * normal[:, None, :]
+        density = np.linalg.svd(slopes, compute_uv=False)[:, -1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wide = np.tan(np.arctan(np.hypot(*at[:, :2].T) / z) + a + np.arcsin(d / z))
+            steps = 1 / (z - d) + np.hypot(1, wide) * np.hypot(*normal[:, :2].T) / lower
+        fails |= ~(density * (1 - p) * np.exp(-2 * wide * a - d * steps) >= rules.min_pixel_density)
+    return fails
+
+
+UNITS = {
+    "mm": ("position_mm", 1.0),
+    "cm": ("position_mm", 10.0),
+    "m": ("position_mm", 1e3),
+    "deg": ("angle_deg", 1.0),
+    "degrees": ("angle_deg", 1.0),
+    "%": ("focal_percent", 1.0),
+}
+"""Units of errors in a text, and what they are of."""
+IN_WORDS = re.compile(r"(?:(.+?)\s+)?([0-9.eE+-]+)\s*(mm|cm|m|degrees|deg|%)")
+
+
+def errors_in(text: str) -> Errors:
+    """Errors of a text such as "2 mm, 0.2 deg, tripod 5 mm", "0.5 %, part 3 mm, normal".
+
+    Raises
+    ------
+    ConfigError
+        For a text that is something else.
+    """
+    figures: ByName = {}
+    by_camera: dict[str, dict[str, float]] = {}
+    for term in str(text).split(","):
+        if term.strip() in ("normal", "uniform"):
+            figures["distribution"] = term.strip()
+            continue
+        match = IN_WORDS.fullmatch(term.strip())
+        of, name, factor = (match[1], *UNITS[match[3]]) if match else (None, "", 0.0)
+        if of == "part":
+            name = name.replace("position", "part").replace("angle", "part")
+        own = figures if of in (None, "part") else by_camera.setdefault(name, {})
+        key = name if own is figures else of
+        if not match or key in own or (name == "focal_percent" and of == "part"):
+            raise ConfigError(
+                'expected errors of cameras, "2 mm, 0.2 deg, 1 %" (focal length), and "part 3 mm", '
+                f"got {shown(text)}; give each kind once, with its unit"
+            )
+        own[str(key)] = factor * finite_number(_number(match[2]))
+    for name, errors in by_camera.items():
+        figures[name] = errors | {OTHERS: figures.get(name, 0.0)}
+    return Errors(**figures)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
