@@ -296,8 +296,12 @@ struct Division {
     double tolerance;
     Growing out;
     Work work;
-    int64_t top, n, owner, borders, level;
-    Size size;
+    int64_t top = 0;
+    int64_t n = 0;
+    int64_t owner = 0;
+    int64_t borders = 0;
+    int64_t level = 0;
+    Size size = {};
 
     Points cell() { return work.cell.corners(); }
     Points other() { return work.other.corners(); }
