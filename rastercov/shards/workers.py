@@ -52,7 +52,7 @@ class Elsewhere:
 
     def pool(self, address: str) -> AbstractContextManager[Pool]:
         """Processes of an address; ConfigError where it cannot be reached."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def elsewhere() -> Elsewhere:

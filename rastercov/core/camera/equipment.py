@@ -74,11 +74,11 @@ class EquipmentKind:
 
     def of(self, given: object, site: Site = NOWHERE) -> Equipment:
         """Equipment of an argument, or of a file, at a site; `CameraError` for anything else."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def of_json(self, entries: ReadByName) -> Equipment:
         """Equipment of `Equipment.to_json`; `CameraError` for other entries."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def equipment_words() -> tuple[str, ...]:

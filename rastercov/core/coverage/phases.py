@@ -53,7 +53,7 @@ class Phased:
 
     def asked(self, mesh: Mesh, value: object) -> Phases:
         """The phases of that argument; ConfigError for another value."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def phased() -> tuple[Phased, ...]:

@@ -31,13 +31,13 @@ class MeshFiles:
     @property
     def suffixes(self) -> tuple[str, ...]:
         """Suffixes of the files."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def read(
         self, paths: Sequence[StrPath], scales: Sequence[float], limits: Limits
     ) -> tuple[Any, list[tuple[str, str, int, Site]]]:
         """One scene, `Polygons` in metres; and name, SHA-256, faces and site of each file."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def mesh_files() -> MeshFiles:

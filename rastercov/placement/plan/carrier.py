@@ -88,11 +88,11 @@ class CarrierHooks:
         make: Callable[[Generator], Iterator[Candidates]],
     ) -> Iterator[Candidates]:
         """Candidates that it can carry, of those that an entry names."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def carrier(self, plan: Plan, mesh: Mesh) -> Carrier | None:
         """Carrier of the cameras of a plan; None where they are placed one by one."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def carriers() -> tuple[CarrierHooks, ...]:

@@ -469,7 +469,7 @@ class PlanFeature:
 
     def with_chosen(self, plan: Plan, rig: Rig | None) -> Plan:
         """The plan with the equipment of a rig; for None without any, and all that needs it."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def jointed_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:

@@ -29,27 +29,27 @@ class Product:
     @property
     def notes(self) -> list[str]:
         """Sentences on what to look at."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def summary(self) -> ByName:
         """Figures, ready for JSON."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def lines(self) -> list[str]:
         """Sentences."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def files(self) -> dict[str, bytes]:
         """Content of its files by their names."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def figure(self) -> Figure:
         """Its drawing."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def section(self) -> str:
         """HTML of its tables, of a step."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 class Judged(Protocol):
@@ -105,7 +105,7 @@ class Demand:
 
     def read(self, text: str) -> Self:
         """The demand of a text; ConfigError for another one."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
     def check(self, plan: Plan, rig: Poses) -> None:
         """ConfigError for a plan that it does not go with, before the work."""
@@ -122,7 +122,7 @@ class Demand:
         views: int | None,
     ) -> Verdicts:
         """The verdict of each requirement."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def demand_of(word: str, text: str | None) -> Demand:

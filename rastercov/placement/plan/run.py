@@ -442,7 +442,7 @@ class Chooser:
 
     def chosen(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
         """Choice for cameras that are there; with cameras, too, for None."""
-        raise NotImplementedError
+        raise NotImplementedError  # each feature has its own
 
 
 def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
