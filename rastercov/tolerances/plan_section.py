@@ -4,7 +4,7 @@ from rastercov.placement.plan.entries import Count, Entry, PlanSections, fields_
 from rastercov.tolerances.installation import InstallationError
 
 
-class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc]
+class ToleranceSection(fields_of(InstallationError)):  # type: ignore[misc] # a base made of fields
     """Installation errors, and the coverage they cost."""
 
     draws: Count = 200

@@ -19,7 +19,7 @@ const ROUNDING_REL = 1e-15;
 const NO_ANGLES = { least_deg: 0, most_deg: 180 };
 const NO_DENSITIES = { min_pixel_density: 0, min_facing_density: 0, min_pixels_per_m2: 0 };
 const LARGEST_SIDE = 131072; // of an image, pixels
-const MOST_SETS = 61; // of criteria that cover anything, as in coverage/area/stages.py; the last is of all of them
+const MOST_SETS = 61; // of criteria that cover anything, as in core/area/stages.py; the last is of all of them
 /** Results of poses that are kept. */
 const MOST_KEPT = 256;
 /** Lenses that are kept, some MB each; a rig of more of them makes them anew. */
