@@ -45,6 +45,9 @@ shared uint64_t keys[TILE * TILE];
 shared uint depths[TILE * TILE], owners[TILE * TILE];
 uint which_pass = 0u;
 #endif
+#ifdef ROLLED
+shared ivec2 tile_runs[TILE];
+#endif
 shared uint queue[GROUP];
 shared uint n_queued;
 
@@ -72,8 +75,7 @@ uint owner_at(int at) {
 // Samples of a row of the tile inside the image.
 ivec2 run_of(int y) {
 #ifdef ROLLED
-    ivec2 run = runs[tile_corner.y + y + corner.y] - corner.x - tile_corner.x;
-    return ivec2(max(run.x, 0), min(run.y, limit.x));
+    return tile_runs[y];
 #else
     return ivec2(0, limit.x);
 #endif
@@ -195,6 +197,19 @@ void count_tile(uint view) {
     add(view * stride + current, n);
 }
 
+// Adds the samples of a tile without triangles to the background.
+void count_empty(uint counter) {
+    int me = int(gl_LocalInvocationIndex);
+    if (me == 0) n_queued = 0u;
+    barrier();
+    for (int y = me; y < limit.y; y += GROUP) {
+        ivec2 run = run_of(y);
+        atomicAdd(n_queued, uint(max(run.y - run.x, 0)));
+    }
+    barrier();
+    if (me == 0) add(counter, n_queued);
+}
+
 void write_tile() {
 #ifdef KEYS
     for (int i = int(gl_LocalInvocationIndex); i < TILE * TILE; i += GROUP) {
@@ -217,9 +232,16 @@ void main() {
                                      ? start_of(list + 1u) : n_listed;
     tile_corner = TILE * ivec2(tile.xy);
     limit = min(ivec2(TILE), size - tile_corner);
-#if !defined(KEYS) && !defined(ROLLED)
+#ifdef ROLLED
+    for (int y = int(gl_LocalInvocationIndex); y < limit.y; y += GROUP) {
+        ivec2 run = runs[tile_corner.y + y + corner.y] - corner.x - tile_corner.x;
+        tile_runs[y] = ivec2(max(run.x, 0), min(run.y, limit.x));
+    }
+    barrier();
+#endif
+#ifndef KEYS
     if (start == end) {
-        if (gl_LocalInvocationIndex == 0u) add((first_view + tile.z) * stride, uint(limit.x * limit.y));
+        count_empty((first_view + tile.z) * stride);
         return;
     }
 #endif
