@@ -21,13 +21,13 @@ from rastercov.core.raster import Drawer
 from rastercov.core.raster.contract import Rasterizer
 
 if TYPE_CHECKING:
-    from rastercov.gl.rasterizer import PLANS, WAYS, GLRasterizer
+    from rastercov.gl.rasterizer import PLANS, GLRasterizer
 
-__all__ = ["PLANS", "WAYS", "GLRasterizer"]
+__all__ = ["PLANS", "GLRasterizer"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the rasteriser on first use of `GLRasterizer`, `PLANS` or `WAYS`.
+    """Import the rasteriser on first use of `GLRasterizer` or `PLANS`.
 
     Raises
     ------

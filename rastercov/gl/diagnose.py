@@ -188,14 +188,16 @@ def verify_device(label: str) -> Report:
     """
     # Not above, as in `open_device`.
     from rastercov.gl.context import open_context
-    from rastercov.gl.rasterizer import WAYS, GLRasterizer
+    from rastercov.gl.rasterizer import PLANS, GLRasterizer
 
     with open_context(label) as context:
-        for way, options in WAYS.items():
+        for plan in PLANS:
+            if plan == "compute" and not context.info.has_int64:
+                continue
             try:
-                _verify(partial(GLRasterizer, device=context, **options))
+                _verify(partial(GLRasterizer, device=context, plan=plan))
             except RastercovError as error:
-                raise DeviceError(f"plan {way}: {error}") from error
+                raise DeviceError(f"plan {plan}: {error}") from error
     return {}
 
 

@@ -48,6 +48,8 @@ for images of 1 px^2 or more, and 1e-9 / area for smaller ones."""
 EDGE_ON = 1e-6
 """Square pixels: an image of at most this area is that of a face seen edge-on, which shows
 nothing."""
+PAIRS_IN_CACHE = 1 << 14
+"""Pairs of pose and face whose figures are added at a time."""
 FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
 """Figures that `CandidateBounds` takes."""
 
@@ -99,12 +101,20 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        value, bound, kind, drawn, why = (getattr(batch, name)[:, self.chosen] for name in FIGURES)
-        # A smaller image shows nothing, unless it was sampled.
-        most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
-        for item, kept in ((value - bound, self.low), (most, self.high)):
-            kept[self.chosen] = np.clip(item.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
-        self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
+        n_poses, n_faces = len(batch.pose_ids), len(self.low)
+        step = max(1, PAIRS_IN_CACHE // max(1, n_faces))
+        for start in range(0, n_poses, step):
+            rows = slice(start, start + step)
+            value, bound, kind, drawn, why = (getattr(batch, name)[rows] for name in FIGURES)
+            # A smaller image shows nothing, unless it was sampled.
+            most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
+            for item, kept in ((value - bound, self.low), (most, self.high)):
+                np.maximum(kept, item.max(axis=0), out=kept)
+            self.covering += (why == Reason.COVERED).sum(axis=0)
+        for kept in (self.low, self.high, self.covering):
+            kept[~self.chosen] = 0
+        for share in (self.low, self.high):
+            np.minimum(share, 1.0, out=share)
         self.n_poses += len(batch.pose_ids)
 
     def claims(self, n_candidates: int) -> ByteArray:

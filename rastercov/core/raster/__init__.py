@@ -38,7 +38,7 @@ class Drawer:
 
 _OPTIONS = {
     "cpu": ("threads",),
-    "gl": ("device", "plan", "max_layers"),
+    "gl": ("device", "plan"),
 }
 """Options of `open_rasterizer` that each backend takes."""
 
@@ -73,7 +73,7 @@ def open_rasterizer(
         same image. Counts on a rotated grid estimate areas better where edges run
         along pixel rows and columns, as those of manufactured parts do.
     **options
-        For the CPU `threads`; for OpenGL `device`, `plan` and `max_layers`, see
+        For the CPU `threads`; for OpenGL `device` and `plan`, see
         `rastercov.gl.GLRasterizer`. `device="hardware"` takes a GPU; `device` may also be
         the name of a backend.
 
