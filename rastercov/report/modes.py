@@ -214,9 +214,14 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
 
 def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Angles between views, (F,) degrees, 0 for fewer than two."""
-    values = np.asarray(angle, np.float64)
-    high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
-    return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two views")
+    return up_to_most(mesh, angle, 90.0, "deg", "fewer than two views")
+
+
+def up_to_most(mesh: Mesh, values: ArrayLike, otherwise: float, unit: str, none: str) -> Painted:
+    """Values, (F,), on a scale from 0 to the most of a face of the task, or to another end."""
+    given = np.asarray(values, np.float64)
+    high = float(given[mesh.task_mask].max(initial=0.0)) or otherwise
+    return on_scale(mesh, given / high, (0.0, high), unit, none)
 
 
 def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:

@@ -80,7 +80,7 @@ using namespace rastercov::c;
 rc_status rc_judge_faces(rc_solver *solver, const rc_camera *camera, const rc_task *task,
                          const double *pose, int64_t n_faces, const rc_judged *judged) {
     return guard("judging faces", [&] {
-        const auto object = handles().get<SolverObject>(solver, "rc_solver");
+        const auto object = object_of(solver);
         check_camera(camera);
         expect_array(task, "task");
         expect_array(judged, "judged");

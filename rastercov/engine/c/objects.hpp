@@ -140,6 +140,28 @@ template <class Call> rc_status guard(const char *doing, Call call) noexcept {
 #endif
 }
 
+// What stands behind a type of handles, and what errors call it.
+template <class Handle> struct Behind;
+#define RASTERCOV_HANDLE(HANDLE, OBJECT)                                                           \
+    template <> struct Behind<HANDLE> {                                                            \
+        using Object = OBJECT;                                                                     \
+        static constexpr auto name = #HANDLE;                                                      \
+    }
+RASTERCOV_HANDLE(rc_surface, SurfaceObject);
+RASTERCOV_HANDLE(rc_solver, SolverObject);
+RASTERCOV_HANDLE(rc_lens, LensObject);
+RASTERCOV_HANDLE(rc_regions, RegionsObject);
+RASTERCOV_HANDLE(rc_union, UnionObject);
+
+template <class Handle> auto object_of(const Handle *handle) {
+    return handles().get<typename Behind<Handle>::Object>(handle, Behind<Handle>::name);
+}
+template <class Handle> rc_status free_handle(const Handle *handle) {
+    return guard("freeing a handle", [&] {
+        handles().free<typename Behind<Handle>::Object>(handle, Behind<Handle>::name);
+    });
+}
+
 inline void expect_array(const void *array, const char *name) {
     if (array) return;
     fail((std::string("expected a pointer to ") + name + ", got null; pass one").c_str());

@@ -139,7 +139,7 @@ using namespace rastercov::c;
 
 rc_status rc_union_fill(rc_union *unite, int64_t n_faces, const uint8_t *faces) {
     return guard("filling faces", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         check_faces(*object->surface, n_faces);
         expect_array(faces, "faces");
         engine::Room<bool> chosen(n_faces);
@@ -151,7 +151,7 @@ rc_status rc_union_fill(rc_union *unite, int64_t n_faces, const uint8_t *faces) 
 
 rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         check_faces(*object->surface, n_faces);
         expect_array(excess, "excess");
         const std::scoped_lock lock(object->changes);
@@ -164,7 +164,7 @@ rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess
 rc_status rc_union_complete(const rc_union *unite, rc_union **complete) {
     return guard("completing a union", [&] {
         expect_result(complete);
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         const std::scoped_lock lock(object->changes);
         *complete = handles().add<rc_union>(completed(*object));
     });
@@ -172,7 +172,7 @@ rc_status rc_union_complete(const rc_union *unite, rc_union **complete) {
 
 rc_status rc_union_size(const rc_union *unite, int64_t *n_polygons, int64_t *n_corners) {
     return guard("reading parts", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         expect_array(n_polygons, "n_polygons");
         expect_array(n_corners, "n_corners");
         const std::scoped_lock lock(object->changes);
@@ -186,7 +186,7 @@ rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_cor
                         int32_t *faces, int32_t *counts, int32_t *tags, double *areas,
                         double *corners) {
     return guard("reading parts", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         const std::scoped_lock lock(object->changes);
         const auto [n, n_all] = object->all->size();
         expect(n_polygons == n && n_corners == n_all, "n_polygons and n_corners of rc_union_size",
@@ -213,8 +213,8 @@ rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions 
                          int64_t pose, double *area) {
     return guard("reading areas", [&] {
         expect_result(area);
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
-        const auto own = handles().get<RegionsObject>(regions, "rc_regions");
+        const auto object = object_of(unite);
+        const auto own = object_of(regions);
         require(object->surface == own->surface,
                 "expected regions of the surface of the union, got those of another surface; "
                 "create a union for each surface");
@@ -229,15 +229,14 @@ rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions 
 rc_status rc_union_create_sets(const rc_surface *surface, rc_union **unite) {
     return guard("making a union", [&] {
         expect_result(unite);
-        *unite = handles().add<rc_union>(
-            union_of(handles().get<SurfaceObject>(surface, "rc_surface"), 0));
+        *unite = handles().add<rc_union>(union_of(object_of(surface), 0));
     });
 }
 
 rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views, int32_t bit) {
     return guard("adding a set", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
-        const auto from = handles().get<UnionObject>(more, "rc_union");
+        const auto object = object_of(unite);
+        const auto from = object_of(more);
         expect(views != 0, "views of 1 or more, or below 0", views,
                "pass the least number of poses");
         expect(bit >= 0 && bit <= MOST_BIT, "a bit of 0 to 61", bit, "count sets from 0");

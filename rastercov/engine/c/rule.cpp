@@ -345,7 +345,7 @@ rc_status rc_regions_together(const rc_gate *gate, const rc_regions *const *regi
         std::vector<std::shared_ptr<RegionsObject>> kept;
         Poses own;
         for (int64_t d = 0; d < n; d++) {
-            kept.push_back(handles().get<RegionsObject>(regions[d], "rc_regions"));
+            kept.push_back(object_of(regions[d]));
             require(kept[0]->surface == kept.back()->surface && kept.back()->poses.size() == 1,
                     "expected regions of one pose each, of one surface, got others; find them for "
                     "each device");

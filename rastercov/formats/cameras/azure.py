@@ -51,7 +51,7 @@ def _place(motion: Entries) -> FloatArray:
 def _camera(entries: Entries) -> Camera:
     lens = entries.table("Intrinsics")
     lens.choice("ModelType", (MODEL,))
-    p = dict(zip(PARAMETERS, lens.array("ModelParameters", (14,)).tolist(), strict=True))
+    p = lens.named("ModelParameters", PARAMETERS)
     if p["codx"] or p["cody"]:
         raise lens.wrong(
             "ModelParameters", "without a center of distortion", [p["codx"], p["cody"]]

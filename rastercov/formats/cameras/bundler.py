@@ -45,9 +45,9 @@ def is_bal(text: str) -> bool:
     return len(words) > 6 and all(word.isdecimal() for word in words[:5])
 
 
-def read_bundler(text: str, border: Border) -> Views:
+def read_bundler(source: Source, border: Border) -> Views:
     """Cameras and poses of a bundle.out; cameras with focal length 0 were not found."""
-    (n_cameras, n_points), rest = _counts(text.partition("\n")[2], "cameras and points")
+    (n_cameras, n_points), rest = _counts(source.text.partition("\n")[2], "cameras and points")
     values = _numbers(rest, n_cameras, 15)
     n_lines = sum(bool(line.strip()) for line in rest.split("\n"))
     if n_lines != (wanted := 5 * n_cameras + 3 * n_points):
@@ -70,13 +70,13 @@ def read_bundler(text: str, border: Border) -> Views:
     return _views(values[rows, :3], poses, [f"image {row}" for row in rows], border)
 
 
-def read_bal(text: str, border: Border) -> Views:
+def read_bal(source: Source, border: Border) -> Views:
     """Cameras and poses of a problem of BAL.
 
     The documented radii are in units of the focal length; the observations of a file show where
     its coefficients are of radii in pixels, see `_by_focal_length`.
     """
-    counts, rest = _counts(text, "cameras, points and observations")
+    counts, rest = _counts(source.text, "cameras, points and observations")
     n_cameras, n_points, n_observations = counts
     lines = rest.split("\n", n_observations)
     if len(lines) <= n_observations:

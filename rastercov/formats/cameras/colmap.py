@@ -41,7 +41,7 @@ from rastercov.core.camera.conventions import (
 from rastercov.core.camera.models import PROGRAMS
 from rastercov.core.camera.pose import inverse
 from rastercov.core.camera.rig import Views
-from rastercov.formats.cameras.source import number_of
+from rastercov.formats.cameras.source import Source, number_of
 
 Record = tuple[str, Sequence[Any]]
 """Form of a record in `struct`, and its values."""
@@ -90,8 +90,9 @@ def model_folder(path: Path) -> Path | None:
     return None
 
 
-def read(path: Path, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras and poses of a folder; cameras alone of a file `cameras.bin` or `cameras.txt`."""
+    path = source.path
     if path.is_file():
         cameras, row_of = _ordered(_one_file(path, "cameras", border))
         return border.views(cameras, _names(row_of))

@@ -28,7 +28,7 @@ from rastercov.core.camera.conventions import (
 )
 from rastercov.core.camera.models import PROGRAMS
 from rastercov.core.camera.rig import Views
-from rastercov.formats.cameras.source import Words
+from rastercov.formats.cameras.source import Source, Words
 from rastercov.formats.meshes.xml_tree import children, local_name, look_at_names
 
 MODELS = PROGRAMS["metashape"]
@@ -57,8 +57,9 @@ def is_mine(root: Element) -> bool:
     return local_name(root) in ("document", "chunk", "calibration")
 
 
-def read(root: Element, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras and poses of the first chunk, or the camera of a calibration."""
+    root = source.xml
     look_at_names(root, NAMES, border.unknown)
     if local_name(root) == "calibration":
         kind = Words(root, "calibration").text("projection", "frame")

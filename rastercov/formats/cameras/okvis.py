@@ -36,9 +36,7 @@ def read(source: Source, border: Border) -> Views:
 
 def _camera(entries: Entries) -> Camera:
     ours, order = MODELS[entries.choice("distortion_type", MODELS)]
-    names = order.split()
-    values = entries.array("distortion_coefficients", (len(names),))
-    p = dict(zip(names, values.tolist(), strict=True))
-    for name, both in (("focal_length", ("fx", "fy")), ("principal_point", ("cx", "cy"))):
-        p |= dict(zip(both, entries.array(name, (2,)).tolist(), strict=True))
+    p = entries.named("distortion_coefficients", order.split())
+    p |= entries.named("focal_length", ("fx", "fy"))
+    p |= entries.named("principal_point", ("cx", "cy"))
     return centred_camera(ours, entries.array("image_dimension", (2,)).tolist(), p)

@@ -97,7 +97,7 @@ def _xml_value(element: Element, depth: int) -> Any:
     return text.strip('"')
 
 
-def read(content: ReadByName, border: Border) -> Views:
+def _read(content: ReadByName, border: Border) -> Views:
     """Cameras of a storage, and the poses of its images where it has them."""
     arrays = _arrays(content)
     matrices = {name: value for name, value in arrays.items() if _is_camera_matrix(value)}
@@ -356,7 +356,7 @@ def _views(
     return border.views(cameras, names)
 
 
-def read_source(source: Source, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras of a YAML, XML or JSON storage.
 
     OpenCV's stereo sample writes the matrices of a pair to `intrinsics.yml` and their places to
@@ -365,14 +365,14 @@ def read_source(source: Source, border: Border) -> Views:
     content = _content(source)
     other = source.path.with_name(source.path.name.replace("extrinsic", "intrinsic"))
     if other.name == source.path.name or any(map(_is_camera_matrix, _arrays(content).values())):
-        return read(content, border)
+        return _read(content, border)
     if not other.is_file():
         raise CameraError(
             "expected a camera matrix with the poses of cameras, got none; put it and "
             f"{shown(other.name)} into one file or folder"
         )
     border.note(f"camera matrices are those of {shown(other.name)} beside it")
-    return read({**_content(Source(other)), **content}, border)
+    return _read({**_content(Source(other)), **content}, border)
 
 
 def _content(source: Source) -> ReadByName:

@@ -100,9 +100,9 @@ def _camera(own: Entries, kind: str) -> Camera:
     if ours == "equirectangular":
         f = max(width, height) / (2 * math.pi)
         return Camera(width=width, height=height, fx=f, fy=f, model=ours)
-    cx, cy = own.array("principal_point", (2,)).tolist()
-    p = {"f": own.positive("focal_length"), "cx": cx, "cy": cy}
+    p = own.named("principal_point", ("cx", "cy"))
+    p |= {"f": own.positive("focal_length")}
     if names := order.split():
         name = own.any_of(*COEFFICIENTS) or COEFFICIENTS[0]
-        p |= dict(zip(names, own.array(name, (len(names),)).tolist(), strict=True))
+        p |= own.named(name, names)
     return centred_camera(ours, (width, height), p)

@@ -1,7 +1,7 @@
 """Content of a file to be recognised and read: its bytes once, what they parse to, and look-ups."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Set
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -205,6 +205,10 @@ class Entries:
     def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
         """Finite numbers of one of these shapes, as a list or a list of rows."""
         return checked(self.need(name), f"{self._start}{name}", *shapes)
+
+    def named(self, name: str, names: Sequence[str]) -> dict[str, float]:
+        """Numbers of a list, by their names in its order."""
+        return dict(zip(names, self.array(name, (len(names),)).tolist(), strict=True))
 
 
 class Words(Entries):

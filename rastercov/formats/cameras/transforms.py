@@ -168,7 +168,7 @@ def _focal_lengths(entries: Entries, size: tuple[int, int]) -> tuple[float, floa
 def _coefficients(entries: Entries, ours: str, names: Sequence[str]) -> dict[str, float]:
     """Coefficients of the lens by our names, which are in the order of the file's."""
     if ours == "rad_tan_thin_prism_fisheye":
-        return dict(zip(names, entries.array(PARAMS, (12,)).tolist(), strict=True))
+        return entries.named(PARAMS, names)
     if PARAMS in entries:
         given = entries.array(PARAMS, (4,), (6,)).tolist()
     else:
