@@ -3,8 +3,7 @@
 Each camera is off by up to a distance, an angle and a share of its focal length, independently of
 the others. A part of a face is sure if its camera covers it with all of these errors, and possible
 if with some. The lower bound of each criterion is exact, except for two densities; the upper bound
-is not. `rastercov/engine/tolerance/tolerance.cpp` computes both, and docs/appendix/tolerance.md has
-the proof. Nothing is searched: draws are given beside the bounds, and only they find an
+is not. `rastercov/engine/tolerance` computes both, and docs/appendix/tolerance.md has the proof. Nothing is searched: draws are given beside the bounds, and only they find an
 installation that fails.
 """
 
