@@ -79,6 +79,10 @@ void register_solver_tolerance(nb::module_ &m) {
                   "mounts: tuple[typing.Any, ...], source: tuple[typing.Any, ...], "
                   "tangent: float, n_threads: int) -> typing.Any"),
           SWEEP);
+    def(m, "find_unmet", engine::find_unmet,
+        "Set `reason` to the first criterion that some errors break at points that a pose covers, "
+        "in the planes of faces.",
+        "planes", "criteria", "mount", "points", "face", "reason");
 }
 
 } // namespace rastercov

@@ -53,8 +53,8 @@ struct Rectangle {
 };
 } // namespace
 
-DepthRange depths_of(const Mount &mount, double height, double sign) {
-    const auto &[lens, rules] = std::tie(mount.criteria.lens, mount.criteria.rules);
+DepthRange depths_of(const Mount &mount, const Rules &rules, double height, double sign) {
+    const Lens &lens = mount.criteria.lens;
     const double d = mount.errors.position, scale = 1 + sign * mount.errors.focal;
     const double near = mount.near - sign * NEAR_TO_FAR * d;
     DepthRange range = {std::max(near, rules.z_n), rules.z_f};

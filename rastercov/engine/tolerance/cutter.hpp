@@ -20,7 +20,7 @@ constexpr double MARGIN_REL = 1e-9; // of the diagonal, by which the ball is lar
 struct DepthRange {
     double least, most;
 };
-DepthRange depths_of(const Mount &mount, double height, double sign);
+DepthRange depths_of(const Mount &mount, const Rules &rules, double height, double sign);
 
 // Factor by which errors may lessen the density along the worst direction in a polygon, but for the
 // focal length: 0 where there is no bound. See docs/appendix/tolerance.md.
@@ -29,6 +29,8 @@ double density_factor(const Mount &mount, const Plane &plane, const Corners &pol
 // Appends the part of a polygon within a circle that is dense enough.
 void append_criteria(int64_t f, const Points &polygon, area::Circle &circle,
                      area::Criteria criteria, area::Scratch &scratch, const area::Found &out);
+
+struct Directions;
 
 class ToleranceCutter {
   public:
@@ -80,8 +82,6 @@ class ToleranceCutter {
             }
         }
     };
-    struct Directions;
-
     // Sets what all steps of a pose need; false where the surface may reach a camera centre.
     bool begin(const Posed &of, bool is_sure, Tolerated &result);
     // Sets `_shapes` to the shadows on the face of `_scratch` of edges that may reach some pieces;

@@ -34,9 +34,6 @@ Posed::Posed(const Surface &surface, const FacePlanes &face_planes, const area::
              const Mount &mount, const RegionRows &rows)
     : surface(surface), face_planes(face_planes), planes(planes), mount(mount), rows(rows),
       first(size_t(planes.areas.rows()) + 1) {
-    seen.rotation = {this->mount.pose.rotation, {3, 3}};
-    seen.centre = {this->mount.pose.centre, {3}};
-    seen.near = mount.near;
     for (const int32_t f : rows.pieces.face) first[size_t(f) + 1]++;
     for (size_t f = 1; f < first.size(); f++) first[f] += first[f - 1];
 }

@@ -46,6 +46,19 @@ template <class Point> Vector in_axes(const Point &point, const Pose &pose) {
     return {along(0), along(1), along(2)};
 }
 
+inline area::Seen seen_of(const Mount &mount) {
+    area::Seen seen = {};
+    seen.rotation = {mount.pose.rotation, {3, 3}};
+    seen.centre = {mount.pose.centre, {3}};
+    seen.near = mount.near;
+    return seen;
+}
+inline void require_planes(const area::Planes &planes) {
+    require(have_rows(planes.areas.rows(), planes.origin, planes.x_axis, planes.y_axis,
+                      planes.normal, planes.corners, planes.two_sided, planes.is_asked),
+            "planes must have one row for each face");
+}
+
 // Normals of the opaque faces and the values of their planes at the origin; no length for a face
 // without area.
 struct FacePlanes {
@@ -76,7 +89,7 @@ struct Posed {
     const area::Planes &planes;
     Mount mount;
     RegionRows rows;
-    area::Seen seen = {};
+    area::Seen seen = seen_of(mount);
     std::vector<int64_t> first; // piece of each face, and the end of the last
 
     double d() const { return mount.errors.position; }

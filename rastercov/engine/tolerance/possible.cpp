@@ -20,7 +20,8 @@ struct PossibleLines {
             lines[size_t(n)] = area::line_in_plane(by.x, by.y, by.z, plane);
             offsets[size_t(n++)] = offset;
         };
-        const DepthRange depths = depths_of(mount, std::abs(plane.height), 1.0);
+        const DepthRange depths =
+            depths_of(mount, mount.criteria.rules, std::abs(plane.height), 1.0);
         add({0, 0, cosine}, depths.least);
         if (depths.most < INFINITY) add({0, 0, -cosine}, -depths.most);
         for (const Vector &normal : border) add(cosine * normal, 0.0);

@@ -38,7 +38,7 @@ int64_t end_of_face(const Int32Array &face, int64_t first) {
 } // namespace
 
 // Directions of the criteria of a pose, in camera axes.
-struct ToleranceCutter::Directions {
+struct Directions {
     Cap axis;
     std::array<Cap, 4> border;
     double cosine, sine;
@@ -53,20 +53,6 @@ struct ToleranceCutter::Directions {
         sine = std::sin(angle);
     }
 
-    // True if a point is beyond a limit along all directions of a cap: their least is its cosine
-    // along the middle, less its sine across.
-    bool is_beyond(const Vector &middle, const Vector &at, double limit) const {
-        const double along = dot(middle, at), square = dot(at, at);
-        return cosine * along - sine * std::sqrt(square) >= limit ||
-               cosine * along - sine * std::sqrt(std::max(square - along * along, 0.0)) >= limit;
-    }
-    bool is_before(const Vector &at, double most) const {
-        return at.z + sine * area::length2(at.x, at.y) <= most;
-    }
-    bool is_within(const Vector &at, double d) const {
-        return std::all_of(border.begin(), border.end(),
-                           [&](const Cap &cap) { return is_beyond(cap.middle, at, d); });
-    }
     // Which criteria all corners of a polygon meet in all poses: least and most depth, four
     // borders.
     std::array<bool, 6> met_by(const Corners &polygon, const Plane &plane, double least,
@@ -75,9 +61,16 @@ struct ToleranceCutter::Directions {
         is_met.fill(true);
         for (int64_t p = 0; p < polygon.rows(); p++) {
             const Vector at = point_of(plane, polygon(p, U), polygon(p, V));
-            is_met[0] &= is_beyond(axis.middle, at, least);
-            is_met[1] &= is_before(at, most);
-            for (size_t k = 0; k < 4; k++) is_met[k + 2] &= is_beyond(border[k].middle, at, d);
+            // Least along a cap: its cosine along the middle, less its sine across.
+            const auto holds = [&](const Vector &middle, double limit) {
+                const double along = dot(middle, at), square = dot(at, at);
+                const double across = std::sqrt(std::max(square - along * along, 0.0));
+                return cosine * along - sine * std::sqrt(square) >= limit ||
+                       cosine * along - sine * across >= limit;
+            };
+            is_met[0] &= holds(axis.middle, least);
+            is_met[1] &= at.z + sine * area::length2(at.x, at.y) <= most;
+            for (size_t k = 0; k < 4; k++) is_met[k + 2] &= holds(border[k].middle, d);
         }
         return is_met;
     }
@@ -90,7 +83,54 @@ double lower_height(const Mount &mount, double height) {
     return height -
            mount.margins.disc * mount.errors.position / (rules.tan_incidence * rules.cos_incidence);
 }
+
+// Criterion that some errors break at a point of a face, first of the depths that some of the rules
+// allow.
+coverage::Reason unmet(const Mount &mount, const Directions &directions, const Plane &plane,
+                       Points corner) {
+    area::Criteria criteria = mount.criteria;
+    const Rules &rules = mount.criteria.rules;
+    const double d = mount.errors.position, height = std::abs(plane.height);
+    const auto are_met = [&](const Rules &some) {
+        const auto [least, most] = depths_of(mount, some, height, -1.0);
+        const auto each = directions.met_by(corner, plane, least + d, most - d, d);
+        return std::find(each.begin(), each.end(), false) == each.end();
+    };
+    if (height <= d) return coverage::BACK_FACING;
+    Rules some = {};
+    some.z_f = INFINITY;
+    if (!are_met(some)) return coverage::OUTSIDE;
+    some.z_n = rules.z_n;
+    some.z_f = rules.z_f;
+    if (!are_met(some)) return coverage::OUT_OF_FOCUS;
+    const double factor = (1 - mount.errors.focal) * density_factor(mount, plane, corner);
+    criteria.rules.min_pixel_density /= factor;
+    const bool is_dense =
+        !(rules.min_pixel_density > 0) || area::dense_by_corners(corner, 1, plane, criteria) > 0;
+    if (!are_met(rules) || !is_dense) return coverage::TOO_COARSE;
+    const double away = area::length2(corner(0, U) - plane.foot_x, corner(0, V) - plane.foot_y);
+    const bool is_steep =
+        rules.tan_incidence > 0 && away > lower_height(mount, height) * rules.tan_incidence;
+    return is_steep ? coverage::TOO_OBLIQUE : coverage::OCCLUDED;
+}
 } // namespace
+
+void find_unmet(const area::Planes &planes, const area::Criteria &criteria, const Mounts &mount,
+                FloatRows<2> points, IntArray face, Column<uint8_t> reason) {
+    require(have_rows(1, mount.world_from_camera, mount.errors) &&
+                have_rows(reason.rows(), points, face),
+            "mount must have one row, points, face and reason equally many");
+    require_planes(planes);
+    require_indices(face, planes.areas.rows(), "face must hold faces");
+    const Mount own = mount_of(mount, 0, criteria, 0.0);
+    const Directions directions(own);
+    for (int64_t k = 0; k < reason.rows(); k++) {
+        Plane plane;
+        area::set_plane(planes, face[k], seen_of(own), plane);
+        double corner[] = {points(k, U), points(k, V)};
+        reason[k] = unmet(own, directions, plane, {corner, {1}});
+    }
+}
 
 // Cuts the pieces of a face by depth, border, incidence and density.
 void ToleranceCutter::cut_face(int64_t f, const Posed &of, const Directions &directions,
@@ -107,7 +147,7 @@ void ToleranceCutter::cut_face(int64_t f, const Posed &of, const Directions &dir
         lower.height = std::copysign(lower.height, plane.height);
     }
     area::Circle circle(lower, tangent, criteria.gap);
-    const DepthRange depths = depths_of(mount, height, -1.0);
+    const DepthRange depths = depths_of(mount, criteria.rules, height, -1.0);
     const double least = depths.least + d, most = depths.most - d;
     const double wanted = criteria.rules.min_pixel_density;
     area::Polygon memory;

@@ -15,10 +15,7 @@ void check(const Tolerance &job) {
     const int64_t n = poses.rows(), n_faces = job.planes.areas.rows();
     require(have_rows(n, errors) && have_rows(n + 1, source.pieces, source.pairs),
             "errors and regions must have a row for each pose");
-    const area::Planes &planes = job.planes;
-    require(have_rows(n_faces, planes.origin, planes.x_axis, planes.y_axis, planes.normal,
-                      planes.corners, planes.two_sided, planes.is_asked),
-            "planes must have one row for each face");
+    require_planes(job.planes);
     require_starts(source.starts, source.face.rows(), source.xy.rows(),
                    "starts must rise, within xy");
     require_starts(source.pieces, n, source.face.rows(), "pieces must rise, within face");
@@ -50,7 +47,6 @@ void each_pose(const Tolerance &job, const area::Disc &disc, int64_t n_threads, 
     check(job);
     const Surface &surface = *job.surface;
     const FacePlanes face_planes(surface);
-    const auto &[poses, errors, near, m] = job.mounts;
     area::Criteria criteria = job.criteria;
     criteria.gap *= surface.diagonal();
     Idle<ToleranceCutter> idle(n_threads);
@@ -59,22 +55,27 @@ void each_pose(const Tolerance &job, const area::Disc &disc, int64_t n_threads, 
     };
     Pace pace = INFINITY;
     const auto with_pose = [&](ToleranceCutter &cutter, int64_t i) {
-        const Pose pose = pose_of(poses[i]);
-        const double d = errors(i, 0) > 0 ? errors(i, 0) + MARGIN_REL * surface.diagonal() : 0.0;
-        const double far =
-            farthest_of(surface.bounds(), [&](int axis) { return pose.centre[axis]; });
-        const Mount mount = {pose,
-                             near_of(near, far),
-                             {d, errors(i, 1), errors(i, 2)},
-                             criteria,
-                             {m[0], m[1], m[2], m[3], m[4], m[5]},
-                             disc};
+        Mount mount = mount_of(job.mounts, i, criteria, MARGIN_REL * surface.diagonal());
+        mount.near = near_of(mount.near, farthest_of(surface.bounds(), [&](int axis) {
+                                 return mount.pose.centre[axis];
+                             }));
+        mount.disc = disc;
         work(cutter, Posed(surface, face_planes, job.planes, mount, rows_of(job.source, i)), i);
     };
-    share(poses.rows(), n_threads, idle, prepare, pace, {}, with_pose);
+    share(job.mounts.errors.rows(), n_threads, idle, prepare, pace, {}, with_pose);
     idle.close();
 }
 } // namespace
+
+Mount mount_of(const Mounts &mounts, int64_t i, const area::Criteria &criteria, double margin) {
+    const auto errors = mounts.errors[i];
+    const auto &m = mounts.margins;
+    return {pose_of(mounts.world_from_camera[i]),
+            mounts.near,
+            {errors[0] > 0 ? errors[0] + margin : 0.0, errors[1], errors[2]},
+            criteria,
+            {m[0], m[1], m[2], m[3], m[4], m[5]}};
+}
 
 std::vector<double> sweep_discs(const Tolerance &job, double tangent, int64_t n_threads) {
     const int64_t n_faces = job.planes.areas.rows();

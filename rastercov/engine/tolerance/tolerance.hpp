@@ -30,6 +30,9 @@ struct Mounts {
     Array<const double, 6> margins; // of Margins, in their order
 };
 
+// Mount i, with a margin of its position, metres.
+Mount mount_of(const Mounts &mounts, int64_t i, const area::Criteria &criteria, double margin);
+
 // Regions in a table: pieces and pairs of pose and face, with the first of each pose, and the end
 // of the last.
 struct Source {
@@ -57,5 +60,10 @@ std::vector<double> sweep_discs(const Tolerance &job, double tangent, int64_t n_
 
 // What is found of each pose.
 std::vector<Tolerated> tolerate(const Tolerance &job, bool is_sure, int64_t n_threads);
+
+// Sets `reason` to the coverage::Reason of the first criterion that some errors of one mount break
+// at points, in the planes of faces, that it covers; OCCLUDED where all others hold.
+void find_unmet(const area::Planes &planes, const area::Criteria &criteria, const Mounts &mount,
+                FloatRows<2> points, IntArray face, Column<uint8_t> reason);
 
 } // namespace rastercov::engine
