@@ -537,7 +537,7 @@ def _reasons(sure_coverage: SureCoverage, parts: ReasonPieces) -> CodeArray:
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     middle = polygons.centroids(parts.xy, parts.starts, areas)
     points = to_world(sure_coverage.mesh, parts.face, middle)
-    n = len(sure_coverage.poses)
+    n, face = len(sure_coverage.poses), parts.face.astype(np.int64)
     covers, is_sure = (
         rows_at(each, each.pose, n, parts.face, points)
         for each in (sure_coverage.nominal_regions, sure_coverage.regions)
@@ -550,7 +550,7 @@ def _reasons(sure_coverage: SureCoverage, parts: ReasonPieces) -> CodeArray:
         own = cameras_of(sure_coverage.camera)[index], rules[index]
         at = sure_coverage.poses.world_from_camera[pose]
         fails = unmet(
-            sure_coverage.mesh, *own, at, sure_coverage.sizes[pose], points[rows], parts.face[rows]
+            sure_coverage.mesh, *own, at, sure_coverage.sizes[pose], middle[rows], face[rows]
         )
         reason[rows] = nearer(reason[rows], fails)
     has_angles = sure_coverage.task.min_angle_deg > 0 or gates_of(sure_coverage.camera)
