@@ -2,7 +2,7 @@
 // becomes a code and a text.
 //
 // Twin: tests/native/test_c_border.py, by Python.
-#include "c/objects.hpp"
+#include "c/partition.hpp"
 #include <bit>
 
 namespace rastercov::c {
@@ -107,9 +107,8 @@ bool have_bits_of(const double *some, const double *others, int n) {
 } // namespace
 
 std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
-                                      const rc_task *task) {
+                                      const LensPointer &lens_object, const rc_task *task) {
     const std::scoped_lock lock(solver.changes);
-    const auto lens_object = lens_of(camera);
     const bool is_same = solver.pass && solver.lens == lens_object &&
                          have_bits_of(&solver.camera.width, &camera.width, 7) &&
                          solver.has_task == (task != nullptr) &&
@@ -256,7 +255,7 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
                        {figures->area_error, shape},
                        {clipped.get(), {n_poses}}};
         uint8_t *const kinds = figures->is_certified;
-        const auto pass = pass_of(*object, *camera, nullptr);
+        const auto pass = pass_of(*object, *camera, lens_of(*camera), nullptr);
         std::fill_n(kinds, n_poses * n_faces, uint8_t(engine::EXACT));
         struct AtEnd { // also of rows that are finished where another one fails
             uint8_t *first, *last;
@@ -266,6 +265,18 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
         } at_end = {kinds, kinds + n_poses * n_faces};
         pass->run(job, object->n_threads, go_on_of(go_on, context));
     });
+}
+
+std::shared_ptr<RegionsObject> c::found_by(SolverObject &solver, const rc_camera &camera,
+                                           const LensPointer &lens, const rc_task &task,
+                                           const Placed &placed, const engine::GoOn &go_on) {
+    const engine::Mesh &mesh = solver.surface->mesh;
+    const area::Planes planes = mesh.arrays->planes();
+    const engine::Job job = {mesh.surface, placed.poses(), {}, &planes, {}};
+    auto made = std::make_shared<RegionsObject>();
+    made->surface = solver.surface;
+    made->poses = pass_of(solver, camera, lens, &task)->run(job, solver.n_threads, go_on);
+    return made;
 }
 
 rc_task rc_task_default(void) { return {0.0, INFINITY, 90.0, 0.0, 0.0, 0.0}; }
@@ -279,15 +290,9 @@ rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_t
         check_camera(camera);
         expect_array(task, "task");
         rules_of(*task);
-        const engine::Mesh &mesh = object->surface->mesh;
-        const Placed placed(poses, n_poses);
-        const area::Planes planes = mesh.arrays->planes();
-        const engine::Job job = {mesh.surface, placed.poses(), {}, &planes, {}};
-        const auto made = std::make_shared<RegionsObject>();
-        made->surface = object->surface;
-        made->poses =
-            pass_of(*object, *camera, task)->run(job, object->n_threads, go_on_of(go_on, context));
-        *regions = handles().add<rc_regions>(made);
+        *regions =
+            handles().add<rc_regions>(found_by(*object, *camera, lens_of(*camera), *task,
+                                               Placed(poses, n_poses), go_on_of(go_on, context)));
     });
 }
 rc_status rc_regions_free(rc_regions *regions) { return free_handle(regions); }
@@ -346,13 +351,7 @@ rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **u
         expect_result(unite);
         expect(views >= 1 && views <= MOST_VIEWS, "views of 1 to 10000", views,
                "pass the largest number of poses to count");
-        const auto made = std::make_shared<UnionObject>();
-        made->surface = object_of(surface);
-        const engine::Mesh &mesh = made->surface->mesh;
-        const area::Planes planes = mesh.arrays->planes();
-        made->all = std::make_unique<engine::Union>(engine::FlatFaces{planes.corners, planes.areas},
-                                                    FLOOR_REL * mesh.diagonal, views);
-        *unite = handles().add<rc_union>(made);
+        *unite = handles().add<rc_union>(union_of(object_of(surface), views));
     });
 }
 rc_status rc_union_free(rc_union *unite) { return free_handle(unite); }

@@ -54,4 +54,12 @@ struct Partition {
     }
 };
 
+// An empty union, counting up to some views, or of sets for 0.
+std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject> &surface,
+                                      int64_t views);
+// The union of one view more, with a further pose that covers all evaluated faces.
+std::shared_ptr<UnionObject> completed(const UnionObject &from);
+// Adds what a union covers by `views` poses or more, or by fewer than -views, as a bit of sets.
+void add_set(engine::Union &sets, const engine::Union &more, int64_t views, int64_t bit);
+
 } // namespace rastercov::c

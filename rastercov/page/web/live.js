@@ -512,8 +512,8 @@ export class Live {
 
   /** The pieces of the present rig, kept until it changes. */
   #pieces() {
-    const of = `${this.history.revision} ${this.goal}`;
-    if (this.found?.of !== of) this.found = { of, pieces: this.asking.ask("pieces", this.#rig()) };
+    const { found, goal, history: { state } } = this; // revisions begin anew where a program has other steps
+    if (found?.state !== state || found.goal !== goal) this.found = { state, goal, pieces: this.asking.ask("pieces", this.#rig()) };
     return this.found.pieces;
   }
 

@@ -251,8 +251,8 @@ const gained = (m2, { task, needed }, more = "more ") =>
 /** Middle, normal and area of each piece that is not covered; what is never seen is none. */
 function openParts({ counts, corners, areas, reasons }) {
   let at = 0;
-  return counts.flatMap((count, row) => {
-    const own = Array.from({ length: count }, (_, k) => corners.slice(at + 3 * k, at + 3 * k + 3));
+  return Array.from(counts).flatMap((count, row) => {
+    const own = Array.from({ length: count }, (_, k) => [...corners.subarray(at + 3 * k, at + 3 * k + 3)]);
     at += 3 * count;
     const normal = cross(subtract(own[1], own[0]), subtract(own[2], own[0]));
     const middle = scale(own.reduce(add), 1 / count);
