@@ -463,13 +463,14 @@ class NetworkFigures:
 
     def _least_incidence(self) -> FloatArray:
         """Least angle of incidence at which a camera covers each face; see `by_incidence`."""
-        mesh, greatest = self.mesh, np.full(self.mesh.n_faces, -1.0)
+        mesh, least = self.mesh, np.full(self.mesh.n_faces, np.inf)
         for eye, row in zip(self.state.sights, self.rows, strict=True):
             away = eye - mesh.centroids
             against = np.abs((away * mesh.normals).sum(axis=1))
             cosine = against / np.maximum(np.linalg.norm(away, axis=1), TINY)
-            np.maximum(greatest, np.where(row.covers, np.minimum(cosine, 1.0), -1.0), out=greatest)
-        return np.where(greatest < 0, np.inf, np.degrees(np.arccos(np.maximum(greatest, 0.0))))
+            angle = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+            least[row.covers] = np.minimum(least, angle)[row.covers]
+        return least
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""

@@ -425,7 +425,7 @@ class Session:
         self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
         for each in FEATURES:
             each.check(scene.start.whole, scene.start.task)
-        self._method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
+        self.method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
         self._states: OrderedDict[str, RigState] = OrderedDict()
         self._whole = "", scene.start.whole
         self.drawing: Drawing | None = None  # under the floor plan
@@ -433,11 +433,6 @@ class Session:
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
         self._last = self.of().moment
         self._storing, self._stored = Lock(), Stored(revision=0, keep=0, steps=[], rest={})
-
-    @property
-    def method(self) -> str:
-        """Method of visibility."""
-        return self._method
 
     @property
     def progress(self) -> list[int]:
@@ -507,7 +502,7 @@ class Session:
         """The scene at a time for a goal; the last `MOST_MOMENTS` stay measured."""
         at = (at or (0.0,)) if self.scene.phases else ()
         if (at, goal) not in self._moments:
-            self._moments[at, goal] = Moment(self.scene, at, self._method, goal)
+            self._moments[at, goal] = Moment(self.scene, at, self.method, goal)
         moment = self._moments[at, goal]
         self._moments.move_to_end((at, goal))
         size = BYTES_A_FACE * self.scene.mesh.n_faces * max(1, n_stations)

@@ -19,6 +19,11 @@ export class Refused extends Error {
   }
 }
 
+/** Says no to a request. */
+export function refuse(words) {
+  throw new Refused(words, 400);
+}
+
 /** No answer at all: the program has ended, or the network is down. */
 export class Gone extends Error {}
 
@@ -131,7 +136,7 @@ export class Recorded {
   /** Frame of a mode: of a phase, "mode@at"; of the chosen camera where there is one, "mode:station". */
   async act({ mode, station, at, action }) {
     if (action.do !== "none")
-      throw new Refused("this file shows a result; open the plan with rastercov view to change it", 400);
+      refuse("this file shows a result; open the plan with rastercov view to change it");
     const { frames } = this.data;
     this.at = at;
     const frame = frames[`${mode}@${at.join("@")}`] ?? frames[`${mode}:${station}`] ?? frames[mode];
