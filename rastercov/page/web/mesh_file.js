@@ -1,7 +1,7 @@
 /**
  * Mesh files in the page: STL, OBJ, PLY and OFF are read by the engine, as for Python; GLB by mesh_glb.js.
  *
- * The page cuts no concave polygons, and takes no morph targets, sparse data or instances of GLB: each is a line.
+ * The page takes no morph targets, sparse data or instances of GLB: each is a line.
  */
 
 import { refuse } from "rastercov/api.js";
