@@ -101,6 +101,13 @@ function frameOf(buffer) {
   return { json, payload: new Uint8Array(buffer, 4 + n) };
 }
 
+/** Base64 text of bytes. */
+export function base64Of(bytes) {
+  const [own, parts] = [Uint8Array.from(bytes), []];
+  for (let at = 0; at < own.length; at += 0x8000) parts.push(String.fromCharCode(...own.subarray(at, at + 0x8000)));
+  return btoa(parts.join(""));
+}
+
 /** Bytes of base64 text. */
 export function bytesOf(text) {
   const characters = atob(text);

@@ -6,9 +6,9 @@
  * answers what the engine cannot, by questions with the whole rig: see rastercov/page/live.py and session.py.
  */
 
-import { Refused, bytesOf, refuse } from "rastercov/api.js";
+import { Refused, base64Of, bytesOf, refuse } from "rastercov/api.js";
 import { metres, squareMetres } from "rastercov/dom.js";
-import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
+import { fragmentOf, rigOfFragment, through } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles, taskFile } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
 import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
@@ -29,8 +29,7 @@ const NO_ANSWER = "not available in an exported page: use rastercov view";
 export async function inflated(text) {
   if (ArrayBuffer.isView(text)) return text.buffer.slice(text.byteOffset, text.byteOffset + text.byteLength);
   try {
-    const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
-    return await new Response(stream).arrayBuffer();
+    return (await through(bytesOf(text), new DecompressionStream("deflate"))).buffer;
   } catch {
     refuse("expected the data of this file, got damaged bytes; get the file again");
   }
@@ -690,5 +689,3 @@ function figuresOf({ share, incidence, distance: away, pixel_density: density, f
 /** What a camera of the catalogue is. */
 const wordsOf = ({ product, width, height, focal_length: f }) =>
   [product, `${width} × ${height} px`, f ? `${number(1e3 * f, 4)} mm` : ""].filter(Boolean).join(", ");
-
-const base64Of = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));

@@ -3,7 +3,8 @@
  * `rastercov check` takes, with the figures of the page.
  */
 
-import { refuse } from "rastercov/api.js";
+import { base64Of, refuse } from "rastercov/api.js";
+import { through } from "rastercov/live_link.js";
 
 const AT_RIG = [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => Number(row === column)));
 
@@ -157,13 +158,7 @@ export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) 
 }
 
 /** Bytes of an array as base64 of zlib. */
-async function deflated(array) {
-  const stream = new Blob([array]).stream().pipeThrough(new CompressionStream("deflate"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const parts = [];
-  for (let at = 0; at < bytes.length; at += 0x8000) parts.push(String.fromCharCode(...bytes.subarray(at, at + 0x8000)));
-  return btoa(parts.join(""));
-}
+const deflated = async (array) => base64Of(await through(array, new CompressionStream("deflate")));
 
 /** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL and infinity apart. */
 function toml(value) {
