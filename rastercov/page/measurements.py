@@ -241,13 +241,6 @@ class Measurements:
         lost = lost_without(joined(parts), state.need(self.mesh))[rows] if is_kept else None
         return StationAreas(network, state, poses, stations, np.concatenate(seen)[rows], lost)
 
-    def areas_or_why(self, state: RigState) -> tuple[StationAreas | None, str]:
-        """As `areas`, and ""; or None where a result is by face, and why."""
-        try:
-            return self.areas(state), ""
-        except ConfigError as error:
-            return None, str(error)
-
     def _kept_regions(self, finder: RegionPass, state: RigState, poses: Poses) -> Regions:
         """Regions of poses of the cameras of a state, each found once."""
         keys: list[Key] = []

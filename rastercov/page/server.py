@@ -186,10 +186,6 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
     def ping(body: Body) -> ByName:
         return {"revision": session.load()["revision"], "measured": session.progress}
 
-    def download(body: Body) -> tuple[bytes, dict[str, str]]:
-        name, data = saving.content(body)
-        return data, {"content-disposition": f'attachment; filename="{name}"'}
-
     return [
         ("open", "GET", lambda body: opened(session)),
         ("load", "GET", lambda body: session.load()),
@@ -202,18 +198,17 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         ("job", "GET", lambda body: work.described()),
         ("job/cancel", "POST", lambda body: work.cancel()),
         ("save", "POST", lambda body: saving.save(body)),
-        ("download", "POST", download),
+        ("download", "POST", lambda body: saving.content(body)),
     ]
 
 
 def _response(answer: object) -> "Response":
-    """Response with bytes, with headers where these come with some, or with JSON."""
+    """Response with bytes, or with JSON."""
     from starlette.responses import Response
 
-    data, headers = answer if isinstance(answer, tuple) else (answer, None)
-    if isinstance(data, bytes):
-        return Response(data, media_type="application/octet-stream", headers=headers)
-    return Response(json.dumps(data), media_type="application/json")
+    if isinstance(answer, bytes):
+        return Response(answer, media_type="application/octet-stream")
+    return Response(json.dumps(answer), media_type="application/json")
 
 
 def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:

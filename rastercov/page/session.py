@@ -116,9 +116,12 @@ class Moment:
         shown, kept = self.shown(state), self._figures
         if kept is None or kept.state is not shown or kept.by_face_because == ROUGH:
             rows = self.measurements.rows(shown, shown.on)
-            is_late = is_drag and len(rows) * self.mesh.n_faces > LIVE_PAIRS
-            late = None, ROUGH
-            areas, because = late if is_late else self.measurements.areas_or_why(shown)
+            areas, because = None, ROUGH
+            if not (is_drag and len(rows) * self.mesh.n_faces > LIVE_PAIRS):
+                try:
+                    areas, because = self.measurements.areas(shown), ""
+                except ConfigError as error:
+                    because = str(error)
             self._figures = kept = NetworkFigures(self.mesh, shown, rows, areas, because)
         return kept
 

@@ -382,11 +382,16 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByN
 
 
 def described_together(cameras: Cameras) -> ByName:
-    """Entries on the cameras of a rig together, see `RigEntries.described`."""
+    """Entries on the cameras of a rig together, see `RigEntries.described`, and their places."""
     if not isinstance(cameras, Rig):
         return {}
-    every = (each.described(cameras).items() for each in hooks_of(RigEntries))
-    return {name: own for some in every for name, own in some}
+    own: ByName = {"fixed": list(cameras.fixed)} if cameras.fixed else {}
+    if (cameras.rig_from_camera != np.eye(4)).any():
+        places = cameras.rig_from_camera.tolist()
+        own["rig_from_camera"] = dict(zip(cameras.names, places, strict=True))
+    for each in hooks_of(RigEntries):
+        own |= each.described(cameras)
+    return own
 
 
 def playground() -> str:

@@ -357,7 +357,9 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
         box = np.quantile(ends[some], BEYOND, axis=0, weights=weights, method="inverted_cdf")
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
-        items.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
+        is_used = np.zeros(mesh.n_vertices, np.bool_)
+        is_used[mesh.faces[rows[kept]]] = True
+        items.append(mesh.vertices[is_used])
     return items[0], np.stack((items[1].min(axis=0), items[1].max(axis=0)))
 
 

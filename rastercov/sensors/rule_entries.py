@@ -42,17 +42,10 @@ class RuleEntries(RigEntries):
         """See `RigEntries`."""
         if rig.is_one and not isinstance(rig.rule, AnyOf):
             return rule_to_json(rig.rule)
-        items = [
-            {"cameras": list(_names_of(rig, at)), **rule_to_json(_rule_of(rig, at))}
-            for at in sorted(rig.gates)
-        ]
-        return {"rigs": items} if items else {}
+        return {"rigs": _items(rig)} if rig.gates else {}
 
     def described(self, rig: Rig) -> ByName:
-        """See `RigEntries`, and `page/live_rules.js`.
-
-        `rule` is None where the rule is not that of all cameras.
-        """
+        """See `RigEntries`, and `page/live_rules.js`."""
         items = []
         for first, gate in rig.gates.items():
             (limits,) = limits_of([gate])
@@ -74,8 +67,15 @@ class RuleEntries(RigEntries):
                     "places": _places(rig, devices),
                 }
             )
-        rule_of_all = rule_to_json(rig.rule) if rig.is_one else None
-        return {"gates": items, "rule": rule_of_all} if items else {}
+        return {"gates": items, "rigs": _items(rig)} if items else {}
+
+
+def _items(rig: Rig) -> list[ByName]:
+    """Entries of each rig: its cameras and its rule."""
+    return [
+        {"cameras": list(_names_of(rig, at)), **rule_to_json(_rule_of(rig, at))}
+        for at in sorted(rig.gates)
+    ]
 
 
 def _names_of(rig: Rig, first: int) -> tuple[str, ...]:

@@ -463,11 +463,15 @@ def test_meshes_of_files_and_their_faults_are_those_of_python(library, name, loa
             mesh_of(library, extension, data, **limits)
 
 
-def test_a_concave_polygon_is_refused_in_c(library):
+def test_a_concave_polygon_is_cut_in_c_as_in_python(library, load):
     data = b"OFF 4 1\n0 0 0\n2 0 0\n.5 .5 0\n0 2 0\n4 "
-    assert len(mesh_of(library, "off", data + b"2 3 0 1")[1]) == 2
-    with pytest.raises(RuntimeError, match="face 0: expected a triangle or a convex polygon"):
-        mesh_of(library, "off", data + b"1 2 3 0")
+    for order in (b"2 3 0 1", b"1 2 3 0", b"0 2 1 3"):
+        mesh, (_, faces, *_, notes) = (
+            load("a.off", data + order),
+            mesh_of(library, "off", data + order),
+        )
+        np.testing.assert_array_equal(faces, mesh.faces)
+        assert [f"a.off: {note}" for note in notes] == [note[-len(note) :] for note in mesh.notes]
 
 
 @pytest.mark.parametrize("name", LENSES)

@@ -39,7 +39,11 @@ rc_status rc_read_mesh(const uint8_t *bytes, int64_t n_bytes, int32_t format, do
         expect(made->mesh.n_vertices() <= std::numeric_limits<int32_t>::max(),
                "fewer than 2^31 vertices", made->mesh.n_vertices(), "split the mesh");
         for (double &each : made->mesh.vertices) each *= unit;
-        readers::check_surface(made->mesh);
+        readers::check_coordinates(made->mesh);
+        auto &[vertices, faces, polygon, group, names, notes] = made->mesh;
+        const auto more =
+            readers::cut_concave(vertices.data(), faces.data(), polygon.data(), polygon.size());
+        notes.insert(notes.end(), more.begin(), more.end());
         for (const auto *lines : {&made->mesh.names, &made->mesh.notes})
             for (const std::string &line : *lines) made->text += line + '\n';
         *mesh = handles().add<rc_mesh>(made);

@@ -2,11 +2,15 @@
 //
 // Twins: tests/native/test_c_border.py, tests/native/test_wasm.py.
 #include "c/objects.hpp"
+#include "lens/models.hpp"
 #include "lens/proof.hpp"
 #include "lens/rays.hpp"
 
 namespace rastercov::c {
 namespace {
+#define SAME_CODE(name, ...) static_assert(int(RC_MODEL_##name) == int(lens::MODEL_##name));
+RASTERCOV_MODELS(SAME_CODE)
+
 // Ray of a pixel; where there is none, on the border of the valid region towards it.
 lens::Ray ray_towards(const CurvedLens &curved, double u, double v) {
     using namespace lens;

@@ -37,8 +37,7 @@ struct Terms {
     Numbers params; // up to LATE
     bool is_by_distance, has_closed_form;
 };
-// Of a model by its place in rastercov.core.camera.models.MODELS; `pixels` are fx, fy, cx, cy and
-// skew.
+// Of a model by its code; `pixels` are fx, fy, cx, cy and skew.
 Terms terms_of(int64_t model, const double *pixels, const double *coefficients, int64_t n);
 // True where the equations of a model with coefficient k are a lens.
 bool is_coefficient(int64_t model, int64_t k, double value);

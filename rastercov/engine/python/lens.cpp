@@ -3,6 +3,7 @@
 // Twin: rastercov.core.camera.lenses.of_camera.
 #include "bind.hpp"
 #include "lens/ball.hpp"
+#include "lens/models.hpp"
 #include "lens/proof.hpp"
 #include "lens/series.hpp"
 #include "python/tables.hpp"
@@ -31,6 +32,9 @@ struct PlaneOfPython {
         return plane;
     }
 };
+
+// Line of a model: its name, its base, its coefficients and the numbers of them.
+#define LINE_OF(name, base, names, counts, ...) #name ";" #base ";" names ";" counts "\n"
 
 // Sets each of some names, "A, B", to its place among them.
 void set_names(nb::module_ &m, const char *names) {
@@ -178,6 +182,8 @@ RECORD(PlaneOfPython, code, params, frame, region, hole, has_pole);
 
 void register_solver_lens(nb::module_ &m) {
     m.attr("BASES") = RASTERCOV_NAMES_IN(RASTERCOV_BASES);
+    m.attr("MODELS") = RASTERCOV_MODELS(LINE_OF);
+    m.attr("LARGEST_COEFFICIENT") = LARGEST_COEFFICIENT;
     set_names(m, RASTERCOV_NAMES_IN(RASTERCOV_BASES));
     set_names(m, RASTERCOV_NAMES_IN(RASTERCOV_PARAMETERS));
     m.attr("SIZE") = int(SIZE);

@@ -26,6 +26,7 @@ from rastercov.core.mesh.arrays import check_coordinates, places_of, unusable_po
 from rastercov.core.mesh.files import LARGEST_FILE, Limits, MeshFiles
 from rastercov.core.mesh.groups import names_beside, stem_of
 from rastercov.core.mesh.site import Site
+from rastercov.engine.solver_readers import cut_concave
 from rastercov.formats.meshes import dae, gltf, ifc, plain, step, threemf
 from rastercov.formats.meshes.polygons import (
     LONGEST_NAME,
@@ -35,7 +36,6 @@ from rastercov.formats.meshes.polygons import (
     broken_files_refused,
     check,
     check_indices,
-    cut_concave,
 )
 
 Reader = Callable[..., Polygons]

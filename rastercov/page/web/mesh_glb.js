@@ -1,6 +1,6 @@
 /** Scenes of GLB files; see rastercov/formats/meshes/gltf.py. One group a node, in the order of the tree. */
 
-import { Refused } from "rastercov/api.js";
+import { refuse } from "rastercov/api.js";
 
 const COMPONENTS = {
   5120: [1, "getInt8", 127],
@@ -25,11 +25,6 @@ const NAMES = {
   scene: "nodes name extras extensions",
   file: "accessors animations asset buffers bufferViews cameras extensions extensionsRequired extensionsUsed images materials meshes nodes samplers scene scenes skins textures extras",
 };
-
-/** Ends the reading of a file with one line. */
-export function refuse(words) {
-  throw new Refused(words, 400);
-}
 
 /** {vertices, faces, groupOf, names, notes} of a file of up to some faces. */
 export function readGlb(bytes, most) {
