@@ -109,14 +109,16 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
         for column, faces in enumerate(members.values()):
             visible[at, column] = seen.visible_pixels[:, faces].sum(axis=1)
             bound[at, column] = seen.area_error[:, faces].sum(axis=1)
+    twice, index = np.tile(poses.world_from_camera, (2, 1, 1)), poses.camera
+    both = Poses.of(twice, camera=np.append(index, index + len(cameras)))
     for column, faces in enumerate(members.values()):
         used, corners = np.unique(mesh.faces[faces], return_inverse=True)
         alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
-        for eyes, areas in ((cameras, inside), (around, silhouette)):
-            for at, seen in _observed(alone, eyes, poses, engine):
-                areas[at, column] = seen.visible_pixels.sum(axis=1)
-                errors = seen.area_error.sum(axis=1)
-                bound[at, column] = np.maximum(bound[at, column], errors)
+        areas = np.empty((2, len(both)))
+        for at, seen in _observed(alone, (*cameras, *around), both, engine):
+            areas[:, at] = seen.visible_pixels.sum(axis=1), seen.area_error.sum(axis=1)
+        (inside[:, column], silhouette[:, column]), errors = areas.reshape(2, 2, -1)
+        bound[:, column] = np.maximum(bound[:, column], errors.max(axis=0))
     names = tuple(mesh.groups[row].name for row in members)
     return GroupViews(names, poses.ids, visible, inside, silhouette, bound)
 
