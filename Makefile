@@ -113,6 +113,7 @@ lint: stubs build/c/build.ninja
 	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
 	@$(BIN)/python .ci/functions.py
+	@$(BIN)/python .ci/addresses
 	$(BIN)/mypy
 	$(BIN)/mypy --config-file .ci/benchmarks.ini
 	@if command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(BIOME); then $(BIOME)/.bin/biome lint --error-on-warnings; \
