@@ -23,20 +23,24 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural, shortened, signed
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import check_place, write_bytes
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    check_choice,
+    check_place,
+    percent,
+    plural,
+    shortened,
+    shown,
+    write_bytes,
+)
+from rastercov.base.format import area, signed
 from rastercov.base.versions import version_of
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.figures import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.zones import face_zones
-from rastercov.core.camera.equipment import equipment_words
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, cameras_of, gates_of, names_of
+from rastercov.core.camera import Poses, Rig, cameras_of, equipment_words, gates_of, names_of
 from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh

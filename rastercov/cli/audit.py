@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.format import ByName, area
+from rastercov.base import ByName, CameraError, ConfigError, PoseError
+from rastercov.base.format import area
 from rastercov.cli import options
 from rastercov.cli.console import (
     print_lines,
@@ -18,9 +18,7 @@ from rastercov.cli.console import (
     warn,
 )
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
-from rastercov.core.camera.conventions import Border, Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Conventions, Views, unit_doubts
 from rastercov.core.coverage.task import Task
 from rastercov.formats.cameras import read_through
 from rastercov.shards import Staff, Tally
@@ -179,7 +177,7 @@ def audit(
 
     Footprints: rastercov audit opensfm/ mesh.ply --footprints images.geojson --overlap-map map.tif
     """
-    from rastercov.base.output import json_text
+    from rastercov.base import json_text
     from rastercov.core.coverage.shards import is_long
     from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow

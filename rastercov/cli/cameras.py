@@ -8,12 +8,10 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.format import ByName
-from rastercov.base.output import json_text
+from rastercov.base import ByName, check_choice, json_text
 from rastercov.cli import options
 from rastercov.cli.console import Console, print_lines
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.camera.catalogue import KINDS, Catalogue, catalogue, price_of
 from rastercov.core.camera.projection import angles_of_view
 

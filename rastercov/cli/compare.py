@@ -9,10 +9,7 @@ from typing import Annotated, NamedTuple
 import typer
 from rich.console import RenderableType
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import json_text
+from rastercov.base import ByName, ConfigError, FloatArray, json_text
 from rastercov.cli import options
 from rastercov.cli.console import (
     SETTINGS,
@@ -27,10 +24,7 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Camera, Conventions, Poses, unit_doubts
 from rastercov.core.camera.rig import check_central
 from rastercov.core.mesh import Mesh
 from rastercov.report.folder import ReportFolder

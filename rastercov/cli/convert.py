@@ -7,12 +7,11 @@ from typing import Annotated
 
 import typer
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
+from rastercov.base import ConfigError, plural
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, warn
 from rastercov.cli.inputs import left_out
-from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera import Conventions
 from rastercov.formats.cameras import READERS, WRITERS, format_of, read_views, write_views
 
 

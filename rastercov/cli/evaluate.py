@@ -15,10 +15,18 @@ import numpy as np
 import typer
 
 from rastercov.advice import before as differences
-from rastercov.base.errors import ConfigError, PoseError, errors_as
-from rastercov.base.format import ByName, ReadByName, plural, verb
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import json_text, write_npz
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    PoseError,
+    ReadByName,
+    errors_as,
+    json_text,
+    plural,
+)
+from rastercov.base.format import verb
+from rastercov.base.output import write_npz
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -33,11 +41,8 @@ from rastercov.cli.console import (
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
 from rastercov.cli.scene_files import SceneFiles
 from rastercov.core.area.features import narrowed
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, names_of_poses, with_equipment
+from rastercov.core.camera import Camera, Cameras, Conventions, Poses, names_of_poses, unit_doubts
+from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.folder import ReportFolder, ReportKind

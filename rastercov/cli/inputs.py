@@ -15,29 +15,39 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, get_type_hints
 import numpy as np
 import typer
 
-from rastercov.base.arguments import MOST_POSES
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
-from rastercov.base.files import (
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    FloatArray,
+    MeshError,
+    PoseError,
+    ReadByName,
     UnreadableError,
-    is_file,
-    is_same_file,
+    plural,
     printable,
     read_toml,
-    seen_from,
+    shortened,
+    shown,
 )
-from rastercov.base.format import ByName, ReadByName, plural, shortened
-from rastercov.base.memory import FloatArray
+from rastercov.base.arguments import MOST_POSES
+from rastercov.base.files import is_file, is_same_file, seen_from
 from rastercov.base.typed import fits
 from rastercov.cli import options
 from rastercov.cli.scene_files import SceneFiles, scene_files
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import (
+    Border,
+    Camera,
+    Conventions,
+    Poses,
+    Rig,
+    Views,
+    equipment_words,
+    look_at,
+    names_of_poses,
+)
 from rastercov.core.camera.catalogue import is_head, is_name
-from rastercov.core.camera.conventions import Border, Conventions
-from rastercov.core.camera.equipment import equipment_words
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, Views, names_of_poses
-from rastercov.core.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
+from rastercov.core.camera.viewpoints import enclosing_distance, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.groups import by_file, files_named, named
 from rastercov.core.mesh.mesh import names_of

@@ -12,14 +12,12 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_
 
 import typer
 
+from rastercov.base import ByName, ConfigError, hooks_of
 from rastercov.base.arguments import annotations_of, documented, reader_of
-from rastercov.base.errors import ConfigError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName
 from rastercov.cli.console import out_option
 from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
-from rastercov.core.camera.conventions import POSE_CONVENTIONS, Conventions
-from rastercov.core.camera.equipment import EquipmentKind
+from rastercov.core.camera import Conventions, EquipmentKind
+from rastercov.core.camera.conventions import POSE_CONVENTIONS
 from rastercov.core.coverage.task import THESIS, Task
 from rastercov.core.mesh import shapes
 from rastercov.shards import Workers

@@ -11,10 +11,15 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, RastercovError, errors_as
-from rastercov.base.format import plural
-from rastercov.base.output import json_bytes, json_text
+from rastercov.base import (
+    ConfigError,
+    RastercovError,
+    errors_as,
+    json_bytes,
+    json_text,
+    plural,
+    shown,
+)
 from rastercov.cli.console import (
     Console,
     out_option,
@@ -34,7 +39,7 @@ from rastercov.cli.options import (
     ProcessOptions,
     expanded,
 )
-from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera import Conventions
 from rastercov.core.mesh.groups import listed
 
 if TYPE_CHECKING:

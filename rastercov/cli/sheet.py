@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 import typer
 
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
-from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera import Conventions
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff

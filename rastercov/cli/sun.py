@@ -7,9 +7,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 import typer
 
-from rastercov.base.checks import positive, shown
-from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import ByName, bounded, coordinates, shortened
+from rastercov.base import ByName, CameraError, ConfigError, shortened, shown
+from rastercov.base.checks import positive
+from rastercov.base.format import bounded, coordinates
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
@@ -125,7 +125,7 @@ def sun(
 
     Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
-    from rastercov.base.output import json_text
+    from rastercov.base import json_text
     from rastercov.light.sun_report import Study, write
     from rastercov.light.sunlight import LIT_BY, sunlit
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rastercov.base.errors import CameraError, ConfigError, MeshError
-from rastercov.base.format import first_of, plural
+from rastercov.base import CameraError, ConfigError, MeshError, first_of, plural
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, say, shown, size_line, warn
 from rastercov.cli.inputs import (
@@ -27,10 +26,7 @@ from rastercov.cli.inputs import (
     read_rig,
     with_unused,
 )
-from rastercov.core.camera.conventions import Border, Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Conventions, Poses, Views, unit_doubts
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 

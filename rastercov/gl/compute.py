@@ -16,8 +16,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array
-from rastercov.core.camera.camera import Camera
+from rastercov.base import Float32Array, FloatArray, Int32Array
+from rastercov.core.camera import Camera
 from rastercov.core.camera.near_plane import limits
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test

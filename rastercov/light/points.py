@@ -6,17 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, number
-from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, WholeArray
+from rastercov.base import TINY, BoolArray, ByName, ByteArray, ConfigError, FloatArray, WholeArray
+from rastercov.base.format import number
 from rastercov.core.area.feature import Feature, Scene
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Finder
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, eyes_of, names_of
+from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, names_of
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

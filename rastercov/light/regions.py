@@ -16,18 +16,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base import TINY, BoolArray, ConfigError, FloatArray, Int32Array, IntArray, Once
 from rastercov.base.arguments import Quantity
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.base.threads import Once
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.frames import frames_of, in_front, rows_at
 from rastercov.core.area.polygons import chosen, even_points, polygon_areas
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, joined, taken
+from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
 from rastercov.core.camera.light_units import check_unit
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, apparent, eyes_of
 from rastercov.core.coverage.reasons import NAMES
 from rastercov.core.coverage.task import NEEDED, Task
 from rastercov.core.mesh import Mesh

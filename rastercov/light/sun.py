@@ -17,12 +17,9 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.checks import number, shown
-from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.base import CameraError, ConfigError, FloatArray, finite_points, shown
+from rastercov.base.checks import number
+from rastercov.core.camera import Camera, look_at
 
 YEARS = 1950, 2050
 """First and last year of the formula."""

@@ -14,19 +14,21 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, RastercovError, errors_as
-from rastercov.base.files import (
-    LARGEST_ARRAY,
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    RastercovError,
     StrPath,
     UnreadableError,
+    errors_as,
     file_bytes,
     printable,
     read_json,
+    shown,
     suffix_of,
 )
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base.files import LARGEST_ARRAY
 from rastercov.core.mesh.arrays import rotations_of_quaternions, unit
 from rastercov.core.mesh.columns import TIMES, columns_of, durations_of
 from rastercov.core.mesh.files import metres_per

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Camera, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh
 from rastercov.core.mesh.sections import cross, polygons_in, section, solid

@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray, frozen_record
 from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.robots.urdf import Joint
 

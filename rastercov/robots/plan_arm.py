@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, distance, frozen_record, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, StrPath, frozen_record, plural
+from rastercov.base.format import distance
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Poses
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.mesh import Mesh, bodies
 from rastercov.core.mesh.arrays import frozen

@@ -17,20 +17,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    WholeArray,
+    finite_number,
+    read_only,
+    shown,
+)
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.records import Criteria
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
 from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
+from rastercov.core.camera import (
+    MODELS,
+    Camera,
+    Cameras,
+    Poses,
+    Rig,
+    cameras_of,
+    equipment_on,
+    gates_of,
+    names_of,
+)
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Rules, Task
 from rastercov.core.exact.cameras import pinhole_numbers

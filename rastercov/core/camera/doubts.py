@@ -10,8 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.format import size_in_words
-from rastercov.base.memory import TINY, BoolArray, FloatArray
+from rastercov.base import TINY, BoolArray, FloatArray, size_in_words
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.core.camera.models import MODELS

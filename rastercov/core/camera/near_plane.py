@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base import BoolArray, FloatArray, IntArray, read_only
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.projection import box_corners, to_camera

@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.models import MODELS
 

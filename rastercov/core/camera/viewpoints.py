@@ -6,10 +6,15 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, MOST_POSES, owned
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.memory import FloatArray
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    ConfigError,
+    FloatArray,
+    PoseError,
+    finite_number,
+    shown,
+)
+from rastercov.base.arguments import MOST_POSES, owned
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.pose import Poses, error_of, real_numbers

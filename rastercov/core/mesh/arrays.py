@@ -8,9 +8,20 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points, owned
-from rastercov.base.errors import ConfigError, MeshError, ResourceError
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, WholeArray
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    AnyArray,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    MeshError,
+    ResourceError,
+    WholeArray,
+    checked_array,
+    finite_points,
+)
+from rastercov.base.arguments import owned
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache

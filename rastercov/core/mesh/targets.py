@@ -12,11 +12,17 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError
-from rastercov.base.format import area, shortened
-from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    MeshError,
+    finite_points,
+    shortened,
+    shown,
+)
+from rastercov.base.format import area
 from rastercov.base.typed import typed
 from rastercov.core.mesh.groups import Group, listed, named
 from rastercov.core.mesh.mesh import Mesh, faces_named, names_of

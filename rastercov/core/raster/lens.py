@@ -21,16 +21,17 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import (
+from rastercov.base import (
     BoolArray,
     Float32Array,
     FloatArray,
     Int32Array,
     IntArray,
     check_memory,
+    share_poses,
+    thread_count,
 )
-from rastercov.base.threads import share_poses, thread_count
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of, unit_of
 from rastercov.core.camera.near_plane import limits, picture_limits
 from rastercov.core.camera.parallel import MODEL

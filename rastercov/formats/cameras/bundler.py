@@ -13,20 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, errors_as
-from rastercov.base.files import printable
-from rastercov.base.format import plural
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.conventions import (
-    OPENGL_AXES,
-    Border,
-    from_vectors,
-    inverse_of,
-    lens_camera,
-    motions,
-)
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, FloatArray, errors_as, plural, printable, shown
+from rastercov.core.camera import Border, Views, from_vectors, inverse_of, lens_camera
+from rastercov.core.camera.conventions import OPENGL_AXES, motions
 from rastercov.formats.cameras.source import Source, checked, number_of
 
 HEADER = "# Bundle file"

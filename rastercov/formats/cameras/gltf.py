@@ -14,14 +14,10 @@ import math
 
 import numpy as np
 
-from rastercov.base.errors import CameraError, MeshError, errors_as
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.core.camera import parallel
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import OPENGL_AXES, Border
+from rastercov.base import ByName, CameraError, FloatArray, IntArray, MeshError, errors_as
+from rastercov.core.camera import Border, Camera, Views, parallel
+from rastercov.core.camera.conventions import OPENGL_AXES
 from rastercov.core.camera.projection import view_frame
-from rastercov.core.camera.rig import Views
 from rastercov.formats.cameras.source import Entries, Source
 from rastercov.formats.meshes.gltf import nodes_below, root_nodes
 from rastercov.formats.meshes.gltf_file import (

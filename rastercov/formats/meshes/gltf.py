@@ -19,9 +19,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.format import ByName, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, plural, shown
 from rastercov.core.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.formats.meshes.gltf_file import (
     INSTANCING,

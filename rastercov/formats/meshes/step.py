@@ -15,10 +15,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError
-from rastercov.base.format import ByName, first_of
-from rastercov.base.memory import TINY, FloatArray, WholeArray
+from rastercov.base import TINY, ByName, FloatArray, MeshError, WholeArray, first_of, shown
 from rastercov.formats.meshes.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
 from rastercov.formats.meshes.gltf_file import Accessors, chunks, json_list, json_name, json_object
 from rastercov.formats.meshes.polygons import Polygons, converted

@@ -6,8 +6,8 @@ from itertools import count
 import numpy as np
 import shapely
 
-from rastercov.base.format import ByName, length, plural
-from rastercov.base.memory import FloatArray
+from rastercov.base import ByName, FloatArray, plural
+from rastercov.base.format import length
 from rastercov.report.drawing import SheetFrame, scale_bar
 from rastercov.report.plan_geometry import edges_between, seen_from_above
 from rastercov.survey.flight import Flight
