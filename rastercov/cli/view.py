@@ -11,7 +11,7 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from rastercov.base import CameraError, ConfigError, MeshError, first_of, plural
 from rastercov.cli import options
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 Sources = Annotated[
     list[Path],
-    typer.Argument(
+    Argument(
         metavar="PLAN|RESULT|MESH",
         help="Plan (.toml), result folder of evaluate, place or audit, mesh files, or a built-in "
         f"mesh: {', '.join(shapes.NAMES)}. Meshes after a result folder replace its meshes.",
@@ -43,7 +43,7 @@ Sources = Annotated[
 ]
 RigOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--poses",
         "-p",
         help="Rig: a pose file of rastercov or another program, sphere:N or turntable:N@DEG.",
@@ -64,23 +64,21 @@ def view(
     equipment: options.EquipmentOptions,
     poses: RigOption = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for files saved by the viewer.")
+        Path, Option("--out", "-o", help="Folder for files saved by the viewer.")
     ] = Path("view"),
     method: Annotated[
-        str, typer.Option(help="Visibility method: certified, exact or sampled.")
+        str, Option(help="Visibility method: certified, exact or sampled.")
     ] = "certified",
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Local port; 0 for any free port.")
-    ] = 0,
+    port: Annotated[int, Option(min=0, max=65535, help="Local port; 0 for any free port.")] = 0,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address without opening a browser.")
+        bool, Option("--no-browser", help="Print the address without opening a browser.")
     ] = False,
     export: Annotated[
         Path | None,
-        typer.Option(help="Write a self-contained, interactive .html file and exit."),
+        Option(help="Write a self-contained, interactive .html file and exit."),
     ] = None,
     still: Annotated[
-        bool, typer.Option("--still", help="With --export: static results, no editing.")
+        bool, Option("--still", help="With --export: static results, no editing.")
     ] = False,
 ) -> None:
     """View a rig in the browser, move its cameras, and see what they cover.
