@@ -71,6 +71,7 @@ if TYPE_CHECKING:
         WholeArray,
         check_memory,
         read_only,
+        row_lengths,
     )
     from rastercov.base.output import (
         check_place,
@@ -148,6 +149,7 @@ __all__ = [
     "read_only",
     "read_toml",
     "remove_folder",
+    "row_lengths",
     "sampling",
     "share_poses",
     "shortened",

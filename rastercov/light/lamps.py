@@ -33,6 +33,7 @@ from rastercov.base import (
     frozen_record,
     is_one_of,
     members,
+    row_lengths,
     shown,
 )
 from rastercov.base.arguments import distinct
@@ -798,7 +799,7 @@ def illuminances(
     placed = apparent(lamps.eyes, poses)
     for pose, row, own in zip(placed, poses.camera.tolist(), sees, strict=True):
         away = pose[:3, 3] - points
-        d = np.maximum(np.linalg.norm(away, axis=1), TINY)
+        d = np.maximum(row_lengths(away), TINY)
         cosine = np.clip(-(away @ pose[:3, 2]) / d, -1, 1)
         height = np.abs(np.einsum("ni,ni->n", away, normals))
         intensity = intensities_of(lamps.lamps[row], cosine, -(away @ pose[:3, :3]))

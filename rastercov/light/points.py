@@ -6,7 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import TINY, BoolArray, ByName, ByteArray, ConfigError, FloatArray, WholeArray
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    WholeArray,
+    row_lengths,
+)
 from rastercov.base.format import number
 from rastercov.core.area.feature import Feature, Scene
 from rastercov.core.area.frames import frames_of, in_front
@@ -143,14 +152,14 @@ class LightOfPoints:
     ) -> BoolArray:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
         to_camera = centre - self._points
-        to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1), TINY)[:, None]
+        to_camera /= np.maximum(row_lengths(to_camera), TINY)[:, None]
         mask = np.zeros(len(self._points), np.bool_)
         for eye, own in zip(eyes, sees, strict=True):
             half = eye - self._points
-            half /= np.maximum(np.linalg.norm(half, axis=1), TINY)[:, None]
+            half /= np.maximum(row_lengths(half), TINY)[:, None]
             half += to_camera
             along = np.abs(np.einsum("ni,ni->n", half, self._normals))
-            mask |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
+            mask |= own & (along > math.cos(math.radians(degrees)) * row_lengths(half))
         return mask
 
     def _reached(self, poses: Poses) -> tuple[Poses, BoolArray]:

@@ -16,7 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import TINY, BoolArray, ConfigError, FloatArray, Int32Array, IntArray, Once
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    Once,
+    row_lengths,
+)
 from rastercov.base.arguments import Quantity
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.frames import frames_of, in_front, rows_at
@@ -413,12 +422,12 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     lamps = lamps._around(np.stack((point, point)))
     places = np.where(rides[:, None, None], world @ lamps.places, lamps.places)
     away = eyes_of(lamps.eyes, Poses.of(places, camera=np.arange(len(lamps)))) - point
-    distance = np.linalg.norm(away, axis=1)
+    distance = row_lengths(away)
     if reason != HIGHLIGHT:
         return lamps.names[int(distance.argmin())]
     ray = eyes_of(rig, lead[:1])[0] - point
     half = away / np.maximum(distance, TINY)[:, None] + ray / max(float(np.linalg.norm(ray)), TINY)
-    along = np.abs(half @ normal) / np.maximum(np.linalg.norm(half, axis=1), TINY)
+    along = np.abs(half @ normal) / np.maximum(row_lengths(half), TINY)
     return lamps.names[int(along.argmax())]
 
 

@@ -25,6 +25,7 @@ from rastercov.base import (
     file_bytes,
     printable,
     read_json,
+    row_lengths,
     shown,
     suffix_of,
 )
@@ -228,7 +229,7 @@ def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
     if any(field in own for field in TURN):
         turns = np.stack([np.broadcast_to(own.get(field, 0.0), n) for field in TURN], axis=1)
         with np.errstate(over="ignore"):
-            length = np.linalg.norm(turns, axis=1)
+            length = row_lengths(turns)
         is_turn = np.abs(length - 1) <= OFF_UNIT
         if not is_turn.all():
             frame = int(is_turn.argmin())

@@ -28,6 +28,7 @@ from rastercov.base import (
     once_each,
     percent,
     plural,
+    row_lengths,
 )
 from rastercov.base.format import area as in_square_metres
 from rastercov.core.area.advice import general_advice
@@ -535,7 +536,7 @@ class TimeRemedies(Remedies):
     def added(self, spot: ZoneSpot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
         eyes = self.poses.eyes
-        row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
+        row = int(row_lengths(eyes - spot.at).argmin()) if len(eyes) else 0
         words, entries = self.tried(None, row, spot)
         words += f" {time_words(self.over_time.asked.over)}"
         return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}

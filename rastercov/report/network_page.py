@@ -20,6 +20,7 @@ from rastercov.base import (
     frozen_record,
     percent,
     plural,
+    row_lengths,
     share_poses,
     thread_count,
     with_bound,
@@ -262,7 +263,7 @@ class NetworkPage:
         entries = zones.places(zones.listed())
         for row, entry in enumerate(entries):
             faces = zones.face[zones.zone == row].astype(np.int64)
-            away = np.linalg.norm(self.mesh.centroids[faces] - entry["centroid"], axis=1)
+            away = row_lengths(self.mesh.centroids[faces] - entry["centroid"])
             face = int(faces[away.argmin()])  # the one in the middle
             entry |= {"reason": NAMES[why[face]], "hidden_by": None}
             if row < MOST_CLOSE_UPS:
@@ -279,8 +280,8 @@ class NetworkPage:
         if why == Reason.OCCLUDED:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 
-            away = np.linalg.norm(self.eyes - spot.at, axis=1)
-            nearest, face = self.poses[away.argmin(keepdims=True)], some[spot.middle][None]
+            away = row_lengths(self.eyes - spot.at)
+            nearest, face = self.poses[away.argmin(axis=0, keepdims=True)], some[spot.middle][None]
             axes = axes_of(self.camera, nearest)
             eye = nearest.eyes
             shares = in_front(mesh, eye, face, axes=axes)[0]

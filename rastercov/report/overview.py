@@ -32,6 +32,7 @@ from rastercov.base import (
     frozen_record,
     percent,
     plural,
+    row_lengths,
 )
 from rastercov.base.format import area, signed
 from rastercov.core.area.frames import rows_at
@@ -295,7 +296,7 @@ def nearest_covering(
     covers = covering_poses(regions, face, points)
     for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
         rows = np.flatnonzero(covers[:, pose])
-        away = np.linalg.norm(points.take(rows, axis=0) - eyes[pose], axis=1)
+        away = row_lengths(points.take(rows, axis=0) - eyes[pose])
         nearer = away < reach[rows]
         best[rows[nearer]] = pose
         reach[rows[nearer]] = away[nearer]

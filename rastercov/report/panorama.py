@@ -25,6 +25,7 @@ from rastercov.base import (
     IntArray,
     first_of,
     frozen_record,
+    row_lengths,
 )
 from rastercov.core.camera import (
     Camera,
@@ -379,7 +380,7 @@ def front_of(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray | None:
     points = places_of(eyes)
     if np.linalg.norm(front) < FRONT and len(points) and not is_inside(mesh, eyes):
         rays = points - weights @ mesh.centroids[rows]
-        rays /= np.maximum(np.linalg.norm(rays, axis=1), 1e-300)[:, None]
+        rays /= np.maximum(row_lengths(rays), 1e-300)[:, None]
         front = rays.mean(axis=0)
         if np.linalg.norm(front) < FROM_ONE_SIDE:
             return None

@@ -15,7 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, IntArray, StrPath, frozen_record, plural
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    FloatArray,
+    IntArray,
+    StrPath,
+    frozen_record,
+    plural,
+    row_lengths,
+)
 from rastercov.base.format import distance
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated
@@ -252,7 +261,7 @@ class PlanArm:
         solution = []
         for row, pose in enumerate(poses):
             error = pose_error(ends, np.broadcast_to(pose, ends.shape))
-            own = known[np.linalg.norm(error, axis=1) <= SAME_POSE]
+            own = known[row_lengths(error) <= SAME_POSE]
             others = [each.joints[each.pose == row] for each in (reached, further)]
             own = kinematics.distinct(np.concatenate([own, *others]), self.arm.link, MOST_OPTIONS)
             if not len(own):  # inverse kinematics found it for the candidate of the same pose

@@ -10,7 +10,7 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from rastercov.base import FloatArray, IntArray, frozen_record, size_in_words
+from rastercov.base import FloatArray, IntArray, frozen_record, row_lengths, size_in_words
 from rastercov.base.format import number
 from rastercov.core.area.feature import Judge, Points, Scene
 from rastercov.core.area.frames import to_world
@@ -161,7 +161,7 @@ class _Head:
     def remedies(self, least: int) -> Iterator[str]:
         """The least change of each kind that covers some number of the points."""
         placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
-        target = self.points[np.linalg.norm(off, axis=1).argmin()]
+        target = self.points[row_lengths(off).argmin()]
         turned = ("", None), (", its sensors aimed at it", target)
         wider = (
             f"a baseline {factor:g} times as wide{words}"

@@ -27,6 +27,7 @@ from rastercov.base import (
     WholeArray,
     finite_number,
     read_only,
+    row_lengths,
     shown,
 )
 from rastercov.core.area.frames import frames_of
@@ -131,7 +132,7 @@ class Errors:
             n_balls = int((sizes > 0).sum() + (part > 0).sum())
             radius = _radii(self.chance ** (1 / max(n_balls, 1)))
             sizes, part = sizes * radius, part * radius[:2]
-        away = np.linalg.norm(poses.eyes - pivot, axis=1)
+        away = row_lengths(poses.eyes - pivot)
         sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
         sizes[:, 1] += part[1]
         if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():
@@ -424,7 +425,7 @@ def unmet(
     away, normal = points - pose[:3, 3], frames_of(mesh).normal[face]
     height = np.abs(np.einsum("ni,ni->n", away, normal))
     at = away @ pose[:3, :3]
-    z, distance = at[:, 2], np.linalg.norm(at, axis=1)
+    z, distance = at[:, 2], row_lengths(at)
     rho = np.hypot(at[:, 0], at[:, 1])
     least, most = z * math.cos(a) - rho * math.sin(a) - d, z + rho * math.sin(a) + d
     fx, fy = camera.fx * (1 + p), camera.fy * (1 + p)

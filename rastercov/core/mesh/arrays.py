@@ -20,6 +20,7 @@ from rastercov.base import (
     WholeArray,
     checked_array,
     finite_points,
+    row_lengths,
 )
 from rastercov.base.arguments import owned
 
@@ -127,7 +128,7 @@ def normals_and_areas(
         size = np.abs(sides).max(axis=(0, 2))  # scaled, so that no square under- or overflows
         sides /= np.where(size > 0, size, 1)[:, None]
         cross = np.cross(sides[0], sides[1])
-        length = np.linalg.norm(cross, axis=1)
+        length = row_lengths(cross)
         product = np.linalg.norm(sides, axis=2).prod(axis=0)
         is_flat = length <= LEAST_SINE * product
         sines = np.divide(length, product, out=np.ones(len(length)), where=~is_flat)

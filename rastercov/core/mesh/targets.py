@@ -19,6 +19,7 @@ from rastercov.base import (
     IntArray,
     MeshError,
     finite_points,
+    row_lengths,
     shortened,
     shown,
 )
@@ -160,7 +161,7 @@ def _between(
     least, greatest = (each.reduceat(values, first) for each in (np.minimum, np.maximum))
     is_whole = (least >= low) & (greatest <= high)
     cut = np.flatnonzero(~is_whole & (greatest > low) & (least < high))
-    size = np.maximum(np.linalg.norm(slopes[cut], axis=1), TINY)[:, None]
+    size = np.maximum(row_lengths(slopes[cut]), TINY)[:, None]
     along = slopes[cut] / size
     across = np.stack((-along[:, 1], along[:, 0]), axis=1)
     far = 4 * float(np.abs(xy).max(initial=0.0))

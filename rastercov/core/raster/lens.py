@@ -28,6 +28,7 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     check_memory,
+    row_lengths,
     share_poses,
     thread_count,
 )
@@ -217,7 +218,7 @@ class SampleViews:
         # Derivatives by places are those by rays of length 1 / z.
         slopes = self._lens.jacobian(rays[some]) @ frame[:, :2]
         slopes *= (rays[some] @ frame[:, 2])[:, None, None] * self.grid.supersample
-        return np.nanquantile(np.linalg.norm(slopes, axis=1), DENSEST, axis=0)
+        return np.nanquantile(row_lengths(slopes), DENSEST, axis=0)
 
     def _view(
         self, frame: FloatArray, places: FloatArray, scale: FloatArray

@@ -34,6 +34,7 @@ from rastercov.base import (
     RastercovError,
     ResourceError,
     WholeArray,
+    row_lengths,
     shortened,
 )
 from rastercov.base.errors import OUT_OF_MEMORY
@@ -275,13 +276,13 @@ def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) ->
     size = np.maximum.reduceat(np.abs(sides).max(axis=(1, 2)), first_row)
     sides /= np.where(size > 0, size, 1)[polygon, None, None]  # no square under- or overflows
     cross = np.cross(sides[:, 0], sides[:, 1])
-    area = np.linalg.norm(cross, axis=1)
+    area = row_lengths(cross)
     normal = np.add.reduceat(cross, first_row)
-    length, total = np.linalg.norm(normal, axis=1), np.add.reduceat(area, first_row)
+    length, total = row_lengths(normal), np.add.reduceat(area, first_row)
     is_without_plane = length <= FOLD_TOLERANCE_REL * total
     largest = np.lexsort((area, polygon))[first_row + n_triangles - 1]
     normal[is_without_plane] = cross[largest][is_without_plane]
-    length = np.linalg.norm(normal, axis=1)
+    length = row_lengths(normal)
     normal /= np.where(length > 0, length, 1)[:, None]
 
     is_folded = np.einsum("ij,ij->i", cross, normal[polygon]) < -FOLD_TOLERANCE_REL * area
@@ -391,7 +392,7 @@ def _in_plane(
     size = np.maximum.reduceat(np.abs(points).max(axis=1), first)
     points /= np.where(size > 0, size, 1)[polygon, None]
     x_axis = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
-    x_axis /= np.linalg.norm(x_axis, axis=1)[:, None]
+    x_axis /= row_lengths(x_axis)[:, None]
     y_axis = np.cross(normal, x_axis)
     return np.einsum("ij,ikj->ik", points, np.stack([x_axis, y_axis], axis=1)[polygon])
 
