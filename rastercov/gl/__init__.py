@@ -13,9 +13,8 @@ rasteriser and moderngl are therefore imported when one of the names below is fi
 
 from typing import TYPE_CHECKING, Any
 
-from rastercov.base.errors import DeviceError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.camera import Camera
+from rastercov.base import ByName, DeviceError, ReadByName
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import Drawer
 from rastercov.core.raster.contract import Rasterizer

@@ -17,9 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import DeviceError
-from rastercov.base.format import ByName
+from rastercov.base import ByName, DeviceError, shown
 from rastercov.gl.libraries import (
     EGL_EXTENSIONS,
     INSTALL_EGL,

@@ -18,11 +18,10 @@ from typing import Any, get_args
 
 import rastercov
 from rastercov import shaders
-from rastercov.base.errors import DeviceError, RastercovError
-from rastercov.base.format import ByName
-from rastercov.base.threads import Closing, child_environment, thread_count
+from rastercov.base import ByName, Closing, DeviceError, RastercovError, thread_count
+from rastercov.base.threads import child_environment
 from rastercov.base.versions import untested_versions, version_of
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.self_test import PASSED

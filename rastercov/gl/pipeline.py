@@ -18,8 +18,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array, IntArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import Float32Array, FloatArray, Int32Array, IntArray
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.sample_grid import Box, SampleGrid

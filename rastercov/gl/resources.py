@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.memory import AnyArray
+from rastercov.base import AnyArray, DeviceError, ResourceError
 from rastercov.gl.context import HeadlessContext
 
 _COLOR, _DEPTH = 0x1800, 0x1801

@@ -13,13 +13,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, Float32Array, FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import BoolArray, ByName, Float32Array, FloatArray, IntArray
+from rastercov.core.camera import Camera, Poses, box_corners, eyes_of
 from rastercov.core.camera.near_plane import can_cull, depth_range, limits
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.projection import box_corners, image_boxes
-from rastercov.core.camera.rig import eyes_of
+from rastercov.core.camera.projection import image_boxes
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.core.raster.tie_order import in_one_order

@@ -11,9 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ResourceError
-from rastercov.base.memory import Float32Array, FloatArray, IntArray
-from rastercov.core.camera.near_plane import near_limit
+from rastercov.base import Float32Array, FloatArray, IntArray, ResourceError
+from rastercov.core.camera import near_limit
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box
 from rastercov.core.raster.targets import TargetFaces

@@ -13,12 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import near_limit, sides_of
-from rastercov.core.camera.projection import to_camera, to_image
-from rastercov.core.camera.rig import cameras_of
+from rastercov.base import ByName, FloatArray, IntArray, frozen_record
+from rastercov.core.camera import Camera, cameras_of, near_limit, to_camera, to_image
+from rastercov.core.camera.near_plane import sides_of
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.coverage.silhouettes import GroupViews, camera_around, places_of
 from rastercov.core.raster import open_rasterizer

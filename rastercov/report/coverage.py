@@ -31,18 +31,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, ReadByName, first_of
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    ReadByName,
+    check_choice,
+    first_of,
+    write_json,
+    write_text,
+)
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json, write_text
 from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import (
+from rastercov.core.camera import (
     Cameras,
+    Poses,
     cameras_of,
     equipment_on,
     gates_of,

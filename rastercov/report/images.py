@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
-from rastercov.base.format import decimals_of
-from rastercov.base.memory import (
+from rastercov.base import (
     TINY,
     BoolArray,
     ByteArray,
@@ -26,9 +25,10 @@ from rastercov.base.memory import (
     Int32Array,
     IntArray,
     WholeArray,
+    decimals_of,
 )
 from rastercov.base.output import writing
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import components_of

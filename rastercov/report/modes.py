@@ -14,12 +14,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, frozen_record, number, percent, plural
-from rastercov.base.memory import TINY, WholeArray
-from rastercov.core.camera.gate import Gate
+from rastercov.base import (
+    TINY,
+    ByName,
+    ConfigError,
+    WholeArray,
+    check_choice,
+    frozen_record,
+    hooks_of,
+    percent,
+    plural,
+)
+from rastercov.base.format import number
+from rastercov.core.camera import Gate
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.reasons import NAMES, REASONS
 from rastercov.core.mesh import Mesh

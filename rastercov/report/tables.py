@@ -8,19 +8,17 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import (
+from rastercov.base import (
+    FloatArray,
     ReadByName,
-    area,
     decimals_of,
-    in_decimals,
     percent,
     plural,
-    signed,
     size_in_words,
     with_bound,
 )
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base.format import area, in_decimals, signed
+from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import angles_of_view
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows

@@ -4,11 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.gate import Gate
-from rastercov.core.camera.rig import Rig, RigEntries
+from rastercov.base import ByName, CameraError, ReadByName, shown
+from rastercov.core.camera import Gate, Rig
+from rastercov.core.camera.rig import RigEntries
 from rastercov.core.camera.rule import (
     All,
     Rule,

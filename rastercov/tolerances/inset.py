@@ -12,10 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import TINY, BoolArray, FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import TINY, BoolArray, ConfigError, FloatArray, shown
+from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.core.camera.lenses.planes import first_derivatives
 

@@ -27,10 +27,17 @@ from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
 from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
+from rastercov.core.camera import (
+    MODELS,
+    Camera,
+    Cameras,
+    Poses,
+    Rig,
+    cameras_of,
+    equipment_on,
+    gates_of,
+    names_of,
+)
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Rules, Task
 from rastercov.core.exact.cameras import pinhole_numbers
@@ -116,7 +123,7 @@ class Errors:
             n_balls = int((sizes > 0).sum() + (part > 0).sum())
             radius = _radii(self.chance ** (1 / max(n_balls, 1)))
             sizes, part = sizes * radius, part * radius[:2]
-        away = np.linalg.norm(poses.eyes - pivot, axis=1)
+        away = row_lengths(poses.eyes - pivot)
         sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
         sizes[:, 1] += part[1]
         if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():

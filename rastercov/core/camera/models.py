@@ -12,8 +12,8 @@ documentation, "Camera Models"; nerfstudio documentation, "Data conventions".
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from rastercov.base.checks import coefficients_of, number, shown
-from rastercov.base.errors import CameraError
+from rastercov.base import CameraError, shown
+from rastercov.base.checks import coefficients_of, number
 from rastercov.core.mesh.groups import listed
 from rastercov.engine import solver_lens
 

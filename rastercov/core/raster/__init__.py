@@ -3,12 +3,20 @@
 import math
 from typing import Any
 
-from rastercov.base.arguments import check_choice, check_kind
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError, ConfigError, DeviceError, MeshError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.camera import Camera
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    DeviceError,
+    MeshError,
+    ReadByName,
+    check_choice,
+    check_kind,
+    finite_number,
+    hooks_of,
+    shown,
+)
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import (

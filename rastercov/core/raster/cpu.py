@@ -32,13 +32,19 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array
-from rastercov.base.threads import once_each, thread_count
+from rastercov.base import (
+    BoolArray,
+    DeviceError,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    ResourceError,
+    once_each,
+    thread_count,
+)
 from rastercov.base.versions import version_of
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.near_plane import limits, picture_limits
-from rastercov.core.camera.pose import valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import (

@@ -14,15 +14,26 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.arguments import check_choice, flag
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
-from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
-from rastercov.base.format import ReadByName, plural
-from rastercov.base.output import json_bytes, write_bytes
-from rastercov.core.camera.conventions import POSE_CONVENTIONS, Border, Conventions, lost
+from rastercov.base import (
+    CameraError,
+    ConfigError,
+    PoseError,
+    RastercovError,
+    ReadByName,
+    StrPath,
+    check_choice,
+    flag,
+    json_bytes,
+    plural,
+    printable,
+    shown,
+    write_bytes,
+)
+from rastercov.base.files import PROJECTS, reason_of
+from rastercov.core.camera import Border, Conventions, Views
+from rastercov.core.camera.conventions import POSE_CONVENTIONS, lost
 from rastercov.core.camera.pose_file import read_poses
-from rastercov.core.camera.rig import Views, check_central
+from rastercov.core.camera.rig import check_central
 from rastercov.formats.cameras import (
     alicevision,
     azure,

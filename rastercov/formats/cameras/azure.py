@@ -12,10 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, inverse_of, lens_camera, motions
-from rastercov.core.camera.rig import Views
+from rastercov.base import FloatArray
+from rastercov.core.camera import Border, Camera, Views, inverse_of, lens_camera
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 PARAMETERS = (

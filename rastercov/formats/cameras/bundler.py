@@ -13,20 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, errors_as
-from rastercov.base.files import printable
-from rastercov.base.format import plural
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.conventions import (
-    OPENGL_AXES,
-    Border,
-    from_vectors,
-    inverse_of,
-    lens_camera,
-    motions,
-)
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, FloatArray, errors_as, plural, printable, row_lengths, shown
+from rastercov.core.camera import Border, Views, from_vectors, inverse_of, lens_camera
+from rastercov.core.camera.conventions import OPENGL_AXES, motions
 from rastercov.formats.cameras.source import Source, checked, number_of
 
 HEADER = "# Bundle file"
@@ -129,7 +118,7 @@ def _by_focal_length(
         for scale in (np.ones_like(f), f):
             r2 = (p * p).sum(axis=1) * scale**2
             values = (f * (1 + k1 * r2 + k2 * r2 * r2))[:, None] * p
-            error = np.linalg.norm(values - seen, axis=1)[inside[:, 2] < 0]
+            error = row_lengths(values - seen)[inside[:, 2] < 0]
             errors.append(float(np.median(error)) if len(error) >= FEWEST_COMPARED else np.nan)
     documented, in_pixels = errors
     if not in_pixels < CLEARLY_LESS * documented:

@@ -7,10 +7,7 @@ Source: OKVIS, okvis_multisensor_processing/src/VioParametersReader.cpp.
 
 import numpy as np
 
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera
-from rastercov.core.camera.models import Foreign
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera
 from rastercov.formats.cameras.source import Entries, Source, first_in, keys_of
 
 MODELS = {

@@ -18,20 +18,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
-    Border,
-    from_vectors,
-    inverse_of,
-    model_in,
-    motions,
-    yaml_matrix,
-)
-from rastercov.core.camera.rig import Views
+from rastercov.base import ByName, CameraError, FloatArray, ReadByName, finite_number, shown
+from rastercov.core.camera import Border, Camera, Views, from_vectors, inverse_of, model_in
+from rastercov.core.camera.conventions import motions, yaml_matrix
 from rastercov.formats.cameras.source import Source, keys_of, number_of
 from rastercov.formats.meshes.xml_tree import local_name
 

@@ -12,12 +12,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera, inverse_of, motions
-from rastercov.core.camera.models import Foreign
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, shown
+from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera, inverse_of
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 MODELS = {

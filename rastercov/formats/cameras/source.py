@@ -9,18 +9,21 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, image_side, shown
-from rastercov.base.errors import CameraError, MeshError, errors_as
-from rastercov.base.files import (
-    LARGEST_ARRAY,
+from rastercov.base import (
+    ByName,
+    CameraError,
+    FloatArray,
+    MeshError,
     UnparsedError,
+    errors_as,
     file_bytes,
-    not_utf_8,
+    finite_number,
+    image_side,
     parsed_json,
     read_toml,
+    shown,
 )
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base.files import LARGEST_ARRAY, not_utf_8
 from rastercov.formats.meshes.xml_tree import local_name, parsed
 
 XML_BUDGET = 8 << 30

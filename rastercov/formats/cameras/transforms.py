@@ -14,20 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
-    OPENGL_AXES,
+from rastercov.base import ByName, CameraError, FloatArray
+from rastercov.core.camera import (
+    PROGRAMS,
     Border,
+    Camera,
+    Views,
     lens_camera,
     model_in,
-    panorama,
     shared_frames,
 )
-from rastercov.core.camera.models import PROGRAMS
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera.conventions import OPENGL_AXES, panorama
 from rastercov.formats.cameras.source import Entries, Source
 
 MODELS = PROGRAMS["nerfstudio"]

@@ -19,9 +19,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from rastercov.base.errors import MeshError, ResourceError
-from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
-from rastercov.base.format import ByName
+from rastercov.base import (
+    ByName,
+    MeshError,
+    ResourceError,
+    StrPath,
+    UnreadableError,
+    file_bytes,
+    printable,
+)
+from rastercov.base.files import PROJECTS
 from rastercov.core.mesh.arrays import check_coordinates, places_of, unusable_points
 from rastercov.core.mesh.files import LARGEST_FILE, Limits, MeshFiles
 from rastercov.core.mesh.groups import names_beside, stem_of

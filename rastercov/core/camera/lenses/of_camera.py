@@ -14,11 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import checked_array
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import FloatArray, read_only
+from rastercov.base import CameraError, FloatArray, checked_array, frozen_record, read_only, shown
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.lenses.planes import IdealPlane, Proved, planes_in
 from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens

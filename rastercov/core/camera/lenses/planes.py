@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, read_only
+from rastercov.base import BoolArray, FloatArray, frozen_record, read_only
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.lenses.records import PlaneRecord, Slopes, Tree
 from rastercov.engine import solver_lens

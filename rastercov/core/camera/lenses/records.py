@@ -5,7 +5,7 @@ Their fields are in the order of the structs of `engine/camera` and `engine/lens
 
 from typing import NamedTuple
 
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
+from rastercov.base import AnyArray, BoolArray, FloatArray, IntArray
 
 MOST_SIDES = 132
 """Room for the sides of a region: a polygon of 128 sides around a cone, cut by a square."""
