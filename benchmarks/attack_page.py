@@ -123,13 +123,19 @@ def _differences(session: Own, rng: np.random.Generator, seen: Counter[str]) -> 
     told = answers.answer("frame", mode="reason", options={}, station=None)
     expected = unframed(told)[0]["summary"]
     found, total = set(), float(np.asarray(session.scene.mesh.areas).sum())
+    # Sines of two libraries differ in the last digit, and with them what a lens leaves undecided.
+    doubt = expected["covered_area"]["bound_percent"]
     if not _alike(summary["covered_area"], expected["covered_area"], total):
         found.add("area")
     for one, same in zip(summary["by_camera"], expected["by_camera"], strict=True):
         for name in ("station", "area_percent", "alone_percent"):
-            if not _equal(one[name], same[name], 100.0):
+            if not _equal(one[name], same[name], 100.0, doubt):
                 found.add("cameras")
-    if summary["required"] != expected["required"]:
+    states = [
+        [{name: each[name] for name in ("goal", "status", "words")} for each in own["required"]]
+        for own in (summary, expected)
+    ]
+    if states[0] != states[1]:
         found.add("goals")
     zones, wanted = session.call("zones"), session.zones()
     seen["zones"] += len(wanted)
@@ -137,7 +143,7 @@ def _differences(session: Own, rng: np.random.Generator, seen: Counter[str]) -> 
         found.add("zones")
     for one, same in zip(zones, wanted, strict=False):
         numbers = [*zip(one["centre"], same["centre"], strict=True), (one["area"], same["area"])]
-        if not all(_equal(a, b, total) for a, b in numbers) or any(
+        if not all(_equal(a, b, total, doubt * total / 100) for a, b in numbers) or any(
             one[name] != same[name] for name in ("reason", "group", "faces")
         ):
             found.add("zones")
@@ -172,10 +178,10 @@ def _of_faces(session: Own, rng: np.random.Generator, seen: Counter[str]) -> set
     return found
 
 
-def _equal(one: object, same: object, size: float) -> bool:
+def _equal(one: object, same: object, size: float, doubt: float = 0.0) -> bool:
     if not isinstance(one, float | int) or not isinstance(same, float | int):
         return one == same
-    return math.isclose(one, same, rel_tol=REL, abs_tol=REL * size)
+    return math.isclose(one, same, rel_tol=REL, abs_tol=REL * size + doubt)
 
 
 def _alike(one: dict, same: dict, total: float) -> bool:

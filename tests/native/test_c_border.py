@@ -293,6 +293,16 @@ def zones_of(library, network, mesh, views, groups, unseeable):
     arrays |= {"areas": np.empty(n), "corners": np.empty((n_corners, 3))}
     parts = Parts(*(each.ctypes.data for each in arrays.values()))
     library.call("rc_zones_read", found, n, n_corners, ctypes.byref(parts))
+    face = arrays["faces"]
+    corners = np.split(arrays["corners"], np.cumsum(arrays["counts"])[:-1])
+    middles = np.array([each.mean(axis=0) for each in corners]).reshape(-1, 3)
+    places, reasons = np.empty((2, n + 1), np.int32)
+    a, b, _ = mesh.vertices[mesh.faces[0]]
+    middles, face = np.vstack([middles, a + 50 * (b - a)]), np.append(face, np.int32(0))
+    library.call("rc_reason_at", found, n + 1, middles, face, places, reasons)
+    assert (places[n], reasons[n]) == (-1, rc.Reason.COVERED)
+    is_off = (places[:n] != arrays["zones"]) | (reasons[:n] != arrays["reasons"])
+    assert is_off.sum() <= 0.02 * n  # thinner than a rounding
     library.call("rc_zones_free", found)
     return arrays, n_zones
 

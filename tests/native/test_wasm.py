@@ -162,8 +162,8 @@ def native_hashes(library, case):
     library.call("rc_clear_places", surface, len(spots), places, least, clear)
     for each in (*apart, together):
         library.call("rc_regions_free", each)
-    for kind, handle in (("zones", zones), ("network", network), ("union", union), ("regions", regions),
-                         ("solver", solver), ("surface", surface)):  # fmt: skip
+    made = {"zones": zones, "network": network, "union": union, "regions": regions}
+    for kind, handle in (made | {"solver": solver, "surface": surface}).items():
         library.call(f"rc_{kind}_free", handle)
     return {
         "regions": digest(areas),

@@ -10,8 +10,6 @@
 #include "c/partition.hpp"
 #include "c/rule.hpp"
 #include <bit>
-#include <map>
-#include <optional>
 
 namespace rastercov::c {
 namespace {
@@ -48,10 +46,11 @@ struct Station {
 // A rule with its own memory.
 struct Gate {
     rc_gate given;
+    size_t n_devices;
     std::vector<uint8_t> needs, stripes;
     std::vector<double> noise;
 
-    Gate(const rc_gate &gate, int64_t n) : given(gate) {
+    Gate(const rc_gate &gate, size_t n) : given(gate), n_devices(n) {
         if (gate.needs) needs.assign(gate.needs, gate.needs + n);
         if (gate.stripes) stripes.assign(gate.stripes, gate.stripes + n);
         if (gate.noise) noise.assign(gate.noise, gate.noise + n);
@@ -79,13 +78,12 @@ struct Gate {
         }
         return n >= given.k && has_needed;
     }
-    size_t n_devices = 0;
 };
 
 // A camera, or those of a rig that measure together.
 struct Row {
     size_t first, n;
-    std::optional<Gate> gate;
+    std::shared_ptr<const Gate> gate; // none of a camera alone
 };
 
 // The camera with the largest image that one may have; of a lens, that which it has.
@@ -136,9 +134,11 @@ struct Key {
     }
 };
 
+using Parts = std::vector<std::shared_ptr<const void>>;
 struct Kept {
+    std::vector<uint64_t> key;
     RegionsPointer regions;
-    std::vector<std::shared_ptr<const void>> parts; // whose addresses are in the key
+    Parts parts; // whose addresses are in the key
     int64_t used;
 };
 
@@ -155,7 +155,7 @@ struct Network {
     void begin() {
         now++;
         if (kept.size() > MOST_KEPT)
-            std::erase_if(kept, [&](const auto &each) { return each.second.used + 2 < now; });
+            std::erase_if(kept, [&](const Kept &each) { return each.used + 2 < now; });
     }
 
     // What a camera covers without the criteria of a stage.
@@ -171,14 +171,14 @@ struct Network {
         key.add(&task.min_depth, 6);
         key.add(station.pose.data(), 16);
         return keep(key, {station.lens}, [&] {
-            return found_by(*solver_of(station, is_bare), camera, station.lens, task,
+            return found_by(*solver_of(camera, station.lens, is_bare), camera, station.lens, task,
                             Placed(station.pose.data(), 1), {});
         });
     }
 
     // What a row covers without them.
     RegionsPointer covered_by(const Row &row, const Stage &stage) {
-        std::vector<std::shared_ptr<const void>> parts;
+        Parts parts;
         std::vector<const Regions *> seen;
         std::vector<double> poses;
         Key key;
@@ -211,9 +211,9 @@ struct Network {
         return made;
     }
 
-    // What the rows cover of some faces without the criteria of a stage.
-    std::shared_ptr<UnionObject> united(const Stage &stage, const Mask &asked) {
-        auto made = union_of(surface, 1);
+    // What the rows cover of some faces without the criteria of a stage, added at once.
+    std::shared_ptr<UnionObject> united(const Stage &stage, const Mask &asked, int64_t views = 1) {
+        auto made = union_of(surface, views);
         std::vector<Regions> own;
         std::vector<const Regions *> all;
         for (const Row &row : rows)
@@ -271,29 +271,30 @@ struct Network {
     }
 
   private:
-    template <class Make>
-    RegionsPointer keep(const Key &key, std::vector<std::shared_ptr<const void>> parts, Make make) {
-        const auto at = kept.find(key.all);
-        if (at != kept.end()) {
-            at->second.used = now;
-            return at->second.regions;
+    // A result of some numbers, or what `make` makes of them.
+    template <class Make> RegionsPointer keep(Key &key, Parts parts, Make make) {
+        for (Kept &each : kept) {
+            if (each.key != key.all) continue;
+            each.used = now;
+            return each.regions;
         }
-        return kept.emplace(key.all, Kept{make(), std::move(parts), now}).first->second.regions;
+        kept.push_back({std::move(key.all), make(), std::move(parts), now});
+        return kept.back().regions;
     }
 
-    std::shared_ptr<SolverObject> solver_of(const Station &station, bool is_bare) {
+    std::shared_ptr<SolverObject> solver_of(const rc_camera &camera, const LensPointer &lens,
+                                            bool is_bare) {
         if (is_bare && !bare) bare = without_occlusion();
-        Key key;
-        key.all.push_back(is_bare);
-        key.add(&station.camera.width, 7);
-        if (solvers.size() >= MOST_SOLVERS && !solvers.contains(key.all)) solvers.clear();
-        auto &solver = solvers[key.all];
-        if (!solver) {
-            solver = std::make_shared<SolverObject>();
-            solver->surface = is_bare ? bare : surface;
-            solver->is_certifying = true;
-            solver->n_threads = n_threads;
-        }
+        for (const auto &each : solvers)
+            if (each->lens == lens && each->surface == (is_bare ? bare : surface) &&
+                each->camera.fx == camera.fx && each->camera.cx == camera.cx)
+                return each;
+        if (solvers.size() >= MOST_SOLVERS) solvers.clear();
+        auto solver = std::make_shared<SolverObject>();
+        solver->surface = is_bare ? bare : surface;
+        solver->is_certifying = true;
+        solver->n_threads = n_threads;
+        solvers.push_back(solver);
         return solver;
     }
 
@@ -310,8 +311,8 @@ struct Network {
         return made;
     }
 
-    std::map<std::vector<uint64_t>, Kept> kept;
-    std::map<std::vector<uint64_t>, std::shared_ptr<SolverObject>> solvers;
+    std::vector<Kept> kept;
+    std::vector<std::shared_ptr<SolverObject>> solvers; // of cameras alike
     int64_t now = 0;
 };
 
@@ -348,7 +349,32 @@ struct Zones {
     std::vector<uint32_t> reason;
 
     int64_t size() const { return int64_t(face.size()); }
-    void add(const Partition &from, int64_t p, int32_t seen, uint32_t code) {
+    // The zone of each point of a face, or -1, and its reason.
+    void find(int64_t n, const double *points, const int32_t *faces, int32_t *of_zones,
+              int32_t *reasons) const {
+        const engine::MeshArrays &mesh = *surface->mesh.arrays;
+        std::vector<std::vector<size_t>> of_face(size_t(surface->mesh.n_faces()));
+        for (size_t p = 0; p < face.size(); p++) of_face[size_t(face[p])].push_back(p);
+        for (int64_t i = 0; i < n; i++) {
+            double x = 0.0, y = 0.0;
+            for (int64_t k = 0; k < 3; k++) {
+                const int64_t at = 3 * int64_t(faces[i]) + k;
+                const double away = points[3 * i + k] - mesh.origin[at];
+                x += away * mesh.x_axis[at];
+                y += away * mesh.y_axis[at];
+            }
+            of_zones[i] = -1;
+            reasons[i] = RC_COVERED;
+            for (const size_t p : of_face[size_t(faces[i])])
+                if (is_inside(x, y, xy.data() + 2 * starts[p], starts[p + 1] - starts[p],
+                              SLACK_REL * surface->mesh.diagonal)) {
+                    of_zones[i] = int32_t(zone[p]);
+                    reasons[i] = int32_t(reason[p]);
+                    break;
+                }
+        }
+    }
+    template <class From> void add(const From &from, int64_t p, int32_t seen, uint32_t code) {
         const auto at = from.xy.begin();
         xy.insert(xy.end(), at + 2 * from.starts[size_t(p)], at + 2 * from.starts[size_t(p + 1)]);
         starts.push_back(int64_t(xy.size() / 2));
@@ -495,13 +521,7 @@ Zones certain(const Zones &from) {
     out.sizes = from.sizes;
     for (size_t p = 0; p < from.face.size(); p++) {
         if (from.zone[p] < 0) continue;
-        const auto first = from.xy.begin() + 2 * from.starts[p];
-        out.xy.insert(out.xy.end(), first, from.xy.begin() + 2 * from.starts[p + 1]);
-        out.starts.push_back(int64_t(out.xy.size() / 2));
-        out.face.push_back(from.face[p]);
-        out.area.push_back(from.area[p]);
-        out.views.push_back(from.views[p]);
-        out.reason.push_back(from.reason[p]);
+        out.add(from, int64_t(p), from.views[p], from.reason[p]);
         out.zone.push_back(from.zone[p]);
     }
     return out;
@@ -511,7 +531,7 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     network.begin();
     const int64_t n = network.n_faces();
     const int64_t views = std::max(1, *std::max_element(wanted.views, wanted.views + n));
-    const auto all = network.united(views);
+    const auto all = network.united({}, Mask(n, true), views);
     engine::Room<double> levels(views * n), both(2 * n);
     all->all->write_areas({levels.begin(), {views, n}});
     all->all->write_bounds({both.begin(), {2, n}});
@@ -589,30 +609,23 @@ rc_status rc_network_join(rc_network *network, const rc_gate *gate, int64_t n) {
         const std::scoped_lock lock(object->changes);
         auto &rows = object->rows;
         expect(n <= int64_t(rows.size()), "as many cameras as were added", n, "add them first");
-        const auto of_rule = [](const Row &row) { return row.gate.has_value(); };
+        const auto of_rule = [](const Row &row) { return row.gate != nullptr; };
         require(std::none_of(rows.end() - n, rows.end(), of_rule),
                 "expected cameras without a rule, got one of a rig; add its own for each rig");
-        Row row = {rows[rows.size() - size_t(n)].first, size_t(n), Gate(*gate, n)};
-        row.gate->n_devices = size_t(n);
-        rows.resize(rows.size() - size_t(n));
-        rows.push_back(std::move(row));
+        rows.resize(rows.size() - size_t(n - 1));
+        rows.back().n = size_t(n);
+        rows.back().gate = std::make_shared<Gate>(*gate, size_t(n));
     });
 }
 
-rc_status rc_network_regions(rc_network *network, int64_t row, int64_t device,
-                             rc_regions **regions) {
+rc_status rc_network_regions(rc_network *network, int64_t row, rc_regions **regions) {
     return guard("finding regions", [&] {
         expect_result(regions);
         const auto object = handles().get<Network>(network, "rc_network");
         const std::scoped_lock lock(object->changes);
         expect(row >= 0 && row < int64_t(object->rows.size()), "a row of the network", row,
                "count cameras, and rigs, from 0");
-        const Row &own = object->rows[size_t(row)];
-        expect(device >= -1 && device < int64_t(own.n), "a device of the row, or -1", device,
-               "count devices from 0");
-        const RegionsPointer found =
-            device < 0 ? object->covered_by(own, {})
-                       : object->seen_by(object->stations[own.first + size_t(device)], {});
+        const RegionsPointer found = object->covered_by(object->rows[size_t(row)], {});
         *regions = handles().add<rc_regions>(std::const_pointer_cast<RegionsObject>(found));
     });
 }
@@ -684,5 +697,23 @@ rc_status rc_zones_read(const rc_zones *zones, int64_t n_polygons, int64_t n_cor
         }
         write_corners(*object->surface, object->face, parts->counts, object->xy.data(),
                       parts->corners);
+    });
+}
+
+rc_status rc_reason_at(const rc_zones *zones, int64_t n_points, const double *points,
+                       const int32_t *faces, int32_t *of_zones, int32_t *reasons) {
+    return guard("finding reasons", [&] {
+        const auto object = handles().get<Zones>(zones, "rc_zones");
+        expect(n_points >= 0 && n_points <= MOST_FACES, "0 to 715827882 points", n_points,
+               "pass the number of rows");
+        if (n_points == 0) return;
+        expect_array(points, "points");
+        expect_array(faces, "faces");
+        expect_array(of_zones, "zones");
+        expect_array(reasons, "reasons");
+        for (int64_t i = 0; i < n_points; i++)
+            expect(faces[i] >= 0 && faces[i] < object->surface->mesh.n_faces(), "indices of faces",
+                   faces[i], "count faces from 0");
+        object->find(n_points, points, faces, of_zones, reasons);
     });
 }

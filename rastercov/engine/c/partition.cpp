@@ -5,11 +5,6 @@
 #include "area/polygon.hpp"
 
 namespace rastercov::c {
-namespace {
-// Distance outside a piece up to which a point counts as inside, relative to the diagonal.
-constexpr double SLACK_REL = 1e-9;
-
-// True if a point lies in a convex polygon, or beyond a side by `slack` at most.
 bool is_inside(double x, double y, const double *corners, int64_t n, double slack) {
     int64_t p = n - 1;
     for (int64_t q = 0; q < n; p = q++) {
@@ -21,6 +16,7 @@ bool is_inside(double x, double y, const double *corners, int64_t n, double slac
     return true;
 }
 
+namespace {
 // Centroid of a polygon of positive area.
 std::array<double, 2> centroid_of(const double *corners, int64_t n) {
     double twice = 0.0;

@@ -254,9 +254,8 @@ rc_status rc_network_clear(rc_network *network); /* takes all cameras away */
 rc_status rc_network_add(rc_network *network, const rc_camera *camera, const rc_task *task,
                          const double *pose);
 rc_status rc_network_join(rc_network *network, const rc_gate *gate, int64_t n);
-/* What a row covers, device -1, or one of its devices sees; and what all rows cover. */
-rc_status rc_network_regions(rc_network *network, int64_t row, int64_t device,
-                             rc_regions **regions);
+/* What a row covers, counted from 0; and what all of them cover. */
+rc_status rc_network_regions(rc_network *network, int64_t row, rc_regions **regions);
 rc_status rc_network_unite(rc_network *network, int32_t views, rc_union **unite);
 /* Dead zones: connected parts, of one reason and one group, that fewer cameras cover than each face
  * needs, F; groups of faces, F, and proved areas that no camera can ever see, F, may be null. */
@@ -267,6 +266,9 @@ rc_status rc_zones_size(const rc_zones *zones, int64_t *n_zones, int64_t *n_poly
                         int64_t *n_corners);
 rc_status rc_zones_read(const rc_zones *zones, int64_t n_polygons, int64_t n_corners,
                         const rc_parts *parts);
+/* Zone of each of N points, N x 3 metres, on faces, and its reason; -1 and RC_COVERED in none. */
+rc_status rc_reason_at(const rc_zones *zones, int64_t n_points, const double *points,
+                       const int32_t *faces, int32_t *of_zones, int32_t *reasons);
 
 /* Criteria that each of N points, N x 3 metres, on faces fails in one pose. */
 rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,

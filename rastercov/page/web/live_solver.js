@@ -135,16 +135,16 @@ export class Solver {
     return this.network;
   }
 
-  /** {m2, areas} of what a row covers, or one of its devices; `use` takes the regions besides. */
-  #areasOf(network, row, device = -1, use = () => null) {
-    const regions = this.call("rc_network_regions", network, row, device);
+  /** {m2, areas} of what a row covers; `use` takes the regions besides. */
+  #areasOf(network, row, use = () => null) {
+    const regions = this.call("rc_network_regions", network, row);
     const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
     this.call("rc_regions_areas", regions, 0, this.n, areas, bounds);
-    const used = use(regions);
+    use(regions);
     this.call("rc_regions_free", regions);
     let m2 = 0; // in the order of faces, as np.bincount
     for (const area of areas) m2 += area;
-    return { m2, areas, used };
+    return { m2, areas };
   }
 
   /** Thresholds of a rig for one of its cameras, an rc_task. */
@@ -203,7 +203,7 @@ export class Solver {
     const union = this.call("rc_network_unite", network, views + 1);
     const area = new Float64Array(1);
     const alone = rig.rows.map((_, row) => {
-      this.#areasOf(network, row, -1, (regions) => this.call("rc_union_alone", union, views, regions, 0, area));
+      this.#areasOf(network, row, (regions) => this.call("rc_union_alone", union, views, regions, 0, area));
       return area[0];
     });
     this.call("rc_union_free", union);
@@ -296,8 +296,8 @@ export class Solver {
   }
 
   /**
-   * What fails at spots {point, face, normal} in each row: {reason, hider, device, nearness}, a name, a face or
-   * -1, the camera of a rule, and how near the row is to covering.
+   * What fails at spots {point, face, normal} in each row: {reason, hider, device, camera, nearness}, a name, a
+   * face or -1, the camera of a rule that fails, that of the reason, and how near the row is to covering.
    */
   failures(rig, spots) {
     const names = Object.keys(rig.reasons);
@@ -309,7 +309,8 @@ export class Solver {
       rig.rows.map(({ stations, gate }, row) => {
         const [code, device] = [rows[row].reasons[at], rows[row].devices[at]];
         const hider = isWithin("occluded", names[code]) ? judged[stations[device]].hiders[at] : -1;
-        return { reason: names[code], hider, device: gate?.names[device] ?? "", nearness: this.nearness[code] };
+        const camera = rig.stations[stations[Math.max(device, 0)]].camera;
+        return { reason: names[code], hider, device: gate?.names[device] ?? "", camera, nearness: this.nearness[code] };
       }),
     );
   }

@@ -289,6 +289,14 @@ rc_status read_zones(rc_zones *from) {
     std::vector<double> areas(size_t(n + 1)), corners(size_t(3 * n_corners + 1));
     int32_t *const at = numbers_of.data();
     rc_parts parts = {at, at + n, at + 2 * n, at + 3 * n, at + 4 * n, areas.data(), corners.data()};
+    if (below(3) == 0) {
+        double points[12];
+        int32_t faces[4], found[4], reasons[4];
+        for (double &each : points) each = real();
+        for (int32_t &each : faces) each = int32_t(below(21)) - (rarely() ? 1 : 0);
+        return rc_reason_at(from, below(6) - 1 > 4 ? -1 : below(5), points, faces, found,
+                            rarely() ? nullptr : reasons);
+    }
     if (rarely()) (rarely() ? parts.faces : parts.reasons) = nullptr;
     return rc_zones_read(from, n + (rarely() ? 1 : 0), n_corners, rarely() ? nullptr : &parts);
 }
@@ -330,7 +338,7 @@ rc_status network() {
     case 1:
         return rc_network_clear(of);
     case 2:
-        status = rc_network_regions(of, below(4) - 1, below(4) - 1, &regions);
+        status = rc_network_regions(of, below(4) - 1, &regions);
         if (regions) results.keep(regions);
         return status;
     case 3:
