@@ -159,9 +159,10 @@ def test_the_page_gives_faces_and_lines_of_python(in_page, load):
 
 def test_what_the_page_accepts_of_glb_python_reads_alike(in_page, load):
     every = [each for each in files() if each[0] == "a.glb"]
-    accepted = refused = 0
+    accepted = refused = equal = 0
     for (name, data), said in zip(every, in_page(every), strict=True):
         if "fault" in said:
+            equal += said["fault"] == of_python(load, name, data)
             line = said["fault"]
             assert said["status"] == 400, line
             assert re.fullmatch(rf"{re.escape(name)}: .{{,290}}", line), line
@@ -176,6 +177,7 @@ def test_what_the_page_accepts_of_glb_python_reads_alike(in_page, load):
         assert said["groups"] == [group.name for group in mesh.groups]
     assert accepted > 30
     assert refused > 100
+    assert equal > 0.6 * refused  # others name what Python finds later, or sooner
 
 
 def test_valid_files_of_all_formats_are_read_with_their_groups(in_page, load):

@@ -403,10 +403,6 @@ find_faces_if(int64_t first, int64_t last, const Bounds &rectangle, const Depths
     }
     return n;
 }
-inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
-                          const Depths &depths, const CellGrid &grid, int64_t n) {
-    return find_faces_if(first, last, rectangle, depths, grid, n, [](int64_t) { return true; });
-}
 
 // True if the bounds of a group touch a rectangle and a range of depths.
 inline bool touches(const Group &group, const Bounds &rectangle, const Depths &depths) {

@@ -46,22 +46,16 @@ int side(Corner a, Corner b, Corner c) {
 
 // --- whether a polygon is simple ---
 
-struct Edge {
-    Corner a, b;
-    size_t row;
-    int64_t low() const { return std::min(a.x, b.x); }
-    int64_t high() const { return std::max(a.x, b.x); }
-};
 enum Meeting { APART, AT_CORNERS, ACROSS };
 
-Meeting meeting_of(const Edge &one, const Edge &other, bool is_next) {
-    const auto &[a, b, row] = one;
-    const auto &[c, d, its] = other;
-    if (std::max(a.y, b.y) < std::min(c.y, d.y) || std::max(c.y, d.y) < std::min(a.y, b.y))
+// What edges from a to b and from c to d do; the second may be next to the first.
+Meeting meeting_of(Corner a, Corner b, Corner c, Corner d, bool is_next) {
+    if (std::max(a.x, b.x) < std::min(c.x, d.x) || std::max(c.x, d.x) < std::min(a.x, b.x) ||
+        std::max(a.y, b.y) < std::min(c.y, d.y) || std::max(c.y, d.y) < std::min(a.y, b.y))
         return APART;
     if (a == d && b == c) return AT_CORNERS; // a bridge between rings
-    if (a == c || a == d || b == c || b == d) {
-        const bool is_a = a == c || a == d;
+    const bool is_a = a == c || a == d;
+    if (is_a || b == c || b == d) {
         const Corner at = is_a ? a : b, u = is_a ? b : a, w = at == c ? d : c;
         if (side(at, u, w) == 0 && dot(at, u, w) > 0) return ACROSS;
         return is_next ? APART : AT_CORNERS;
@@ -73,19 +67,13 @@ Meeting meeting_of(const Edge &one, const Edge &other, bool is_next) {
 Meeting meeting_of(const Corners &at) {
     const size_t n = at.size();
     if (n < 3) return ACROSS;
-    std::vector<Edge> edges;
-    for (size_t k = 0; k < n; k++) edges.push_back({at[k], at[(k + 1) % n], k});
-    std::sort(edges.begin(), edges.end(),
-              [](const Edge &one, const Edge &other) { return one.low() < other.low(); });
     Meeting most = APART;
-    Poll poll;
+    Poll poll(16);
     for (size_t k = 0; k < n; k++) {
         poll();
-        const Edge &one = edges[k];
-        for (size_t j = k + 1; j < n && edges[j].low() <= one.high(); j++) {
-            const size_t step = (edges[j].row + n - one.row) % n;
-            most = std::max(most, meeting_of(one, edges[j], step == 1 || step == n - 1));
-            if (most == ACROSS) return most;
+        for (size_t j = 0; j < k && most < ACROSS; j++) {
+            const bool is_next = k - j == 1 || k - j == n - 1;
+            most = std::max(most, meeting_of(at[k], at[(k + 1) % n], at[j], at[j + 1], is_next));
         }
     }
     return most;
@@ -195,9 +183,8 @@ class Fan {
 
     // Cuts it into other triangles; what its edges do.
     Meeting cut() {
-        const double x = std::abs(_normal.x), y = std::abs(_normal.y), z = std::abs(_normal.z);
-        const bool is_x = x <= y && x <= z, is_y = !is_x && y <= z;
-        Vector x_axis = cross(_normal, {double(is_x), double(is_y), double(!is_x && !is_y)});
+        const Vector other = std::abs(_normal.x) < 0.5 ? Vector{1, 0, 0} : Vector{0, 1, 0};
+        Vector x_axis = cross(_normal, other);
         x_axis = over(x_axis, length(x_axis));
         const Vector y_axis = cross(_normal, x_axis);
         Corners all, at;
