@@ -280,6 +280,10 @@ class Leftover:
 
     def summary(self) -> ByName:
         """Figures in total and by group, by count and by area; ready for JSON."""
+        return dict(self._figures)
+
+    @cached_property
+    def _figures(self) -> ByName:
         mesh, task_faces = self.mesh, self.mesh.task_mask
         is_covered = self.n_covering > 0
         shown = (~is_covered & (self.sight == s) for s in (Sight.SOME, Sight.NONE, Sight.UNKNOWN))

@@ -186,6 +186,12 @@ class DeadZones(FacePolygons):
         return items
 
     @cached_property
+    def _reasons_of_pieces(self) -> tuple[CodeArray, IntArray]:
+        """Reasons that occur, (K,), and the row of that of each piece, (N,)."""
+        codes, rows = np.unique(self.reason, return_inverse=True)
+        return codes, rows
+
+    @cached_property
     def leads(self) -> ByteArray:
         """(N,) row of `REASONS` by which each piece has its colour."""
         return leads(self.reason)
@@ -397,7 +403,7 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
     it would cover besides, to `gain_bound_m2`.
     """
     own = zones.piece_area * members[zones.face]
-    codes, row = np.unique(zones.reason, return_inverse=True)
+    codes, row = zones._reasons_of_pieces
     m2 = dict(zip(codes.tolist(), np.bincount(row, own, len(codes)).tolist(), strict=True))
     doubt, total = (
         float(zones.doubt[members].sum()),
