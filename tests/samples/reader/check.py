@@ -17,7 +17,8 @@ def text_of(mesh, unit="meter"):
         for a, b, c in mesh.faces.tolist()
     )
     return (
-        f'<?xml version="1.0"?><amf unit="{unit}"><object id="1"><mesh><vertices>{points}</vertices>'
+        f'<?xml version="1.0"?><amf unit="{unit}"><object id="1">'
+        f"<mesh><vertices>{points}</vertices>"
         f"<volume><metadata type='name'>part</metadata>{rows}</volume></mesh></object></amf>"
     )
 
