@@ -46,12 +46,17 @@ from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.result_files import OUTPUT_HELP
 from rastercov.shards import Staff, Tally, Workers
 
 if TYPE_CHECKING:
     from rastercov.core.coverage.phases import Phases
     from rastercov.core.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
+
+
+USUAL: list[str] = []
+"""Default of --output: the usual files."""
 
 
 class ReportOptions(NamedTuple):
@@ -99,6 +104,7 @@ class ReportOptions(NamedTuple):
     ] = "none"
     pdf: options.Pdf = False
     level: options.Level = None
+    output: Annotated[list[str], typer.Option(help=OUTPUT_HELP, metavar="FILE")] = USUAL
 
 
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
@@ -232,8 +238,8 @@ def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
     from rastercov.advice.headline import other_lines
     from rastercov.report.tables import run_table
 
-    page = out / "report.html"
-    lines = [str(page if page.exists() else out / "network.glb"), *other_lines(summary, level)]
+    pages = (out / name for name in ("report.html", "network.glb", "summary.json"))
+    lines = [str(next(filter(Path.exists, pages))), *other_lines(summary, level)]
     if "before" in summary:
         lines += differences.lines_of(summary["before"])
     print_lines(*lines)

@@ -128,7 +128,7 @@ def test_the_header_says_what_made_the_report(tmp_path):
     options = replace(PLAIN, method="sampled", device="surfaceless")
     summary = run(mesh, CAMERA, around(2), TASK, tmp_path / "report", options)
     metadata = pq.read_schema(tmp_path / "report" / "coverage.parquet").metadata
-    of_page = ("sheet", "level", "names")
+    of_page = ("sheet", "level", "names", "output")
     given = {name: value for name, value in asdict(options).items() if name not in of_page}
     header = json.loads(metadata[b"rastercov"])
     assert header == json.loads(json.dumps(summary["run"]))
