@@ -104,7 +104,7 @@ class ReportOptions(NamedTuple):
     ] = "none"
     pdf: options.Pdf = False
     level: options.Level = None
-    output: Annotated[list[str], typer.Option(help=OUTPUT_HELP, metavar="FILE")] = USUAL
+    output: Annotated[list[str], Option(help=OUTPUT_HELP, metavar="FILE")] = USUAL
 
 
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."

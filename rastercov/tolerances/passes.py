@@ -17,10 +17,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    WholeArray,
+    finite_number,
+    read_only,
+    row_lengths,
+    shown,
+)
 from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.records import Criteria, Planes
 from rastercov.core.area.regions import GAP_REL, RegionPass
