@@ -21,6 +21,12 @@ inline Corners view_of(const Outline &outline) {
     return {outline.empty() ? nullptr : &outline[0].x, {int64_t(outline.size())}};
 }
 
+inline Rectangle box_of(const Outline &polygon) {
+    Rectangle box;
+    for (const auto &[x, y] : polygon) box.add(x, y);
+    return box;
+}
+
 struct Straight { // line a x + b y + c >= 0
     double a, b, c;
     double value(double x, double y) const { return a * x + b * y + c; }
@@ -99,6 +105,7 @@ struct Ideal {
 
     // Convex polygons that are the region without the hole.
     std::vector<Outline> parts() const;
+    Frame axes() const { return {frame.data(), {}}; }
     Sides sides() const { return {sides_of(region), sides_of(hole)}; }
     // Those of n_x times n_y cells of the box around the region that may have a point of it.
     Cells cells(double n_x, double n_y) const;

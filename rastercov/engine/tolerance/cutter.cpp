@@ -43,14 +43,9 @@ double nearest_of(const Part &part, const FacePlanes *planes, const double *eye,
     return best;
 }
 
-struct Rectangle {
-    Range u, v;
-    void add(double x, double y) {
-        u.add(x);
-        v.add(y);
-    }
-    operator exact::Bounds() const { return {u.least, u.most, v.least, v.most}; }
-};
+exact::Bounds bounds_of(const Rectangle &box) {
+    return {box.x.least, box.x.most, box.y.least, box.y.most};
+}
 } // namespace
 
 DepthRange depths_of(const Mount &mount, const Rules &rules, double height, double sign) {
@@ -146,9 +141,9 @@ bool ToleranceCutter::cast(const Posed &of, const area::PieceTable &pieces, int6
             else if (at.z > 0) own.add(at.x / at.z, at.y / at.z);
             else own = {{-widest, widest}, {-widest, widest}};
         }
-        image.u.add(own.u);
-        image.v.add(own.v);
-        boxes.push_back(own);
+        image.x.add(own.x);
+        image.y.add(own.y);
+        boxes.push_back(bounds_of(own));
     }
     const area::ShadowCaster caster = of.caster(plane, of.mount.margins.shadow * of.d(), deepest);
     bool is_bounded = true;
@@ -157,14 +152,14 @@ bool ToleranceCutter::cast(const Posed &of, const area::PieceTable &pieces, int6
         const EventField::Edge &edge = _field.edges()[k];
         if (!is_bounded) return;
         const double reach = edge.reach(deepest, of.d());
-        if (!(reach > 0) || are_apart(edge.box(reach), image)) return;
+        if (!(reach > 0) || are_apart(edge.box(reach), bounds_of(image))) return;
         Cast shadow;
         const Points points = {shadow.xy, {area::MOST_SHADOW_CORNERS}};
         const area::Shadow kind = caster.cast(edge.hiding, points, shadow.n);
         is_bounded = kind != area::Shadow::UNBOUNDED;
         if (kind != area::Shadow::BOUNDED) return;
         shadow.box = exact::extent_of(points, shadow.n);
-        if (are_apart(shadow.box, flat)) return;
+        if (are_apart(shadow.box, bounds_of(flat))) return;
         shadow.n = tidy_hull(points, shadow.n, plane.nearest_corners());
         if (shadow.n < 3) return;
         shadow.area = area::twice_area(points, shadow.n);
