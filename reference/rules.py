@@ -3,7 +3,8 @@
 import numpy as np
 
 from rastercov.base import BoolArray, FloatArray
-from rastercov.core.camera import Gate, Limited
+from rastercov.core.camera import Gate
+from rastercov.core.camera.rule import Limited
 from rastercov.reference.regions import GateTwin
 
 

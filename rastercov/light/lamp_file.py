@@ -27,8 +27,9 @@ from rastercov.base import (
     suffix_of,
 )
 from rastercov.base.checks import number, pair, positive
-from rastercov.core.camera import Exposure, look_at
+from rastercov.core.camera import look_at
 from rastercov.core.camera.catalogue import lamp_entries_of
+from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import check_unit, illuminance
 from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.light.gltf_lights import GltfLight, read_lights

@@ -7,8 +7,8 @@ from typing import Annotated, Self
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from rastercov.base import ByName
-from rastercov.core.camera import Exposure
 from rastercov.core.camera.catalogue import KINDS
+from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import GLOSSES
 from rastercov.light.lamp_file import ANGLES, MOMENT, lamps_of
 from rastercov.light.lamps import SUN

@@ -11,8 +11,8 @@ from rastercov.core.area.feature import Feature, Judge, Points, Scene
 from rastercov.core.area.figures import DOUBTFUL, Alone, Areas, Figures, most_off
 from rastercov.core.area.gates import through
 from rastercov.core.area.table import Regions
-from rastercov.core.camera import Cameras, Gate, Limited, Poses, Rig, apparent, gates_of, names_of
-from rastercov.core.camera.rule import limits_of
+from rastercov.core.camera import Cameras, Gate, Poses, Rig, apparent, gates_of, names_of
+from rastercov.core.camera.rule import Limited, limits_of
 from rastercov.core.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN
 from rastercov.core.coverage.task import Task
 from rastercov.sensors.ray_limits import measured, worst_deviations

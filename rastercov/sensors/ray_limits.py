@@ -11,9 +11,9 @@ from rastercov.core.area.frames import to_world
 from rastercov.core.area.gates import GateLimits
 from rastercov.core.area.polygons import following
 from rastercov.core.area.table import Regions, any_of
-from rastercov.core.camera import Gate, Limited
+from rastercov.core.camera import Gate
 from rastercov.core.camera.parallel import FAR
-from rastercov.core.camera.rule import limits_of
+from rastercov.core.camera.rule import Limited, limits_of
 
 MOST_INFORMATION = 1e7
 """Largest limit of a deviation, in that of one ray at a diagonal of the mesh: its square is the

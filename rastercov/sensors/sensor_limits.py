@@ -17,8 +17,9 @@ from rastercov.core.area.frames import to_world
 from rastercov.core.area.gates import through
 from rastercov.core.area.polygons import even_points, polygon_areas
 from rastercov.core.area.table import Regions
-from rastercov.core.camera import Gate, Limited, Poses, by_gate, gates_of, led_by, names_of
+from rastercov.core.camera import Gate, Poses, by_gate, gates_of, led_by, names_of
 from rastercov.core.camera.rig import are_central
+from rastercov.core.camera.rule import Limited
 from rastercov.core.coverage.reasons import BASELINE, UNCERTAIN, Reason
 from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.sensors.ray_limits import measured

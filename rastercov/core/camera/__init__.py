@@ -13,7 +13,6 @@ from rastercov.core.camera.conventions import (
 )
 from rastercov.core.camera.doubts import unit_doubts
 from rastercov.core.camera.equipment import EquipmentKind, equipment_words
-from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.gate import Gate
 from rastercov.core.camera.models import MODELS, PROGRAMS, Foreign
 from rastercov.core.camera.near_plane import near_limit, near_limits
@@ -37,7 +36,6 @@ from rastercov.core.camera.rig import (
     names_of_poses,
     rows_of_result,
 )
-from rastercov.core.camera.rule import Limited
 from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
 
 __all__ = [
@@ -48,10 +46,8 @@ __all__ = [
     "Cameras",
     "Conventions",
     "EquipmentKind",
-    "Exposure",
     "Foreign",
     "Gate",
-    "Limited",
     "Poses",
     "Rig",
     "Views",
