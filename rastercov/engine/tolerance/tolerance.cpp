@@ -131,10 +131,6 @@ double distance_of(const EventField::Edge &a, const EventField::Edge &b) {
                      distance2(b.u1, b.v1, a.u0, a.v0, a.u1, a.v1)});
 }
 
-bool are_apart(const exact::Bounds &a, const exact::Bounds &b) {
-    return a.u_min >= b.u_max || a.u_max <= b.u_min || a.v_min >= b.v_max || a.v_max <= b.v_min;
-}
-
 // The hull of points without corners that rounding may have put anywhere: a side between two of
 // them has no direction, and may seem to have all of a piece beyond it.
 int64_t tidy_hull(Points points, int64_t n, double nearest) {
@@ -219,7 +215,7 @@ bool EventField::set(const Surface &surface, const FacePlanes &planes, const Mou
         const double out =
             std::max(edge.u0 * edge.u0 + edge.v0 * edge.v0, edge.u1 * edge.u1 + edge.v1 * edge.v1);
         edge.grow = d * std::sqrt(1 + out) / (edge.nearest - d) * (1 + 1e-9);
-        if (!are_apart(edge.box(edge.grow), {-_widest, _widest, -_widest, _widest}))
+        if (!exact::are_apart(edge.box(edge.grow), {-_widest, _widest, -_widest, _widest}))
             _edges.push_back(edge);
     }
     list_edges();
@@ -333,7 +329,7 @@ template <class Each> void EventField::each_in(const exact::Bounds &box, Each ea
             for (int64_t at = _starts[size_t(cell)]; at < _starts[size_t(cell) + 1]; at++) {
                 const auto k = size_t(_entries[size_t(at)]);
                 const Edge &edge = _edges[k];
-                if (_seen[k] == _round || are_apart(edge.box(edge.grow), box)) continue;
+                if (_seen[k] == _round || exact::are_apart(edge.box(edge.grow), box)) continue;
                 _seen[k] = _round;
                 each(k);
             }
@@ -600,14 +596,14 @@ bool ToleranceCutter::cast_all(const Mount &mount, int64_t first, int64_t last,
         const EventField::Edge &edge = _field.edges()[k];
         if (!is_bounded) return;
         const double reach = edge.reach(deepest, d);
-        if (!(reach > 0) || are_apart(edge.box(reach), image)) return;
+        if (!(reach > 0) || exact::are_apart(edge.box(reach), image)) return;
         Cast shadow;
         const Points points = shadow.points();
         const area::Shadow kind = caster.cast(edge.hiding, points, shadow.n);
         is_bounded = kind != area::Shadow::UNBOUNDED;
         if (kind != area::Shadow::BOUNDED) return;
         shadow.box = exact::extent_of(points, shadow.n);
-        if (are_apart(shadow.box, flat)) return;
+        if (exact::are_apart(shadow.box, flat)) return;
         shadow.n = tidy_hull(points, shadow.n, plane.nearest_corners());
         if (shadow.n < 3) return;
         shadow.area = area::twice_area(points, shadow.n);
@@ -666,7 +662,7 @@ int64_t ToleranceCutter::subtract(const Corners &polygon, int64_t n, const Shape
         for (const int32_t k : list) {
             if (n_parts <= 0) break;
             const Shape shape = shapes(k);
-            if (!are_apart(shape.box, box))
+            if (!exact::are_apart(shape.box, box))
                 n_parts = take(_own, n_parts, shape.corners, shape.corners.rows(), nearest);
         }
         if (n_parts >= 0) return n_parts;
@@ -684,7 +680,7 @@ void ToleranceCutter::divide(Points polygon, int64_t n, size_t first, int depth,
     const size_t last = _list.size();
     for (size_t at = first; at < last; at++) {
         const Shape shape = shapes(_list[at]);
-        if (are_apart(shape.box, box)) continue;
+        if (exact::are_apart(shape.box, box)) continue;
         const Side side = side_of(shape.corners, shape.corners.rows(), polygon, n);
         if (side == Side::WITHIN) {
             _list.resize(last);
@@ -948,7 +944,8 @@ void ToleranceCutter::narrow_edges(const Mount &mount, const area::Planes &plane
         _field.begin();
         _field.each_in(box, [&](size_t k) {
             const EventField::Edge &other = whole[k];
-            if ((parts[k].first <= 0 && parts[k].last >= 1) || are_apart(box, other.box(0))) return;
+            if ((parts[k].first <= 0 && parts[k].last >= 1) || exact::are_apart(box, other.box(0)))
+                return;
             const double deepest = std::max(other.hiding.ends[0].z, other.hiding.ends[1].z);
             const double reach = edge.reach(deepest, d);
             if (reach > 0 && !is_far(k, edge, reach))
