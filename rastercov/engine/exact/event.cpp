@@ -123,17 +123,10 @@ bool is_settled(int64_t f, const Projected &projected) {
     return (projected.state[f] & (LIVE | UNFIT)) != LIVE;
 }
 
-// The same of all entries of a group, which remembers it.
-bool is_settled(Group &group, const Place &place, const View &view) {
-    const CellGrid &grid = view.grid;
-    if (!group.is_settled && place.size > 1)
-        group.is_settled =
-            group_at(place.lower(), grid).is_settled && group_at(place.upper(), grid).is_settled;
-    else if (!group.is_settled)
-        group.is_settled =
-            std::all_of(&grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE,
+// The same of all faces of a group.
+bool is_settled(const Place &place, const View &view) {
+    return holds_of_all(&Group::is_settled, place, view.grid,
                         [&](int64_t f) { return is_settled(f, view.projected); });
-    return group.is_settled;
 }
 
 // A part of a segment in a cell, and which faces matter to it.
@@ -191,7 +184,7 @@ struct Passage {
         // See crosses, of faces that are before it but for an end that they share with it.
         const bool is_behind = ((has_a && part.first == 0) || group.slab.is_above(ua, va, wa)) &&
                                ((has_b && part.last == 1) || group.slab.is_above(ub, vb, wb));
-        return !(is_behind && !(has_a && has_b)) && !is_settled(group, place, course.view);
+        return !(is_behind && !(has_a && has_b)) && !is_settled(place, course.view);
     }
 
     // True if a face that its line may pass may hide a part of it, or be crossed by it.
@@ -246,7 +239,7 @@ bool matters(const Passage &passage, int64_t c, const Bounds &rectangle, const D
         return touches(group, rectangle, depths) &&
                !passage.is_beside(
                    values_at_corners(group, passage.line, passage.s.a, passage.s.b)) &&
-               !is_settled(group, place, view);
+               !is_settled(place, view);
     };
     for (Walk walk(c, grid); walk.next(may);)
         for (int64_t entry = walk.first; entry < walk.last; entry++) {

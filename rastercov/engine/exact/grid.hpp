@@ -134,6 +134,19 @@ inline Group &group_at(const Place &place, const CellGrid &grid) {
     return grid.groups[place.upper().first / GROUP_SIZE * 2 + 1];
 }
 
+// True if something is known to hold of all faces of a group, which remembers it.
+template <class Is>
+bool holds_of_all(bool Group::*known, const Place &place, const CellGrid &grid, Is is) {
+    bool &holds = group_at(place, grid).*known;
+    if (!holds && place.size > 1)
+        holds = holds_of_all(known, place.lower(), grid, is) &&
+                holds_of_all(known, place.upper(), grid, is);
+    else if (!holds)
+        holds =
+            std::all_of(&grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE, is);
+    return holds;
+}
+
 // Rectangle of a cell and a little around it.
 inline Bounds rectangle_of_cell(int64_t at, const View &view) {
     constexpr double AROUND_REL = 0x1p-6, AROUND = 0x1p27; // of the cell; roundings of a position

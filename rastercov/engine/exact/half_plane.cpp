@@ -256,14 +256,12 @@ template <class Take>
 bool any_near(const PartOfFace &part, const Cells &cells, Left &left, Take take) {
     const View &view = part.view;
     const auto &[box, grid, own] = std::tie(view.projected.box, view.grid, view.work.own);
-    const auto [u_min, u_max, v_min, v_max] = part.extent;
     const double farthest = box(part.t, W_MIN) * (1 - 2 * DEPTH_TIE_REL);
     for (int64_t row = cells.top; row <= cells.bottom; row++)
         for (int64_t column = cells.left; column <= cells.right; column++) {
             const auto takes = [&](int64_t m) {
                 const Bounds its = bounds_in(box, m);
-                if (its.u_min >= u_max || its.u_max <= u_min || m == part.t) return false;
-                if (its.v_min >= v_max || its.v_max <= v_min) return false;
+                if (m == part.t || are_apart(its, part.extent)) return false;
                 // In the first of the cells that list it.
                 return column == std::max(column_at(its.u_min, grid), cells.left) &&
                        row == std::max(row_at(its.v_min, grid), cells.top) &&
@@ -355,18 +353,11 @@ bool coincides(const Group &group, const Plane &plane, double tie) {
     return is_close;
 }
 
-// True if closeness of all faces of a group is known and none is LOOSE; the group remembers it.
-bool is_joined(Group &group, const Place &place, const View &view) {
-    const CellGrid &grid = view.grid;
-    if (!group.is_joined && place.size > 1)
-        group.is_joined = is_joined(group_at(place.lower(), grid), place.lower(), view) &&
-                          is_joined(group_at(place.upper(), grid), place.upper(), view);
-    else if (!group.is_joined)
-        group.is_joined = std::all_of(
-            &grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE, [&](int64_t f) {
-                return (view.projected.state[f] & (HAS_LOOSE | LOOSE)) == HAS_LOOSE;
-            });
-    return group.is_joined;
+// True if closeness of all faces of a group is known and none is LOOSE.
+bool is_joined(const Place &place, const View &view) {
+    return holds_of_all(&Group::is_joined, place, view.grid, [&](int64_t f) {
+        return (view.projected.state[f] & (HAS_LOOSE | LOOSE)) == HAS_LOOSE;
+    });
 }
 
 // Calls `take` for the cells that list a face, until it returns true; true if it does.
@@ -393,10 +384,9 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     const Plane plane = plane_of(f, view.camera, projected);
     const Depths depths = {box(f, W_MIN) * (1 - NEARLY_REL), -INF,
                            box(f, W_MAX) * (1 + 2 * NEARLY_REL)};
-    const auto may = [&](Group &group, const Place &place) {
+    const auto may = [&](const Group &group, const Place &place) {
         return touches(group, own, depths) &&
-               !(coincides(group, plane, DEPTH_TIE_REL * box(f, W_MIN)) &&
-                 is_joined(group, place, view));
+               !(coincides(group, plane, DEPTH_TIE_REL * box(f, W_MIN)) && is_joined(place, view));
     };
     // Of two faces alone, as far apart as just counts as one, either may be in front.
     int64_t one = -1;
@@ -404,9 +394,7 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     Poll poll(16);
     const auto takes = [&](int64_t m) {
         const Bounds its = bounds_in(box, m);
-        if (m == f || its.u_min >= own.u_max || its.u_max <= own.u_min || its.v_min >= own.v_max ||
-            its.v_max <= own.v_min)
-            return false;
+        if (m == f || are_apart(its, own)) return false;
         poll();
         const Closeness found = closeness(f, n, n_own, m, view, images);
         if (found == APART) return false;
@@ -634,13 +622,11 @@ Rest hide_by_face(const PartOfFace &part, int64_t m, Left &left) {
 Rest hide_by_list(const PartOfFace &part, int64_t first, int64_t last, Left &left) {
     const View &view = part.view;
     const auto &[projected, work] = std::tie(view.projected, view.work);
-    const auto [u_min, u_max, v_min, v_max] = part.extent;
     for (int64_t at = first; at < last; at++) {
         Scratch &scratch = left.scratch;
         const int32_t index = scratch.lists[size_t(at)];
         Occluder &occluder = scratch.occluders[size_t(index)];
-        const Bounds its = bounds_in(projected.box, occluder.m);
-        if (its.u_min >= u_max || its.u_max <= u_min || its.v_min >= v_max || its.v_max <= v_min ||
+        if (are_apart(bounds_in(projected.box, occluder.m), part.extent) ||
             is_before(part, occluder.m))
             continue;
         const int64_t n_sides = outline(occluder.m, projected, work.corners, work.lines).n_lines;

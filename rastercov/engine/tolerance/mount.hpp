@@ -109,9 +109,6 @@ inline Vector point_of(const Plane &plane, double x, double y) {
     return plane.origin + x * plane.x_axis + y * plane.y_axis;
 }
 
-inline bool are_apart(const exact::Bounds &a, const exact::Bounds &b) {
-    return a.u_min >= b.u_max || a.u_max <= b.u_min || a.v_min >= b.v_max || a.v_max <= b.v_min;
-}
 
 // Clips a polygon in place to where a line is 0 or more; its corner count.
 inline int64_t cut_by(const area::Affine &line, Points polygon, int64_t n) {

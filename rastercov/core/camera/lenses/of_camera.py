@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import CameraError, FloatArray, checked_array, frozen_record, read_only, shown
+from rastercov.base import CameraError, FloatArray, checked_array, read_only, shown
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.lenses.planes import Proved, planes_in
 from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord
