@@ -15,9 +15,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from attack_reasons import placed_by, scene
 from edited import NODE, Session
+from goals_to_view import session_in
 from rigs_to_view import acted, moved
 from rows import Report
-from test_goals_shown import session_in
 
 import rastercov as rc
 from rastercov.core.area.failures import failures_of_rows
@@ -185,7 +185,7 @@ def _equal(one: object, same: object, size: float, doubt: float = 0.0) -> bool:
 
 
 def _alike(one: dict, same: dict, total: float) -> bool:
-    """Whether covered areas are equal, and bounds alike."""
+    """True if covered areas are equal, and bounds alike."""
     if one.keys() != same.keys():
         return False
     for name, value in same.items():

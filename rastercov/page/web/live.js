@@ -20,6 +20,7 @@ import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
 
+const TWO_SIDED = 4; // of roles, as in rastercov.h
 /** Lenses that were changed and are kept. */
 const MOST_LENSES = 32;
 const CHANGED = "the rig has changed since; the page now shows the new rig";
@@ -541,7 +542,8 @@ export class Live {
       const station = rig.stations[row];
       const name = names[each.reason];
       const ray = subtract(centreOf(station.pose), point);
-      const cosine = (ray[0] * normal[0] + ray[1] * normal[1] + ray[2] * normal[2]) / (length(ray) * length(normal) || 1);
+      const signed = dot(ray, normal) / (length(ray) * length(normal) || 1);
+      const cosine = this.part.roles[face] & TWO_SIDED ? Math.abs(signed) : signed;
       const own = { share: each.share, incidence: Math.acos(Math.min(1, Math.max(-1, cosine))), distance: distance(centreOf(station.pose), point) };
       const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
       const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
