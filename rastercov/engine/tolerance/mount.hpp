@@ -109,7 +109,6 @@ inline Vector point_of(const Plane &plane, double x, double y) {
     return plane.origin + x * plane.x_axis + y * plane.y_axis;
 }
 
-
 // Clips a polygon in place to where a line is 0 or more; its corner count.
 inline int64_t cut_by(const area::Affine &line, Points polygon, int64_t n) {
     area::Polygon spare;
