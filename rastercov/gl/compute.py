@@ -21,9 +21,8 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from rastercov.base.errors import ResourceError
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array
-from rastercov.core.camera.camera import Camera
+from rastercov.base import Float32Array, FloatArray, Int32Array, ResourceError
+from rastercov.core.camera import Camera
 from rastercov.core.camera.near_plane import limits
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test

@@ -17,11 +17,17 @@ from typing import Any
 import numpy as np
 
 from rastercov import shaders
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import CameraError, ConfigError, DeviceError
-from rastercov.base.format import ByName
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array
-from rastercov.core.camera.camera import Camera
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    DeviceError,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    check_choice,
+)
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts

@@ -16,17 +16,22 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, area, frozen_record, number, percent, plural, with_bound
-from rastercov.base.memory import (
+from rastercov.base import (
     TINY,
     BoolArray,
+    ByName,
     ByteArray,
+    ConfigError,
     Float32Array,
     FloatArray,
     IntArray,
+    frozen_record,
+    percent,
+    plural,
     read_only,
+    with_bound,
 )
+from rastercov.base.format import area, number
 from rastercov.core.area.advice import advice, depth_in_words, general_advice
 from rastercov.core.area.feature import PointCondition
 from rastercov.core.area.features import (
@@ -41,10 +46,15 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated, gated_reasons
 from rastercov.core.area.table import Regions, joined, taken
 from rastercov.core.area.zones import DeadZones
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.equipment import equipment_words
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, axes_of, led_by, rows_of_result
+from rastercov.core.camera import (
+    Camera,
+    Poses,
+    Rig,
+    axes_of,
+    equipment_words,
+    led_by,
+    rows_of_result,
+)
 from rastercov.core.coverage.coverage import evaluate_batches, in_batches
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.engine import Engine

@@ -8,14 +8,25 @@ from types import MappingProxyType
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.format import first_of, frozen_record
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    IntArray,
+    PoseError,
+    first_of,
+    frozen_record,
+    shown,
+)
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.rig import Rig, eyes_of, names_of_poses, rows_of_result
+from rastercov.core.camera import (
+    Camera,
+    Poses,
+    Rig,
+    eyes_of,
+    names_of_poses,
+    rows_of_result,
+    valid_poses,
+)
 from rastercov.core.coverage.task import NEEDED, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen

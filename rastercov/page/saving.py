@@ -8,18 +8,23 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.files import UnreadableError, one_line, read_json
-from rastercov.base.format import ByName, ReadByName, plural
-from rastercov.base.output import (
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    RastercovError,
+    ReadByName,
+    UnreadableError,
+    check_choice,
     check_place,
-    named_folder,
+    one_line,
     own_folder,
+    plural,
+    read_json,
     write_bytes,
     write_json,
     write_text,
 )
+from rastercov.base.output import named_folder
 from rastercov.page.actions import MOST_OF_DRAWING, Drawing, Of, checked
 from rastercov.page.live import live_page, why_recorded
 from rastercov.page.rig_state import RigState

@@ -23,9 +23,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.files import one_line
-from rastercov.base.format import ByName
+from rastercov.base import ByName, ConfigError, ResourceError, one_line
 from rastercov.base.interrupts import ABANDONED
 from rastercov.page.actions import MOST_OF_DRAWING
 from rastercov.page.live import opened
@@ -221,7 +219,7 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
         from starlette.requests import ClientDisconnect
         from starlette.responses import Response
 
-        from rastercov.base.errors import RastercovError
+        from rastercov.base import RastercovError
 
         loop = asyncio.get_running_loop()
         try:

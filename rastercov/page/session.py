@@ -21,17 +21,23 @@ import numpy as np
 from PIL import Image
 from pydantic import Field, create_model
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, ReadByName, distance, first_of
-from rastercov.base.memory import TINY, FloatArray
+from rastercov.base import (
+    TINY,
+    ByName,
+    ConfigError,
+    FloatArray,
+    ReadByName,
+    check_choice,
+    first_of,
+    shown,
+)
+from rastercov.base.checks import number
+from rastercov.base.format import distance
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import to_world
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.rig import Rig
+from rastercov.core.camera import Camera, Rig
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_where_seen

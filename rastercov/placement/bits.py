@@ -12,9 +12,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, Int32Array, IntArray
-from rastercov.base.threads import share_poses, thread_count
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    Int32Array,
+    IntArray,
+    frozen_record,
+    share_poses,
+    thread_count,
+)
 from rastercov.engine import placement_bits as kernels
 
 Words = NDArray[np.uint64]

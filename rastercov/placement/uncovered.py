@@ -23,12 +23,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
-from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    frozen_record,
+    percent,
+    plural,
+)
+from rastercov.base.format import area, verb
 from rastercov.base.typed import typed
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import Cameras, are_central, axes_of, led_by
+from rastercov.core.camera import Cameras, Poses, axes_of, led_by, renumbered
+from rastercov.core.camera.rig import are_central
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches
 from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.core.coverage.observer import Observer, open_observer

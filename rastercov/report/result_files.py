@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError, check_choice
 
 if TYPE_CHECKING:
     from rastercov.core.coverage.evaluation import Evaluation
@@ -59,7 +58,7 @@ def _write_areas(path: Path, own: "Evaluation", names: Sequence[str]) -> None:
 
 
 def _write_mesh(path: Path, own: "Evaluation", names: Sequence[str]) -> None:
-    from rastercov.core.camera.rig import equipment_on
+    from rastercov.core.camera import equipment_on
     from rastercov.report.coverage_files import write_coloured_mesh, write_covered_mesh
     from rastercov.report.feature import part_of
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.core.area import polygons
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import frames_of, sides_of
@@ -30,8 +30,7 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated, tasks_of
 from rastercov.core.area.spread import SpreadUnion, union_of
 from rastercov.core.area.union import Covered, RegionUnion
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, by_gate, cameras_of, eyes_of, rows_of_result
+from rastercov.core.camera import Cameras, Poses, by_gate, cameras_of, eyes_of, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.reasons import BITS, CRITERIA, NAMES, TOO_FEW_VIEWS, Reason
 from rastercov.core.coverage.surface import own_reasons

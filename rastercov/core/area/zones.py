@@ -17,19 +17,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, checked_array
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import first_of, signed
-from rastercov.base.memory import (
+from rastercov.base import (
     TINY,
     BoolArray,
     ByteArray,
+    ConfigError,
     FloatArray,
     Int32Array,
     IntArray,
+    check_kind,
+    checked_array,
+    first_of,
+    shown,
 )
+from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import signed
 from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import general_advice
@@ -49,9 +51,9 @@ from rastercov.core.area.stages import (
     stages_of,
 )
 from rastercov.core.area.union import Covered, with_rest
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import (
+from rastercov.core.camera import (
     Cameras,
+    Poses,
     cameras_of,
     gates_of,
     led_by,

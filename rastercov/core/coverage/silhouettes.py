@@ -14,12 +14,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InOneLine, frozen_record
-from rastercov.base.memory import FloatArray, IntArray, WholeArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    WholeArray,
+    frozen_record,
+)
+from rastercov.core.camera import Camera, Cameras, Poses, cameras_of
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import open_observer

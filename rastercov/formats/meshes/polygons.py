@@ -26,9 +26,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import OUT_OF_MEMORY, MeshError, RastercovError, ResourceError
-from rastercov.base.format import shortened
-from rastercov.base.memory import FloatArray, IntArray, WholeArray, free_memory
+from rastercov.base import (
+    FloatArray,
+    IntArray,
+    MeshError,
+    RastercovError,
+    ResourceError,
+    WholeArray,
+    shortened,
+)
+from rastercov.base.errors import OUT_OF_MEMORY
+from rastercov.base.memory import free_memory
 from rastercov.base.threads import child_environment
 from rastercov.core.mesh.arrays import MOST_FACES
 from rastercov.core.mesh.site import NOWHERE, Site

@@ -30,8 +30,7 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
+from rastercov.base import AnyArray, FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.engine import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray
 from rastercov.engine import placement_selection as kernels
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import PROGRESS_BITS

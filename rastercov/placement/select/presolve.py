@@ -19,8 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base import BoolArray, FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.engine import placement_bits
 from rastercov.placement.bits import CoveredBits, by_face, packed, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
