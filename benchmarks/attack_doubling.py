@@ -397,7 +397,8 @@ def at_crossings(report: Report, kind: str, n: int) -> None:
     each: list[float] = []
     for size in (n, 2 * n):
         points, faces = GEOMETRIES[kind](size)
-        pose = rc.look_at(points.mean(axis=0) + (0.3, -0.4, 3.0), points.mean(axis=0))
+        centre = points.mean(axis=0)[None]
+        pose = rc.look_at(centre + np.array((0.3, -0.4, 3.0)), centre)
         mesh = rc.Mesh(vertices=points, faces=faces)
         solver = solver_visibility.Solver(surface_of(mesh), False, True)
         near = float(near_limit(CAMERA, mesh.bounds, pose)[0])
