@@ -151,8 +151,9 @@ const char *rc_last_error(void); /* of the last call of this thread that failed;
 rc_status rc_count_handles(int64_t *count); /* handles that are not freed */
 
 /* The mesh of the bytes of a file, with `unit` metres per unit of its coordinates. Faces keep their
- * order; polygons are cut into triangles that cover them once, or a note says why not. A file that asks for more
- * faces, or more bytes by an estimate, than it may is refused before memory is taken. */
+ * order; polygons are cut into triangles that cover them once, or a note says why not. A file that
+ * asks for more faces, or more bytes by an estimate, than it may is refused before memory is taken.
+ */
 rc_status rc_read_mesh(const uint8_t *bytes, int64_t n_bytes, int32_t format, double unit,
                        int64_t most_faces, int64_t memory_budget, rc_mesh **mesh);
 rc_status rc_mesh_free(rc_mesh *mesh);
