@@ -122,10 +122,9 @@ class CandidateBounds:
             for item, kept in ((value - bound, self.low), (most, self.high)):
                 np.maximum(kept, item.max(axis=0), out=kept)
             self.covering += (why == Reason.COVERED).sum(axis=0)
-        for kept in (self.low, self.high, self.covering):
-            kept[~self.chosen] = 0
-        for share in (self.low, self.high):
-            np.minimum(share, 1.0, out=share)
+        for kept in (self.low, self.high):
+            np.minimum(kept, self.chosen, out=kept)
+        self.covering[~self.chosen] = 0
         self.n_poses += len(batch.pose_ids)
 
     def claims(self, n_candidates: int) -> ByteArray:

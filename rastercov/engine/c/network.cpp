@@ -356,7 +356,8 @@ struct Zones {
         std::vector<std::vector<size_t>> of_face(size_t(surface->mesh.n_faces()));
         for (size_t p = 0; p < face.size(); p++) of_face[size_t(face[p])].push_back(p);
         for (int64_t i = 0; i < n; i++) {
-            double x = 0.0, y = 0.0;
+            double x = 0.0;
+            double y = 0.0;
             for (int64_t k = 0; k < 3; k++) {
                 const int64_t at = 3 * int64_t(faces[i]) + k;
                 const double away = points[3 * i + k] - mesh.origin[at];

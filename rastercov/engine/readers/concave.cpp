@@ -165,7 +165,9 @@ class Ears {
 // A fan of triangles, in sizes of it from its first corner.
 class Fan {
   public:
-    bool is_folded = false, is_crossing = false, is_bent = false;
+    bool is_folded = false;
+    bool is_crossing = false;
+    bool is_bent = false;
 
     Fan(const double *vertices, int64_t *faces, size_t n) : _faces(faces), _n(n) {
         const auto place = [&](size_t k) {
@@ -217,7 +219,10 @@ class Fan {
     void judge() {
         std::vector<Vector> normals;
         Vector largest = {};
-        double total = 0.0, angle = 0.0, low = 0.0, high = 0.0;
+        double total = 0.0;
+        double angle = 0.0;
+        double low = 0.0;
+        double high = 0.0;
         for (size_t k = 1; k <= _n; k++) {
             const Vector &own = normals.emplace_back(cross(_points[k], _points[k + 1]));
             _normal = _normal + own;
