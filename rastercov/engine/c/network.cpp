@@ -249,9 +249,12 @@ struct Network {
         Mask found(n_faces(), false);
         std::vector<int> sides(stations.size());
         for (int64_t f = 0; f < n_faces(); f++) {
-            const double *const origin = &mesh.origin[3 * f], *const normal = &mesh.normal[3 * f];
+            const double *const origin = &mesh.origin[3 * f];
+            const double *const normal = &mesh.normal[3 * f];
             for (size_t s = 0; s < stations.size(); s++) {
-                double height = 0.0, of_eye = 0.0, of_face = 0.0;
+                double height = 0.0;
+                double of_eye = 0.0;
+                double of_face = 0.0;
                 for (size_t k = 0; k < 3; k++) {
                     const double eye = stations[s].pose[4 * k + 3];
                     height += (eye - origin[k]) * normal[k];
