@@ -85,7 +85,9 @@ class Staging:
             resources.call("glNamedBufferStorage", self._name, size, None, storage)
             address = resources.call("glMapNamedBufferRange", self._name, 0, size, flags)
             if not address:
-                raise MemoryError("no address of a mapped buffer")
+                raise MemoryError(
+                    "expected an address of the mapped buffer, got none; use backend 'cpu'"
+                )
             memory = memoryview((ctypes.c_char * size).from_address(address))
             self._bytes = np.frombuffer(memory, np.uint8)
             return self
@@ -259,7 +261,7 @@ class Resources:
         self._staged(contents.nbytes).write(buffer, contents)
 
     def grow(self, buffer: moderngl.Buffer, size: int, what: str) -> None:
-        """Give a buffer at least so many bytes, and other contents, where it has fewer."""
+        """Give a buffer other contents, of at least that size in bytes, where it has fewer."""
         if buffer.size >= size:
             return
         buffer.orphan(size)

@@ -90,7 +90,7 @@ def add(folder, name):
 
 
 def command(line):
-    """What a line of the program prints."""
+    """Output of a line of the program."""
     from rastercov import cli
 
     text = io.StringIO()

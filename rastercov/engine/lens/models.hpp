@@ -1,4 +1,6 @@
 // Models of lenses, for C++, C and Python.
+//
+// Twin: rastercov.reference.lenses.
 #pragma once
 #include "lens/formulas.hpp"
 

@@ -1,4 +1,6 @@
 // The nearest double of digits and an exponent, without a point, which depends on the locale.
+//
+// Twin: tests/mesh/test_page_readers.py.
 #pragma once
 #include <cstdlib>
 

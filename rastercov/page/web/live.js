@@ -121,12 +121,9 @@ export class Live {
     );
     const areas = await this.asking.ask("areas");
     const { colours } = this.data;
-    for (const each of Object.values(colours.scales)) each.palette = bytesOf(each.palette);
-    this.painting = {
-      n: this.n,
-      areas,
-      ...colours,
-    };
+    // The data stays as it was: a page that is exported has it, too.
+    const scales = Object.entries(colours.scales).map(([name, each]) => [name, { ...each, palette: bytesOf(each.palette) }]);
+    this.painting = { n: this.n, areas, ...colours, scales: Object.fromEntries(scales) };
     this.areas = areas;
   }
 
