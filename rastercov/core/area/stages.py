@@ -161,11 +161,19 @@ def divided(
                     own[face] == (Reason.COVERED if stage.rows else row)
                 )
                 gains[row][0] = np.bincount(face[counts], areas[counts], mesh.n_faces)
-    sets = [np.bitwise_or.reduce(BITS[[*stage.rows]]) for stage in (*added, every)]
+    views = 1 << len(CRITERIA)  # no criterion, but a reason of what is covered over time
+    sets = [
+        int(np.bitwise_or.reduce(BITS[[*stage.rows]])) | views * (TOO_FEW_VIEWS in stage.rows)
+        for stage in (*added, every)
+    ]
     facts = in_front, BITS[own] * (own > Reason.COVERED), doubt + SLIVER_REL * frames.areas
     reason = np.empty(len(kept), np.uint32)
     area_reason.name_parts(
-        (face, tag, areas), np.array(sets, np.uint32), np.array(CRITERIA, np.uint8), facts, reason
+        (face, tag, areas),
+        np.array(sets, np.uint32),
+        np.array((*CRITERIA, TOO_FEW_VIEWS), np.uint8),
+        facts,
+        reason,
     )
     cut = polygons.chosen(whole.xy, whole.starts, kept)
     parts = ReasonPieces(*cut, face, np.zeros(len(kept), np.int32), reason)
