@@ -56,7 +56,7 @@ NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
 CONFIGURED = -G Ninja -S rastercov/engine -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $(CACHE) $$(cat $(VENV)/compiler)
 C_CONFIGURED = -G Ninja -S rastercov/engine/c -DRASTERCOV_TESTS=ON -DRASTERCOV_WERROR=$(WERROR) $$(cat $(VENV)/compiler)
-CPP := $(wildcard tests/native/cpp/*.?pp rastercov/engine/c/without_python/*.?pp \
+CPP := $(wildcard tests/native/cpp/*.?pp tests/native/kernels/*.cpp rastercov/engine/c/without_python/*.?pp \
 	rastercov/engine/c/wasm/*.?pp rastercov/engine/c/wasm/*/*.?pp rastercov/engine/*.?pp rastercov/engine/*/*.?pp \
 	rastercov/engine/*/*.h rastercov/engine/c/without_python/*/*/*.h examples/c/*.c benchmarks/*.cpp)
 # ON: a warning of the compiler ends the build, as in CI; not that of a user.
@@ -113,6 +113,7 @@ lint: stubs build/c/build.ninja
 	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
 	@$(BIN)/python .ci/functions.py
+	@$(BIN)/python .ci/addresses
 	$(BIN)/mypy
 	$(BIN)/mypy --config-file .ci/benchmarks.ini
 	@if command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(BIOME); then $(BIOME)/.bin/biome lint --error-on-warnings; \

@@ -78,6 +78,13 @@ def teeth(n: int, slant: float = 0.0, turned: float = 0.0) -> Geometry:
     return points @ np.array([(c, s, 0), (-s, c, 0), (0, 0, 1)]), np.vstack(([(0, 1, 2)], thin))
 
 
+def loose_teeth(n: int) -> Geometry:
+    """The same with tips at any depth: about all pairs of them cross where both are seen."""
+    points, faces = teeth(n)
+    points[4 + n :, 2] = np.random.default_rng(n).uniform(-0.4, 0.4, n)
+    return points, faces
+
+
 def random_soup(n: int, size: float, flat: float = 1.0) -> Geometry:
     random = np.random.default_rng(n)
     centres = random.uniform(-1, 1, (n, 1, 3)) * (1, 1, flat)
@@ -148,6 +155,7 @@ GEOMETRIES: dict[str, Callable[[int], Geometry]] = {
     "T-junctions": teeth,
     "slanted T-junctions": lambda n: teeth(n, 0.5),
     "rotated T-junctions": lambda n: teeth(n, 0.0, 0.6),
+    "T-junctions, tips at any depth": loose_teeth,
     "needles": lambda n: needles(n, 0.0),
     "rotated needles": lambda n: needles(n, 0.6),
     "pages of one edge": pages,
@@ -379,6 +387,28 @@ def measured(kind: str, n: int, how: str) -> tuple[float, int] | str | None:
     return recv
 
 
+def at_crossings(report: Report, kind: str, n: int) -> None:
+    """CPU seconds of a corner of what is seen of faces that cross, of n and of twice as many."""
+    from rastercov.core.camera.near_plane import near_limit
+    from rastercov.core.exact.cameras import engine_camera
+    from rastercov.core.exact.surface import surface_of
+    from rastercov.engine import solver_visibility
+
+    each: list[float] = []
+    for size in (n, 2 * n):
+        points, faces = GEOMETRIES[kind](size)
+        centre = points.mean(axis=0)[None]
+        pose = rc.look_at(centre + np.array((0.3, -0.4, 3.0)), centre)
+        mesh = rc.Mesh(vertices=points, faces=faces)
+        solver = solver_visibility.Solver(surface_of(mesh), False, True)
+        near = float(near_limit(CAMERA, mesh.bounds, pose)[0])
+        started = time.process_time()
+        solver.solve(engine_camera(CAMERA), np.ascontiguousarray(pose[0]), near, False)
+        each.append((time.process_time() - started) / len(solver.kept[0]))
+    report.add(f"doubling: {kind}, n = {2 * n}: of a visible corner", each[1], "s")
+    report.add(f"doubling: {kind}: by that of n = {n}", each[1] / each[0], "")
+
+
 def attack(report: Report, effort: float) -> None:
     """Sizes from `FIRST` on, doubled five times; fewer and smaller ones at less effort."""
     doublings = max(1, round(DOUBLINGS + np.log2(min(effort, 1.0))))
@@ -414,8 +444,10 @@ def attack(report: Report, effort: float) -> None:
             report.add(f"doubling: {kind}: of a group", a_group, "s", at_most=MOST_S_A_GROUP)
         if seconds[-1] > LEAST_SECONDS and slope > MOST:
             steep.append(f"{name}: exponent {slope:.2f} at {seconds[-1]:.2f} s")
+    for kind in ("T-junctions, tips at any depth", "crossing needles"):
+        at_crossings(report, kind, first)
     print(*(f"{each}: no end" for _, each in failed), *steep, sep="\n", file=sys.stderr)
-    report.add("doubling: kinds of geometry", len(GEOMETRIES), "kinds", must=33)
+    report.add("doubling: kinds of geometry", len(GEOMETRIES), "kinds", must=34)
     report.add("doubling: kinds of files", len(FILES), "kinds", must=20)
     report.add("doubling: kinds of scenes", len(SCENES), "kinds", must=14)
     report.add(f"doubling: exponents above {MOST}", len(steep), "kinds")

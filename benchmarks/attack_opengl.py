@@ -22,7 +22,7 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.cpu import CPURasterizer
-from rastercov.gl import WAYS, GLRasterizer
+from rastercov.gl import PLANS, GLRasterizer
 from rastercov.gl.context import HeadlessContext, open_context
 from rastercov.reference import samples
 
@@ -36,7 +36,7 @@ def wrong_on_overlaps(seed: int, context: HeadlessContext) -> dict[str, int]:
     mesh = list(SCENES.values())[seed % len(SCENES)](rng)
     poses = views(rng, mesh)
     wrong = {}
-    for plan in (*WAYS, "cpu"):
+    for plan in (*PLANS, "cpu"):
         with _open(plan, mesh, CAMERA, context) as rasterizer:
             images = [rasterizer.render(pose).face for pose in poses]
         wrong[plan] = sum(
@@ -70,11 +70,11 @@ def wrong_through_camera(seed: int, context: HeadlessContext) -> dict[str, int]:
     try:
         camera = Camera(**described)
     except RastercovError as error:
-        return dict.fromkeys(WAYS, -1 if "\n" not in str(error) else -2)
+        return dict.fromkeys(PLANS, -1 if "\n" not in str(error) else -2)
     pose = look_at(rng.normal(size=3) * 3, rng.normal(size=3) * 0.3)[0]
     wrong = {}
     expected = None
-    for plan in WAYS:
+    for plan in PLANS:
         try:
             with _open(plan, mesh, camera, context) as rasterizer:
                 face = rasterizer.render(pose).face
@@ -97,7 +97,7 @@ def wrong_through_camera(seed: int, context: HeadlessContext) -> dict[str, int]:
 def _open(plan: str, mesh: Mesh, camera: Camera, context: HeadlessContext):
     if plan == "cpu":
         return CPURasterizer(mesh, camera, threads=1)
-    return GLRasterizer(mesh, camera, device=context, **WAYS[plan])
+    return GLRasterizer(mesh, camera, device=context, plan=plan)
 
 
 def attack(report: Report, effort: float) -> None:
@@ -106,14 +106,14 @@ def attack(report: Report, effort: float) -> None:
     n_cameras = max(5, round(CAMERAS_AT_FULL * effort))
     with open_context("surfaceless") as context:
         wrong = [wrong_on_overlaps(seed, context) for seed in range(n_scenes)]
-        for plan in (*WAYS, "cpu"):
+        for plan in (*PLANS, "cpu"):
             total = sum(item[plan] for item in wrong)
             what = f"{n_scenes} coplanar assemblies, {plan}"
             report.add(f"{what}: wrong samples", total, "samples", at_most=0)
             report.check(f"{what}: the lowest face is seen", total == 0)
 
         wrongs = [wrong_through_camera(seed, context) for seed in range(n_cameras)]
-        for plan in WAYS:
+        for plan in PLANS:
             answers = [one[plan] for one in wrongs]
             what = f"{n_cameras} extreme cameras, plan {plan}"
             report.add(f"{what}: refused in one line", answers.count(-1), "cameras")

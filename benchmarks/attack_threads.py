@@ -25,7 +25,7 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.core.mesh import shapes
-from rastercov.gl import WAYS
+from rastercov.gl import PLANS
 from rastercov.placement.matrix import build_matrix
 from rastercov.reference.models import scott, zhang
 from rastercov.reference.models.line_of_sight import LineOfSight
@@ -163,7 +163,7 @@ def opened(runs: int) -> Iterator[Run]:
     known = shapes.room(6)
     poses = _poses(known, 4, seed=5)
     options: list[dict[str, Any]] = [{"backend": "cpu", "threads": n} for n in (1, 2, None)]
-    options += [{"backend": "gl", "device": "surfaceless", **way} for way in WAYS.values()]
+    options += [{"backend": "gl", "device": "surfaceless", "plan": plan} for plan in PLANS]
 
     def answer(mesh: rc.Mesh, caller: int) -> Answer:
         with rc.open_rasterizer(mesh, CAMERA, **options[caller]) as rasterizer:

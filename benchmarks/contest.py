@@ -21,7 +21,6 @@ from peers import VTK, Embreex, Open3D, Ours, Runner
 import rastercov as rc
 from rastercov.base.threads import thread_count
 from rastercov.core.mesh import shapes
-from rastercov.gl import WAYS
 
 WORKERS = 2
 SOFTWARE = "surfaceless"
@@ -56,11 +55,10 @@ def contestants(device: str) -> dict[str, Contestant]:
     n = WORKERS if device == SOFTWARE else 1
     draw = {
         f"gl-{plan}": Contestant(
-            f"{name}", partial(Ours, backend="gl", device=device, **WAYS[plan]), n
+            f"{name}", partial(Ours, backend="gl", device=device, plan=plan), n
         )
         for plan, name in (
             ("pipeline", "OpenGL"),
-            ("layers", "OpenGL in batches"),
             ("compute", "compute shaders"),
         )
     }

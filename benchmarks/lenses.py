@@ -28,6 +28,7 @@ from lens_cases import (
     WIDTH,
     of_all_kinds,
     pixels,
+    polygon_areas,
     rays,
 )
 from lens_rooms import on_plane, room
@@ -40,7 +41,7 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.core.camera.lenses.of_camera import planes_of, polygon_areas
+from rastercov.core.camera.lenses.of_camera import planes_of
 from rastercov.core.camera.viewpoints import enclosing_distance
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.mesh import shapes
@@ -74,7 +75,7 @@ def add_models(report: Report, n_rays: int, rounds: int) -> None:
         report.add(f"{name}: ray to pixel to ray", np.abs(again - rays).max(), "",
                    at_most=MOST_RAD)  # fmt: skip
         total = sum(
-            polygon_areas(each, on_plane(each.plane, room(3))).inside.sum() for each in lens.proved
+            polygon_areas(each, on_plane(each.record, room(3))).inside.sum() for each in lens.proved
         )
         report.add(f"{name}: room less image", abs(total - WIDTH * HEIGHT), "px^2",
                    at_most=MOST_PX2)  # fmt: skip

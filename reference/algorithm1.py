@@ -36,10 +36,8 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import near_limit
-from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.base import AnyArray, BoolArray, FloatArray, IntArray
+from rastercov.core.camera import Camera, near_limit, to_camera, to_image
 from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import clip_near
 

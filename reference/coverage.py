@@ -9,10 +9,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import near_limit
-from rastercov.core.camera.projection import to_image
+from rastercov.base import AnyArray, BoolArray, ByteArray, FloatArray
+from rastercov.core.camera import Camera, near_limit, to_image
 from rastercov.core.coverage.coverage import FIGURES, Coverage
 from rastercov.core.coverage.reasons import BITS, ROW_OF, Reason
 from rastercov.core.coverage.records import ROW_TYPES, PairRows

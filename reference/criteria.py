@@ -9,13 +9,9 @@ E. S. Eissa. Image Space Coverage Model. 2020, section 3.3.
 
 import numpy as np
 
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.near_plane import near_limit, pinholes
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, frozen_record
+from rastercov.core.camera import MODELS, Camera, Poses, near_limit, to_camera, to_image
+from rastercov.core.camera.near_plane import pinholes
 from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.reasons import Reason

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import eyes_of
+from rastercov.base import BoolArray, FloatArray, IntArray
+from rastercov.core.camera import Poses, eyes_of
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.light.lamps import Lamps

@@ -23,8 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base import ByName, FloatArray
 from rastercov.engine.solver_lens import (
     B0,
     B1,

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
+from rastercov.base import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.rig import Rig
+from rastercov.core.camera import Camera, Rig
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import Task
 from rastercov.motion.regions import MotionQuery

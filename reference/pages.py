@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError, write_bytes, write_json, write_text
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.report import theme as pages
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import png

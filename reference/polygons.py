@@ -31,12 +31,9 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.base import BaseGeometry
 
-from rastercov.base.errors import RastercovError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import near_limit, sides_of
-from rastercov.core.camera.projection import box_corners
+from rastercov.base import BoolArray, FloatArray, IntArray, RastercovError, frozen_record
+from rastercov.core.camera import Camera, box_corners, near_limit
+from rastercov.core.camera.near_plane import sides_of
 from rastercov.core.mesh import Mesh
 
 clipper2: Any

@@ -38,8 +38,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import AnyArray, FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import AnyArray, FloatArray
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.reference.polygons import farthest_of, seen_from
 

@@ -13,17 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.features import hooks_of
-from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base import AnyArray, BoolArray, ByteArray, FloatArray, IntArray, hooks_of
 from rastercov.core.area.relaxed import without_borders
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.gate import Gate
+from rastercov.core.camera import MODELS, Camera, Gate, Rig, eyes_of, near_limit, valid_poses
 from rastercov.core.camera.lenses.of_camera import lens_of
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.near_plane import near_limit
-from rastercov.core.camera.pose import valid_poses
-from rastercov.core.camera.rig import Rig, eyes_of
 from rastercov.core.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import Task

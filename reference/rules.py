@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.core.camera.gate import Gate
+from rastercov.base import BoolArray, FloatArray
+from rastercov.core.camera import Gate
 from rastercov.core.camera.rule import Limited
 from rastercov.reference.regions import GateTwin
 

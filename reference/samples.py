@@ -22,9 +22,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import BoolArray, FloatArray, Int32Array, IntArray, frozen_record
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 
 TIE = 1e-10

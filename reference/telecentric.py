@@ -15,8 +15,8 @@ W. Squire, G. Trapp. Using complex variables to estimate derivatives of real fun
 
 import numpy as np
 
-from rastercov.base.memory import AnyArray, FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import AnyArray, FloatArray
+from rastercov.core.camera import Camera
 from rastercov.core.camera.models import coefficients_by_name
 
 STEP = 1e-100

@@ -11,7 +11,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points
+from rastercov.base import finite_points
 from rastercov.base.typed import typed
 from rastercov.placement.select.bounds import bound_of
 from rastercov.placement.select.cover import CoverState

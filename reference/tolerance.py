@@ -11,10 +11,9 @@ import math
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray
 from rastercov.core.area.frames import frames_of
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera import Camera, near_limit
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 

@@ -5,7 +5,7 @@ A triangle is its corners, `places` (..., 3, 2), in whole steps, STEPS to a samp
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, Float32Array, IntArray
+from rastercov.base import BoolArray, Float32Array, IntArray
 from rastercov.engine.solver_raster import STEPS, TIE_REL
 
 

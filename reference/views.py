@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base import TINY, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.raster.observation import BoundKind
 

@@ -1,6 +1,7 @@
 """GLSL sources, named `name.stage.glsl`, and the one cached loader that reads them."""
 
 import hashlib
+import re
 from functools import cache
 from importlib.resources import files
 
@@ -10,6 +11,8 @@ from rastercov.base.errors import DeviceError
 @cache
 def source(name: str, **defines: int) -> str:
     """GLSL text of one stage for the core profile of OpenGL 4.5, with its defines.
+
+    A line `#include "file"` is replaced by that file.
 
     Parameters
     ----------
@@ -23,15 +26,20 @@ def source(name: str, **defines: int) -> str:
     DeviceError
         When the file is missing from the installation.
     """
-    try:
-        text = (files(__name__) / f"{name}.glsl").read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise DeviceError(
-            f"shader {name}.glsl is missing from the installation; reinstall rastercov"
-        ) from None
+    included = re.compile(r'^#include "(.+)"$', re.MULTILINE)
+    text = included.sub(lambda line: _read(line[1]), _read(f"{name}.glsl"))
     head = ["#version 450 core"]
     head += [f"#define {key} {value}" for key, value in defines.items()]
     return "\n".join(head) + "\n#line 1\n" + text
+
+
+def _read(file: str) -> str:
+    try:
+        return (files(__name__) / file).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise DeviceError(
+            f"shader {file} is missing from the installation; reinstall rastercov"
+        ) from None
 
 
 @cache

@@ -1,17 +1,9 @@
 // Counts every sample of every face, hidden ones included; drawn without depth test. In a ROLLED
 // grid, rotated against the image, `runs` bounds the samples of each row that lie inside the image.
 
-layout(std430, binding = 0) buffer Counts { uint counts[]; };
-
-uniform uint stride;      // counters a layer: slot 0 is background, then one a face
+layout(std430, binding = 0) buffer Counts { uint counts[]; };  // slot 0 is background, then one a face
 
 flat in uint id;
-
-#ifdef LAYERED
-flat in int layer;
-#else
-const int layer = 0;
-#endif
 
 #ifdef ROLLED
 layout(std430, binding = 1) readonly buffer Runs { ivec2 runs[]; };
@@ -24,5 +16,5 @@ void main() {
     ivec2 inside = runs[at.y];
     if (at.x < inside.x || at.x >= inside.y) return;
 #endif
-    atomicAdd(counts[uint(layer) * stride + id], 1u);
+    atomicAdd(counts[id], 1u);
 }

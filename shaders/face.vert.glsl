@@ -1,4 +1,4 @@
-// Transforms the vertices of the mesh to clip space, one pose an instance.
+// Transforms the vertices of the mesh to clip space.
 //
 // Positions and the eye (camera centre) are sums of two floats, high + low. They are subtracted
 // before rounding to one float, so a part at 10^7 m projects as at the origin.
@@ -7,20 +7,14 @@
 // CPU, instead of interpolated. In double precision 1/z is affine in the image, and on two faces of
 // one plane it rounds to the same float.
 
-#ifdef LAYERED
-#extension GL_ARB_shader_viewport_layer_array : enable
-#extension GL_AMD_vertex_shader_layer : enable
-#endif
-
 struct Pose {
     vec4 right, down, forward;  // camera axes; right and down mixed to rotate the grid
     vec4 eye_high, eye_low;
     vec4 near;                  // clip z = x + y z, clip w = z z + w; of a pinhole z, else 1
 };
 
-layout(std140) uniform Poses { Pose poses[MAX_POSES]; };
+layout(std140) uniform Poses { Pose pose; };
 
-uniform int first_pose;
 uniform vec4 image;  // clip x = image.x * x + image.z * w, clip y = image.y * y + image.w * w
 
 in vec3 position_high;
@@ -31,13 +25,13 @@ invariant gl_Position;
 
 #ifdef COPLANAR
 // The ray through the point (x, y) of the canvas is x right + y down + ahead at depth 1.
-struct Rays {
+struct Ray {
     dvec4 right, down, forward;  // depth in the buffer is right.w / z; of parallel rays, where
                                  // forward.w is not 0, right.w (forward.w - z)
     dvec4 eye;                   // relative to the centre of the mesh
 };
 
-layout(std140) uniform AllRays { Rays rays[MAX_POSES]; };
+layout(std140) uniform Rays { Ray ray; };
 
 uniform ivec2 corner;   // top-left of this image on the canvas
 uniform dvec2 middle;   // cx, cy in samples
@@ -56,13 +50,10 @@ flat out vec2 reach;    // least and greatest depth in the buffer of its corners
 // gl_PrimitiveID would be simpler, but Mesa splits primitives to number them.
 flat out uint id;
 
-#ifdef LAYERED
-flat out int layer;
-#endif
 
 #ifdef COPLANAR
 // Rays start at x right + y down and run along forward.
-void find_parallel_plane(Rays ray, dvec3 a, double nearest, double farthest) {
+void find_parallel_plane(dvec3 a, double nearest, double farthest) {
     double scale = ray.right.w, farther = ray.forward.w;
     reach = vec2(scale * (farther - farthest), min(1.0lf, scale * (farther - nearest)));
 
@@ -75,12 +66,11 @@ void find_parallel_plane(Rays ray, dvec3 a, double nearest, double farthest) {
 }
 
 void find_plane() {
-    Rays ray = rays[first_pose + gl_InstanceID];
     dvec3 a = corner_a - ray.eye.xyz, b = corner_b - ray.eye.xyz, c = corner_c - ray.eye.xyz;
     dvec3 z = dvec3(dot(ray.forward.xyz, a), dot(ray.forward.xyz, b), dot(ray.forward.xyz, c));
     double nearest = min(z.x, min(z.y, z.z)), farthest = max(z.x, max(z.y, z.z));
     if (ray.forward.w != 0.0lf) {
-        find_parallel_plane(ray, a, nearest, farthest);
+        find_parallel_plane(a, nearest, farthest);
         return;
     }
     // A face that reaches behind the eye has no nearest corner; it is cut at the near plane.
@@ -99,7 +89,6 @@ void find_plane() {
 #endif
 
 void main() {
-    Pose pose = poses[first_pose + gl_InstanceID];
     vec3 from_eye = (position_high - pose.eye_high.xyz) + (position_low - pose.eye_low.xyz);
     float x = dot(pose.right.xyz, from_eye);
     float y = dot(pose.down.xyz, from_eye);
@@ -115,9 +104,5 @@ void main() {
     find_plane();
 #else
     id = uint(gl_VertexID) + 1u;
-#endif
-#ifdef LAYERED
-    layer = gl_InstanceID;
-    gl_Layer = gl_InstanceID;
 #endif
 }

@@ -20,7 +20,7 @@ from page_in_node import node  # noqa: F401 # a fixture
 from rastercov.base.errors import DeviceError
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.cpu import CPURasterizer
-from rastercov.gl import WAYS, GLRasterizer, libraries
+from rastercov.gl import PLANS, GLRasterizer, libraries
 from rastercov.gl.context import open_context
 
 # New examples on every run at a desk, the same ones where a run decides over a change. No time
@@ -138,7 +138,7 @@ def device(gl_context):
     assert left == []
 
 
-@pytest.fixture(params=WAYS)
+@pytest.fixture(params=PLANS)
 def plan(request):
     """All ways for the OpenGL rasteriser to run; the software device can do them all."""
     return request.param
@@ -149,11 +149,11 @@ def open_gl(device, plan):
     """Open OpenGL rasterisers under the plan; they are closed when the test ends."""
     with ExitStack() as stack:
         yield lambda mesh, camera, **options: stack.enter_context(
-            GLRasterizer(mesh, camera, device=device, **WAYS[plan], **options)
+            GLRasterizer(mesh, camera, device=device, plan=plan, **options)
         )
 
 
-@pytest.fixture(params=[*WAYS, "cpu"])
+@pytest.fixture(params=[*PLANS, "cpu"])
 def open_raster(request, device):
     """Open rasterisers of every kind, for the laws that all of them keep."""
     with ExitStack() as stack:
@@ -162,7 +162,7 @@ def open_raster(request, device):
             if request.param == "cpu":
                 return stack.enter_context(CPURasterizer(mesh, camera, **options))
             return stack.enter_context(
-                GLRasterizer(mesh, camera, device=device, **WAYS[request.param], **options)
+                GLRasterizer(mesh, camera, device=device, plan=request.param, **options)
             )
 
         yield open_one

@@ -20,8 +20,8 @@ from of_features import of_features
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.base.checks import LONGEST_SHOWN, shown
 from rastercov.base.files import StrPath
+from rastercov.base.format import LONGEST_SHOWN, shown
 from rastercov.base.typed import VARIADIC, check_type
 from rastercov.core.coverage.coverage import evaluate_batches
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, coordinates, distance, percent, plural
+from rastercov.base import ByName, FloatArray, ReadByName, percent, plural, row_lengths
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import FloatArray
+from rastercov.base.format import coordinates, distance
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated
@@ -28,8 +28,7 @@ from rastercov.core.area.zones import (
     zone_line,
     zones_of,
 )
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, rows_of_result
+from rastercov.core.camera import Cameras, Poses, cameras_of, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.reasons import NO_CAMERAS, TOO_FEW_VIEWS
@@ -145,7 +144,7 @@ def changed_cameras(now: Placed, before: Placed) -> list[Changed]:
     if len(first) != len(second):
         return [*_beyond(first, second, is_added=False), *_beyond(second, first, is_added=True)]
     one, other = first.world_from_camera, second.world_from_camera
-    moved = np.linalg.norm(other[:, :3, 3] - one[:, :3, 3], axis=1)
+    moved = row_lengths(other[:, :3, 3] - one[:, :3, 3])
     chords = np.linalg.norm(other[:, :3, :3] - one[:, :3, :3], axis=(1, 2))
     turned = 2 * np.arcsin(np.minimum(chords / math.sqrt(8), 1.0))
     kinds = cameras_of(old), cameras_of(new)

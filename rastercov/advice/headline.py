@@ -5,7 +5,8 @@ All are made of the summary of a network as commands print it, which has its dea
 
 from collections.abc import Collection, Mapping
 
-from rastercov.base.format import ReadByName, area, percent, plural
+from rastercov.base import ReadByName, percent, plural
+from rastercov.base.format import area
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.figures import in_words

@@ -1,7 +1,6 @@
 """Checks of single values of a camera."""
 
 import math
-import reprlib
 from collections.abc import Container
 from typing import Any
 
@@ -9,14 +8,12 @@ import numpy as np
 from typing_extensions import TypeIs
 
 from rastercov.base.errors import CameraError
-from rastercov.base.format import shortened
+from rastercov.base.format import shown as shown  # others find it here, too
 
 MAX_IMAGE_SIDE = 1 << 17
 """Largest image side in pixels; larger than any sensor, small enough to count samples in int64."""
 MOST_COEFFICIENTS = 100
 """OpenCV has 14 at most."""
-LONGEST_SHOWN = 240
-"""Characters of a value in a line."""
 
 LONGEST = 1e12
 """Pixels: largest focal length, and farthest principal point. float64 tells directions apart to
@@ -125,11 +122,6 @@ def finite_number(value: object) -> float:
 def is_inf(value: object) -> bool:
     """True for positive infinity."""
     return isinstance(value, float | np.floating) and value == math.inf
-
-
-def shown(value: object) -> str:
-    """`value` in at most `LONGEST_SHOWN` characters on one line, whatever it is."""
-    return shortened(" ".join(reprlib.repr(value).split()), LONGEST_SHOWN)
 
 
 def share_meant(value: object) -> str:

@@ -2,6 +2,7 @@
 
 import base64
 import math
+import reprlib
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -12,6 +13,8 @@ ByName = dict[str, Any]
 """Values of any types by their names: an object of JSON, columns of a table."""
 ReadByName = Mapping[str, Any]
 """The same, only read."""
+LONGEST_SHOWN = 240
+"""Characters of a value in a line."""
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
 AREAS = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6), ("µm²", 1e12))
@@ -198,6 +201,11 @@ def shortened(text: str, most: int) -> str:
         return text
     begin = (most - 3) // 2
     return f"{text[:begin]}...{text[len(text) - (most - 3 - begin) :]}"
+
+
+def shown(value: object) -> str:
+    """`value` in at most `LONGEST_SHOWN` characters on one line, whatever it is."""
+    return shortened(" ".join(reprlib.repr(value).split()), LONGEST_SHOWN)
 
 
 def first_of(names: Sequence[str], most: int = 5) -> str:

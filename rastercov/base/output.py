@@ -193,7 +193,7 @@ def named(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
-SCALARS = {str, int, bool, type(None)}
+SCALARS, NUMBERS = {str, int, bool, type(None)}, {int, float}
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 
@@ -203,6 +203,8 @@ def _indented(plain: object, indent: int, width: int = 0, depth: int = 0) -> str
     The encoder of the standard library that indents is written in Python, and a report has as many
     matrices as poses.
     """
+    if type(plain) in NUMBERS:
+        return repr(plain)  # as the encoder writes finite numbers
     if width and len(line := _line(plain)) <= width:
         return line
     if isinstance(plain, dict) and plain:
@@ -211,8 +213,8 @@ def _indented(plain: object, indent: int, width: int = 0, depth: int = 0) -> str
             f"{_line(key)}: {_indented(plain[key], indent, width, depth + 1)}" for key in plain
         ]
     elif isinstance(plain, list):
-        if {*map(type, plain)} <= {int, float}:
-            return f"[{', '.join(map(repr, plain))}]"  # as the encoder writes finite numbers
+        if {*map(type, plain)} <= NUMBERS:
+            return f"[{', '.join(map(repr, plain))}]"
         brackets = "[]"
         lines = [_indented(value, indent, width, depth + 1) for value in plain]
     else:

@@ -23,20 +23,25 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import area, percent, plural, shortened, signed
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import check_place, write_bytes
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    check_choice,
+    check_place,
+    percent,
+    plural,
+    shortened,
+    shown,
+    write_bytes,
+)
+from rastercov.base.format import area, signed
 from rastercov.base.versions import version_of
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.figures import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.zones import face_zones
-from rastercov.core.camera.equipment import equipment_words
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, cameras_of, gates_of, names_of
+from rastercov.core.camera import Poses, Rig, cameras_of, equipment_words, gates_of, names_of
 from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh
@@ -360,13 +365,13 @@ def _crossed(shape: shapely.Geometry) -> shapely.Geometry:
     return shape.intersection(shapely.MultiLineString([((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))]))
 
 
-def _label(point: shapely.Point, text: str, frame: SheetFrame) -> dict[str, Any]:
+def _label(point: shapely.Point, text: str, frame: SheetFrame) -> ByName:
     """A text in the middle of a point of the world."""
     x, y = frame.on_paper(shapely.get_coordinates(point)[0]).tolist()
     return {"x": x, "y": y, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
 
 
-def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> list[dict[str, Any]]:
+def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> list[ByName]:
     """Name and number of each room that the drawing has, in its widest place."""
     return [
         _label(shapely.get_point(circle, 0), shortened(name, 24), frame)
@@ -382,9 +387,7 @@ def _widest(shape: shapely.Geometry, frame: SheetFrame) -> Any:
     return parts[np.argsort(-shapely.area(parts), kind="stable")[:1]]
 
 
-def _dimensions(
-    evaluation: Evaluation, frame: SheetFrame, walls: FloatArray
-) -> list[dict[str, Any]]:
+def _dimensions(evaluation: Evaluation, frame: SheetFrame, walls: FloatArray) -> list[ByName]:
     """Lines from cameras to walls, along the nearest of these and across, with their lengths."""
     entries = []
     for at in evaluation.poses.world_from_camera[:MOST_MEASURED, :2, 3]:
@@ -446,12 +449,12 @@ def _symbols(
     names: Sequence[str],
     frame: SheetFrame,
     taken: Sequence[Mapping[str, Any]],
-) -> list[dict[str, Any]]:
+) -> list[ByName]:
     """Path of each camera, and its name and height with their middle, behind it, in the window.
 
     They keep clear of each other and of labels that are there.
     """
-    entries: list[dict[str, Any]] = []
+    entries: list[ByName] = []
     metre, window = 1e3 / frame.scale, frame.ends
     for name, pose in zip(names, evaluation.poses.world_from_camera, strict=True):
         at, turn = pose[:2, 3], math.radians(mounting_angles(pose)[0])
@@ -521,7 +524,7 @@ def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> di
     }
 
 
-def _symbol(device: SheetDevice, frame: SheetFrame) -> dict[str, Any]:
+def _symbol(device: SheetDevice, frame: SheetFrame) -> ByName:
     """A circle with rays, and the name below it."""
     x, y = frame.on_paper(device.pose[:2, 3]).tolist()
     ways = [(math.cos(turn), math.sin(turn)) for turn in np.arange(8) * math.pi / 4]
@@ -533,7 +536,7 @@ def _symbol(device: SheetDevice, frame: SheetFrame) -> dict[str, Any]:
     return {"x": x, "y": y, "name": shortened(device.name, 24), "symbol": f"M{circle}Z{rays}"}
 
 
-def _convention(north: float | None) -> dict[str, Any]:
+def _convention(north: float | None) -> ByName:
     """Directions of the drawing of heading and tilt, from where they begin to a camera."""
     begin = math.radians(north or 0.0)
     turns = begin + np.linspace(0, math.radians(40 if north is None else -50), 9)
@@ -662,7 +665,7 @@ def _dxf(svg: str, frame: SheetFrame) -> bytes:
     setup_drawing(drawing)
     drawing.units, space = M, drawing.modelspace()
     for group in ElementTree.fromstring(svg).iterfind("{*}g[@id]"):
-        style: dict[str, Any] = {"layer": group.get("id", "")}
+        style: ByName = {"layer": group.get("id", "")}
         weight = round(100 * float(group.get("stroke-width", 0.13)))
         own = colour(group.get("stroke") or group.get("fill"))
         drawing.layers.add(style["layer"], **own, lineweight=weight)

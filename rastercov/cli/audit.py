@@ -4,10 +4,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import typer
+from typer import Argument, Option
 
-from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.format import ByName, area
+from rastercov.base import ByName, CameraError, ConfigError, PoseError
+from rastercov.base.format import area
 from rastercov.cli import options
 from rastercov.cli.console import (
     print_lines,
@@ -18,9 +18,7 @@ from rastercov.cli.console import (
     warn,
 )
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
-from rastercov.core.camera.conventions import Border, Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Conventions, Views, unit_doubts
 from rastercov.core.coverage.task import Task
 from rastercov.formats.cameras import read_through
 from rastercov.shards import Staff, Tally
@@ -39,20 +37,20 @@ class ResultOptions(NamedTuple):
 
     by: Annotated[
         str | None,
-        typer.Option(help="Basis of the result: area or whole faces (face).", show_default="area"),
+        Option(help="Basis of the result: area or whole faces (face).", show_default="area"),
     ] = None
     resolution_of_result: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Patch size (longest side), m; smaller is finer.", show_default="from the scene"
         ),
     ] = None
-    method: Annotated[str, typer.Option(help="Visibility method: certified, exact or sampled.")] = (
+    method: Annotated[str, Option(help="Visibility method: certified, exact or sampled.")] = (
         "certified"
     )
     suggest: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of further images to suggest."),
+        Option(min=1, help="Number of further images to suggest."),
     ] = None
 
 
@@ -61,37 +59,35 @@ class FootprintOptions(NamedTuple):
 
     footprints: Annotated[
         Path | None,
-        typer.Option(help="Write the footprint of each image: .geojson, .kml, .dxf or .gpkg."),
+        Option(help="Write the footprint of each image: .geojson, .kml, .dxf or .gpkg."),
     ] = None
     overlap_map: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Write the number of images that cover each grid cell: .tif (GeoTIFF) or .png."
         ),
     ] = None
     surface: Annotated[
         list[str],
-        typer.Option(
+        Option(
             help="Mesh group to project footprints onto, such as the ground. Repeatable.",
             show_default="the surface seen from above",
         ),
     ] = []  # noqa: RUF012 - typer copies it
     map_cell: Annotated[
         float | None,
-        typer.Option(
-            help="Side of a grid cell of the map, m.", show_default="1/1000 of the extent"
-        ),
+        Option(help="Side of a grid cell of the map, m.", show_default="1/1000 of the extent"),
     ] = None
     crs: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Coordinate reference system, such as EPSG:32632.",
             show_default="that of an ODM, OpenSfM or Metashape project",
         ),
     ] = None
     origin: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Origin of the mesh in the CRS: EASTING,NORTHING[,HEIGHT]; in a geographic CRS "
             "LATITUDE,LONGITUDE[,HEIGHT], with x to the east and y to the north.",
             show_default="0,0,0",
@@ -151,7 +147,7 @@ class FootprintOptions(NamedTuple):
 def audit(
     source: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="CAMERAS",
             help="Cameras and poses: COLMAP folder, transforms.json, Metashape XML or others.",
         ),
@@ -179,7 +175,7 @@ def audit(
 
     Footprints: rastercov audit opensfm/ mesh.ply --footprints images.geojson --overlap-map map.tif
     """
-    from rastercov.base.output import json_text
+    from rastercov.base import json_text
     from rastercov.core.coverage.shards import is_long
     from rastercov.placement.reconstruction import reconstruction
     from rastercov.report.audit import write  # loads pyarrow

@@ -5,15 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.table import Table
+from typer import Argument, Option
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.format import ByName
-from rastercov.base.output import json_text
+from rastercov.base import ByName, check_choice, json_text
 from rastercov.cli import options
 from rastercov.cli.console import Console, print_lines
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.camera.catalogue import KINDS, Catalogue, catalogue, price_of
 from rastercov.core.camera.projection import angles_of_view
 
@@ -49,7 +47,7 @@ NO_ENTRY = "no entry matches; give no words to list all, or --hfov for camera-le
 def cameras(
     words: Annotated[
         list[str] | None,
-        typer.Argument(
+        Argument(
             metavar="WORDS",
             help="Words in the name, maker, product or sensor; telecentric, or a kind of lamp: "
             + ", ".join(KINDS),
@@ -57,27 +55,25 @@ def cameras(
     ] = None,
     hfov: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=0.01,
             max=360,
             help="Horizontal field of view, deg, within 10 %; lists camera-lens pairs.",
         ),
     ] = None,
     min_pixels: Annotated[
-        float, typer.Option(min=0, help="Minimum number of pixels per image, such as 5e6.")
+        float, Option(min=0, help="Minimum number of pixels per image, such as 5e6.")
     ] = 0.0,
-    mount: Annotated[str | None, typer.Option(help="Lens mount: C, CS, S, E or F.")] = None,
+    mount: Annotated[str | None, Option(help="Lens mount: C, CS, S, E or F.")] = None,
     max_price: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=0,
             help="Maximum price: USD for built-in entries, the currency of your catalogue for "
             "others. Leaves out entries without a price.",
         ),
     ] = None,
-    own: Annotated[
-        Path | None, typer.Option("--catalogue", help="Your own catalogue file.")
-    ] = None,
+    own: Annotated[Path | None, Option("--catalogue", help="Your own catalogue file.")] = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Search the catalogue of cameras, lenses, sensor heads and lamps.

@@ -8,11 +8,9 @@ from typing import Annotated, NamedTuple
 
 import typer
 from rich.console import RenderableType
+from typer import Option
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import json_text
+from rastercov.base import ByName, ConfigError, FloatArray, json_text
 from rastercov.cli import options
 from rastercov.cli.console import (
     SETTINGS,
@@ -27,10 +25,7 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Camera, Conventions, Poses, unit_doubts
 from rastercov.core.camera.rig import check_central
 from rastercov.core.mesh import Mesh
 from rastercov.report.folder import ReportFolder
@@ -43,26 +38,24 @@ class ComparisonOptions(NamedTuple):
 
     method: Annotated[
         list[str],
-        typer.Option(
+        Option(
             help="Method to compare: certified, exact or sampled; sampled:cpu selects a device, "
             "sampled@4 takes 4 x 4 samples per pixel, sampled:cpu@4 does both. Repeatable."
         ),
     ] = COMPARED
     against: Annotated[
         str,
-        typer.Option(
+        Option(
             help="Reference: exact (method `exact`, floating point), polygons (polygon clipping), "
             "rational (rational arithmetic, no rounding); the last two take seconds per pose."
         ),
     ] = "exact"
-    faces: Annotated[
-        int, typer.Option(min=0, help="Number of worst faces to draw for each method.")
-    ] = 6
-    convergence: Annotated[
-        bool, typer.Option(help="Also measure convergence with denser sampling.")
-    ] = True
+    faces: Annotated[int, Option(min=0, help="Number of worst faces to draw for each method.")] = 6
+    convergence: Annotated[bool, Option(help="Also measure convergence with denser sampling.")] = (
+        True
+    )
     models: Annotated[
-        bool, typer.Option("--models", help="Compare coverage models instead of methods.")
+        bool, Option("--models", help="Compare coverage models instead of methods.")
     ] = False
 
 
@@ -154,7 +147,7 @@ def _group() -> None:
 @validate.command(cls=Command)
 def markers(
     out: Annotated[Path, out_option("Folder for the page.")] = Path("markers"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 2020,
+    seed: Annotated[int, Option(min=0, help="Seed of the sensor noise.")] = 2020,
     as_json: AsJson = False,
 ) -> None:
     """Predict which ArUco markers OpenCV detects.

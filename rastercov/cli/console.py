@@ -24,8 +24,8 @@ from rich.console import RenderableType
 from rich.segment import Segment
 
 import rastercov
-from rastercov.base.errors import RastercovError, is_out_of_memory
-from rastercov.base.format import ByName, ReadByName, plural, shortened
+from rastercov.base import ByName, RastercovError, ReadByName, plural, shortened
+from rastercov.base.errors import is_out_of_memory
 from rastercov.base.interrupts import (
     ABANDONED,
     announce_end,

@@ -5,14 +5,13 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
+from rastercov.base import ConfigError, plural
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, warn
 from rastercov.cli.inputs import left_out
-from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera import Conventions
 from rastercov.formats.cameras import READERS, WRITERS, format_of, read_views, write_views
 
 
@@ -20,7 +19,7 @@ from rastercov.formats.cameras import READERS, WRITERS, format_of, read_views, w
 def convert(
     source: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="IN",
             help="File or folder to read: COLMAP, transforms.json, OpenCV, ROS, Kalibr, "
             "Metashape, OpenSfM, Bundler, BAL, glTF, MVSNet or rastercov.",
@@ -28,7 +27,7 @@ def convert(
     ],
     target: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="OUT",
             help="File to write, in the format of its suffix: .json, .toml (one camera), "
             "transforms.json, .yaml (OpenCV), .glb (frusta), .npy (poses), or a folder (COLMAP).",
@@ -37,7 +36,7 @@ def convert(
     conventions: Conventions,
     read_as: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--from",
             help=f"Format of IN: {', '.join(READERS)}.",
             show_default="detected from the content",
@@ -45,12 +44,12 @@ def convert(
     ] = None,
     write_as: Annotated[
         str | None,
-        typer.Option(
+        Option(
             "--to", help=f"Format of OUT: {', '.join(WRITERS)}.", show_default="that of the suffix"
         ),
     ] = None,
     camera_name: options.CameraName = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Overwrite OUT.")] = False,
+    overwrite: Annotated[bool, Option("--overwrite", help="Overwrite OUT.")] = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Convert camera and pose files, and report what the target format cannot represent.

@@ -14,7 +14,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import ByName, shortened
+from rastercov.base import ByName, shortened
 from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
 

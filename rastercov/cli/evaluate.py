@@ -12,13 +12,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
-import typer
+from typer import Option
 
 from rastercov.advice import before as differences
-from rastercov.base.errors import ConfigError, PoseError, errors_as
-from rastercov.base.format import ByName, ReadByName, plural, verb
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import json_text, write_npz
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    PoseError,
+    ReadByName,
+    errors_as,
+    json_text,
+    plural,
+)
+from rastercov.base.format import verb
+from rastercov.base.output import write_npz
 from rastercov.cli import options
 from rastercov.cli.console import (
     Console,
@@ -33,14 +41,12 @@ from rastercov.cli.console import (
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
 from rastercov.cli.scene_files import SceneFiles
 from rastercov.core.area.features import narrowed
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, names_of_poses, with_equipment
+from rastercov.core.camera import Camera, Cameras, Conventions, Poses, names_of_poses, unit_doubts
+from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.result_files import OUTPUT_HELP
 from rastercov.shards import Staff, Tally, Workers
 
 if TYPE_CHECKING:
@@ -49,12 +55,16 @@ if TYPE_CHECKING:
     from rastercov.report.coverage import Options
 
 
+USUAL: list[str] = []
+"""Default of --output: the usual files."""
+
+
 class ReportOptions(NamedTuple):
     """Options of the unit of a result, of what measures it, and of its files."""
 
     by: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Basis of the result: area (exact, independent of the triangulation) or face "
             "(whole faces).",
             show_default="area, unless a threshold applies to faces, --min-angle-deg is given or "
@@ -63,19 +73,19 @@ class ReportOptions(NamedTuple):
     ] = None
     method: Annotated[
         str,
-        typer.Option(
+        Option(
             help="Visibility method: certified (proves faces visible or hidden where it can, "
             "computes the rest), exact (computes every face; slower) or sampled (counts samples of "
             "whole faces)."
         ),
     ] = "certified"
     supersample: Annotated[
-        int, typer.Option(help="S for S x S samples per pixel, with --method sampled.")
+        int, Option(help="S for S x S samples per pixel, with --method sampled.")
     ] = 1
     device: options.Device = "auto"
     table: Annotated[
         str,
-        typer.Option(
+        Option(
             help="Pose-face pairs in coverage.parquet: covered, seen (front-facing and in the "
             "image, occluded or not) or all, and by area areas.parquet, with figures of faces; "
             "none writes neither; groups writes groups.parquet instead of pairs: visible and "
@@ -84,18 +94,17 @@ class ReportOptions(NamedTuple):
     ] = "none"
     pictures: Annotated[
         int,
-        typer.Option(
-            min=0, help="Number of poses on the contact sheet; 0 for no PNG or HTML files."
-        ),
+        Option(min=0, help="Number of poses on the contact sheet; 0 for no PNG or HTML files."),
     ] = 12
     full: Annotated[
         str,
-        typer.Option(
+        Option(
             help="Full-size pictures per pose: poses (coverage), faces (face indices), all or none."
         ),
     ] = "none"
     pdf: options.Pdf = False
     level: options.Level = None
+    output: Annotated[list[str], Option(help=OUTPUT_HELP, metavar="FILE")] = USUAL
 
 
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
@@ -114,7 +123,7 @@ def evaluate(
     camera: options.CameraOptions,
     equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),
-    before: Annotated[str | None, typer.Option(help=BEFORE, metavar="POSES")] = None,
+    before: Annotated[str | None, Option(help=BEFORE, metavar="POSES")] = None,
     sheet: options.Sheet = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -229,8 +238,8 @@ def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
     from rastercov.advice.headline import other_lines
     from rastercov.report.tables import run_table
 
-    page = out / "report.html"
-    lines = [str(page if page.exists() else out / "network.glb"), *other_lines(summary, level)]
+    pages = (out / name for name in ("report.html", "network.glb", "summary.json"))
+    lines = [str(next(filter(Path.exists, pages))), *other_lines(summary, level)]
     if "before" in summary:
         lines += differences.lines_of(summary["before"])
     print_lines(*lines)
@@ -240,10 +249,8 @@ def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
 
 def demo(
     out: options.Out = Path("report"),
-    shape: Annotated[
-        str, typer.Option(help=f"Built-in mesh: {', '.join(shapes.NAMES)}.")
-    ] = "aeroplane",
-    poses: Annotated[int, typer.Option(min=1, help="Number of poses around the mesh.")] = 4,
+    shape: Annotated[str, Option(help=f"Built-in mesh: {', '.join(shapes.NAMES)}.")] = "aeroplane",
+    poses: Annotated[int, Option(min=1, help="Number of poses around the mesh.")] = 4,
     device: options.Device = "auto",
     as_json: options.AsJson = False,
 ) -> None:
@@ -296,7 +303,7 @@ def render(
     scene: SceneOptions,
     conventions: Conventions,
     camera: options.CameraOptions,
-    pose: Annotated[int, typer.Option(min=0, help="Row of the pose file, from 0.")] = 0,
+    pose: Annotated[int, Option(min=0, help="Row of the pose file, from 0.")] = 0,
     out: Annotated[Path, out_option("Folder for the files.")] = Path("render"),
     device: options.Device = "auto",
     as_json: options.AsJson = False,

@@ -13,31 +13,41 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple, get_type_hints
 
 import numpy as np
-import typer
+from typer import Option
 
-from rastercov.base.arguments import MOST_POSES
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError
-from rastercov.base.files import (
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    FloatArray,
+    MeshError,
+    PoseError,
+    ReadByName,
     UnreadableError,
-    is_file,
-    is_same_file,
+    plural,
     printable,
     read_toml,
-    seen_from,
+    shortened,
+    shown,
 )
-from rastercov.base.format import ByName, ReadByName, plural, shortened
-from rastercov.base.memory import FloatArray
+from rastercov.base.arguments import MOST_POSES
+from rastercov.base.files import is_file, is_same_file, seen_from
 from rastercov.base.typed import fits
 from rastercov.cli import options
 from rastercov.cli.scene_files import SceneFiles, scene_files
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import (
+    Border,
+    Camera,
+    Conventions,
+    Poses,
+    Rig,
+    Views,
+    equipment_words,
+    look_at,
+    names_of_poses,
+)
 from rastercov.core.camera.catalogue import is_head, is_name
-from rastercov.core.camera.conventions import Border, Conventions
-from rastercov.core.camera.equipment import equipment_words
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, Views, names_of_poses
-from rastercov.core.camera.viewpoints import enclosing_distance, look_at, sphere_of_poses
+from rastercov.core.camera.viewpoints import enclosing_distance, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.groups import by_file, files_named, named
 from rastercov.core.mesh.mesh import names_of
@@ -63,14 +73,14 @@ class SceneOptions(NamedTuple):
 
     unit: Annotated[
         list[str],
-        typer.Option(
+        Option(
             help="Unit of the mesh files: m, mm, cm, um, in, ft, or metres per unit; NAME:UNIT for "
             "one file. Ignored for files that state their unit."
         ),
     ] = UNIT
     transform: Annotated[
         list[str],
-        typer.Option(
+        Option(
             help="Transform of the mesh, as in plan files: any of 'scale = 1, axis = [0, 0, 1], "
             "angle_deg = 90, translation = [0, 0, 1.5]', in metres, applied after --unit; "
             "NAME:TRANSFORM for one file."
@@ -78,24 +88,24 @@ class SceneOptions(NamedTuple):
     ] = []  # noqa: RUF012 - typer copies it
     occluders: Annotated[
         list[str],
-        typer.Option(
+        Option(
             "--occluder",
             help="Mesh file or group (wildcards allowed) that occludes but is not evaluated.",
         ),
     ] = []  # noqa: RUF012 - typer copies it
     two_sided: Annotated[
-        list[str], typer.Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
+        list[str], Option(help="Mesh file or group whose faces are two-sided; 'all' for all.")
     ] = []  # noqa: RUF012 - typer copies it
-    drop_invalid: Annotated[
-        bool, typer.Option(help="Drop faces with invalid coordinates, and warn.")
-    ] = False
+    drop_invalid: Annotated[bool, Option(help="Drop faces with invalid coordinates, and warn.")] = (
+        False
+    )
     targets: Annotated[
         list[str],
-        typer.Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
+        Option("--target", help="Mesh file or group that is evaluated but does not occlude."),
     ] = []  # noqa: RUF012 - typer copies it
     deflection_mm: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Largest distance of triangles from curved surfaces of STEP files, mm "
             "[default: 0.1, or less for small parts]."
         ),

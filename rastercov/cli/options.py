@@ -10,23 +10,21 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
-import typer
+from typer import Argument, Option
 
+from rastercov.base import ByName, ConfigError, hooks_of
 from rastercov.base.arguments import annotations_of, documented, reader_of
-from rastercov.base.errors import ConfigError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName
 from rastercov.cli.console import out_option
 from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
-from rastercov.core.camera.conventions import POSE_CONVENTIONS, Conventions
-from rastercov.core.camera.equipment import EquipmentKind
+from rastercov.core.camera import Conventions, EquipmentKind
+from rastercov.core.camera.conventions import POSE_CONVENTIONS
 from rastercov.core.coverage.task import THESIS, Task
 from rastercov.core.mesh import shapes
 from rastercov.shards import Workers
 
 Meshes = Annotated[
     list[Path],
-    typer.Argument(
+    Argument(
         metavar="MESH",
         help="Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE, STEP, IFC) of one scene, "
         f"or a built-in mesh: {', '.join(shapes.NAMES)}.",
@@ -34,7 +32,7 @@ Meshes = Annotated[
 ]
 CamerasOption = Annotated[
     list[str],
-    typer.Option(
+    Option(
         "--camera",
         "-c",
         help="Camera file of rastercov (.toml, .json), COLMAP, nerfstudio, OpenCV, ROS, Kalibr, "
@@ -47,7 +45,7 @@ CamerasOption = Annotated[
 ]
 PosesOption = Annotated[
     str,
-    typer.Option(
+    Option(
         "--poses",
         "-p",
         help="Pose file of rastercov (.json, .npy), COLMAP, nerfstudio or others; sphere:N for N "
@@ -57,40 +55,40 @@ PosesOption = Annotated[
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
 Pdf = Annotated[
-    bool, typer.Option("--pdf", help="Also print the page to PDF (needs Chromium or Chrome).")
+    bool, Option("--pdf", help="Also print the page to PDF (needs Chromium or Chrome).")
 ]
 Device = Annotated[
     str,
-    typer.Option(
+    Option(
         help="Device for sampling and pictures: auto, cpu, hardware (a GPU), or a name from "
         "rastercov doctor, such as egl:0."
     ),
 ]
 Sheet = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--sheet",
         help="TOML file, such as a plan, whose table [sheet] fills the title block of the page: "
         "project, customer, author, revision, date.",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+AsJson = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 Level = Annotated[
     int | None,
-    typer.Option(
+    Option(
         min=1, help="Depth of the part tree in tables: 1 for assemblies, 2 for their children, ..."
     ),
 ]
 Thesis = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--thesis",
         help="Use eq. (3.6) of E. S. Eissa (2020) exactly, without --min-coverage; see "
         "docs/appendix/equations.md.",
     ),
 ]
 CameraName = Annotated[
-    str | None, typer.Option(help="Name of the camera to use, for files with several.")
+    str | None, Option(help="Name of the camera to use, for files with several.")
 ]
 
 
@@ -103,14 +101,14 @@ class ProcessOptions(NamedTuple):
 
     workers: Annotated[
         int | None,
-        typer.Option(
+        Option(
             help="Number of worker processes on this machine.",
             show_default="threads only",
         ),
     ] = None
     scheduler: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Address of a Dask scheduler: tcp://127.0.0.1:8786, or tls://HOST:PORT.",
         ),
     ] = None
@@ -213,7 +211,7 @@ def _tuple(kind: Callable[..., object], values: ByName) -> object:
 
 def _of_files(kinds: Iterable[SceneFile | EquipmentKind]) -> list[inspect.Parameter]:
     return [
-        _parameter(each.word, None, Annotated[Path | None, typer.Option(help=each.help)])
+        _parameter(each.word, None, Annotated[Path | None, Option(help=each.help)])
         for each in kinds
     ]
 
@@ -222,7 +220,7 @@ def _of_conventions() -> list[inspect.Parameter]:
     of_conventions = []
     for name, (hint, text) in CONVENTIONS.items():
         words = (f"--{name.replace('_', '-')}",) if hint is bool else ()
-        option: Any = Annotated[hint, typer.Option(*words, help=text)]
+        option: Any = Annotated[hint, Option(*words, help=text)]
         of_conventions.append(_parameter(name, False if hint is bool else None, option))
     return of_conventions
 
@@ -270,8 +268,8 @@ def _task(thresholds: ByName) -> Task:
 def _option(hint: object, text: str) -> Any:
     """Annotation of an option for a number; text where names and units are read, too."""
     if (reader := reader_of(hint)) is not None:
-        return Annotated[str, typer.Option(help=text, metavar=reader.metavar)]
-    return Annotated[_plain(hint), typer.Option(help=text)]
+        return Annotated[str, Option(help=text, metavar=reader.metavar)]
+    return Annotated[_plain(hint), Option(help=text)]
 
 
 def _plain(hint: object) -> Any:

@@ -10,11 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
+from typer import Argument, Option
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, RastercovError, errors_as
-from rastercov.base.format import plural
-from rastercov.base.output import json_bytes, json_text
+from rastercov.base import (
+    ConfigError,
+    RastercovError,
+    errors_as,
+    json_bytes,
+    json_text,
+    plural,
+    shown,
+)
 from rastercov.cli.console import (
     Console,
     out_option,
@@ -34,14 +40,14 @@ from rastercov.cli.options import (
     ProcessOptions,
     expanded,
 )
-from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera import Conventions
 from rastercov.core.mesh.groups import listed
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
     from rastercov.placement.plan.run import Placement
 
-PlanFile = Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (.toml).")]
+PlanFile = Annotated[Path, Argument(metavar="PLAN", help="Plan file (.toml).")]
 
 
 WIDTH = 300
@@ -79,7 +85,7 @@ def place(
     ] = None,
     schema: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--schema",
             callback=_print_schema,
             is_eager=True,
@@ -88,7 +94,7 @@ def place(
     ] = False,
     schema_of: Annotated[
         str | None,
-        typer.Option(
+        Option(
             callback=_print_schema,
             is_eager=True,
             metavar="SECTION",
@@ -97,7 +103,7 @@ def place(
     ] = None,
     skip_bad_poses: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--skip-bad-poses",
             help="Exit with 0 even if candidates were skipped because they crashed a worker.",
         ),
@@ -161,23 +167,21 @@ class GoalOptions(NamedTuple):
 
     min_coverage: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Goal: required share of the area, 0 to 1 (not the min_coverage of a face).",
             show_default="from the plan",
         ),
     ] = None
     group: Annotated[
-        list[str], typer.Option(help="NAME=SHARE: required share of a group. Repeatable.")
+        list[str], Option(help="NAME=SHARE: required share of a group. Repeatable.")
     ] = []  # noqa: RUF012 - typer copies it
     views: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="Required number of cameras per point.", show_default="from the plan"
-        ),
+        Option(min=1, help="Required number of cameras per point.", show_default="from the plan"),
     ] = None
     tolerance: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help='Require coverage under installation errors up to these, such as "2 mm, 0.2 deg".',
             metavar="ERRORS",
             show_default="none",
@@ -190,25 +194,25 @@ class OutcomeOptions(NamedTuple):
 
     junit: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Write JUnit XML: one test per requirement, per share against the baseline, and "
             "per dead zone that is new, has grown, or is among the 20 largest."
         ),
     ] = None
     baseline: Annotated[
         Path | None,
-        typer.Option(help="check.json of an earlier check; a worse result fails."),
+        Option(help="check.json of an earlier check; a worse result fails."),
     ] = None
     allow_worse: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Accepted loss against the baseline: percentage points, or an area such as 2cm2.",
             metavar="POINTS|AREA",
             show_default="0",
         ),
     ] = None
     summary: Annotated[
-        Path | None, typer.Option(help="Write a Markdown summary of goals and failures.")
+        Path | None, Option(help="Write a Markdown summary of goals and failures.")
     ] = None
 
 
@@ -217,7 +221,7 @@ def check(
     plan: PlanFile,
     poses: Annotated[
         str,
-        typer.Option(
+        Option(
             "--poses",
             "-p",
             help="Pose file of the rig: rastercov (.json, .npy), COLMAP or others.",

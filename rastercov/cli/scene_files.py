@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rastercov.base.features import hooks_of
+from rastercov.base import hooks_of
 from rastercov.core.mesh import Mesh
 
 if TYPE_CHECKING:

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
-import typer
+from typer import Option
 
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
-from rastercov.core.camera.conventions import Conventions
+from rastercov.core.camera import Conventions
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff
@@ -26,14 +26,12 @@ class TitleOptions(NamedTuple):
     """Entries of the title block; those of the plan, or of the result, unless given."""
 
     project: Annotated[
-        str | None, typer.Option(help="Title of the sheet.", show_default="name of the result")
+        str | None, Option(help="Title of the sheet.", show_default="name of the result")
     ] = None
-    customer: Annotated[str | None, typer.Option(help="Customer named on the sheet.")] = None
-    author: Annotated[str | None, typer.Option(help="Author named on the sheet.")] = None
-    revision: Annotated[str | None, typer.Option(help="Revision of the sheet.")] = None
-    date: Annotated[str | None, typer.Option(help="Date on the sheet.", show_default="today")] = (
-        None
-    )
+    customer: Annotated[str | None, Option(help="Customer named on the sheet.")] = None
+    author: Annotated[str | None, Option(help="Author named on the sheet.")] = None
+    revision: Annotated[str | None, Option(help="Revision of the sheet.")] = None
+    date: Annotated[str | None, Option(help="Date on the sheet.", show_default="today")] = None
 
 
 @options.expanded
@@ -47,23 +45,23 @@ def sheet(
     equipment: options.EquipmentOptions,
     out: Annotated[Path, out_option("Output file: .svg, .pdf or .dxf.")] = Path("plan.svg"),
     poses: RigOption = None,
-    paper: Annotated[str, typer.Option(help="Paper size: A4, A3, A2, A1 or A0, landscape.")] = "A3",
+    paper: Annotated[str, Option(help="Paper size: A4, A3, A2, A1 or A0, landscape.")] = "A3",
     scale: Annotated[
-        str, typer.Option(help="Scale: 1:50, 1:100, ...; auto for the largest that fits.")
+        str, Option(help="Scale: 1:50, 1:100, ...; auto for the largest that fits.")
     ] = "auto",
     floor: Annotated[
-        float | None, typer.Option(help="Height z of the floor, m.", show_default="lowest floor")
+        float | None, Option(help="Height z of the floor, m.", show_default="lowest floor")
     ] = None,
     cut: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Height z of the section through the walls, m.",
             show_default="1.2 m above the floor, or at half height",
         ),
     ] = None,
     north: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=-360,
             max=360,
             help="Direction of north, deg from +x towards +y.",

@@ -6,10 +6,11 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 import typer
+from typer import Option
 
-from rastercov.base.checks import positive, shown
-from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import ByName, bounded, coordinates, shortened
+from rastercov.base import ByName, CameraError, ConfigError, shortened, shown
+from rastercov.base.checks import positive
+from rastercov.base.format import bounded, coordinates
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
@@ -24,26 +25,24 @@ MOST_LINES = 12
 class PeriodOptions(NamedTuple):
     """Times, and what counts of the sun."""
 
-    day: Annotated[str | None, typer.Option(help="Day: YYYY-MM-DD.")] = None
-    year: Annotated[
-        int | None, typer.Option(help="Year, instead of a day.", min=1950, max=2050)
-    ] = None
+    day: Annotated[str | None, Option(help="Day: YYYY-MM-DD.")] = None
+    year: Annotated[int | None, Option(help="Year, instead of a day.", min=1950, max=2050)] = None
     step: Annotated[
         int | None,
-        typer.Option(help="Time step, minutes.", show_default="10; 60 with --year"),
+        Option(help="Time step, minutes.", show_default="10; 60 with --year"),
     ] = None
     north: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Direction of north, deg from +x towards +y.",
             show_default="that of an IFC file, or 90",
         ),
     ] = None
-    min_elevation: Annotated[float, typer.Option(help="Minimum elevation of the sun, deg.")] = 0.0
-    irradiance: Annotated[float, typer.Option(help="Direct normal irradiance, W/m2.")] = 1000.0
+    min_elevation: Annotated[float, Option(help="Minimum elevation of the sun, deg.")] = 0.0
+    irradiance: Annotated[float, Option(help="Direct normal irradiance, W/m2.")] = 1000.0
     penumbra: Annotated[
         bool,
-        typer.Option(help="Also compute hours lit by all of the solar disc, and by at least part."),
+        Option(help="Also compute hours lit by all of the solar disc, and by at least part."),
     ] = False
 
     def times(self, longitude: float) -> tuple[str, int, list[datetime]]:
@@ -73,11 +72,11 @@ class SiteOptions(NamedTuple):
 
     latitude: Annotated[
         float | None,
-        typer.Option(help="Latitude, deg, north positive.", show_default="that of an IFC file"),
+        Option(help="Latitude, deg, north positive.", show_default="that of an IFC file"),
     ] = None
     longitude: Annotated[
         float | None,
-        typer.Option(help="Longitude, deg, east positive.", show_default="that of an IFC file"),
+        Option(help="Longitude, deg, east positive.", show_default="that of an IFC file"),
     ] = None
 
 
@@ -86,14 +85,14 @@ class SurfaceOptions(NamedTuple):
 
     of: Annotated[
         list[str],
-        typer.Option(
+        Option(
             help="Group or part to evaluate (wildcards allowed); all others occlude. Repeatable.",
             show_default="all but occluders",
         ),
     ] = []  # noqa: RUF012 - typer copies it
     at_least: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Minimum sunlight hours per piece of a group, such as 1.5h; exits with 1 if not "
             "reached. A piece is a set of faces whose bounding box touches no other; over 100 "
             "count as one."
@@ -101,7 +100,7 @@ class SurfaceOptions(NamedTuple):
     ] = None
     resolution: Annotated[
         float | None,
-        typer.Option(
+        Option(
             help="Maximum side of a face, m; larger faces are subdivided.",
             show_default="no subdivision",
         ),
@@ -125,7 +124,7 @@ def sun(
 
     Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
-    from rastercov.base.output import json_text
+    from rastercov.base import json_text
     from rastercov.light.sun_report import Study, write
     from rastercov.light.sunlight import LIT_BY, sunlit
 

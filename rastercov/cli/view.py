@@ -11,10 +11,9 @@ from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-from rastercov.base.errors import CameraError, ConfigError, MeshError
-from rastercov.base.format import first_of, plural
+from rastercov.base import CameraError, ConfigError, MeshError, first_of, plural
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, say, shown, size_line, warn
 from rastercov.cli.inputs import (
@@ -27,10 +26,7 @@ from rastercov.cli.inputs import (
     read_rig,
     with_unused,
 )
-from rastercov.core.camera.conventions import Border, Conventions
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Conventions, Poses, Views, unit_doubts
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 
@@ -39,7 +35,7 @@ if TYPE_CHECKING:
 
 Sources = Annotated[
     list[Path],
-    typer.Argument(
+    Argument(
         metavar="PLAN|RESULT|MESH",
         help="Plan (.toml), result folder of evaluate, place or audit, mesh files, or a built-in "
         f"mesh: {', '.join(shapes.NAMES)}. Meshes after a result folder replace its meshes.",
@@ -47,7 +43,7 @@ Sources = Annotated[
 ]
 RigOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--poses",
         "-p",
         help="Rig: a pose file of rastercov or another program, sphere:N or turntable:N@DEG.",
@@ -68,23 +64,21 @@ def view(
     equipment: options.EquipmentOptions,
     poses: RigOption = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for files saved by the viewer.")
+        Path, Option("--out", "-o", help="Folder for files saved by the viewer.")
     ] = Path("view"),
     method: Annotated[
-        str, typer.Option(help="Visibility method: certified, exact or sampled.")
+        str, Option(help="Visibility method: certified, exact or sampled.")
     ] = "certified",
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Local port; 0 for any free port.")
-    ] = 0,
+    port: Annotated[int, Option(min=0, max=65535, help="Local port; 0 for any free port.")] = 0,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address without opening a browser.")
+        bool, Option("--no-browser", help="Print the address without opening a browser.")
     ] = False,
     export: Annotated[
         Path | None,
-        typer.Option(help="Write a self-contained, interactive .html file and exit."),
+        Option(help="Write a self-contained, interactive .html file and exit."),
     ] = None,
     still: Annotated[
-        bool, typer.Option("--still", help="With --export: static results, no editing.")
+        bool, Option("--still", help="With --export: static results, no editing.")
     ] = False,
 ) -> None:
     """View a rig in the browser, move its cameras, and see what they cover.

@@ -16,8 +16,8 @@ from importlib import import_module
 from typing import Any
 from urllib.parse import urlsplit
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, PoolLostError
+from rastercov.base import ConfigError, shown
+from rastercov.base.errors import PoolLostError
 from rastercov.shards.workers import Elsewhere
 
 CONNECT_SECONDS = 20

@@ -19,4 +19,14 @@ struct Range {
     }
 };
 
+// Of the coordinates of some points in a plane.
+struct Rectangle {
+    Range x, y;
+
+    void add(double at_x, double at_y) {
+        x.add(at_x);
+        y.add(at_y);
+    }
+};
+
 } // namespace rastercov

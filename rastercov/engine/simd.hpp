@@ -2,7 +2,7 @@
 // SSE or NEON; and `Doubles`, one register of them, for loops that hold many vectors at a time.
 //
 // Written over the vector extension of GCC and Clang, so that operators are those of C++; only
-// what the extension lacks (masks, gather, floor, sqrt) names an instruction set. A comparison
+// what the extension lacks (masks, gather) names an instruction set. A comparison
 // gives a mask, `Vec<T>::M`: all bits of a lane, or a bit in a mask register of AVX-512. Its
 // operators are & | ~; take `bits` only where scalar code needs them. Every operation rounds as the
 // scalar one does: results are equal on all levels. tests/native/test_levels.py holds each level
@@ -502,45 +502,19 @@ template <int N> struct Pairs {
     }
 };
 
-INLINE Double floor(Double v) {
-    return Double::make(EACH(k) {
-#if defined(__AVX512F__)
-        return Double::R(_mm512_roundscale_pd((__m512d)v.r[k], 0x09));
-#elif defined(__AVX2__)
-        return Double::R(_mm256_floor_pd((__m256d)v.r[k]));
-#elif defined(__SSE4_1__)
-        return Double::R(_mm_floor_pd((__m128d)v.r[k]));
-#else
-        Double::R x; for (int i = 0; i < Double::WIDTH; i++) x[i] = std::floor(v.r[k][i]); return x;
-#endif
+// A function of each lane. Compilers make one instruction a register of those that it has.
+template <class T, int L, class Of> INLINE Vec<T, L> each_lane(Vec<T, L> v, Of of) {
+    return Vec<T, L>::make(EACH(k) {
+        Register<T> found;
+        for (int i = 0; i < Vec<T, L>::WIDTH; i++) found[i] = of(v.r[k][i]);
+        return found;
     });
 }
-INLINE Float floor(Float v) {
-    return Float::make(EACH(k) {
-#if defined(__AVX512F__)
-        return Float::R(_mm512_roundscale_ps((__m512)v.r[k], 0x09));
-#elif defined(__AVX2__)
-        return Float::R(_mm256_floor_ps((__m256)v.r[k]));
-#elif defined(__SSE4_1__)
-        return Float::R(_mm_floor_ps((__m128)v.r[k]));
-#else
-        Float::R x; for (int i = 0; i < Float::WIDTH; i++) x[i] = std::floor(v.r[k][i]); return x;
-#endif
-    });
+template <class T, int L> INLINE Vec<T, L> floor(Vec<T, L> v) {
+    return each_lane(v, [](T lane) __attribute__((always_inline)) { return std::floor(lane); });
 }
 template <int L> INLINE Vec<double, L> sqrt(Vec<double, L> v) {
-    using V = Vec<double, L>;
-    return V::make(EACH(k) {
-#if defined(__AVX512F__)
-        return typename V::R(_mm512_sqrt_pd((__m512d)v.r[k]));
-#elif defined(__AVX2__)
-        return typename V::R(_mm256_sqrt_pd((__m256d)v.r[k]));
-#elif defined(__SSE2__)
-        return typename V::R(_mm_sqrt_pd((__m128d)v.r[k]));
-#else
-        typename V::R x; for (int i = 0; i < V::WIDTH; i++) x[i] = std::sqrt(v.r[k][i]); return x;
-#endif
-    });
+    return each_lane(v, [](double lane) __attribute__((always_inline)) { return std::sqrt(lane); });
 }
 template <class T, int L> INLINE Vec<T, L> abs(Vec<T, L> v) {
     using I = Vec<typename IntOf<sizeof(T)>::type, L>;

@@ -19,11 +19,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.files import parsed_json
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.pose import Poses
+from rastercov.base import ConfigError, FloatArray, parsed_json, shown
+from rastercov.core.camera import Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
 from rastercov.formats.cameras.source import Source

@@ -13,21 +13,20 @@ rasteriser and moderngl are therefore imported when one of the names below is fi
 
 from typing import TYPE_CHECKING, Any
 
-from rastercov.base.errors import DeviceError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.camera import Camera
+from rastercov.base import ByName, DeviceError, ReadByName
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import Drawer
 from rastercov.core.raster.contract import Rasterizer
 
 if TYPE_CHECKING:
-    from rastercov.gl.rasterizer import PLANS, WAYS, GLRasterizer
+    from rastercov.gl.rasterizer import PLANS, GLRasterizer
 
-__all__ = ["PLANS", "WAYS", "GLRasterizer"]
+__all__ = ["PLANS", "GLRasterizer"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the rasteriser on first use of `GLRasterizer`, `PLANS` or `WAYS`.
+    """Import the rasteriser on first use of `GLRasterizer` or `PLANS`.
 
     Raises
     ------

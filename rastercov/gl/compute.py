@@ -1,50 +1,58 @@
-"""Strategy of the plan "compute": compute shaders fill the triangles.
+"""Strategy of the plan "compute": compute shaders fill triangles, tile by tile, in shared memory.
 
-For data-centre GPUs, most of whose units can compute but not rasterise. `shaders/raster.comp.glsl`
-describes the fill; this module orders the passes. A batch of poses takes these steps, and only
-counts are read back:
+Most units of a GPU can compute and not rasterise. A batch of poses takes these steps, of which the
+host reads two words between the second and the third, and counts at the end:
 
-1. clear the keys, 64 bits a sample: inverse depth, then face index;
-2. project, clip and fill all faces of all poses, larger ones through a queue;
-3. without 64-bit atomics, a second pass to find the faces that have the depths found;
-4. count the faces in the keys; repeat all steps in parts if the queue was too small.
+    setup.comp   an invocation a face and pose: project, clip, round, keep what may cover a sample
+    list.comp    count the triangles that may cover a tile of 32 x 32 samples, of each pose
+    scan.comp    where the list of each tile starts: exact room, whatever the scene
+    list.comp    enter the triangles in the lists
+    fill.comp    a workgroup a tile: depth tests in shared memory, then counts
 
-Results equal those of the CPU rasteriser, so its near plane is used, not the one fitted to a pose.
+Where a batch needs more room than a storage block has, it is divided by poses, then by parts of the
+canvas. Results equal those of the CPU rasteriser, bit for bit, so its near plane is used.
+
+S. Laine, T. Karras. High-Performance Software Rasterization on GPUs. 2011.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
+import moderngl
 import numpy as np
 
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array
-from rastercov.core.camera.camera import Camera
+from rastercov.base import Float32Array, FloatArray, Int32Array, ResourceError
+from rastercov.core.camera import Camera
 from rastercov.core.camera.near_plane import limits
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
+from rastercov.core.raster.cpu import farthest_depths
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.core.raster.tie_order import in_one_order
 from rastercov.gl.resources import Resources, set_uniforms
 from rastercov.gl.strategy import COUNTER_BYTES, Strategy, WordArray
 
-MAX_POSES = 256  # poses in one batch, within the limits of memory: enough to fill a large device
-GROUP_FACES = 64  # faces of a workgroup, local_size_x of raster.comp
-MAX_FACES = 65535 * GROUP_FACES  # faces of one dispatch; OpenGL guarantees 65,535 workgroups
-SMALL = 64  # samples of the largest bounding box of a triangle that one invocation fills
-ROWS = 32  # rows of a larger triangle that one workgroup fills
-MAX_FAN = 6  # most triangles of a clipped face
-MAX_PIECES = 1 << 18
-"""Capacity of the queue of pieces of larger triangles, unless `GROUP_FACES` faces can need more."""
-EMPTY = np.array((0, 1, 1, 0), np.uint32)  # start of the queue: workgroups x, y, z, pieces
-HEAD_WORDS, IS_FULL = 6, 4  # words before the pieces, and which of them is set by an overflow
-FAR_OUT = 1 << 25
-"""Steps of 1/256 sample from the tile beyond which triangles are clipped: products of two such
-lengths are integers below 2^53, which a double holds exactly."""
-KEY_BYTES, PIECE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 72, 24, 12, 8
-"""Bytes of a sample's key, a struct `Piece`, a vertex (3 doubles), a face, a row of samples."""
-# Rows of struct Pose of raster.comp, dvec4; the last is (near, cull).
-RIGHT, DOWN, FORWARD, EYE, LENS, NEAR_AND_CULL, RECORD_ROWS = range(7)
+MAX_POSES = 1024
+"""Poses in one batch, within the limits of memory: enough to fill a large device."""
+GROUP_FACES = 64  # faces of a workgroup, local_size_x of setup.comp and list.comp
+MAX_GROUPS = 65535  # workgroups along one side of a dispatch that OpenGL guarantees
+TILE, SMALL, SCANNED = 32, 32, 1024
+"""Samples along the side of a tile; samples of a triangle in it that one invocation fills; lists
+that a workgroup of scan.comp adds up."""
+GROUP, GROUP_IN_SOFTWARE = 128, 64
+"""Invocations that fill a tile."""
+KEY_BYTES, TRIANGLE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 64, 24, 12, 8
+"""Bytes of a sample's key, a struct `Triangle`, a vertex (3 doubles), a face, a row of samples."""
+# Rows of struct Pose of setup.comp, dvec4; the last is (near, cull, farthest, unused).
+RIGHT, DOWN, FORWARD, EYE, LENS, LIMITS, RECORD_ROWS = range(7)
 RECORD_VALUES = 4 * RECORD_ROWS
-COUNTS, RUNS, KEYS, QUEUE, POSES, VERTICES, FACES = range(7)  # bindings of storage buffers
+STATUS, TRIANGLES, HEADS, STARTS, SUMS = range(5)  # bindings of storage buffers of triangle.glsl
+POSES, VERTICES, FACES = 5, 6, 7  # of setup.comp
+LISTS, COUNTS, RUNS = (
+    5,
+    6,
+    7,
+)  # of list.comp and fill.comp, where an image may be in place of counts
 
 
 class ComputeScene:
@@ -66,6 +74,8 @@ class ComputePoses:
         First sample of each row inside the image, and the one after its last.
     near, clipped : (P,) float64, (P,) bool
         Near plane, and whether it cuts a surface in view.
+    farthest : (P,) float64
+        `farthest_depths` of parallel rays, 0 of pinholes.
     records : (P, 24) float64
         Entries of the buffer of poses, structs `Pose`.
     """
@@ -77,12 +87,15 @@ class ComputePoses:
         fields[:, : EYE + 1, :3] = grid.axes(poses)[:, :3].transpose(0, 2, 1)
         fields[:, EYE, :3] -= scene.centre
         fields[:, LENS] = grid.lens
-        fields[:, NEAR_AND_CULL, :2] = np.stack((self.near, cull), axis=1)
+        self.farthest: FloatArray = np.zeros(len(poses))
+        if grid.is_parallel:
+            self.farthest = farthest_depths(scene.mesh, poses, self.near)
+        fields[:, LIMITS, :3] = np.stack((self.near, cull, self.farthest), axis=1)
         self.records = fields.reshape(-1, RECORD_VALUES)
 
 
 class Compute(Strategy):
-    """`Strategy` on compute shaders; `image_budget` covers counters, too."""
+    """`Strategy` on compute shaders; `image_budget` covers triangles and counters, too."""
 
     depth = "float32 1/z"
 
@@ -92,30 +105,36 @@ class Compute(Strategy):
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
         width = min(self.max_tile, wide, block // KEY_BYTES)
         self.tile = (width, min(self.max_tile, high, block // (KEY_BYTES * width)))
-        n_samples = max(self.tile[0] * self.tile[1], self_test.WIDTH * self_test.HEIGHT)
         most_faces = max(mesh.n_faces, self_test.MESH.n_faces)
-        key_bytes, counter_bytes = KEY_BYTES * n_samples, COUNTER_BYTES * (most_faces + 1)
-        in_budget = self.image_budget // (key_bytes + counter_bytes)
-        fitting = min(in_budget, block // max(key_bytes, counter_bytes))
+        tiles = max(n_tiles(self.tile), n_tiles((self_test.WIDTH, self_test.HEIGHT)))
+        counter_bytes = 2 * COUNTER_BYTES * (most_faces + 1)
+        triangle_bytes, list_bytes = TRIANGLE_BYTES * most_faces, COUNTER_BYTES * tiles
+        in_budget = self.image_budget // (triangle_bytes + counter_bytes + 2 * list_bytes)
+        fitting = min(in_budget, block // max(triangle_bytes, counter_bytes, list_bytes))
         self._layers = max(1, min(MAX_POSES, fitting))
-        pieces = min(2 * self._layers * most_faces, block // PIECE_BYTES)
-        pieces_of_face = MAX_FAN * -(-max(self.tile[1], self_test.HEIGHT) // ROWS)
-        self._capacity = max(GROUP_FACES * pieces_of_face, min(MAX_PIECES, pieces))
-        self._faces_at_once, self._poses_at_once = MAX_FACES, MAX_POSES
-        defines = {"SMALL": SMALL, "ROWS": ROWS, "FAR_OUT": FAR_OUT}
-        self._n_passes = 2
-        if resources.context.info.has_int64_atomics:
-            defines["ATOMIC64"] = self._n_passes = 1
-        self._small = resources.compute("raster", **defines)
-        self._pieces = resources.compute("raster", QUEUED=1, **defines)
-        self._counting = resources.compute("count", KEYS=1, ROLLED=1)
-        self._records = resources.buffer("poses", size=8 * RECORD_VALUES * self._layers)
-        self._keys = resources.buffer("depths and faces", size=key_bytes * self._layers)
-        self._counters = resources.buffer("face counters", size=counter_bytes * self._layers)
-        queue_bytes = COUNTER_BYTES * HEAD_WORDS + PIECE_BYTES * self._capacity
-        self._queue = resources.buffer("queue", size=queue_bytes)
+        info = resources.context.info
+        defines = {"TILE": TILE, "SMALL": SMALL}
+        defines["GROUP"] = GROUP_IN_SOFTWARE if info.is_software else GROUP
+        defines |= {"ATOMIC64": 1} if info.has_int64_atomics else {}
+        defines |= {"ROLLED": 1} if grid.is_rolled else {}
+        self._setup, self._list, self._scan, self._fill = (
+            resources.compute(name, **defines) for name in ("setup", "list", "scan", "fill")
+        )
+        self._fill_image = resources.compute("fill", KEYS=1, **defines)
+        buffer = resources.buffer
+        self._status = buffer("numbers of triangles", size=2 * COUNTER_BYTES)
+        self._records = buffer("poses", size=8 * RECORD_VALUES * self._layers)
+        self._counters = buffer("face counters", size=counter_bytes * self._layers)
+        self._heads = buffer("lengths of lists", size=list_bytes * self._layers)
+        self._starts = buffer("starts of lists", size=list_bytes * self._layers)
+        n_sums = -(-tiles * self._layers // SCANNED)
+        self._sums = buffer("sums of lists", size=COUNTER_BYTES * n_sums)
         rows = max(grid.height, camera.height, self_test.HEIGHT)
-        self._runs = resources.buffer("rows of samples", size=RUN_BYTES * rows)
+        self._runs = buffer("rows of samples", size=RUN_BYTES * rows)
+        # These grow with what the scene needs.
+        self._triangles = buffer("triangles", size=triangle_bytes * self._layers)
+        self._lists = buffer("lists of triangles", size=COUNTER_BYTES * most_faces * self._layers)
+        self._image = buffer("image", size=KEY_BYTES)
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> ComputeScene:
         """Upload a mesh."""
@@ -133,104 +152,133 @@ class Compute(Strategy):
 
     def begin(self, prepared: ComputePoses, rows: slice) -> None:
         """Upload the poses of a batch."""
-        self._records.write(prepared.records[rows])
-        self._runs.write(prepared.runs)
+        self._resources.write(self._records, prepared.records[rows])
+        self._resources.write(self._runs, prepared.runs)
 
     def count(
         self, scene: ComputeScene, prepared: ComputePoses, rows: slice, tile: Box, *, drawn: bool
     ) -> tuple[WordArray, WordArray, WordArray | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
-        n_poses = rows.stop - rows.start
-        while True:
-            drawn_counts = self._draw(scene, n_poses, tile, drawn=drawn)
-            visible, background = self._count_on_device(scene.mesh.n_faces, tile, n_poses)
-            if self._queue_sufficed(scene.mesh.n_faces, n_poses):
-                return visible, background, drawn_counts
+        n_poses, stride, layers = rows.stop - rows.start, scene.mesh.n_faces + 1, 1 + drawn
+        self._resources.zero(self._counters, COUNTER_BYTES * layers * n_poses * stride)
+        set_uniforms(self._fill, stride=stride, first_drawn=n_poses * stride, with_drawn=drawn)
+        set_uniforms(self._setup, with_drawn=drawn)
+        self._draw(scene, range(n_poses), tile, self._fill, self._counters)
+        counts = self._resources.read_words(self._counters, layers, n_poses, stride)
+        return counts[0, :, 1:], counts[0, :, 0], counts[1, :, 1:] if drawn else None
 
     def image(
         self, scene: ComputeScene, prepared: ComputePoses, tile: Box
     ) -> tuple[Int32Array, Float32Array]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
-        while True:
-            self._draw(scene, 1, tile, drawn=False)
-            if self._queue_sufficed(scene.mesh.n_faces, 1):
-                break
-        keys = self._resources.read_words(self._keys, tile[3], tile[2], 2)
+        self._resources.grow(self._image, KEY_BYTES * tile[2] * tile[3], "image")
+        set_uniforms(self._setup, with_drawn=False)
+        set_uniforms(self._fill_image, image_corner=tile[:2], image_width=tile[2])
+        self._draw(scene, range(1), tile, self._fill_image, self._image)
+        keys = self._resources.read_words(self._image, tile[3], tile[2], 2)
         owner, inverse = keys[..., 0], keys[..., 1].copy().view(np.float32)
         face = np.where(owner == 0, -1, (~owner).view(np.int32) - 1)
         with np.errstate(divide="ignore"):
-            depth = (1 / inverse.astype(np.float64)).astype(np.float32)
+            depth = 1 / inverse.astype(np.float64)
+        if prepared.farthest[0]:
+            depth = np.where(inverse > 0, prepared.farthest[0] - inverse, depth)
         # A face cut at the near plane can cover a sample 1/512 sample beyond its edge.
-        return face, np.maximum(depth, np.float32(prepared.near[0]))
+        return face, np.maximum(depth.astype(np.float32), np.float32(prepared.near[0]))
 
     # --- steps ----------------------------------------------------------------------------------
 
     def _draw(
-        self, scene: ComputeScene, n_poses: int, tile: Box, *, drawn: bool
-    ) -> WordArray | None:
-        """Fill the keys; with `drawn`, return the samples that each face covers alone."""
-        buffers = {
-            COUNTS: self._counters,
-            RUNS: self._runs,
-            KEYS: self._keys,
-            QUEUE: self._queue,
-            POSES: self._records,
-            VERTICES: scene.vertices,
-            FACES: scene.faces,
-        }
-        for binding, buffer in buffers.items():
-            buffer.bind_to_storage_buffer(binding)
-        self._clear(n_poses * tile[2] * tile[3])
-        self._resources.zero(self._queue, COUNTER_BYTES * HEAD_WORDS)
-        n_faces, counts = scene.mesh.n_faces, None
-        for which_pass in range(self._n_passes):
-            is_counted = drawn and which_pass == 0
-            for program in (self._small, self._pieces):
-                set_uniforms(
-                    program,
-                    size=tile[2:],
-                    corner=tile[:2],
-                    stride=n_faces + 1,
-                    capacity=self._capacity,
-                    with_drawn=is_counted,
-                    which_pass=which_pass,
-                )
-            if is_counted:
-                self._resources.zero(self._counters, COUNTER_BYTES * n_poses * (n_faces + 1))
-            for face in range(0, n_faces, self._faces_at_once):
-                faces = face, min(face + self._faces_at_once, n_faces)
-                for pose in range(0, n_poses, self._poses_at_once):
-                    self._fill(faces, pose, min(self._poses_at_once, n_poses - pose))
-            if is_counted:
-                counts = self._resources.read_words(self._counters, n_poses, n_faces + 1)[:, 1:]
-        return counts
-
-    def _clear(self, n_samples: int) -> None:
-        self._resources.zero(self._keys, KEY_BYTES * n_samples)
-
-    def _fill(self, faces: tuple[int, int], first_pose: int, n_poses: int) -> None:
-        """Fill the small triangles of a range of faces, then the pieces of the larger ones."""
-        set_uniforms(self._small, faces_to_draw=faces, first_view=first_pose)
-        self._queue.write(EMPTY)
-        self._small.run(-(-(faces[1] - faces[0]) // GROUP_FACES), 1, n_poses)
-        self._resources.gl.memory_barrier()
-        self._pieces.run_indirect(self._queue)
-        self._resources.gl.memory_barrier()
-
-    def _queue_sufficed(self, n_faces: int, poses: int) -> bool:
-        """True when the queue held all pieces; if not, later draws take fewer faces or poses.
-
-        Raises
-        ------
-        DeviceError
-            When it was too small for a draw that always fits.
-        """
-        if not self._resources.read_words(self._queue, HEAD_WORDS)[IS_FULL]:
-            return True
-        if (faces := min(self._faces_at_once, n_faces)) > GROUP_FACES:
-            self._faces_at_once = faces // 2
-        elif (at_once := min(self._poses_at_once, poses)) > 1:
-            self._poses_at_once = at_once // 2
+        self, scene: ComputeScene, views: range, part: Box, fill: Any, result: moderngl.Buffer
+    ) -> None:
+        """Draw some poses of a batch into a part of the canvas, in as many turns as it needs."""
+        n_triangles, n_listed = self._set_up(scene, views, part)
+        room = self._block // TRIANGLE_BYTES, self._block // COUNTER_BYTES
+        if n_triangles > room[0] or n_listed > room[1]:
+            for some, smaller in self._halves(views, part):
+                self._draw(scene, some, smaller, fill, result)
         else:
-            raise self._resources.untrusted(f"has no room for the pieces of {GROUP_FACES} faces")
-        return False
+            self._resources.grow(self._lists, COUNTER_BYTES * n_listed, "lists of triangles")
+            self._bind({LISTS: self._lists, COUNTS: result, RUNS: self._runs})
+            self._enter(n_triangles, writes=True)
+            across, down = n_tiles_of(part)
+            set_uniforms(fill, **self._place(views, part))
+            fill.run(across, down, len(views))
+            self._resources.gl.memory_barrier()
+
+    def _set_up(self, scene: ComputeScene, views: range, part: Box) -> tuple[int, int]:
+        """Set up triangles and find where lists start; numbers of triangles and of entries."""
+        n_lists, n_faces = len(views) * n_tiles(part[2:]), scene.mesh.n_faces
+        room = self._block // TRIANGLE_BYTES
+        while True:
+            self._resources.zero(self._status, 2 * COUNTER_BYTES)
+            self._resources.zero(self._heads, COUNTER_BYTES * n_lists)
+            capacity = self._triangles.size // TRIANGLE_BYTES
+            uniforms = self._place(views, part)
+            self._bind({POSES: self._records, VERTICES: scene.vertices, FACES: scene.faces})
+            for first in range(0, n_faces, MAX_GROUPS * GROUP_FACES):
+                end = min(first + MAX_GROUPS * GROUP_FACES, n_faces)
+                set_uniforms(self._setup, **uniforms, faces_to_draw=(first, end))
+                self._setup.run(-(-(end - first) // GROUP_FACES), 1, len(views))
+            self._resources.gl.memory_barrier()
+            set_uniforms(self._list, **uniforms)
+            self._enter(min(capacity, n_faces * len(views)), writes=False)
+            self._start(n_lists)
+            n_triangles, n_listed = self._resources.read_words(self._status, 2).tolist()
+            if n_triangles <= capacity or n_triangles > room:
+                return n_triangles, n_listed
+            self._resources.grow(self._triangles, TRIANGLE_BYTES * n_triangles, "triangles")
+
+    def _place(self, views: range, part: Box) -> dict[str, object]:
+        """Uniforms of some poses in a part of the canvas."""
+        tiles = n_tiles_of(part)
+        return {"first_view": views.start, "corner": part[:2], "size": part[2:], "tiles": tiles}
+
+    def _bind(self, buffers: dict[int, moderngl.Buffer]) -> None:
+        """Bind what all stages share, and the buffers of one."""
+        shared = self._status, self._triangles, self._heads, self._starts, self._sums
+        for binding, buffer in (dict(enumerate(shared)) | buffers).items():
+            buffer.bind_to_storage_buffer(binding)
+
+    def _enter(self, n_triangles: int, *, writes: bool) -> None:
+        """Count the entries of lists, or write them."""
+        set_uniforms(self._list, writes=writes)
+        self._list.run(max(1, min(MAX_GROUPS, -(-n_triangles // GROUP_FACES))))
+        self._resources.gl.memory_barrier()
+
+    def _start(self, n_lists: int) -> None:
+        """Find where each list starts."""
+        n_sums = -(-n_lists // SCANNED)
+        for n, of_sums, groups in ((n_lists, False, n_sums), (n_sums, True, 1)):
+            set_uniforms(self._scan, n=n, of_sums=of_sums)
+            self._scan.run(groups)
+            self._resources.gl.memory_barrier()
+
+    def _halves(self, views: range, part: Box) -> list[tuple[range, Box]]:
+        """Poses in two halves; one pose in two parts of the canvas, along the borders of tiles."""
+        if (n := len(views)) > 1:
+            return [(views[: n // 2], part), (views[n // 2 :], part)]
+        left, top, width, height = part
+        across, down = n_tiles_of(part)
+        if max(across, down) == 1:
+            raise ResourceError(
+                f"expected room for the triangles of a tile of {TILE} x {TILE} samples in storage "
+                f"blocks of {self._block:,} bytes, got more triangles; use backend 'cpu'"
+            )
+        if across >= down:
+            at = across // 2 * TILE
+            parts = (left, top, at, height), (left + at, top, width - at, height)
+        else:
+            at = down // 2 * TILE
+            parts = (left, top, width, at), (left, top + at, width, height - at)
+        return [(views, each) for each in parts]
+
+
+def n_tiles_of(part: Box) -> tuple[int, int]:
+    """Tiles in a row of a part of the canvas, and rows of tiles."""
+    return -(-part[2] // TILE), -(-part[3] // TILE)
+
+
+def n_tiles(size: tuple[int, int]) -> int:
+    """Tiles of a part of the canvas of some size."""
+    across, down = n_tiles_of((0, 0, *size))
+    return across * down

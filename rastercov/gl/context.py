@@ -24,7 +24,7 @@ from typing import Any, cast
 
 import moderngl
 
-from rastercov.base.errors import DeviceError
+from rastercov.base import DeviceError
 from rastercov.base.threads import Unique
 from rastercov.gl import devices
 from rastercov.gl.devices import DeviceInfo

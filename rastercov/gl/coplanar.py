@@ -10,7 +10,7 @@ Faces that overlap are in contact, so the pairs to test are those of `Mesh.conta
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, IntArray
+from rastercov.base import BoolArray, IntArray
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import first_equal_row
 

@@ -17,9 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import DeviceError
-from rastercov.base.format import ByName
+from rastercov.base import ByName, DeviceError, shown
 from rastercov.gl.libraries import (
     EGL_EXTENSIONS,
     INSTALL_EGL,
@@ -35,16 +33,9 @@ GL_EXTENSIONS, GL_NUM_EXTENSIONS = 0x1F03, 0x821D
 LIMITS = {  # name: that of moderngl
     "max_texture_size": "GL_MAX_TEXTURE_SIZE",
     "max_viewport_dims": "GL_MAX_VIEWPORT_DIMS",
-    "max_array_layers": "GL_MAX_ARRAY_TEXTURE_LAYERS",
     "max_ssbo_bytes": "GL_MAX_SHADER_STORAGE_BLOCK_SIZE",
     "subpixel_bits": "GL_SUBPIXEL_BITS",
 }
-LAYER_EXTENSIONS = (
-    "GL_ARB_shader_viewport_layer_array",
-    "GL_AMD_vertex_shader_layer",
-    "GL_NV_viewport_array2",
-)
-"""gl_Layer in vertex shaders, an extension of every core version: any of them."""
 SOFTWARE_RENDERERS = re.compile(
     r"llvmpipe|softpipe|swrast|swiftshader|lavapipe|software rasterizer|basic render", re.IGNORECASE
 )
@@ -122,14 +113,14 @@ class ContextInfo:
     extensions: frozenset[str]
 
     @property
-    def has_batches(self) -> bool:
-        """Features of layers: many poses in one draw, counted on the device."""
-        return not self.extensions.isdisjoint(LAYER_EXTENSIONS)
+    def has_int64(self) -> bool:
+        """Integers of 64 bits, which the plan "compute" needs."""
+        return "GL_ARB_gpu_shader_int64" in self.extensions
 
     @property
     def has_int64_atomics(self) -> bool:
         """64-bit atomicMax on storage buffers: depth and face index in one word."""
-        return {"GL_NV_shader_atomic_int64", "GL_ARB_gpu_shader_int64"} <= self.extensions
+        return self.has_int64 and "GL_NV_shader_atomic_int64" in self.extensions
 
 
 SURFACELESS = DeviceInfo("egl-surfaceless", None, "EGL without a surface", is_software=True)

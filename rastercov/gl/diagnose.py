@@ -18,11 +18,10 @@ from typing import Any, get_args
 
 import rastercov
 from rastercov import shaders
-from rastercov.base.errors import DeviceError, RastercovError
-from rastercov.base.format import ByName
-from rastercov.base.threads import Closing, child_environment, thread_count
+from rastercov.base import ByName, Closing, DeviceError, RastercovError, thread_count
+from rastercov.base.threads import child_environment
 from rastercov.base.versions import untested_versions, version_of
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.self_test import PASSED
@@ -188,14 +187,16 @@ def verify_device(label: str) -> Report:
     """
     # Not above, as in `open_device`.
     from rastercov.gl.context import open_context
-    from rastercov.gl.rasterizer import WAYS, GLRasterizer
+    from rastercov.gl.rasterizer import PLANS, GLRasterizer
 
     with open_context(label) as context:
-        for way, options in WAYS.items():
+        for plan in PLANS:
+            if plan == "compute" and not context.info.has_int64:
+                continue
             try:
-                _verify(partial(GLRasterizer, device=context, **options))
+                _verify(partial(GLRasterizer, device=context, plan=plan))
             except RastercovError as error:
-                raise DeviceError(f"plan {way}: {error}") from error
+                raise DeviceError(f"plan {plan}: {error}") from error
     return {}
 
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 from functools import cache, partial
 from typing import Any
 
-from rastercov.base.errors import DeviceError
+from rastercov.base import DeviceError
 from rastercov.base.format import to_install
 
 EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")

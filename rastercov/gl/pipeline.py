@@ -2,12 +2,8 @@
 
 Each face is drawn with its index + 1 as colour into a 32-bit integer image; the depth buffer keeps
 the nearest. Depth is float32 and reversed (near is 1, infinity 0), which gives the same relative
-precision at every distance, with near fitted to each pose. Two ways share shaders and state:
-
-- one pose at a time, ids read back and counted by numpy. On Mesa's llvmpipe batches gain nothing,
-  and reading back is a copy in memory.
-- layers: many poses a draw, one image layer each; a compute shader counts, and only counts are
-  read back.
+precision at every distance, with near fitted to each pose. Poses are drawn one at a time, and their
+ids are read back and counted by numpy: on Mesa's llvmpipe that is a copy in memory.
 
 `drawn` counts come from a second pass without the depth test, where every sample adds one to its
 face's counter.
@@ -22,61 +18,43 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array, IntArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import Float32Array, FloatArray, Int32Array, IntArray
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.gl.coplanar import coplanar_overlaps
-from rastercov.gl.resources import SAMPLE_BYTES, Resources, Target
+from rastercov.gl.resources import Resources, Target
 from rastercov.gl.scene import NEAREST, RAYS_BYTES, RECORD_BYTES, DeviceScene, PreparedPoses
 from rastercov.gl.strategy import COUNTER_BYTES, Counts, Strategy
 
-MAX_POSES = 128
-"""Poses in one uniform block: 128 records of 96 bytes, or 128 rays of 128 bytes, fit the 16 KiB
-that every device grants."""
 POSES_BINDING, RAYS_BINDING = 0, 1  # uniform blocks
 COUNTS_BINDING, RUNS_BINDING = 0, 1  # storage buffers
 
 
 class Pipeline(Strategy):
-    """`Strategy` on the graphics pipeline, with up to `max_layers` poses a draw."""
+    """`Strategy` on the graphics pipeline."""
 
     depth = "float32 reversed"
 
-    def __init__(
-        self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid, max_layers: int
-    ) -> None:
+    def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         super().__init__(resources, mesh, COUNTER_BYTES, 0)
-        is_layered = self._is_layered = max_layers > 1
         device = resources.context.info.limits
         side = min(self.max_tile, device["max_texture_size"], *device["max_viewport_dims"])
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
         self.tile = (min(side, wide), min(side, high))
-        layers = 1
-        if is_layered:
-            image = SAMPLE_BYTES * self.tile[0] * self.tile[1]
-            # A counter a face and one for background, for each layer, are in one storage block.
-            blocks = self._block // (COUNTER_BYTES * (mesh.n_faces + 1))
-            most = min(MAX_POSES, max_layers, device["max_array_layers"], blocks)
-            layers = max(1, min(most, self.image_budget // image))
-        self._layers = layers
-
-        flags = {"LAYERED": is_layered, "ROLLED": grid.is_rolled}
-        defines = {"MAX_POSES": MAX_POSES} | {name: 1 for name in flags if flags[name]}
+        defines = {"ROLLED": 1} if grid.is_rolled else {}
         self._programs = {name: resources.program(name, **defines) for name in ("face", "drawn")}
         self._mesh, self._overlapping = mesh, coplanar_overlaps(mesh)
-        self._poses = resources.buffer("poses", size=RECORD_BYTES * MAX_POSES)
+        self._poses = resources.buffer("poses", size=RECORD_BYTES)
         if self._overlapping.any():
             self._programs["coplanar"] = resources.program("coplanar", COPLANAR=1, **defines)
-            self._programs["coplanar"]["AllRays"].binding = RAYS_BINDING
-            self._rays = resources.buffer("rays", size=RAYS_BYTES * MAX_POSES)
+            self._programs["coplanar"]["Rays"].binding = RAYS_BINDING
+            self._rays = resources.buffer("rays", size=RAYS_BYTES)
         width, height = max(self.tile[0], self_test.WIDTH), max(self.tile[1], self_test.HEIGHT)
-        self._target = Target(resources, width, height, layers)
+        self._target = Target(resources, width, height)
         stride = max(mesh.n_faces, self_test.MESH.n_faces) + 1
-        self._counters = resources.buffer("face counters", size=COUNTER_BYTES * layers * stride)
-        if is_layered:
-            self._counting = resources.compute("count", **defines)
+        self._counters = resources.buffer("face counters", size=COUNTER_BYTES * stride)
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> DeviceScene:
         """Upload a mesh."""
@@ -91,11 +69,9 @@ class Pipeline(Strategy):
         return PreparedPoses(scene, poses, grid)
 
     def batches(self, prepared: PreparedPoses) -> Iterator[IntArray]:
-        """Rows of the poses of each batch, all with or all without culling, a state of the draw."""
-        for cull in (False, True):
-            rows = np.flatnonzero(prepared.can_cull == cull)
-            for start in range(0, len(rows), self._layers):
-                yield rows[start : start + self._layers]
+        """Rows of the poses of each batch: one."""
+        for row in range(len(prepared.can_cull)):
+            yield np.array([row])
 
     def begin(self, prepared: PreparedPoses, rows: IntArray) -> None:
         """Upload the poses of a batch."""
@@ -110,14 +86,8 @@ class Pipeline(Strategy):
     ) -> tuple[Counts, Any, Counts | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         self._draw_faces(scene, prepared, rows, tile)
-        visible: Counts
-        if self._is_layered:
-            self._target.faces.use(0)
-            self._bind_counters(scene)
-            visible, background = self._count_on_device(scene.mesh.n_faces, tile, len(rows))
-        else:
-            visible, background = self._count_on_host(scene, tile, prepared.boxes[rows[0]])
-        return visible, background, self._count_drawn(scene, tile, len(rows)) if drawn else None
+        visible, background = self._count_ids_in(scene, tile, prepared.boxes[rows[0]])
+        return visible, background, self._count_drawn(scene, tile) if drawn else None
 
     def image(
         self, scene: DeviceScene, prepared: PreparedPoses, tile: Box
@@ -131,14 +101,14 @@ class Pipeline(Strategy):
     def _draw_faces(
         self, scene: DeviceScene, prepared: PreparedPoses, rows: IntArray, tile: Box
     ) -> None:
-        """Draw the nearest faces of a batch into the triangle-ID images."""
+        """Draw the nearest faces of a pose into the triangle-ID image."""
         can_cull = bool(prepared.can_cull[rows[0]])
         self._resources.clear(self._target)
         self._begin(tile, cull=can_cull)
-        if can_cull and scene.can_draw_front and not self._is_layered:
+        if can_cull and scene.can_draw_front:
             scene.draw_front(tile, prepared.grid, prepared.eyes[rows[0]])
         else:
-            scene.draw(NEAREST, tile, prepared.grid, len(rows))
+            scene.draw(NEAREST, tile, prepared.grid)
 
     def _begin(self, tile: Box, *, cull: bool = False, test: bool = True) -> None:
         """Bind the target for a tile; with the depth test, nearer wins and the first of equals."""
@@ -148,7 +118,7 @@ class Pipeline(Strategy):
         self._resources.gl.enable_only(flags)
         self._resources.gl.depth_func = ">"
 
-    def _count_on_host(
+    def _count_ids_in(
         self, scene: DeviceScene, tile: Box, mesh_box: tuple[int, ...]
     ) -> tuple[IntArray, Any]:
         """Count a tile in numpy; reads only the box that the mesh can reach."""
@@ -176,7 +146,7 @@ class Pipeline(Strategy):
         counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
         return counts.astype(np.int64)
 
-    def _count_drawn(self, scene: DeviceScene, tile: Box, poses: int) -> Counts:
+    def _count_drawn(self, scene: DeviceScene, tile: Box) -> Counts:
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
         frame = self._target.frame
         frame.color_mask = (False,) * 4  # the shader writes no id
@@ -184,8 +154,8 @@ class Pipeline(Strategy):
         try:
             self._begin(tile, test=False)
             self._counters.clear()
-            scene.draw(["drawn"], tile, scene.grid, poses)
-            return self._resources.read_words(self._counters, poses, scene.mesh.n_faces + 1)[:, 1:]
+            scene.draw(["drawn"], tile, scene.grid)
+            return self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)[:, 1:]
         finally:
             frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
 

@@ -1,9 +1,9 @@
 """OpenGL rasteriser: the contract of `raster.contract` around one of two strategies.
 
-- *pipeline*: graphics pipeline of any driver, many poses a draw where a GPU can; see `pipeline`.
-- *compute*: compute shaders, many poses at a time, counted on the GPU; see `compute`.
+- *pipeline*: graphics pipeline of any driver, a pose at a time; see `pipeline`.
+- *compute*: compute shaders, many poses at a time, counted on the device; see `compute`.
 
-"auto" is "compute" on a GPU with atomics of 64 bits, and for a focal length so long that the
+"auto" is "compute" on a GPU with integers of 64 bits, and for a focal length so long that the
 graphics pipeline would misplace edges, else "pipeline".
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
@@ -12,34 +12,33 @@ poses, with the programs, images and buffers in use.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from rastercov import shaders
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array
-from rastercov.core.camera.camera import Camera
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    DeviceError,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    check_choice,
+)
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl.compute import Compute
 from rastercov.gl.context import HeadlessContext, open_context
-from rastercov.gl.pipeline import MAX_POSES, Pipeline
+from rastercov.gl.pipeline import Pipeline
 from rastercov.gl.resources import Resources
 
-PLANS = ("pipeline", "compute")
-WAYS: dict[str, ByName] = {
-    "pipeline": {"plan": "pipeline", "max_layers": 1},
-    "layers": {"plan": "pipeline", "max_layers": MAX_POSES},
-    "compute": {"plan": "compute"},
-}
-"""Options of every way to draw and count, for self-tests."""
+PLANS: ByName = {"pipeline": Pipeline, "compute": Compute}
+"""Ways to draw and count."""
 MAX_FOCAL_LENGTH = 1 << 16
 """Largest focal length and principal point of the graphics pipeline, in pixels. Its float32 places
 edges to about 2^-23 of that: 1/128 px."""
@@ -59,10 +58,6 @@ class GLRasterizer(Rasterizer):
         that is already open is used and left open.
     plan : {"auto", "pipeline", "compute"}
         Way to draw and count.
-    max_layers : int, optional
-        Most poses of a draw of plan "pipeline", up to 128, each an image of its own; above 1 they
-        are counted on the device. By default 128 on a GPU, else 1; always 1 where the device
-        cannot draw in layers.
 
     Raises
     ------
@@ -80,7 +75,6 @@ class GLRasterizer(Rasterizer):
         roll: float = 0.0,
         device: str | int | HeadlessContext = "auto",
         plan: str = "auto",
-        max_layers: int | None = None,
     ) -> None:
         if camera.is_curved:
             camera.check_pinhole(
@@ -89,60 +83,44 @@ class GLRasterizer(Rasterizer):
         if camera.is_parallel and mesh.has_targets:
             raise CameraError("expected no targets with parallel rays, got some; use backend 'cpu'")
         check_choice("plan", plan, ("auto", *PLANS))
-        if max_layers is not None and finite_number(max_layers) not in range(1, MAX_POSES + 1):
-            raise ConfigError(
-                f"expected max_layers to be a whole number from 1 to {MAX_POSES}, got "
-                f"{shown(max_layers)}"
-            )
         super().__init__(mesh, camera, supersample, roll)
         self._owns_context = not isinstance(device, HeadlessContext)
         self._context = device if isinstance(device, HeadlessContext) else open_context(device)
         self._resources = Resources(self._context)
         try:
-            known = self._context.info
-            by_default = 1 if known.is_software else MAX_POSES
-            layers = by_default if max_layers is None else int(max_layers)
-            self._prepare(self._chosen(plan, max_layers), layers if known.has_batches else 1)
+            self._prepare(self._chosen(plan))
             self._run_self_test()
         except BaseException:
             self.close()
             raise
 
-    def _chosen(self, plan: str, max_layers: int | None) -> str:
+    def _chosen(self, plan: str) -> str:
         """Plan to run; ConfigError when it cannot run."""
-        reach = max(self.camera.fx, self.camera.fy, abs(self.camera.cx), abs(self.camera.cy))
-        if self.camera.is_parallel:
-            return self._for_parallel(plan)
-        info = self._context.info
+        camera, info, what = self.camera, self._context.info, "fx, fy, cx and cy"
+        reach = max(camera.fx, camera.fy, abs(camera.cx), abs(camera.cy))
+        if camera.is_parallel:
+            reach, what = max(camera.fx, camera.fy) * self.mesh.diagonal, "a mesh"
         if plan == "auto":
-            has_compute = info.has_int64_atomics and not info.is_software and max_layers is None
-            plan = "compute" if has_compute or reach > MAX_FOCAL_LENGTH else "pipeline"
+            is_faster = info.has_int64 and not info.is_software
+            plan = "compute" if is_faster or reach > MAX_FOCAL_LENGTH else "pipeline"
         if plan == "pipeline" and not reach <= MAX_FOCAL_LENGTH:
             raise ConfigError(
-                f"expected fx, fy, cx and cy up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', "
-                f"got {reach:,g}; use plan 'compute' or backend 'cpu'"
+                f"expected {what} of up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', got "
+                f"{reach:,g}; use plan 'compute' or backend 'cpu'"
+            )
+        if plan == "compute" and not info.has_int64:
+            raise DeviceError(
+                f"expected GL_ARB_gpu_shader_int64 for plan 'compute', got {info.renderer} without "
+                "it; use plan 'pipeline' or backend 'cpu'"
             )
         return plan
 
-    def _for_parallel(self, plan: str) -> str:
-        """Plan to run for parallel rays; ConfigError when it cannot run."""
-        if plan == "compute":
-            raise ConfigError("expected plan 'pipeline' for parallel rays, got another; change it")
-        reach = max(self.camera.fx, self.camera.fy) * self.mesh.diagonal
-        if not reach <= MAX_FOCAL_LENGTH:
-            raise ConfigError(
-                f"expected a mesh of up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', got "
-                f"{reach:,g}; use backend 'cpu'"
-            )
-        return "pipeline"
-
-    def _prepare(self, plan: str, max_layers: int) -> None:
+    def _prepare(self, plan: str) -> None:
         """Compile the programs, allocate the images and upload the mesh."""
         resources, mesh, camera = self._resources, self.mesh.opaque, self.camera
         grid = SampleGrid(camera, self.supersample, self.roll)
         resources.use()
-        kind: Any = Compute if plan == "compute" else partial(Pipeline, max_layers=max_layers)
-        self._strategy: Any = kind(resources, mesh, camera, grid)
+        self._strategy: Any = PLANS[plan](resources, mesh, camera, grid)
         self.info = RasterizerInfo(
             backend="gl",
             plan=plan,

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.memory import AnyArray
+from rastercov.base import AnyArray, DeviceError, ResourceError
 from rastercov.gl.context import HeadlessContext
 
 _COLOR, _DEPTH = 0x1800, 0x1801
 _DEPTH_ATTACHMENT, _DEPTH_COMPONENT, _DEPTH_COMPONENT32F = 0x8D00, 0x1902, 0x8CAC
-_FRAMEBUFFER, _FRAMEBUFFER_COMPLETE, _TEXTURE_2D_ARRAY = 0x8D40, 0x8CD5, 0x8C1A
+_FRAMEBUFFER, _FRAMEBUFFER_COMPLETE, _TEXTURE_2D = 0x8D40, 0x8CD5, 0x0DE1
 _LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
-_UINT, _INT, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_void_p
+_MAP_READ, _MAP_WRITE, _MAP_PERSISTENT, _MAP_COHERENT, _CLIENT_STORAGE = 1, 2, 0x40, 0x80, 0x200
+_UINT, _INT, _SIZE, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_ssize_t, ctypes.c_void_p
 FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
     "glBindFramebuffer": (None, _UINT, _UINT),
     "glBindTexture": (None, _UINT, _UINT),
@@ -31,10 +31,16 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of thos
     "glClearBufferfv": (None, _UINT, _INT, _POINTER),
     "glClearBufferuiv": (None, _UINT, _INT, _POINTER),
     "glClipControl": (None, _UINT, _UINT),
+    "glCopyNamedBufferSubData": (None, _UINT, _UINT, _SIZE, _SIZE, _SIZE),
+    "glCreateBuffers": (None, _INT, _POINTER),
+    "glDeleteBuffers": (None, _INT, _POINTER),
     "glDeleteTextures": (None, _INT, _POINTER),
+    "glFinish": (None,),
     "glFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
     "glGenTextures": (None, _INT, _POINTER),
-    "glTexImage3D": (None, _UINT, *(_INT,) * 6, _UINT, _UINT, _POINTER),
+    "glMapNamedBufferRange": (_POINTER, _UINT, _SIZE, _SIZE, _UINT),
+    "glNamedBufferStorage": (None, _UINT, _SIZE, _POINTER, _UINT),
+    "glTexImage2D": (None, _UINT, *(_INT,) * 5, _UINT, _UINT, _POINTER),
 }
 
 FACE_BYTES, DEPTH_BYTES = 4, 4
@@ -42,23 +48,70 @@ SAMPLE_BYTES = FACE_BYTES + DEPTH_BYTES
 """Bytes of a sample of a `Target`: face index and depth."""
 WORDS, MAX_ZERO_GROUPS = 7, 4096
 """Binding and most workgroups of zero.comp."""
+LEAST_STAGED = 1 << 16
+"""Least bytes of the buffer through which words go to and from the device."""
 
 
 class Target:
-    """Stack of triangle-ID images (uint32) with float32 depth, one layer a pose."""
+    """Triangle-ID image (uint32) with float32 depth."""
 
-    def __init__(self, resources: "Resources", width: int, height: int, layers: int) -> None:
-        what = f"{layers} images of {width} x {height}"
-        size = width * height * layers * SAMPLE_BYTES
+    def __init__(self, resources: "Resources", width: int, height: int) -> None:
+        what = f"an image of {width} x {height}"
+        size = width * height * SAMPLE_BYTES
         gl = resources.gl
-        self.faces = resources.make(
-            what, size, lambda: gl.texture_array((width, height, layers), 1, dtype="u4")
-        )
-        self.faces.filter = (moderngl.NEAREST, moderngl.NEAREST)
-        self.frame = resources.make(what, size, lambda: gl.framebuffer([self.faces]))
-        resources.attach_depth(self.frame, width, height, layers, what)
+        faces = resources.make(what, size, lambda: gl.texture((width, height), 1, dtype="u4"))
+        self.frame = resources.make(what, size, lambda: gl.framebuffer([faces]))
+        resources.attach_depth(self.frame, width, height, what)
         # moderngl disables the depth mask for a depth attachment that it did not create.
         self.frame.depth_mask = True
+
+
+class Staging:
+    """Buffer of the host, mapped for good, through which words go to and from the device.
+
+    A buffer that shaders use and the host reads or writes by itself is moved to the host by some
+    drivers, and every access of a shader then crosses the bus.
+    """
+
+    def __init__(self, resources: "Resources", size: int) -> None:
+        self._resources, self.size = resources, size
+        name = _UINT(0)
+        flags = _MAP_READ | _MAP_WRITE | _MAP_PERSISTENT | _MAP_COHERENT
+
+        def create() -> "Staging":
+            resources.call("glCreateBuffers", 1, ctypes.addressof(name))
+            self._name = name.value
+            storage = flags | _CLIENT_STORAGE
+            resources.call("glNamedBufferStorage", self._name, size, None, storage)
+            address = resources.call("glMapNamedBufferRange", self._name, 0, size, flags)
+            if not address:
+                raise MemoryError(
+                    "expected an address of the mapped buffer, got none; use backend 'cpu'"
+                )
+            memory = memoryview((ctypes.c_char * size).from_address(address))
+            self._bytes = np.frombuffer(memory, np.uint8)
+            return self
+
+        resources.make("staging", size, create)
+
+    def read(self, buffer: moderngl.Buffer, words: AnyArray) -> None:
+        """Fill an array with the first bytes of a buffer."""
+        copy = (buffer.glo, self._name, 0, 0, words.nbytes)
+        self._resources.call("glCopyNamedBufferSubData", *copy)
+        self._resources.call("glFinish")
+        words.reshape(-1).view(np.uint8)[:] = self._bytes[: words.nbytes]
+
+    def write(self, buffer: moderngl.Buffer, data: AnyArray) -> None:
+        """Copy an array to the start of a buffer; the device is done with what it had before."""
+        self._bytes[: data.nbytes] = data.reshape(-1).view(np.uint8)
+        copy = (self._name, buffer.glo, 0, 0, data.nbytes)
+        self._resources.call("glCopyNamedBufferSubData", *copy)
+        self._resources.call("glFinish")
+
+    def release(self) -> None:
+        """Give the memory back."""
+        name = _UINT(self._name)
+        self._resources.call("glDeleteBuffers", 1, ctypes.addressof(name))
 
 
 class Resources:
@@ -69,6 +122,7 @@ class Resources:
         self.gl = context.gl
         self._stack = ExitStack()
         self._zeroing: Any = None
+        self._staging: Staging | None = None
         # moderngl lists objects that Python has dropped, to release them later. Objects that were
         # released explicitly stay in that list, so they are removed from it.
         left = [thing for thing in self.gl.objects if not isinstance(thing, moderngl.InvalidObject)]
@@ -79,12 +133,13 @@ class Resources:
         """Make the context current and set the state that all draws share."""
         self.context.check_owner()
         self.context.make_current()
-        self._call("glClipControl", _LOWER_LEFT, _ZERO_TO_ONE)
+        self.call("glClipControl", _LOWER_LEFT, _ZERO_TO_ONE)
         self.gl.memory_barrier()  # shaders of an interrupted call may still write counters
         self.gl.front_face = "cw"  # counter-clockwise in the world, seen with rows running down
         self.gl.cull_face = "back"
 
-    def _call(self, name: str, *arguments: object) -> Any:
+    def call(self, name: str, *arguments: object) -> Any:
+        """Result of one of `FUNCTIONS`."""
         return self.context.function(name, *FUNCTIONS[name])(*arguments)
 
     def own(self, thing: Any) -> Any:
@@ -135,54 +190,51 @@ class Resources:
                 f"{shaders.digest()[:12]}), got: {log}"
             ) from None
 
-    def attach_depth(
-        self, frame: moderngl.Framebuffer, width: int, height: int, layers: int, what: str
-    ) -> None:
+    def attach_depth(self, frame: moderngl.Framebuffer, width: int, height: int, what: str) -> None:
         """Attach a float32 depth texture to a framebuffer; moderngl only makes 24-bit depth."""
         name = _UINT(0)
-        self._call("glGenTextures", 1, ctypes.addressof(name))
+        self.call("glGenTextures", 1, ctypes.addressof(name))
         delete = self.context.function("glDeleteTextures", *FUNCTIONS["glDeleteTextures"])
         self._stack.callback(lambda: delete(1, ctypes.addressof(name)))
-        self._call("glBindTexture", _TEXTURE_2D_ARRAY, name.value)
-        self._call(
-            "glTexImage3D",
-            _TEXTURE_2D_ARRAY,
+        self.call("glBindTexture", _TEXTURE_2D, name.value)
+        self.call(
+            "glTexImage2D",
+            _TEXTURE_2D,
             0,
             _DEPTH_COMPONENT32F,
             width,
             height,
-            layers,
             0,
             _DEPTH_COMPONENT,
             _FLOAT,
             None,
         )
-        self._call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
-        self._call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
-        status = self._call("glCheckFramebufferStatus", _FRAMEBUFFER)
+        self.call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
+        self.call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
+        status = self.call("glCheckFramebufferStatus", _FRAMEBUFFER)
         error = self.gl.error
         if status != _FRAMEBUFFER_COMPLETE or error != "GL_NO_ERROR":
-            size = width * height * layers * DEPTH_BYTES / 2**20
+            size = width * height * DEPTH_BYTES / 2**20
             raise ResourceError(
                 f"expected the device to allocate depth for {what} ({size:,.1f} MiB), got: "
                 f"{error}, framebuffer status {status:#x}"
             )
 
     def clear(self, target: Target) -> None:
-        """Set every sample of every layer to no face and the farthest depth."""
+        """Set every sample to no face and the farthest depth."""
         target.frame.use()
         zeros = (_UINT * 4)()  # as a float, too
-        self._call("glClearBufferuiv", _COLOR, 0, ctypes.addressof(zeros))
-        self._call("glClearBufferfv", _DEPTH, 0, ctypes.addressof(zeros))
+        self.call("glClearBufferuiv", _COLOR, 0, ctypes.addressof(zeros))
+        self.call("glClearBufferfv", _DEPTH, 0, ctypes.addressof(zeros))
 
     def read_faces(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.uint32]:
-        """Face indices + 1 of layer 0 inside box = (x, y, width, height), (height, width)."""
+        """Face indices + 1 inside box = (x, y, width, height), (height, width)."""
         ids = np.empty((box[3], box[2]), np.uint32)
         target.frame.read_into(ids, viewport=box, components=1, dtype="u4", alignment=FACE_BYTES)
         return ids
 
     def read_depth(self, target: Target, box: tuple[int, int, int, int]) -> NDArray[np.float32]:
-        """Depth buffer values of layer 0 inside a box, unconverted."""
+        """Depth buffer values inside a box, unconverted."""
         depth = np.empty((box[3], box[2]), np.float32)
         target.frame.read_into(depth, viewport=box, components=1, attachment=-1, dtype="f4")
         return depth
@@ -200,8 +252,25 @@ class Resources:
         """First words of a buffer, after a barrier: the only reader of what shaders wrote."""
         self.gl.memory_barrier()
         words = np.empty(shape, np.uint32)
-        buffer.read_into(words, size=words.nbytes)
+        self._staged(words.nbytes).read(buffer, words)
         return words
+
+    def write(self, buffer: moderngl.Buffer, data: AnyArray) -> None:
+        """Copy an array to the start of a buffer: the only writer of what shaders use."""
+        contents = np.ascontiguousarray(data)
+        self._staged(contents.nbytes).write(buffer, contents)
+
+    def grow(self, buffer: moderngl.Buffer, size: int, what: str) -> None:
+        """Give a buffer other contents, of at least that size in bytes, where it has fewer."""
+        if buffer.size >= size:
+            return
+        buffer.orphan(size)
+        self.poll(f"allocating {what} ({size / 2**20:,.1f} MiB)")
+
+    def _staged(self, size: int) -> Staging:
+        if self._staging is None or self._staging.size < size:
+            self._staging = Staging(self, max(size, LEAST_STAGED))
+        return self._staging
 
     def untrusted(self, what: str) -> DeviceError:
         """Error to raise when the device has given a wrong result."""

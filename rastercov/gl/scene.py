@@ -13,13 +13,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, Float32Array, FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import BoolArray, ByName, Float32Array, FloatArray, IntArray
+from rastercov.core.camera import Camera, Poses, box_corners, eyes_of
 from rastercov.core.camera.near_plane import can_cull, depth_range, limits
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.projection import box_corners, image_boxes
-from rastercov.core.camera.rig import eyes_of
+from rastercov.core.camera.projection import image_boxes
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.core.raster.tie_order import in_one_order
@@ -31,7 +28,7 @@ POSITIONS = "3f 3f", "position_high", "position_low"
 PLANES = "3f8 3f8 3f8 3f8 1u 4x", "corner_a", "corner_b", "corner_c", "normal", "number"
 PLANE = np.dtype([("doubles", np.float64, (4, 3)), ("number", np.uint32), ("", np.uint32)])
 """Layout of `PLANES`: three corners, a normal, face index + 1, padding."""
-# Rows of struct Pose (vec4) and of struct Rays (dvec4) of face.vert.
+# Rows of struct Pose (vec4) and of struct Ray (dvec4) of face.vert.
 RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, NEAR, RECORD_ROWS = range(7)
 EYE, RAYS_ROWS = 3, 4
 RECORD_BYTES, RAYS_BYTES = 4 * 4 * RECORD_ROWS, 8 * 4 * RAYS_ROWS
@@ -124,17 +121,16 @@ class DeviceScene:
         planes["number"][: len(chosen)] = chosen + 1
         return planes
 
-    def draw(self, programs: Iterable[str], tile: Box, grid: SampleGrid, poses: int) -> None:
-        """Draw the faces of some programs into a tile, one instance a pose."""
+    def draw(self, programs: Iterable[str], tile: Box, grid: SampleGrid) -> None:
+        """Draw the faces of some programs into a tile."""
         for program in (each for each in programs if each in self._drawables):
             set_uniforms(
                 self._programs[program],
-                stride=self.mesh.n_faces + 1,
                 corner=tile[:2],
                 middle=tuple(grid.lens[2:]),
                 image=_projection(tile, grid),
             )
-            self._drawables[program].render(moderngl.TRIANGLES, instances=poses)
+            self._drawables[program].render(moderngl.TRIANGLES)
 
     def draw_front(self, tile: Box, grid: SampleGrid, eye: FloatArray) -> None:
         """Draw the front faces of one pose into a tile.
@@ -150,7 +146,7 @@ class DeviceScene:
         self._front_faces.orphan()
         self._front_faces.write(front)
         self._front_drawable.render(moderngl.TRIANGLES, vertices=3 * len(front))
-        self.draw(["coplanar"], tile, grid, 1)
+        self.draw(["coplanar"], tile, grid)
 
 
 class PreparedPoses:

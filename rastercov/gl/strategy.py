@@ -11,20 +11,17 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ResourceError
-from rastercov.base.memory import Float32Array, FloatArray, IntArray
-from rastercov.core.camera.near_plane import near_limit
+from rastercov.base import Float32Array, FloatArray, IntArray, ResourceError
+from rastercov.core.camera import near_limit
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box
 from rastercov.core.raster.targets import TargetFaces
-from rastercov.gl.resources import Resources, set_uniforms
+from rastercov.gl.resources import Resources
 
 WordArray = NDArray[np.uint32]
 Counts = IntArray | WordArray
 
 COUNTER_BYTES = 4
-COUNT_COLUMNS, COUNT_ROWS = 8 * 16, 8
-"""Samples of a workgroup of `count.comp`: 8 x 8 invocations, each a run of 16 samples of a row."""
 
 
 class Strategy:
@@ -61,8 +58,6 @@ class Strategy:
     prepare: Any
     begin: Any
     image: Any
-    _counting: Any
-    _counters: Any
 
     def __init__(self, resources: Resources, mesh: Mesh, face_bytes: int, least_bytes: int) -> None:
         """Take resources whose storage blocks hold `face_bytes` a face, and `least_bytes`."""
@@ -99,14 +94,3 @@ class Strategy:
         for tile in scene.grid.tiles(self.tile):
             if tile[1] < bottom and tile[1] + tile[3] > top:
                 yield tile, self.image(scene, prepared, tile)[1]
-
-    def _count_on_device(
-        self, n_faces: int, tile: Box, n_poses: int
-    ) -> tuple[WordArray, WordArray]:
-        """Count the faces of a batch in a compute shader."""
-        stride = n_faces + 1
-        set_uniforms(self._counting, size=tile[2:], corner=tile[:2], stride=stride)
-        self._resources.zero(self._counters, COUNTER_BYTES * n_poses * stride)
-        self._counting.run(-(-tile[2] // COUNT_COLUMNS), -(-tile[3] // COUNT_ROWS), n_poses)
-        counters = self._resources.read_words(self._counters, n_poses, stride)
-        return counters[:, 1:], counters[:, 0]

@@ -9,11 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points, flag, members
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import FloatArray
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    finite_points,
+    flag,
+    frozen_record,
+    members,
+    shown,
+)
 from rastercov.core.area.criteria import (
     MOST_DEVICES,
     Cut,

@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, number, percent, with_bound
+from rastercov.base import ByName, ReadByName, percent, with_bound
+from rastercov.base.format import number
 from rastercov.core.area.figures import Alone, Areas, Figures, most_off
 from rastercov.core.area.rows import gated
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, led_by, names_of
+from rastercov.core.camera import Cameras, Poses, led_by, names_of
 from rastercov.core.coverage.task import Task
 from rastercov.light.lamp_rig import lamps_of
 from rastercov.light.lamp_words import quantity

@@ -14,11 +14,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import number, positive, shown
-from rastercov.base.errors import CameraError, MeshError, errors_as
-from rastercov.base.files import UnknownNames
-from rastercov.base.format import ByName, first_of
-from rastercov.base.memory import FloatArray
+from rastercov.base import (
+    ByName,
+    CameraError,
+    FloatArray,
+    MeshError,
+    UnknownNames,
+    errors_as,
+    first_of,
+    shown,
+)
+from rastercov.base.checks import number, positive
 from rastercov.formats.meshes.gltf import Node, nodes_below, root_nodes
 from rastercov.formats.meshes.gltf_file import (
     WORLD,

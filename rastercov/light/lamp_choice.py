@@ -15,16 +15,22 @@ from math import comb
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record, plural, with_bound
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    frozen_record,
+    plural,
+    with_bound,
+)
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated
 from rastercov.core.area.table import Regions, any_of, joined, taken
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig
+from rastercov.core.camera import Poses, Rig
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

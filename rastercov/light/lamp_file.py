@@ -8,23 +8,29 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.checks import is_one_of, number, pair, positive, shown
-from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
-from rastercov.base.files import (
+from rastercov.base import (
+    CameraError,
+    ConfigError,
+    FloatArray,
+    PoseError,
+    ReadByName,
     StrPath,
     UnreadableError,
+    errors_as,
     file_bytes,
+    first_of,
+    is_one_of,
     printable,
     read_json,
     read_toml,
+    shown,
     suffix_of,
 )
-from rastercov.base.format import ReadByName, first_of
-from rastercov.base.memory import FloatArray
+from rastercov.base.checks import number, pair, positive
+from rastercov.core.camera import look_at
 from rastercov.core.camera.catalogue import lamp_entries_of
 from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import check_unit, illuminance
-from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.light.gltf_lights import GltfLight, read_lights
 from rastercov.light.lamps import SIZES, SUN, UNITS, Lamp, Lamps, lamps_of_json

@@ -3,10 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-from rastercov.base.errors import RastercovError, errors_as
-from rastercov.base.format import ByName
+from rastercov.base import ByName, RastercovError, errors_as
+from rastercov.core.camera import Rig
 from rastercov.core.camera.light_units import GLOSSES
-from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage.task import Task
 from rastercov.light.lamp_file import lamps_of
 from rastercov.light.lamp_rig import lamps_of as lamps_of_rig

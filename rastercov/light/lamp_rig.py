@@ -2,11 +2,8 @@
 
 from os import PathLike
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ReadByName
-from rastercov.core.camera.equipment import EquipmentKind
-from rastercov.core.camera.rig import Cameras, equipment_on
+from rastercov.base import CameraError, ReadByName, shown
+from rastercov.core.camera import Cameras, EquipmentKind, equipment_on
 from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.light.lamp_file import load_lamps
 from rastercov.light.lamps import Lamps, lamps_of_json

@@ -16,21 +16,34 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, distinct, members
-from rastercov.base.checks import finite_number, is_one_of, number, positive, shown, two
-from rastercov.base.errors import CameraError, PoseError
-from rastercov.base.files import (
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ByName,
+    CameraError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    PoseError,
+    ReadByName,
     StrPath,
+    WholeArray,
+    check_kind,
+    finite_number,
+    frozen_record,
+    is_one_of,
+    members,
+    row_lengths,
+    shown,
 )
-from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record
-from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray, WholeArray
-from rastercov.core.camera.camera import Camera, field_angle
+from rastercov.base.arguments import distinct
+from rastercov.base.checks import number, positive, two
+from rastercov.core.camera import Camera, Poses, apparent, fibonacci_sphere, look_at, valid_poses
+from rastercov.core.camera.camera import field_angle
 from rastercov.core.camera.catalogue import KINDS
 from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.parallel import FAR, SUN_RADIUS_DEG
-from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.rig import apparent
-from rastercov.core.camera.viewpoints import cone_of_directions, fibonacci_sphere, look_at
+from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.light.gltf_lights import GltfLight, scene_of
 from rastercov.light.luminaire_files import read_luminaire
 from rastercov.light.photometry import (
@@ -779,7 +792,7 @@ def illuminances(
     placed = apparent(lamps.eyes, poses)
     for pose, row, own in zip(placed, poses.camera.tolist(), sees, strict=True):
         away = pose[:3, 3] - points
-        d = np.maximum(np.linalg.norm(away, axis=1), TINY)
+        d = np.maximum(row_lengths(away), TINY)
         cosine = np.clip(-(away @ pose[:3, 2]) / d, -1, 1)
         height = np.abs(np.einsum("ni,ni->n", away, normals))
         intensity = intensities_of(lamps.lamps[row], cosine, -(away @ pose[:3, :3]))

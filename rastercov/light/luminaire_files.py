@@ -11,10 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, errors_as
-from rastercov.base.files import StrPath, UnreadableError, file_bytes, printable, suffix_of
-from rastercov.base.memory import FloatArray
+from rastercov.base import (
+    CameraError,
+    FloatArray,
+    StrPath,
+    UnreadableError,
+    errors_as,
+    file_bytes,
+    printable,
+    shown,
+    suffix_of,
+)
 from rastercov.light.photometry import ASCEND, LARGEST_NUMBER, LEAST_STEP, Planes, Profile
 
 LARGEST_FILE = 1 << 23

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.memory import TINY, FloatArray, IntArray
+from rastercov.base import TINY, FloatArray, IntArray
 
 Profile = tuple[tuple[float, float], ...]
 """Angles from the axis, degrees, ascending from 0, and intensities relative to the largest."""

@@ -6,7 +6,7 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from rastercov.base.format import ByName
+from rastercov.base import ByName
 from rastercov.core.camera.catalogue import KINDS
 from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import GLOSSES

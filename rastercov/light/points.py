@@ -6,17 +6,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, number
-from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, WholeArray
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    WholeArray,
+    row_lengths,
+)
+from rastercov.base.format import number
 from rastercov.core.area.feature import Feature, Scene
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Finder
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, eyes_of, names_of
+from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, names_of
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
@@ -146,14 +152,14 @@ class LightOfPoints:
     ) -> BoolArray:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
         to_camera = centre - self._points
-        to_camera /= np.maximum(np.linalg.norm(to_camera, axis=1), TINY)[:, None]
+        to_camera /= np.maximum(row_lengths(to_camera), TINY)[:, None]
         mask = np.zeros(len(self._points), np.bool_)
         for eye, own in zip(eyes, sees, strict=True):
             half = eye - self._points
-            half /= np.maximum(np.linalg.norm(half, axis=1), TINY)[:, None]
+            half /= np.maximum(row_lengths(half), TINY)[:, None]
             half += to_camera
             along = np.abs(np.einsum("ni,ni->n", half, self._normals))
-            mask |= own & (along > math.cos(math.radians(degrees)) * np.linalg.norm(half, axis=1))
+            mask |= own & (along > math.cos(math.radians(degrees)) * row_lengths(half))
         return mask
 
     def _reached(self, poses: Poses) -> tuple[Poses, BoolArray]:

@@ -16,18 +16,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    Once,
+    row_lengths,
+)
 from rastercov.base.arguments import Quantity
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray
-from rastercov.base.threads import Once
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.frames import frames_of, in_front, rows_at
 from rastercov.core.area.polygons import chosen, even_points, polygon_areas
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, joined, taken
+from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
 from rastercov.core.camera.light_units import check_unit
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, apparent, eyes_of
 from rastercov.core.coverage.reasons import NAMES
 from rastercov.core.coverage.task import NEEDED, Task
 from rastercov.core.mesh import Mesh
@@ -416,12 +422,12 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     lamps = lamps._around(np.stack((point, point)))
     places = np.where(rides[:, None, None], world @ lamps.places, lamps.places)
     away = eyes_of(lamps.eyes, Poses.of(places, camera=np.arange(len(lamps)))) - point
-    distance = np.linalg.norm(away, axis=1)
+    distance = row_lengths(away)
     if reason != HIGHLIGHT:
         return lamps.names[int(distance.argmin())]
     ray = eyes_of(rig, lead[:1])[0] - point
     half = away / np.maximum(distance, TINY)[:, None] + ray / max(float(np.linalg.norm(ray)), TINY)
-    along = np.abs(half @ normal) / np.maximum(np.linalg.norm(half, axis=1), TINY)
+    along = np.abs(half @ normal) / np.maximum(row_lengths(half), TINY)
     return lamps.names[int(along.argmax())]
 
 

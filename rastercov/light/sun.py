@@ -17,12 +17,9 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.checks import number, shown
-from rastercov.base.errors import CameraError, ConfigError
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.base import CameraError, ConfigError, FloatArray, finite_points, row_lengths, shown
+from rastercov.base.checks import number
+from rastercov.core.camera import Camera, look_at
 
 YEARS = 1950, 2050
 """First and last year of the formula."""
@@ -137,7 +134,7 @@ def moment(name: str, value: object) -> datetime:
 def unit_directions(directions: ArrayLike) -> FloatArray:
     """(N, 3) unit vectors; ConfigError for others than vectors above 0."""
     given = finite_points("directions", directions, (-1, 3), "vectors to the sun, (N, 3)")
-    lengths = np.linalg.norm(given, axis=1)
+    lengths = row_lengths(given)
     if not (lengths > 0).all():
         raise ConfigError("expected directions of a length above 0, got 0; leave these out")
     return given / lengths[:, None]

@@ -18,10 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, bounded, plural
+from rastercov.base import ByName, ReadByName, plural, write_bytes, write_json, write_text
+from rastercov.base.format import bounded
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_bytes, write_json, write_npz, write_text
-from rastercov.core.camera.pose import Poses
+from rastercov.base.output import write_npz
+from rastercov.core.camera import Poses
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.light.sun import views_from
 from rastercov.light.sunlight import Sunlight

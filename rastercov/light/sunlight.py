@@ -23,16 +23,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_choice, checked_array, finite_points
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    check_choice,
+    checked_array,
+    finite_number,
+    finite_points,
+    frozen_record,
+    shown,
+)
 from rastercov.core.area.cells import cells
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.swept import from_both_sides, swept
+from rastercov.core.camera import Poses
 from rastercov.core.camera.parallel import SUN_RADIUS_DEG
-from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from rastercov.base.format import ByName
-from rastercov.base.memory import TINY, FloatArray
+from rastercov.base import TINY, ByName, FloatArray
 from rastercov.core.mesh.arrays import quaternions_of
 from rastercov.formats.meshes.gltf_file import GlbBuffer
 from rastercov.motion.motion import Motion, described_motion

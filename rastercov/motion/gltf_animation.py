@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import BoolArray, ByName, FloatArray, shown
 from rastercov.formats.meshes.gltf import (
     affine,
     check_rotations,

@@ -13,12 +13,25 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points
-from rastercov.base.checks import finite_number, is_one_of, shown
-from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import ByName, InOneLine, base64_of, frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
-from rastercov.base.threads import Once
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    AnyArray,
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    MeshError,
+    Once,
+    checked_array,
+    finite_number,
+    finite_points,
+    frozen_record,
+    is_one_of,
+    shown,
+)
+from rastercov.base.format import base64_of
 from rastercov.core.mesh.arrays import checked_poses, frozen, rotation_about, unit
 from rastercov.core.mesh.bodies import Rest, diagonal_of
 from rastercov.core.mesh.columns import MOST_FRAMES

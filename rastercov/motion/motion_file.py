@@ -14,19 +14,22 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, RastercovError, errors_as
-from rastercov.base.files import (
-    LARGEST_ARRAY,
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    RastercovError,
     StrPath,
     UnreadableError,
+    errors_as,
     file_bytes,
     printable,
     read_json,
+    row_lengths,
+    shown,
     suffix_of,
 )
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base.files import LARGEST_ARRAY
 from rastercov.core.mesh.arrays import rotations_of_quaternions, unit
 from rastercov.core.mesh.columns import TIMES, columns_of, durations_of
 from rastercov.core.mesh.files import metres_per
@@ -226,7 +229,7 @@ def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
     if any(field in own for field in TURN):
         turns = np.stack([np.broadcast_to(own.get(field, 0.0), n) for field in TURN], axis=1)
         with np.errstate(over="ignore"):
-            length = np.linalg.norm(turns, axis=1)
+            length = row_lengths(turns)
         is_turn = np.abs(length - 1) <= OFF_UNIT
         if not is_turn.all():
             frame = int(is_turn.argmin())

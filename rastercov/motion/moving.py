@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from rastercov.base.format import frozen_record
+from rastercov.base import frozen_record
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.phases import Phased
 from rastercov.core.coverage.task import Task

@@ -13,11 +13,24 @@ from typing import Any, Self
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InOneLine, ReadByName, frozen_record, percent, plural
+from rastercov.base import (
+    TINY,
+    AnyArray,
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    ReadByName,
+    check_memory,
+    frozen_record,
+    once_each,
+    percent,
+    plural,
+    row_lengths,
+)
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import TINY, AnyArray, BoolArray, FloatArray, IntArray, check_memory
-from rastercov.base.threads import once_each
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of
@@ -35,8 +48,7 @@ from rastercov.core.area.stages import (
 from rastercov.core.area.table import Regions, joined, taken
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, led_by, names_of, rows_of_result
+from rastercov.core.camera import Cameras, Poses, led_by, names_of, rows_of_result
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.reasons import (
@@ -524,7 +536,7 @@ class TimeRemedies(Remedies):
     def added(self, spot: ZoneSpot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
         eyes = self.poses.eyes
-        row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin()) if len(eyes) else 0
+        row = int(row_lengths(eyes - spot.at).argmin()) if len(eyes) else 0
         words, entries = self.tried(None, row, spot)
         words += f" {time_words(self.over_time.asked.over)}"
         return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}

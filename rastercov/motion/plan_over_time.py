@@ -15,15 +15,22 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, ValidationError
 
-from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.files import UnreadableError, printable, read_toml, suffix_of
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    RastercovError,
+    UnreadableError,
+    frozen_record,
+    printable,
+    read_toml,
+    suffix_of,
+)
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import Cameras, led_by
+from rastercov.core.camera import Cameras, Poses, led_by, renumbered
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.phases import MOST_IMAGES

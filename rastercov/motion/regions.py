@@ -15,18 +15,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    check_choice,
+    frozen_record,
+    shown,
+)
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.rows import gated, tasks_of
 from rastercov.core.area.table import Finder, Regions, any_of, joined, taken
-from rastercov.core.camera.near_plane import near_limits
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, axes_of, cameras_of, eyes_of, is_joint
+from rastercov.core.camera import (
+    Cameras,
+    Poses,
+    axes_of,
+    cameras_of,
+    eyes_of,
+    is_joint,
+    near_limits,
+)
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.phases import MOST_IMAGES
 from rastercov.core.coverage.surface import key_of

@@ -8,8 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from PIL import Image
 
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import ByName, FloatArray, IntArray, ReadByName
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
 from rastercov.motion.frames import animated, shown

@@ -4,10 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.files import printable
-from rastercov.base.format import ByName, ReadByName
+from rastercov.base import ByName, ConfigError, ReadByName, printable, shown
 from rastercov.page.rig_state import LONGEST_NAME, MOST_STATIONS
 
 Number = Annotated[float, Field(allow_inf_nan=False)]

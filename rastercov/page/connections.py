@@ -15,8 +15,7 @@ from typing import Any, ClassVar
 from uvicorn import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
+from rastercov.base import ByName, ConfigError
 
 LOG = logging.getLogger("rastercov")
 HOST = "127.0.0.1"

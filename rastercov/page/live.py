@@ -1,7 +1,6 @@
 """Live page, of the session of a viewer; see `rastercov.report.live`."""
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
+from rastercov.base import ByName, ConfigError
 from rastercov.core.area.network import unit_of_result
 from rastercov.core.coverage.engine import Engine
 from rastercov.page.rig_state import RigState

@@ -16,17 +16,22 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, area, frozen_record, number, percent, plural, with_bound
-from rastercov.base.memory import (
+from rastercov.base import (
     TINY,
     BoolArray,
+    ByName,
     ByteArray,
+    ConfigError,
     Float32Array,
     FloatArray,
     IntArray,
+    frozen_record,
+    percent,
+    plural,
     read_only,
+    with_bound,
 )
+from rastercov.base.format import area, number
 from rastercov.core.area.advice import advice, depth_in_words, general_advice
 from rastercov.core.area.feature import PointCondition
 from rastercov.core.area.features import (
@@ -41,10 +46,15 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated, gated_reasons
 from rastercov.core.area.table import Regions, joined, taken
 from rastercov.core.area.zones import DeadZones
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.equipment import equipment_words
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, axes_of, led_by, rows_of_result
+from rastercov.core.camera import (
+    Camera,
+    Poses,
+    Rig,
+    axes_of,
+    equipment_words,
+    led_by,
+    rows_of_result,
+)
 from rastercov.core.coverage.coverage import evaluate_batches, in_batches
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.engine import Engine
@@ -240,13 +250,6 @@ class Measurements:
             return StationAreas(network, state, poses, stations)
         lost = lost_without(joined(parts), state.need(self.mesh))[rows] if is_kept else None
         return StationAreas(network, state, poses, stations, np.concatenate(seen)[rows], lost)
-
-    def areas_or_why(self, state: RigState) -> tuple[StationAreas | None, str]:
-        """As `areas`, and ""; or None where a result is by face, and why."""
-        try:
-            return self.areas(state), ""
-        except ConfigError as error:
-            return None, str(error)
 
     def _kept_regions(self, finder: RegionPass, state: RigState, poses: Poses) -> Regions:
         """Regions of poses of the cameras of a state, each found once."""
@@ -463,13 +466,14 @@ class NetworkFigures:
 
     def _least_incidence(self) -> FloatArray:
         """Least angle of incidence at which a camera covers each face; see `by_incidence`."""
-        mesh, greatest = self.mesh, np.full(self.mesh.n_faces, -1.0)
+        mesh, least = self.mesh, np.full(self.mesh.n_faces, np.inf)
         for eye, row in zip(self.state.sights, self.rows, strict=True):
             away = eye - mesh.centroids
             against = np.abs((away * mesh.normals).sum(axis=1))
             cosine = against / np.maximum(np.linalg.norm(away, axis=1), TINY)
-            np.maximum(greatest, np.where(row.covers, np.minimum(cosine, 1.0), -1.0), out=greatest)
-        return np.where(greatest < 0, np.inf, np.degrees(np.arccos(np.maximum(greatest, 0.0))))
+            angle = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
+            least[row.covers] = np.minimum(least, angle)[row.covers]
+        return least
 
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""

@@ -8,14 +8,25 @@ from types import MappingProxyType
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.format import first_of, frozen_record
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    IntArray,
+    PoseError,
+    first_of,
+    frozen_record,
+    shown,
+)
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.rig import Rig, Views, eyes_of, names_of_poses, rows_of_result
+from rastercov.core.camera import (
+    Camera,
+    Poses,
+    Rig,
+    eyes_of,
+    names_of_poses,
+    rows_of_result,
+    valid_poses,
+)
 from rastercov.core.coverage.task import NEEDED, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
@@ -223,13 +234,6 @@ class RigState:
                 "expected all cameras of each rig with a rule, in its order, got others; complete "
                 "the rig, or delete it"
             ) from None
-
-    def views(self) -> Views:
-        """All stations as `Views`, for files; ConfigError for a part of a rig with a rule."""
-        names, has_unit = tuple(each.name for each in self.stations), self.unit == "m"
-        self.check_whole(self.stations)
-        poses = self.poses(all_stations=True)
-        return Views(self.rig(poses), poses, names, has_unit=has_unit)
 
     def camera(self, name: str) -> Camera:
         """A camera by its name; ConfigError where there is none."""

@@ -1,26 +1,30 @@
-"""Files that a viewer saves: rig, thresholds, report, or a page without a server."""
+"""Files that a viewer saves: rig and thresholds, as its page writes them; report, or a page."""
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.files import UnreadableError, one_line, read_json
-from rastercov.base.format import ByName, ReadByName, plural
-from rastercov.base.output import (
+from pydantic import Field
+
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    RastercovError,
+    ReadByName,
+    UnreadableError,
+    check_choice,
     check_place,
-    named_folder,
+    one_line,
     own_folder,
+    plural,
+    read_json,
     write_bytes,
     write_json,
     write_text,
 )
-from rastercov.core.coverage.task import Task
-from rastercov.formats.cameras.own import content_of
+from rastercov.base.output import named_folder
 from rastercov.page.actions import MOST_OF_DRAWING, Drawing, Of, checked
 from rastercov.page.live import live_page, why_recorded
 from rastercov.page.rig_state import RigState
@@ -37,9 +41,10 @@ MODES = tuple(name for name in OF_A_RIG if name != "single")
 
 
 class Save(Of):
-    """Request of a page for files of its rig."""
+    """Request of a page for files of its rig; `texts` are those that it has written."""
 
-    what: Literal["rig", "task", "report", "page"]
+    what: Literal["rig", "report", "page"]
+    texts: dict[Literal["rig", "task"], str] = Field(default_factory=dict)
 
 
 class Saving:
@@ -55,18 +60,15 @@ class Saving:
     def __init__(self, session: Session, out: Path | None = None) -> None:
         self.session, self.out = session, out
 
-    def _asked(self, entries: ReadByName) -> tuple[str, RigState]:
+    def _asked(self, entries: ReadByName, *known: str) -> tuple[Save, RigState]:
         asked = checked(Save, entries)
-        return asked.what, self.session.taken(asked.rig, asked.at, asked.goal).state
+        check_choice("what", asked.what, known)
+        return asked, self.session.taken(asked.rig, asked.at, asked.goal).state
 
-    def content(self, entries: ReadByName) -> tuple[str, bytes]:
-        """Name and bytes of the rig, the thresholds, or a page that needs no server."""
+    def content(self, entries: ReadByName) -> bytes:
+        """A page that needs no server."""
         with self.session.lock:
-            what, state = self._asked(entries)
-            if what == "page":
-                return "rig.html", page_of(self.session, state).encode()
-            check_choice("what", what, tuple(NAMES))
-            return NAMES[what], _texts(state)[what].encode()
+            return page_of(self.session, self._asked(entries, "page")[1]).encode()
 
     def save(self, entries: ReadByName) -> dict[str, str]:
         """Save the rig with its thresholds, or a report.
@@ -83,20 +85,21 @@ class Saving:
                 "expected a folder to save to, got none; start with --out, or download"
             )
         with self.session.lock:
-            what, state = self._asked(entries)
-            check_choice("what", what, ("rig", "report"))
+            asked, state = self._asked(entries, "rig", "report")
             named_folder(self.out)
-            if what == "report":
+            if asked.what == "report":
                 path = own_folder(self.out / "report")
                 return {"path": str(path), "words": self._report(state, path)}
             drawing, path = self.session.drawing, self.out / NAMES["rig"]
-            if state.stations or drawing is None:
-                for name, text in _texts(state).items():
-                    write_bytes(self.out / NAMES[name], text.encode())
+            if not asked.texts and drawing is None:
+                raise ConfigError("expected a camera to save, got none; add one")
+            for name, text in asked.texts.items():
+                write_bytes(self.out / NAMES[name], text.encode())
+            if asked.texts:
                 for word, each in state.whole.equipment.items():
                     write_json(self.out / f"{word}.json", each.to_json())
             if drawing is not None or (self.out / DRAWING).is_file():
-                path = path if state.stations else self.out / DRAWING
+                path = path if asked.texts else self.out / DRAWING
                 content = None if drawing is None else drawing.model_dump()
                 own = {"scene": self.session.scene.title, "drawing": content}
                 write_bytes(self.out / DRAWING, json.dumps(own).encode())
@@ -139,31 +142,6 @@ def with_drawing(session: Session, folders: Sequence[Path]) -> Session:
                 )
                 raise ConfigError(fault) from None
     return session
-
-
-def _texts(state: RigState) -> dict[str, str]:
-    """Text of each of `NAMES`: the rig as our own JSON, and the table `[task]` of a plan.
-
-    ConfigError for a rig without cameras.
-    """
-    if not state.stations:
-        raise ConfigError("expected a camera to save, got none; add one")
-    task, defaults = asdict(state.task), asdict(Task())
-    own = {name: value for name, value in task.items() if value != defaults[name]}
-    tables = {"task": own}
-    if state.needed is not None:
-        own.pop("views", None)
-        tables["task.views"] = dict(state.needed)
-    lines = []
-    for table, entries in tables.items():
-        lines.append(f"[{table}]\n")
-        lines += [f"{_toml(name)} = {_toml(value)}\n" for name, value in entries.items()]
-    return {"rig": json.dumps(content_of(state.views())) + "\n", "task": "".join(lines)}
-
-
-def _toml(value: str | float) -> str:
-    """A text, number or truth value as TOML, which has them as JSON does, DEL apart."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def export_page(

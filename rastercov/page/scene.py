@@ -15,20 +15,38 @@ import numpy as np
 from pydantic import ValidationError
 
 import rastercov
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, PoseError, RastercovError, errors_as
-from rastercov.base.features import hooks_of
-from rastercov.base.files import UnreadableError, printable, read_json
-from rastercov.base.format import ByName, ReadByName, frozen_record, percent
-from rastercov.base.memory import ByteArray, FloatArray, IntArray
+from rastercov.base import (
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    PoseError,
+    RastercovError,
+    ReadByName,
+    UnreadableError,
+    check_choice,
+    errors_as,
+    frozen_record,
+    hooks_of,
+    percent,
+    printable,
+    read_json,
+    shown,
+)
 from rastercov.core.area.features import narrowed
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import (
+    Camera,
+    EquipmentKind,
+    Poses,
+    Rig,
+    Views,
+    distance_kept,
+    equipment_on,
+)
 from rastercov.core.camera.catalogue import catalogue, product_of
-from rastercov.core.camera.equipment import EquipmentKind
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, Views, equipment_on, with_equipment
-from rastercov.core.camera.viewpoints import distance_kept, distances_tried
+from rastercov.core.camera.rig import with_equipment
+from rastercov.core.camera.viewpoints import distances_tried
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.task import Task

@@ -23,9 +23,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.files import one_line
-from rastercov.base.format import ByName
+from rastercov.base import ByName, ConfigError, ResourceError, one_line
 from rastercov.base.interrupts import ABANDONED
 from rastercov.page.actions import MOST_OF_DRAWING
 from rastercov.page.live import opened
@@ -186,10 +184,6 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
     def ping(body: Body) -> ByName:
         return {"revision": session.load()["revision"], "measured": session.progress}
 
-    def download(body: Body) -> tuple[bytes, dict[str, str]]:
-        name, data = saving.content(body)
-        return data, {"content-disposition": f'attachment; filename="{name}"'}
-
     return [
         ("open", "GET", lambda body: opened(session)),
         ("load", "GET", lambda body: session.load()),
@@ -202,18 +196,17 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         ("job", "GET", lambda body: work.described()),
         ("job/cancel", "POST", lambda body: work.cancel()),
         ("save", "POST", lambda body: saving.save(body)),
-        ("download", "POST", download),
+        ("download", "POST", lambda body: saving.content(body)),
     ]
 
 
 def _response(answer: object) -> "Response":
-    """Response with bytes, with headers where these come with some, or with JSON."""
+    """Response with bytes, or with JSON."""
     from starlette.responses import Response
 
-    data, headers = answer if isinstance(answer, tuple) else (answer, None)
-    if isinstance(data, bytes):
-        return Response(data, media_type="application/octet-stream", headers=headers)
-    return Response(json.dumps(data), media_type="application/json")
+    if isinstance(answer, bytes):
+        return Response(answer, media_type="application/octet-stream")
+    return Response(json.dumps(answer), media_type="application/json")
 
 
 def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
@@ -226,7 +219,7 @@ def _endpoint(threads: ThreadPoolExecutor, answer: Answer) -> Any:
         from starlette.requests import ClientDisconnect
         from starlette.responses import Response
 
-        from rastercov.base.errors import RastercovError
+        from rastercov.base import RastercovError
 
         loop = asyncio.get_running_loop()
         try:

@@ -21,17 +21,23 @@ import numpy as np
 from PIL import Image
 from pydantic import Field, create_model
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, ReadByName, distance, first_of
-from rastercov.base.memory import TINY, FloatArray
+from rastercov.base import (
+    TINY,
+    ByName,
+    ConfigError,
+    FloatArray,
+    ReadByName,
+    check_choice,
+    first_of,
+    shown,
+)
+from rastercov.base.checks import number
+from rastercov.base.format import distance
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import to_world
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.rig import Rig
+from rastercov.core.camera import Camera, Rig
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_where_seen
@@ -116,9 +122,12 @@ class Moment:
         shown, kept = self.shown(state), self._figures
         if kept is None or kept.state is not shown or kept.by_face_because == ROUGH:
             rows = self.measurements.rows(shown, shown.on)
-            is_late = is_drag and len(rows) * self.mesh.n_faces > LIVE_PAIRS
-            late = None, ROUGH
-            areas, because = late if is_late else self.measurements.areas_or_why(shown)
+            areas, because = None, ROUGH
+            if not (is_drag and len(rows) * self.mesh.n_faces > LIVE_PAIRS):
+                try:
+                    areas, because = self.measurements.areas(shown), ""
+                except ConfigError as error:
+                    because = str(error)
             self._figures = kept = NetworkFigures(self.mesh, shown, rows, areas, because)
         return kept
 
@@ -425,7 +434,7 @@ class Session:
         self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
         for each in FEATURES:
             each.check(scene.start.whole, scene.start.task)
-        self._method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
+        self.method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
         self._states: OrderedDict[str, RigState] = OrderedDict()
         self._whole = "", scene.start.whole
         self.drawing: Drawing | None = None  # under the floor plan
@@ -433,11 +442,6 @@ class Session:
         self._segments: tuple[tuple[float, float], Segmentation] | None = None
         self._last = self.of().moment
         self._storing, self._stored = Lock(), Stored(revision=0, keep=0, steps=[], rest={})
-
-    @property
-    def method(self) -> str:
-        """Method of visibility."""
-        return self._method
 
     @property
     def progress(self) -> list[int]:
@@ -507,7 +511,7 @@ class Session:
         """The scene at a time for a goal; the last `MOST_MOMENTS` stay measured."""
         at = (at or (0.0,)) if self.scene.phases else ()
         if (at, goal) not in self._moments:
-            self._moments[at, goal] = Moment(self.scene, at, self._method, goal)
+            self._moments[at, goal] = Moment(self.scene, at, self.method, goal)
         moment = self._moments[at, goal]
         self._moments.move_to_end((at, goal))
         size = BYTES_A_FACE * self.scene.mesh.n_faces * max(1, n_stations)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.format import ByName, ReadByName, plural
+from rastercov.base import ByName, ConfigError, RastercovError, ReadByName, plural
 from rastercov.base.interrupts import ABANDONED
 from rastercov.page.actions import Action, checked
 from rastercov.page.rig_state import MOST_STATIONS, RigState

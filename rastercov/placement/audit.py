@@ -21,18 +21,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import members
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InOneLine, frozen_record
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    Int32Array,
+    IntArray,
+    frozen_record,
+    members,
+)
 from rastercov.base.limits import limited
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
 from rastercov.core.area.by_camera import cameras_apart
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.polygons import quantile
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import (
+from rastercov.core.camera import (
     Cameras,
+    Poses,
     cameras_of,
     check_scene,
     eyes_of,
@@ -495,7 +502,7 @@ def element_figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
 ) -> ByName:
     """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
-    from rastercov.base.memory import read_only
+    from rastercov.base import read_only
     from rastercov.core.coverage.records import lens_of
 
     n = problem.n_faces

@@ -12,11 +12,16 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, Int32Array, IntArray
-from rastercov.base.threads import share_poses, thread_count
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    Int32Array,
+    IntArray,
+    frozen_record,
+    share_poses,
+    thread_count,
+)
 from rastercov.engine import placement_bits as kernels
-from rastercov.engine import placement_presolve
 
 Words = NDArray[np.uint64]
 Work = Callable[[Words, IntArray, slice], None]
@@ -239,7 +244,7 @@ class CoveredBits:
 def by_face(indptr: IntArray, face: Int32Array, n_faces: int) -> tuple[IntArray, Int32Array]:
     """Pairs of `CoveredBits.pairs` by face: row limits, (F + 1,), and the row of each pair."""
     starts, rows = np.empty(n_faces + 1, np.int64), np.empty_like(face)
-    placement_presolve.by_face(indptr, face, starts, rows)
+    kernels.by_face(indptr, face, starts, rows)
     return starts, rows
 
 

@@ -29,14 +29,20 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    frozen_record,
+)
 from rastercov.base.locks import locked
-from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.base.typed import typed
 from rastercov.core.area.cells import Cells
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Cameras, Poses, renumbered
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.shards import LOG
 from rastercov.core.coverage.task import Task

@@ -29,23 +29,26 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import (
+from rastercov.base import (
     AnyArray,
     BoolArray,
+    ByName,
+    ConfigError,
     Float32Array,
     FloatArray,
     Int32Array,
     IntArray,
+    ResourceError,
+    frozen_record,
+    share_poses,
+    thread_count,
 )
-from rastercov.base.threads import share_poses, thread_count
 from rastercov.core.area.cells import Cells, cells
 from rastercov.core.area.frames import check_same_mesh
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import gated
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import cameras_of, rows_of_result, with_places
+from rastercov.core.camera import Poses, cameras_of, renumbered, rows_of_result
+from rastercov.core.camera.rig import with_places
 from rastercov.core.coverage.coverage import evaluate_batches, judged, measurements
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass

@@ -11,12 +11,9 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base.errors import PoseError
-from rastercov.base.format import first_of, frozen_record
-from rastercov.base.memory import FloatArray, IntArray, Lists
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import MOST_NAMES, Rig, Views, eyes_of, led_by, with_places
+from rastercov.base import FloatArray, IntArray, Lists, PoseError, first_of, frozen_record
+from rastercov.core.camera import Camera, Poses, Rig, Views, eyes_of, led_by
+from rastercov.core.camera.rig import MOST_NAMES, with_places
 
 
 def places_on_rigs(owner: IntArray) -> IntArray:

@@ -20,25 +20,35 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import is_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import (
+from rastercov.base import (
+    TINY,
+    BoolArray,
     ByName,
+    ConfigError,
+    FloatArray,
     InNotebook,
+    IntArray,
     ReadByName,
-    distance,
     frozen_record,
     percent,
     sampling,
+    shown,
 )
-from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.base.checks import is_number
+from rastercov.base.format import distance
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.footprints import Footprints, footprints, surface_of_footprints
 from rastercov.core.area.polygons import quantile
 from rastercov.core.area.zones import MOST_LINES, TRIED_PERCENT
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import cameras_of, eyes_of
-from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+from rastercov.core.camera import (
+    Poses,
+    cameras_of,
+    distance_kept,
+    eyes_of,
+    fibonacci_sphere,
+    look_at,
+    upwards,
+)
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason

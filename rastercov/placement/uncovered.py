@@ -23,12 +23,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, area, frozen_record, percent, plural, verb
-from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    frozen_record,
+    percent,
+    plural,
+)
+from rastercov.base.format import area, verb
 from rastercov.base.typed import typed
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import Cameras, are_central, axes_of, led_by
+from rastercov.core.camera import Cameras, Poses, axes_of, led_by, renumbered
+from rastercov.core.camera.rig import are_central
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches
 from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.core.coverage.observer import Observer, open_observer
@@ -48,6 +59,8 @@ for images of 1 px^2 or more, and 1e-9 / area for smaller ones."""
 EDGE_ON = 1e-6
 """Square pixels: an image of at most this area is that of a face seen edge-on, which shows
 nothing."""
+PAIRS_IN_CACHE = 1 << 14
+"""Pairs of pose and face whose figures are added at a time."""
 FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
 """Figures that `CandidateBounds` takes."""
 
@@ -99,12 +112,19 @@ class CandidateBounds:
 
     def add(self, batch: Coverage) -> None:
         """Add a batch of candidates."""
-        value, bound, kind, drawn, why = (getattr(batch, name)[:, self.chosen] for name in FIGURES)
-        # A smaller image shows nothing, unless it was sampled.
-        most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
-        for item, kept in ((value - bound, self.low), (most, self.high)):
-            kept[self.chosen] = np.clip(item.max(axis=0, initial=0.0), kept[self.chosen], 1.0)
-        self.covering[self.chosen] += (why == Reason.COVERED).sum(axis=0)
+        n_poses, n_faces = len(batch.pose_ids), len(self.low)
+        step = max(1, PAIRS_IN_CACHE // max(1, n_faces))
+        for start in range(0, n_poses, step):
+            rows = slice(start, start + step)
+            value, bound, kind, drawn, why = (getattr(batch, name)[rows] for name in FIGURES)
+            # A smaller image shows nothing, unless it was sampled.
+            most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
+            for item, kept in ((value - bound, self.low), (most, self.high)):
+                np.maximum(kept, item.max(axis=0), out=kept)
+            self.covering += (why == Reason.COVERED).sum(axis=0)
+        for kept in (self.low, self.high):
+            np.minimum(kept, self.chosen, out=kept)
+        self.covering[~self.chosen] = 0
         self.n_poses += len(batch.pose_ids)
 
     def claims(self, n_candidates: int) -> ByteArray:
@@ -270,6 +290,10 @@ class Leftover:
 
     def summary(self) -> ByName:
         """Figures in total and by group, by count and by area; ready for JSON."""
+        return dict(self._figures)
+
+    @cached_property
+    def _figures(self) -> ByName:
         mesh, task_faces = self.mesh, self.mesh.task_mask
         is_covered = self.n_covering > 0
         shown = (~is_covered & (self.sight == s) for s in (Sight.SOME, Sight.NONE, Sight.UNKNOWN))

@@ -9,13 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.format import ByName, distance, first_of, plural
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import ByName, FloatArray, IntArray, first_of, plural
+from rastercov.base.format import distance
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.remedies import SURE, rounded
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import cameras_of, eyes_of
-from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+from rastercov.core.camera import (
+    Poses,
+    cameras_of,
+    distance_kept,
+    eyes_of,
+    fibonacci_sphere,
+    look_at,
+    upwards,
+)
 from rastercov.core.coverage.reasons import Reason
 from rastercov.placement.audit import Audit
 from rastercov.placement.bits import by_face

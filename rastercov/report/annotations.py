@@ -13,12 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import near_limit, sides_of
-from rastercov.core.camera.projection import to_camera, to_image
-from rastercov.core.camera.rig import cameras_of
+from rastercov.base import ByName, FloatArray, IntArray, frozen_record
+from rastercov.core.camera import Camera, cameras_of, near_limit, to_camera, to_image
+from rastercov.core.camera.near_plane import sides_of
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.coverage.silhouettes import GroupViews, camera_around, places_of
 from rastercov.core.raster import open_rasterizer
@@ -39,7 +36,8 @@ def annotations(
     mesh, cameras, poses = evaluation.mesh, cameras_of(evaluation.camera), evaluation.poses
     known = {group.name: row for row, group in enumerate(mesh.groups)}
     rows = np.array([known[name] for name in views.names])
-    faces = [mesh.faces[some] for some in places_of(mesh.face_group, rows)]
+    members = places_of(mesh.face_group, rows)
+    corners = [mesh.vertices[mesh.faces[some]] for some in members]
     shares = views.visible_share, views.truncated_share
     info: dict[int, list[ByName]] = {}
     own: dict[int, list[ByName]] = {}
@@ -51,7 +49,7 @@ def annotations(
                 face = rasterizer.render(pose).face
                 group = np.where(face < 0, -1, mesh.face_group[face])
                 masks = [_Mask(pixels, group.shape) for pixels in places_of(group.T, rows)]
-                boxes = [_box(mesh.vertices[own], camera, pose) for own in faces]
+                boxes = _boxes(corners, camera, pose)
                 columns = range(len(rows))
                 of_image = *(share[at].tolist() for share in shares), boxes, masks
                 each_group = list(zip(columns, *of_image, strict=True))
@@ -136,22 +134,23 @@ def _bop(
 
 
 def _edges(corners: FloatArray) -> FloatArray:
-    """(N, 3) points of the edges of triangles (F, 3, 3), `STEPS` of each."""
+    """(F, 3 `STEPS`, 3) points of the edges of triangles (F, 3, 3)."""
     along = np.linspace(0, 1, STEPS)[:, None, None, None]
-    return (corners + along * (np.roll(corners, -1, axis=1) - corners)).reshape(-1, 3)
+    points = corners + along * (np.roll(corners, -1, axis=1) - corners)
+    return np.moveaxis(points, 0, 1).reshape(len(corners), -1, 3)
 
 
-def _cut(corners: FloatArray, camera: Camera, near: float) -> FloatArray:
-    """(N, 3) corners of triangles (F, 3, 3) within an image and beyond a depth, camera axes."""
+def _cut(corners: FloatArray, camera: Camera, nears: FloatArray) -> FloatArray:
+    """(F, M, 3) corners of triangles (F, 3, 3) within an image and beyond depths (F,)."""
     for a, b, c in sides_of(camera):
-        side = (a, b, 0.0, c) if camera.is_parallel else (a, b, c, 0.0)
-        corners = _half(corners, np.array(side))
-    return _half(corners, np.array((0.0, 0.0, 1.0, -near))).reshape(-1, 3)
+        side = (a, b, 0.0) if camera.is_parallel else (a, b, c)
+        corners = _half(corners, np.array(side), c if camera.is_parallel else 0.0)
+    return _half(corners, np.array((0.0, 0.0, 1.0)), -nears[:, None])
 
 
-def _half(polygons: FloatArray, side: FloatArray) -> FloatArray:
-    """Polygons (N, M, 3) where a x + b y + c z + d >= 0; shorter ones repeat a corner."""
-    value = polygons @ side[:3] + side[3]
+def _half(polygons: FloatArray, normal: FloatArray, offset: FloatArray | float) -> FloatArray:
+    """Polygons (N, M, 3) where a x + b y + c z + d >= 0; shorter ones repeat a corner, NaN none."""
+    value = polygons @ normal + offset
     if not len(value) or (value >= 0).all():
         return polygons
     following = np.roll(value, -1, axis=1)
@@ -160,30 +159,34 @@ def _half(polygons: FloatArray, side: FloatArray) -> FloatArray:
     across = polygons + part[..., None] * (np.roll(polygons, -1, axis=1) - polygons)
     points = np.stack((polygons, across), axis=2).reshape(len(value), -1, 3)
     is_kept = np.stack((value >= 0, is_cut), axis=2).reshape(len(value), -1)
-    order = np.argsort(~is_kept, axis=1, kind="stable")[:, : is_kept.sum(axis=1).max()]
+    order = np.argsort(~is_kept, axis=1, kind="stable")[:, : max(1, is_kept.sum(axis=1).max())]
     order = np.where(np.take_along_axis(is_kept, order, axis=1), order, order[:, :1])
-    values = np.take_along_axis(points, order[..., None], axis=1)
-    return values[is_kept.any(axis=1)]
+    values: FloatArray = np.take_along_axis(points, order[..., None], axis=1)
+    values[~is_kept.any(axis=1)] = np.nan
+    return values
 
 
-def _box(corners: FloatArray, camera: Camera, pose: FloatArray) -> list[int]:
-    """Left, top, width and height of triangles (F, 3, 3) in an image and as much around it."""
-    points = corners.reshape(-1, 3)
-    bounds = np.stack((points.min(axis=0), points.max(axis=0)))
+def _boxes(groups: Sequence[FloatArray], camera: Camera, pose: FloatArray) -> list[list[int]]:
+    """Left, top, width and height of triangles (F, 3, 3) of groups, in an image and around it."""
+    corners, counts = np.concatenate(groups), np.array([len(each) for each in groups])
     if camera.is_curved:
         inside = to_camera(_edges(corners), pose)
         if camera.is_parallel:
-            inside = inside[inside[:, 2] >= camera.near]
+            inside[inside[..., 2] < camera.near] = np.nan
     else:
-        near = float(near_limit(camera, bounds, pose[None])[0])
-        inside = _cut(to_camera(corners, pose), camera_around(camera), near)
+        bounds = [(each.min(axis=(0, 1)), each.max(axis=(0, 1))) for each in groups]
+        nears = [near_limit(camera, np.array(box), pose[None])[0] for box in bounds]
+        around = camera_around(camera)
+        inside = _cut(to_camera(corners, pose), around, np.repeat(nears, counts))
     with np.errstate(all="ignore"):
         pixels = to_image(inside, camera)
-    pixels = pixels[np.isfinite(pixels).all(axis=1)]
-    if not len(pixels):
-        return NONE
-    sides = np.array([camera.width, camera.height])
-    low = np.clip(np.floor(pixels.min(axis=0) + ROUNDING), -sides, 2 * sides)
-    high = np.clip(np.ceil(pixels.max(axis=0) - ROUNDING), -sides, 2 * sides)
-    is_there = bool((high > low).all())
-    return [*map(int, low), *map(int, high - low)] if is_there else NONE
+    pixels[~np.isfinite(pixels).all(axis=-1)] = np.nan
+    starts, sides = np.cumsum(counts) - counts, np.array([camera.width, camera.height])
+    low = np.fmin.reduceat(np.fmin.reduce(pixels, axis=1), starts)
+    high = np.fmax.reduceat(np.fmax.reduce(pixels, axis=1), starts)
+    low = np.clip(np.floor(low + ROUNDING), -sides, 2 * sides)
+    high = np.clip(np.ceil(high - ROUNDING), -sides, 2 * sides)
+    boxes = np.hstack((low, high - low))
+    boxes[~(high > low).all(axis=1)] = NONE
+    whole: list[list[int]] = boxes.astype(np.int64).tolist()
+    return whole

@@ -22,23 +22,27 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from rastercov.base.format import (
+from rastercov.base import (
+    TINY,
     ByName,
+    FloatArray,
     ReadByName,
-    area,
     first_of,
     frozen_record,
+    json_bytes,
     percent,
     plural,
     sampling,
-    verb,
+    write_bytes,
+    write_json,
+    write_text,
 )
+from rastercov.base.format import area, verb
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.memory import TINY, FloatArray
-from rastercov.base.output import json_bytes, write_bytes, write_json, write_npz, write_text
+from rastercov.base.output import write_npz
 from rastercov.core.area.footprints import overlap_words
 from rastercov.core.area.zones import DeadZones, face_zones
-from rastercov.core.camera.rig import cameras_of, eyes_of, names_of
+from rastercov.core.camera import cameras_of, eyes_of, names_of
 from rastercov.core.coverage.network import share_of_faces
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import kept_in, remove

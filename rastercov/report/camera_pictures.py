@@ -10,15 +10,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.core.area.failures import first_failures
 from rastercov.core.area.features import conditions_at
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, apparent
+from rastercov.core.camera import Camera, Cameras, Poses, apparent
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

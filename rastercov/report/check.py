@@ -8,8 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from rastercov.base.format import percent
-from rastercov.base.output import write_json, write_text
+from rastercov.base import percent, write_json, write_text
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.required import FAILS
 from rastercov.placement.plan.check import Checked, record, to_json

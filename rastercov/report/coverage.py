@@ -1,12 +1,9 @@
 """Report of an evaluation: measure poses batch by batch and write their figures to a folder.
 
 coverage.parquet   every figure of the pairs of pose and face that were asked for
-rig.json           cameras and poses, where there are up to 5,000
-areas.parquet      covered area of each face by 1 ... k cameras, where the result is by area
 groups.parquet     with --table groups: visible and truncated share of each group in each image;
                    scene_gt_info.json and coco.json, for annotators
 summary.json       figures of the network, and their provenance
-network.glb        the mesh coloured by the best coverage of any camera
 overview.png       the mesh in the colours of the cameras, and a floor plan
 zones.png          dead zones, where the result is by area and there are any
 contact_sheet.png  the poses side by side
@@ -14,6 +11,8 @@ pose_*.png         the mesh as one camera sees it, by the reason of each part, i
 faces_*.png        the face index image of the same pose, if asked for
 report.html        the results as a page for people; report.pdf on paper, if asked for
 view.html          all cameras to look around in and to move, without a server
+
+`result_files` has the others.
 
 A run that fails keeps the earlier report; one that ends replaces all of it. `report.folder`
 describes runs that are killed.
@@ -31,20 +30,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, ReadByName, first_of
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    ReadByName,
+    check_choice,
+    first_of,
+    write_json,
+    write_text,
+)
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_json, write_text
 from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import (
+from rastercov.core.camera import (
     Cameras,
+    Poses,
     cameras_of,
-    equipment_on,
     gates_of,
     led_by,
     names_of,
@@ -68,13 +71,7 @@ from rastercov.report.camera_pictures import (
     camera_pixels,
     camera_scene,
 )
-from rastercov.report.coverage_files import (
-    INSTALL_PYARROW,
-    has_parquet,
-    write_coloured_mesh,
-    write_covered_mesh,
-    write_rig,
-)
+from rastercov.report.coverage_files import INSTALL_PYARROW, has_parquet
 from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
@@ -83,6 +80,7 @@ from rastercov.report.network_page import NetworkPage, pictures_in_words
 from rastercov.report.pages import image_name
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page
+from rastercov.report.result_files import FILES, ResultFile, files_of
 from rastercov.shards import ALONE, Progress, Staff
 
 if TYPE_CHECKING:
@@ -98,15 +96,22 @@ FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
 OF_GROUPS = "groups"
 """Table of groups and images, in place of that of pairs of pose and face."""
-TABLES = ("coverage", "areas", "groups", *(name for each in hooks() for name in each.tables))
+TABLES = ("coverage", "groups", *(name for each in hooks() for name in each.tables))
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(
-        rf"({'|'.join(TABLES)})\.parquet|(summary|rig|scene_gt_info|coco)\.json|network\.glb|view\.html"
+        "|".join(re.escape(each.name) for each in FILES) + "|"
+        rf"({'|'.join(TABLES)})\.parquet|(summary|scene_gt_info|coco)\.json|view\.html"
         rf"|report\.(html|pdf)|({'|'.join(pictures_in_words())})\.png|(pose|faces)_\d+\.png"
     ),
     last="summary.json",
 )
+
+
+def need_parquet(option: str) -> None:
+    """Raise ConfigError for an option that needs pyarrow, where there is none."""
+    if not has_parquet():
+        raise ConfigError(f"{option}: expected pyarrow, got no package; run: {INSTALL_PYARROW}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,13 +135,12 @@ class Options:
     sheet: Mapping[str, str] | None = None  # title block of the page
     level: int | None = None  # of the parts in its table, as of `coverage.parts.entries_at`
     names: Sequence[str] = ()  # images of the poses without fault, see `names_of_poses`
+    output: Sequence[str] = ()  # words of `result_files.FILES`; the usual files if none
 
     def __post_init__(self) -> None:
         check_choice("table", self.table, (*CHOICES, OF_GROUPS))
-        if self.table != "none" and not has_parquet():
-            raise ConfigError(
-                f"--table {self.table}: expected pyarrow, got no package; run: {INSTALL_PYARROW}"
-            )
+        if self.table != "none":
+            need_parquet(f"--table {self.table}")
         check_choice("full", self.full, FULL)
         if self.pdf and not self.pictures:
             raise ConfigError("--pdf: expected a page, got --pictures 0; leave out one")
@@ -152,8 +156,12 @@ class Options:
 
     def record(self) -> ByName:
         """Options for the provenance, ready for JSON; a title block where there is one."""
-        kept = {name: own for name, own in asdict(self).items() if own or name != "sheet"}
-        return {name: own for name, own in kept.items() if name not in ("level", "names")}
+        kept = {
+            name: own
+            for name, own in asdict(self).items()
+            if own or name not in ("sheet", "output")
+        }
+        return {name: own for name, own in kept.items() if name not in ("level", "names", "output")}
 
     @property
     def engine(self) -> Engine:
@@ -229,6 +237,9 @@ def run(
     accepted, cameras = Poses.of(poses, skip_bad=options.skip_bad_poses), cameras_of(camera)
     with ReportFolder(out, EVALUATION) as folder:
         query = Query(mesh, camera, accepted, task, options.engine, phases, options.by)
+        files = files_of(options.output, by_area=query.by_area, has_tables=options.table != "none")
+        if any(each.is_table for each in files):
+            need_parquet("--output")
         if options.pdf:
             browser()  # none fails before the work
         some = np.linspace(0, len(accepted) - 1, min(options.pictures, len(accepted)))
@@ -256,7 +267,7 @@ def run(
         )
         drawn = result.poses[np.isin(result.poses.ids, accepted.ids[rows])]
         groups = result.group_views() if has_groups and not result.interrupted else None
-        return _write(folder, result, named, drawn, options, groups, staff)
+        return _write(folder, result, named, drawn, options, groups, staff, files)
 
 
 def _write(
@@ -267,17 +278,13 @@ def _write(
     options: Options,
     groups: GroupViews | None,
     staff: Staff,
+    files: Sequence[ResultFile],
 ) -> ByName:
     """Write what was found with poses by their names, some drawn; content of `summary.json`.
 
     `staff.progress` counts dead zones, and then pictures.
     """
-    mesh, camera, poses, areas = (
-        evaluation.mesh,
-        evaluation.camera,
-        evaluation.poses,
-        evaluation.areas,
-    )
+    camera, poses, areas = evaluation.camera, evaluation.poses, evaluation.areas
     progress = staff.progress
     names = [named[row] for row in poses.ids.tolist()]
     n = len(drawn)
@@ -312,28 +319,13 @@ def _write(
     except KeyboardInterrupt:
         summary["interrupted"] = True
     with interrupts_held():
-        part = part_of(areas)
-        if areas is None:
-            write_coloured_mesh(folder.file("network.glb"), mesh, evaluation.network.best)
-        else:
-            if options.table != "none":
-                from rastercov.report.parquet import write_areas
+        if (part := part_of(areas)) and has_parquet():
+            from rastercov.report.parquet import write_columns
 
-                write_areas(
-                    folder.file("areas.parquet"),
-                    mesh,
-                    areas.covered,
-                    evaluation.per_camera.of_faces,
-                )
-            if part and has_parquet():
-                from rastercov.report.parquet import write_columns
-
-                for name, of_part in part.tables().items():
-                    write_columns(folder.file(f"{name}.parquet"), of_part)
-            additions = list(part.additions()) if part else []
-            additions += [each._to_gltf for each in equipment_on(camera).values()]
-            write_covered_mesh(folder.file("network.glb"), areas.covered, additions)
-        write_rig(folder.file("rig.json"), camera, poses, names)
+            for name, of_part in part.tables().items():
+                write_columns(folder.file(f"{name}.parquet"), of_part)
+        for each in files:
+            each.write(folder.file(each.name), evaluation, names)
         write_json(folder.file("summary.json"), summary)
         folder.publish()
         if not summary["interrupted"]:

@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base.format import ByName
-from rastercov.base.memory import AnyArray, FloatArray, IntArray
-from rastercov.base.output import write_bytes, write_json
+from rastercov.base import AnyArray, ByName, FloatArray, IntArray, write_bytes, write_json
 from rastercov.core.area.union import Covered, with_rest
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, Views, cameras_of, names_of_poses
+from rastercov.core.camera import Cameras, Poses, Rig, Views, cameras_of, names_of_poses
 from rastercov.core.mesh import Mesh
 from rastercov.formats.cameras.own import content_of
 from rastercov.formats.meshes.gltf_file import Y_UP, GlbBuffer

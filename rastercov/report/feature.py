@@ -5,9 +5,7 @@ from typing import NamedTuple, Protocol
 
 from PIL import Image
 
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ReadByName
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray, ReadByName, hooks_of
 from rastercov.core.area.network import AreaNetwork
 from rastercov.report.coverage_files import Addition
 

@@ -35,23 +35,19 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Self
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.files import parsed_json, printable
-from rastercov.base.format import ByName
-from rastercov.base.interrupts import end_held, interrupts_held
-from rastercov.base.locks import locked
-from rastercov.base.output import (
-    PART,
-    is_own_folder,
+from rastercov.base import (
+    ByName,
+    ConfigError,
     json_bytes,
-    move,
     named,
     own_folder,
-    remove_file,
+    parsed_json,
+    printable,
     remove_folder,
-    replacing,
-    sync,
 )
+from rastercov.base.interrupts import end_held, interrupts_held
+from rastercov.base.locks import locked
+from rastercov.base.output import PART, is_own_folder, move, remove_file, replacing, sync
 from rastercov.base.versions import version_of
 
 STAGING = ".rastercov-report.part"

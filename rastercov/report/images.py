@@ -6,6 +6,7 @@ two colours would be a third one.
 
 import io
 import math
+import unicodedata
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
-from rastercov.base.format import decimals_of
-from rastercov.base.memory import (
+from rastercov.base import (
     TINY,
     BoolArray,
     ByteArray,
@@ -26,9 +26,10 @@ from rastercov.base.memory import (
     Int32Array,
     IntArray,
     WholeArray,
+    decimals_of,
 )
 from rastercov.base.output import writing
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import components_of
@@ -395,9 +396,25 @@ def line_height(font: Font) -> int:
     return int(np.ceil(font.getbbox("Ag")[3]))
 
 
+def drawable(text: str, font: Font) -> str:
+    """One line in letters that the font has: others without their accents, or "?"."""
+    box = bytes(font.getmask("\uffff"))  # of letters that it does not have
+
+    def has(letter: str) -> bool:
+        return letter.isprintable() and (letter.isascii() or bytes(font.getmask(letter)) != box)
+
+    def drawn(letter: str) -> str:
+        if has(letter):
+            return letter
+        return "".join(filter(has, unicodedata.normalize("NFKD", letter).strip())) or "?"
+
+    whole = unicodedata.normalize("NFC", " ".join(text.split())[:400])
+    return "".join(map(drawn, whole))
+
+
 def cut(text: str, font: Font, width: float) -> str:
     """One line of text, cut to fit."""
-    text = " ".join(text.split())[:400]
+    text = drawable(text, font)
     if font.getlength(text) <= width:
         return text
     while text and font.getlength(text + "...") > width:
@@ -457,7 +474,7 @@ def write_labels(
     """
     if not names:
         return
-    draw = ImageDraw.Draw(image)
+    draw, names = ImageDraw.Draw(image), [drawable(name, font) for name in names]
     boxes = np.array([draw.textbbox((0, 0), name, font, anchor="mm") for name in names])
     sizes = boxes[:, 2:] - boxes[:, :2] + np.array([9, 7]) * fine
     points = np.asarray(anchors, np.float64)

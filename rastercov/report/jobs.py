@@ -13,12 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind
-from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.files import StrPath
-from rastercov.base.format import ReadByName
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, Views, cameras_of, names_of
+from rastercov.base import ConfigError, PoseError, ReadByName, StrPath, check_kind
+from rastercov.core.camera import Cameras, Poses, Rig, Views, cameras_of, names_of
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

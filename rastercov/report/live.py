@@ -18,26 +18,25 @@ from numpy.typing import ArrayLike
 from pydantic import TypeAdapter
 
 import rastercov
+from rastercov.base import ByName, ReadByName, frozen_record, hooks_of
 from rastercov.base.arguments import annotations_of, documented
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, ReadByName, base64_of, frozen_record
+from rastercov.base.format import base64_of
 from rastercov.core.area.criteria import has_closed_form
 from rastercov.core.area.regions import OF_A_FACE
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.catalogue import catalogue
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import (
+from rastercov.core.camera import (
+    MODELS,
+    Camera,
     Cameras,
+    Poses,
     Rig,
-    RigEntries,
-    are_central,
     cameras_of,
     equipment_on,
     gates_of,
     names_of,
 )
+from rastercov.core.camera.catalogue import catalogue
+from rastercov.core.camera.rig import RigEntries, are_central
 from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.reasons import REASONS
@@ -382,11 +381,16 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByN
 
 
 def described_together(cameras: Cameras) -> ByName:
-    """Entries on the cameras of a rig together, see `RigEntries.described`."""
+    """Entries on the cameras of a rig together, see `RigEntries.described`, and their places."""
     if not isinstance(cameras, Rig):
         return {}
-    every = (each.described(cameras).items() for each in hooks_of(RigEntries))
-    return {name: own for some in every for name, own in some}
+    own: ByName = {"fixed": list(cameras.fixed)} if cameras.fixed else {}
+    if (cameras.rig_from_camera != np.eye(4)).any():
+        places = cameras.rig_from_camera.tolist()
+        own["rig_from_camera"] = dict(zip(cameras.names, places, strict=True))
+    for each in hooks_of(RigEntries):
+        own |= each.described(cameras)
+    return own
 
 
 def playground() -> str:

@@ -14,12 +14,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, frozen_record, number, percent, plural
-from rastercov.base.memory import TINY, WholeArray
-from rastercov.core.camera.gate import Gate
+from rastercov.base import (
+    TINY,
+    ByName,
+    ConfigError,
+    WholeArray,
+    check_choice,
+    frozen_record,
+    hooks_of,
+    percent,
+    plural,
+)
+from rastercov.base.format import number
+from rastercov.core.camera import Gate
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.reasons import NAMES, REASONS
 from rastercov.core.mesh import Mesh
@@ -214,9 +221,14 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
 
 def by_angle(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Angles between views, (F,) degrees, 0 for fewer than two."""
-    values = np.asarray(angle, np.float64)
-    high = float(values[mesh.task_mask].max(initial=0.0)) or 90.0
-    return on_scale(mesh, values / high, (0.0, high), "deg", "fewer than two views")
+    return up_to_most(mesh, angle, 90.0, "deg", "fewer than two views")
+
+
+def up_to_most(mesh: Mesh, values: ArrayLike, otherwise: float, unit: str, none: str) -> Painted:
+    """Values, (F,), on a scale from 0 to the most of a face of the task, or to another end."""
+    given = np.asarray(values, np.float64)
+    high = float(given[mesh.task_mask].max(initial=0.0)) or otherwise
+    return on_scale(mesh, given / high, (0.0, high), unit, none)
 
 
 def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:

@@ -11,20 +11,21 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from rastercov.base.format import (
+from rastercov.base import (
+    BoolArray,
     ByName,
+    FloatArray,
+    IntArray,
     ReadByName,
-    area,
     frozen_record,
-    length,
     percent,
     plural,
-    signed,
-    verb,
+    row_lengths,
+    share_poses,
+    thread_count,
     with_bound,
 )
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.base.threads import share_poses, thread_count
+from rastercov.base.format import area, length, signed, verb
 from rastercov.core.area import polygons
 from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.figures import in_words
@@ -35,15 +36,8 @@ from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, Z
 from rastercov.core.area.table import Regions, taken
 from rastercov.core.area.union import unite
 from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import (
-    Cameras,
-    axes_of,
-    cameras_of,
-    gates_of,
-    names_of,
-    short_names,
-)
+from rastercov.core.camera import Cameras, Poses, axes_of, cameras_of, gates_of, names_of
+from rastercov.core.camera.rig import short_names
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
@@ -269,7 +263,7 @@ class NetworkPage:
         entries = zones.places(zones.listed())
         for row, entry in enumerate(entries):
             faces = zones.face[zones.zone == row].astype(np.int64)
-            away = np.linalg.norm(self.mesh.centroids[faces] - entry["centroid"], axis=1)
+            away = row_lengths(self.mesh.centroids[faces] - entry["centroid"])
             face = int(faces[away.argmin()])  # the one in the middle
             entry |= {"reason": NAMES[why[face]], "hidden_by": None}
             if row < MOST_CLOSE_UPS:
@@ -286,8 +280,8 @@ class NetworkPage:
         if why == Reason.OCCLUDED:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 
-            away = np.linalg.norm(self.eyes - spot.at, axis=1)
-            nearest, face = self.poses[away.argmin(keepdims=True)], some[spot.middle][None]
+            away = row_lengths(self.eyes - spot.at)
+            nearest, face = self.poses[away.argmin(axis=0, keepdims=True)], some[spot.middle][None]
             axes = axes_of(self.camera, nearest)
             eye = nearest.eyes
             shares = in_front(mesh, eye, face, axes=axes)[0]

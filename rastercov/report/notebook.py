@@ -17,13 +17,20 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from rastercov.base.arguments import check_choice, check_kind
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, ReadByName, area, percent, plural
-from rastercov.base.output import write_text
-from rastercov.core.camera.rig import names_of
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    ReadByName,
+    StrPath,
+    check_choice,
+    check_kind,
+    percent,
+    plural,
+    shown,
+    write_text,
+)
+from rastercov.base.format import area
+from rastercov.core.camera import names_of
 from rastercov.core.coverage.coverage import Coverage
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.coverage.network import Network, reasons_of

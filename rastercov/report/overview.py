@@ -17,17 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base.format import (
-    ReadByName,
-    area,
-    decimals_of,
-    first_of,
-    frozen_record,
-    percent,
-    plural,
-    signed,
-)
-from rastercov.base.memory import (
+from rastercov.base import (
     TINY,
     AnyArray,
     BoolArray,
@@ -35,16 +25,22 @@ from rastercov.base.memory import (
     FloatArray,
     Int32Array,
     IntArray,
+    ReadByName,
     WholeArray,
+    decimals_of,
+    first_of,
+    frozen_record,
+    percent,
+    plural,
+    row_lengths,
 )
+from rastercov.base.format import area, signed
 from rastercov.core.area.frames import rows_at
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Camera, Cameras, Poses, cameras_of
 from rastercov.core.camera.projection import view_frame
-from rastercov.core.camera.rig import Cameras, cameras_of
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason, fails, leads
 from rastercov.core.mesh import Mesh
@@ -300,7 +296,7 @@ def nearest_covering(
     covers = covering_poses(regions, face, points)
     for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
         rows = np.flatnonzero(covers[:, pose])
-        away = np.linalg.norm(points.take(rows, axis=0) - eyes[pose], axis=1)
+        away = row_lengths(points.take(rows, axis=0) - eyes[pose])
         nearer = away < reach[rows]
         best[rows[nearer]] = pose
         reach[rows[nearer]] = away[nearer]

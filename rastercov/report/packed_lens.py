@@ -1,10 +1,9 @@
 """A lens as one row of numbers, for `rc_lens_create` of rastercov.h and for live pages."""
 
-from rastercov.base.memory import FloatArray
+from rastercov.base import FloatArray
 from rastercov.core.area.criteria import has_closed_form
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import MODELS, Camera
 from rastercov.core.camera.lenses.of_camera import lens_of
-from rastercov.core.camera.models import MODELS
 
 
 def packed(camera: Camera) -> FloatArray:

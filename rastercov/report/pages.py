@@ -23,30 +23,25 @@ from numpy.typing import ArrayLike
 from PIL import Image
 
 import rastercov
-from rastercov.base.errors import ResourceError
-from rastercov.base.features import FEATURES
-from rastercov.base.format import (
+from rastercov.base import (
+    TINY,
+    BoolArray,
     ByName,
+    FloatArray,
+    IntArray,
     ReadByName,
-    area,
-    base64_of,
-    length,
-    number,
+    ResourceError,
     percent,
     plural,
     sampling,
-    verb,
 )
-from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.base.features import FEATURES
+from rastercov.base.format import area, base64_of, length, number, verb
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, zone_line
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of, names_of, upwards
 from rastercov.core.camera.projection import view_border, view_frame
-from rastercov.core.camera.rig import Cameras, cameras_of, names_of
-from rastercov.core.camera.viewpoints import upwards
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.parts import part_rows
 from rastercov.core.coverage.reasons import REASONS

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
-from rastercov.base.format import first_of, frozen_record
-from rastercov.base.memory import (
+from rastercov.base import (
     AnyArray,
     BoolArray,
     ByteArray,
@@ -24,12 +23,21 @@ from rastercov.base.memory import (
     FloatArray,
     Int32Array,
     IntArray,
+    first_of,
+    frozen_record,
+    row_lengths,
 )
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.projection import box_corners, rays_of, starts_of, to_camera, to_image
-from rastercov.core.camera.rig import apparent
-from rastercov.core.camera.viewpoints import look_at, upwards
+from rastercov.core.camera import (
+    Camera,
+    Poses,
+    apparent,
+    box_corners,
+    look_at,
+    to_camera,
+    to_image,
+    upwards,
+)
+from rastercov.core.camera.projection import rays_of, starts_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.raster.contract import VisibilityBuffer
@@ -357,7 +365,9 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
         box = np.quantile(ends[some], BEYOND, axis=0, weights=weights, method="inverted_cdf")
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
-        items.append(mesh.vertices[np.unique(mesh.faces[rows[kept]])])
+        is_used = np.zeros(mesh.n_vertices, np.bool_)
+        is_used[mesh.faces[rows[kept]]] = True
+        items.append(mesh.vertices[is_used])
     return items[0], np.stack((items[1].min(axis=0), items[1].max(axis=0)))
 
 
@@ -372,7 +382,7 @@ def front_of(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray | None:
     points = places_of(eyes)
     if np.linalg.norm(front) < FRONT and len(points) and not is_inside(mesh, eyes):
         rays = points - weights @ mesh.centroids[rows]
-        rays /= np.maximum(np.linalg.norm(rays, axis=1), 1e-300)[:, None]
+        rays /= np.maximum(row_lengths(rays), 1e-300)[:, None]
         front = rays.mean(axis=0)
         if np.linalg.norm(front) < FROM_ONE_SIDE:
             return None

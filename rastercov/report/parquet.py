@@ -17,9 +17,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
-from rastercov.base.output import json_bytes, named, replacing, writing
+from rastercov.base import ByName, FloatArray, Int32Array, IntArray, ReadByName, json_bytes, named
+from rastercov.base.output import replacing, writing
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered

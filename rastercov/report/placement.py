@@ -11,11 +11,11 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base.format import ReadByName, percent
+from rastercov.base import ReadByName, percent
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.table import taken
 from rastercov.core.area.zones import ZONES
-from rastercov.core.camera.rig import gates_of, names_of_poses, rows_of_result
+from rastercov.core.camera import gates_of, names_of_poses, rows_of_result
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.coverage.parts import MOST_ROWS
 from rastercov.core.mesh.groups import body_of

@@ -26,20 +26,20 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.advice.headline import first_lines, other_lines
-from rastercov.base.features import hooks_of
-from rastercov.base.files import seen_from
-from rastercov.base.format import (
+from rastercov.base import (
     ByName,
-    area,
     decimals_of,
-    distance,
     first_of,
+    hooks_of,
     percent,
     plural,
-    verb,
+    write_bytes,
+    write_json,
+    write_text,
 )
+from rastercov.base.files import seen_from
+from rastercov.base.format import area, distance, verb
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.output import write_bytes, write_json, write_text
 from rastercov.core.area.zones import ZONES
 from rastercov.core.coverage.provenance import named_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray, row_lengths
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Camera, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh
 from rastercov.core.mesh.sections import cross, polygons_in, section, solid
@@ -97,7 +96,7 @@ def _without_gaps(shape: shapely.Geometry) -> shapely.Geometry:
 def is_foliage(mesh: Mesh) -> BoolArray:
     """(F,) faces of leaves: of groups with many small pieces that are no solids, those pieces."""
     piece = mesh.topology.components()
-    is_small = np.linalg.norm(_sizes(piece, mesh.vertices[mesh.faces]), axis=1) < LEAF
+    is_small = row_lengths(_sizes(piece, mesh.vertices[mesh.faces])) < LEAF
     is_small[piece[closed_faces(mesh)]] = False
     small = is_small[piece]
     count = max(len(is_small), 1)
@@ -135,7 +134,7 @@ def planned(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
     is_own = mesh.task_mask & ~mesh.target_mask
     scored = mesh.faces[is_own & ~is_foliage(mesh)]
     walls = _buildings(section(mesh.vertices, scored, cut))
-    lengths = np.linalg.norm(walls[:, 0] - walls[:, 1], axis=1)
+    lengths = row_lengths(walls[:, 0] - walls[:, 1])
     targets = mesh.vertices[mesh.faces[mesh.target_mask]]
     boxes = [
         middle_part(walls.reshape(-1, 2), np.repeat(lengths, 2)),
@@ -167,13 +166,13 @@ def _buildings(walls: FloatArray) -> FloatArray:
 def distances_to_walls(walls: FloatArray, at: FloatArray) -> list[FloatArray]:
     """Shortest lines (2, 2) from a point to walls (N, 2, 2): along the nearest one, and across."""
     start, step = walls[:, 0], walls[:, 1] - walls[:, 0]
-    length = np.linalg.norm(step, axis=1)
+    length = row_lengths(step)
     start, step = start[length > PIECE], step[length > PIECE]
     if not len(start):
         return []
     share = np.einsum("ij,ij->i", at - start, step) / np.einsum("ij,ij->i", step, step)
     nearest = start + np.clip(share, 0, 1)[:, None] * step
-    row = np.linalg.norm(nearest - at, axis=1).argmin()
+    row = row_lengths(nearest - at).argmin()
     along = step[row] / np.linalg.norm(step[row])
     distances = []
     for axis in (along, np.array((-along[1], along[0]))):

@@ -6,9 +6,8 @@ import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import shortened, to_install
-from rastercov.base.output import write_text
+from rastercov.base import ConfigError, shortened, write_text
+from rastercov.base.format import to_install
 from rastercov.report.folder import ReportFolder
 
 BROWSERS = (

@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from types import FunctionType
 
+from rastercov.base import ByName
 from rastercov.base import format as texts
-from rastercov.base.format import ByName
 from rastercov.core.area.advice import advice_of
 from rastercov.core.camera.camera import depths_in_focus
 from rastercov.core.camera.viewpoints import distances_tried

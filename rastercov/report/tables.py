@@ -8,19 +8,17 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import (
+from rastercov.base import (
+    FloatArray,
     ReadByName,
-    area,
     decimals_of,
-    in_decimals,
     percent,
     plural,
-    signed,
     size_in_words,
     with_bound,
 )
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base.format import area, in_decimals, signed
+from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import angles_of_view
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
@@ -155,20 +153,17 @@ def lens_text(camera: Camera) -> str:
 
 def camera_words(camera: Camera) -> str:
     """Camera and lens as they are sold, pixels, focal length and angles of view, in one line."""
-    if camera.is_parallel:
-        view = size_in_words((camera.width / camera.fx, camera.height / camera.fy))
-        size = f"{camera.width} x {camera.height} px"
-        shown = (camera.product, size, lens_text(camera), f"field of view {view}")
-        return ", ".join(filter(None, shown))
-    angles = angles_of_view(camera)
-    across, down = (signed(each, max(1, decimals_of(min(angles)) - 1)) for each in angles)
-    lens = "" if camera.focal_length is None else lens_text(camera)
-    # Some products end in it.
-    lens = "" if not lens or camera.product.endswith(lens) else f"{lens} lens"
     size = f"{camera.width} x {camera.height} px"
-    return ", ".join(
-        filter(None, (camera.product, size, lens, f"field of view {across} x {down}°"))
-    )
+    if camera.is_parallel:
+        lens = lens_text(camera)
+        view = size_in_words((camera.width / camera.fx, camera.height / camera.fy))
+    else:
+        angles = angles_of_view(camera)
+        digits = max(1, decimals_of(min(angles)) - 1)
+        view = f"{' x '.join(signed(each, digits) for each in angles)}°"
+        lens = "" if camera.focal_length is None else lens_text(camera)
+        lens = "" if not lens or camera.product.endswith(lens) else f"{lens} lens"
+    return ", ".join(filter(None, (camera.product, size, lens, f"field of view {view}")))
 
 
 def camera_rows(summary: ReadByName, unit: str = "m") -> list[list[str]]:

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import IntArray
+from rastercov.base import ConfigError, IntArray
 from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.mesh import Mesh
 

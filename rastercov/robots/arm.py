@@ -13,11 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base import (
+    BoolArray,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    check_kind,
+    frozen_record,
+    shown,
+)
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import Group

@@ -14,11 +14,18 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_choice, check_kind, members
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import (
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    MeshError,
+    check_choice,
+    check_kind,
+    frozen_record,
+    members,
+    shown,
+)
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.mesh import Mesh
 from rastercov.core.mesh.solids import Matter

@@ -15,13 +15,21 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, distance, frozen_record, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    FloatArray,
+    IntArray,
+    StrPath,
+    frozen_record,
+    plural,
+    row_lengths,
+)
+from rastercov.base.format import distance
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Poses
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.mesh import Mesh, bodies
 from rastercov.core.mesh.arrays import frozen
@@ -253,7 +261,7 @@ class PlanArm:
         solution = []
         for row, pose in enumerate(poses):
             error = pose_error(ends, np.broadcast_to(pose, ends.shape))
-            own = known[np.linalg.norm(error, axis=1) <= SAME_POSE]
+            own = known[row_lengths(error) <= SAME_POSE]
             others = [each.joints[each.pose == row] for each in (reached, further)]
             own = kinematics.distinct(np.concatenate([own, *others]), self.arm.link, MOST_OPTIONS)
             if not len(own):  # inverse kinematics found it for the candidate of the same pose

@@ -11,18 +11,29 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_choice, check_seed, checked_array, finite_points
-from rastercov.base.checks import finite_number, is_one_of, shown
-from rastercov.base.errors import ConfigError, MeshError, ResourceError, errors_as
-from rastercov.base.files import (
-    LARGEST_TEXT,
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    MeshError,
+    ResourceError,
     StrPath,
     UnreadableError,
+    check_choice,
+    check_seed,
+    checked_array,
+    errors_as,
     file_bytes,
+    finite_number,
+    finite_points,
+    first_of,
+    frozen_record,
+    is_one_of,
     printable,
+    shown,
 )
-from rastercov.base.format import InOneLine, first_of, frozen_record
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.files import LARGEST_TEXT
 from rastercov.base.typed import check_type
 from rastercov.core.mesh.arrays import checked_poses, frozen, unit
 from rastercov.core.mesh.bodies import JointPath

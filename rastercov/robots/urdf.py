@@ -17,21 +17,21 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.arguments import LARGEST_COORDINATE
-from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError, ResourceError
-from rastercov.base.files import (
-    LARGEST_TEXT,
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    FloatArray,
+    MeshError,
+    ResourceError,
     StrPath,
     UnknownNames,
     UnreadableError,
     Vocabulary,
     file_bytes,
-    is_file,
     printable,
+    shown,
     suffix_of,
 )
-from rastercov.base.memory import FloatArray
+from rastercov.base.files import LARGEST_TEXT, is_file
 from rastercov.formats.meshes.polygons import LONGEST_NAME, broken_files_refused, check
 from rastercov.formats.meshes.xml_tree import (
     children,

@@ -5,15 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName, coordinates, size_in_words, with_bound
-from rastercov.base.memory import FloatArray
+from rastercov.base import ByName, FloatArray, ReadByName, size_in_words, with_bound
+from rastercov.base.format import coordinates
 from rastercov.core.area.feature import Feature, Judge, Points, Scene
 from rastercov.core.area.figures import DOUBTFUL, Alone, Areas, Figures, most_off
 from rastercov.core.area.gates import through
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.gate import Gate
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, apparent, gates_of, names_of
+from rastercov.core.camera import Cameras, Gate, Poses, Rig, apparent, gates_of, names_of
 from rastercov.core.camera.rule import Limited, limits_of
 from rastercov.core.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN
 from rastercov.core.coverage.task import Task

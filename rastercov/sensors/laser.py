@@ -15,10 +15,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, ConfigError, PoseError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    BoolArray,
+    CameraError,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    PoseError,
+    frozen_record,
+    shown,
+)
 from rastercov.base.typed import check_fields
 from rastercov.core.area import polygons
 from rastercov.core.area.cut import Kept
@@ -26,8 +33,7 @@ from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated, tasks_of
 from rastercov.core.area.table import Regions, joined
-from rastercov.core.camera.pose import valid_poses
-from rastercov.core.camera.rig import Rig
+from rastercov.core.camera import Rig, valid_poses
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

@@ -4,15 +4,14 @@ from itertools import combinations
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray
+from rastercov.base import ConfigError, FloatArray, row_lengths
 from rastercov.core.area.criteria import RayAngle, Uncertainty
 from rastercov.core.area.cut import values_of
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.gates import GateLimits
 from rastercov.core.area.polygons import following
 from rastercov.core.area.table import Regions, any_of
-from rastercov.core.camera.gate import Gate
+from rastercov.core.camera import Gate
 from rastercov.core.camera.parallel import FAR
 from rastercov.core.camera.rule import Limited, limits_of
 
@@ -44,7 +43,7 @@ def _within_baseline(regions: Regions, gate: Limited, eyes: FloatArray) -> Regio
 
 def _within_deviation(regions: Regions, gate: Limited, devices: Regions) -> Regions:
     """Parts where the standard deviation is within its limit."""
-    away = np.linalg.norm(devices.eyes[: gate.n], axis=1)
+    away = row_lengths(devices.eyes[: gate.n])
     reach = np.where(away > FAR / 2, FAR, regions.mesh.diagonal)  # FAR of parallel rays
     scales = np.array(gate.noise)[: len(away)] * reach
     most = MOST_INFORMATION * float(scales.min(initial=np.inf))

@@ -4,11 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.gate import Gate
-from rastercov.core.camera.rig import Rig, RigEntries
+from rastercov.base import ByName, CameraError, ReadByName, shown
+from rastercov.core.camera import Gate, Rig
+from rastercov.core.camera.rig import RigEntries
 from rastercov.core.camera.rule import (
     All,
     Rule,
@@ -42,17 +40,10 @@ class RuleEntries(RigEntries):
         """See `RigEntries`."""
         if rig.is_one and not isinstance(rig.rule, AnyOf):
             return rule_to_json(rig.rule)
-        items = [
-            {"cameras": list(_names_of(rig, at)), **rule_to_json(_rule_of(rig, at))}
-            for at in sorted(rig.gates)
-        ]
-        return {"rigs": items} if items else {}
+        return {"rigs": _items(rig)} if rig.gates else {}
 
     def described(self, rig: Rig) -> ByName:
-        """See `RigEntries`, and `page/live_rules.js`.
-
-        `rule` is None where the rule is not that of all cameras.
-        """
+        """See `RigEntries`, and `page/live_rules.js`."""
         items = []
         for first, gate in rig.gates.items():
             (limits,) = limits_of([gate])
@@ -74,8 +65,15 @@ class RuleEntries(RigEntries):
                     "places": _places(rig, devices),
                 }
             )
-        rule_of_all = rule_to_json(rig.rule) if rig.is_one else None
-        return {"gates": items, "rule": rule_of_all} if items else {}
+        return {"gates": items, "rigs": _items(rig)} if items else {}
+
+
+def _items(rig: Rig) -> list[ByName]:
+    """Entries of each rig: its cameras and its rule."""
+    return [
+        {"cameras": list(_names_of(rig, at)), **rule_to_json(_rule_of(rig, at))}
+        for at in sorted(rig.gates)
+    ]
 
 
 def _names_of(rig: Rig, first: int) -> tuple[str, ...]:

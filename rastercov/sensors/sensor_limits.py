@@ -10,16 +10,15 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from rastercov.base.format import frozen_record, number, size_in_words
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray, frozen_record, row_lengths, size_in_words
+from rastercov.base.format import number
 from rastercov.core.area.feature import Judge, Points, Scene
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.gates import through
 from rastercov.core.area.polygons import even_points, polygon_areas
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.gate import Gate
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import are_central, by_gate, gates_of, led_by, names_of
+from rastercov.core.camera import Gate, Poses, by_gate, gates_of, led_by, names_of
+from rastercov.core.camera.rig import are_central
 from rastercov.core.camera.rule import Limited
 from rastercov.core.coverage.reasons import BASELINE, UNCERTAIN, Reason
 from rastercov.core.mesh.arrays import cross_matrix
@@ -163,7 +162,7 @@ class _Head:
     def remedies(self, least: int) -> Iterator[str]:
         """The least change of each kind that covers some number of the points."""
         placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
-        target = self.points[np.linalg.norm(off, axis=1).argmin()]
+        target = self.points[row_lengths(off).argmin()]
         turned = ("", None), (", its sensors aimed at it", target)
         wider = (
             f"a baseline {factor:g} times as wide{words}"

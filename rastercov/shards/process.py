@@ -17,8 +17,8 @@ from queue import SimpleQueue
 from types import MappingProxyType
 from typing import Any
 
-from rastercov.base.errors import RastercovError
-from rastercov.base.threads import Closing, child_environment
+from rastercov.base import Closing, RastercovError
+from rastercov.base.threads import child_environment
 
 PROGRAM = "from rastercov.shards.process import serve; serve()"
 WINDOWS_ERRORS = 0xC0000000

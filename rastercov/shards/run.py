@@ -10,10 +10,8 @@ from dataclasses import dataclass, field, replace
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, PoolLostError, RastercovError
-from rastercov.base.files import one_line
-from rastercov.base.format import ReadByName, plural
+from rastercov.base import ConfigError, RastercovError, ReadByName, one_line, plural, shown
+from rastercov.base.errors import PoolLostError
 from rastercov.shards.store import Note, ShardStore
 from rastercov.shards.work import Made, alone, work
 from rastercov.shards.workers import Pool, Workers

@@ -14,17 +14,8 @@ from dataclasses import dataclass
 from importlib.metadata import version as version_of
 from pathlib import Path
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.output import (
-    PART,
-    is_own_folder,
-    named,
-    own_folder,
-    remove_file,
-    remove_folder,
-    replacing,
-    sync,
-)
+from rastercov.base import ConfigError, named, own_folder, remove_folder
+from rastercov.base.output import PART, is_own_folder, remove_file, replacing, sync
 
 SUMS, QUARANTINE = "sha256", "quarantine"
 """Folders of the checksums of all files, and of the notes on poses that were left out."""

@@ -16,9 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, RastercovError
-from rastercov.base.format import ByName, plural
+from rastercov.base import ByName, ConfigError, RastercovError, plural, shown
 from rastercov.base.versions import version_of
 from rastercov.shards.process import Process, ProcessEndedError
 from rastercov.shards.store import ShardStore

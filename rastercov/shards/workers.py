@@ -5,9 +5,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.features import hooks_of
+from rastercov.base import ConfigError, hooks_of, shown
 from rastercov.shards.process import Processes
 
 MOST_WORKERS = 1024

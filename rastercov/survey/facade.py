@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.arguments import members
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError, members
 from rastercov.base.typed import typed
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.camera import Camera, look_at
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import named

@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError, errors_as
-from rastercov.base.format import distance, in_decimals, plural, sampling, verb
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.base.threads import once_each
-from rastercov.core.camera.pose import Poses
+from rastercov.base import ConfigError, FloatArray, IntArray, errors_as, once_each, plural, sampling
+from rastercov.base.format import distance, in_decimals, verb
+from rastercov.core.camera import Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at

@@ -2,7 +2,7 @@
 
 from dataclasses import fields
 
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.file import Plan, errors_at
 from rastercov.placement.plan.legs import Airspace

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from rastercov.base.format import sampling
+from rastercov.base import sampling
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.plan.entries import (

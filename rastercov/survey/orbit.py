@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError, finite_points
 from rastercov.base.typed import check_fields, typed
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.camera import Camera, look_at
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
 from rastercov.survey.strips import check_count, check_overlap, growth, image_sides

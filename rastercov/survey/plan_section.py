@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from rastercov.base.errors import RastercovError, errors_as
+from rastercov.base import RastercovError, errors_as
 from rastercov.formats.georeference import GeoReference
 from rastercov.placement.plan.entries import (
     Entry,

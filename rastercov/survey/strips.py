@@ -18,13 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray
+from rastercov.base import ConfigError, FloatArray, finite_number, finite_points, shown
 from rastercov.base.typed import check_fields, typed
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import half_angles, look_at
+from rastercov.core.camera import Camera, look_at
+from rastercov.core.camera.viewpoints import half_angles
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at, outline
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates

@@ -10,10 +10,9 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, first_of, frozen_record, percents_apart
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import names_of
+from rastercov.base import ByName, ConfigError, first_of, frozen_record
+from rastercov.base.format import percents_apart
+from rastercov.core.camera import Poses, names_of
 from rastercov.core.coverage.required import FAILS, SHARE_TOLERANCE, UNDECIDED
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of

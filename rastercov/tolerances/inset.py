@@ -12,10 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import TINY, BoolArray, FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import TINY, BoolArray, ConfigError, FloatArray, shown
+from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.core.camera.lenses.planes import first_derivatives
 
@@ -54,7 +52,7 @@ def pixels_a_radian(camera: Camera) -> float:
     T = (1 + r^2)^(1/2) across and 1 + r^2 along; within a distance e, T changes by at most
     4 (r + e) e, and the first derivative J of pixels by e times the bound of the second.
     """
-    plane, slopes = planes_of(camera)[0].plane, planes_of(camera)[0].slopes
+    plane, slopes = planes_of(camera)[0].record, planes_of(camera)[0].slopes
     rows, columns = np.indices(slopes.second.shape).reshape(2, -1)
     per = np.array([slopes.per_x, slopes.per_y])
     middle = np.column_stack([columns, rows]) + 0.5

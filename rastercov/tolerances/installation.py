@@ -7,9 +7,8 @@ import numpy as np
 from annotated_types import Ge
 from typing_extensions import Doc
 
-from rastercov.base.arguments import check_limits
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.conventions import from_vectors
+from rastercov.base import FloatArray, check_limits
+from rastercov.core.camera import from_vectors
 
 
 @dataclass(frozen=True, kw_only=True)

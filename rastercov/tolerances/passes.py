@@ -3,9 +3,9 @@
 Each camera is off by up to a distance, an angle and a share of its focal length, independently of
 the others. A part of a face is sure if its camera covers it with all of these errors, and possible
 if with some. The lower bound of each criterion is exact, except for two densities; the upper bound
-is not. `rastercov/engine/tolerance/tolerance.cpp` computes both, and docs/appendix/tolerance.md has
-the proof. Nothing is searched: draws are given beside the bounds, and only they find an
-installation that fails.
+is not. `rastercov/engine/tolerance` computes both, and docs/appendix/tolerance.md has the proof.
+Nothing is searched: draws are given beside the bounds, and only they find an installation that
+fails.
 """
 
 import math
@@ -17,20 +17,36 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
-from rastercov.core.area.frames import frames_of
-from rastercov.core.area.records import Criteria
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    WholeArray,
+    finite_number,
+    read_only,
+    row_lengths,
+    shown,
+)
+from rastercov.core.area.frames import frames_of, to_world
+from rastercov.core.area.records import Criteria, Planes
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
 from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, cameras_of, equipment_on, gates_of, names_of
+from rastercov.core.camera import (
+    MODELS,
+    Camera,
+    Cameras,
+    Poses,
+    Rig,
+    cameras_of,
+    equipment_on,
+    gates_of,
+    names_of,
+)
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Rules, Task
 from rastercov.core.exact.cameras import pinhole_numbers
@@ -116,7 +132,7 @@ class Errors:
             n_balls = int((sizes > 0).sum() + (part > 0).sum())
             radius = _radii(self.chance ** (1 / max(n_balls, 1)))
             sizes, part = sizes * radius, part * radius[:2]
-        away = np.linalg.norm(poses.eyes - pivot, axis=1)
+        away = row_lengths(poses.eyes - pivot)
         sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
         sizes[:, 1] += part[1]
         if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():
@@ -300,18 +316,12 @@ class TolerancePass:
             rows = np.flatnonzero(poses.camera == index)
             some, camera = poses[rows], own.cameras[index]
             pinhole = _pinhole_of(camera, focal[index])
-            size = sizes[rows] * (1, 1, not camera.is_curved)
             criteria = Criteria(pinhole_numbers(pinhole), own._rules[index], GAP_REL)
             result = solver_tolerance.find(
                 own._surface,
                 own._planes(own._is_asked & own._is_left[index]),
                 criteria,
-                (
-                    read_only(some.world_from_camera, np.float64),
-                    read_only(size, np.float64),
-                    float(camera.near),
-                    MARGINS,
-                ),
+                _mounts(some.world_from_camera, sizes[rows], camera),
                 table_of(taken(with_bound, rows)),
                 is_sure,
                 own.threads,
@@ -328,6 +338,14 @@ def _focal_of(camera: Cameras, poses: Poses, sizes: FloatArray) -> FloatArray:
     focal = np.zeros(len(cameras_of(camera)))
     np.maximum.at(focal, poses.camera, sizes[:, 2])
     return focal
+
+
+def _mounts(
+    world_from_camera: FloatArray, sizes: FloatArray, camera: Camera
+) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+    """Poses of a camera for the engine; the pinhole around a lens has the errors of its focus."""
+    errors = read_only(sizes * (1, 1, not camera.is_curved), np.float64)
+    return read_only(world_from_camera, np.float64), errors, float(camera.near), MARGINS
 
 
 def _pinhole_of(camera: Camera, focal: float) -> Camera:
@@ -398,79 +416,25 @@ def unmet(
     pose: FloatArray,
     size: FloatArray,
     points: FloatArray,
-    face: WholeArray,
+    face: IntArray,
 ) -> ByteArray:
     """(N,) first `Reason` that some errors of a pose, (3,), break at points that it covers.
 
     It is OCCLUDED where all other criteria hold with all errors: those of the table of
-    docs/appendix/tolerance.md.
+    docs/appendix/tolerance.md. Points, (N, 2), are in the planes of faces.
     """
-    d, a, p = size.tolist()
-    away, normal = points - pose[:3, 3], frames_of(mesh).normal[face]
-    height = np.abs(np.einsum("ni,ni->n", away, normal))
-    at = away @ pose[:3, :3]
-    z, distance = at[:, 2], np.linalg.norm(at, axis=1)
-    rho = np.hypot(at[:, 0], at[:, 1])
-    least, most = z * math.cos(a) - rho * math.sin(a) - d, z + rho * math.sin(a) + d
-    fx, fy = camera.fx * (1 + p), camera.fy * (1 + p)
-    borders = np.array(
-        [
-            (fx, 0, camera.cx),
-            (-fx, 0, camera.width - camera.cx),
-            (0, fy, camera.cy),
-            (0, -fy, camera.height - camera.cy),
-        ]
-    )
-    along = at @ (borders / np.linalg.norm(borders, axis=1, keepdims=True)).T
-    across = np.sqrt(np.maximum(distance[:, None] ** 2 - along**2, 0.0))
-    inside = (along * math.cos(a) - across * math.sin(a)).min(axis=1) - d
+    planes = Planes(*frames_of(mesh), mesh.two_sided_mask, mesh.task_mask)
+    criteria = Criteria(pinhole_numbers(_pinhole_of(camera, float(size[2]))), rules, GAP_REL)
+    result = np.empty(len(points), np.uint8)
+    mount = _mounts(pose[None], size[None], camera)
+    solver_tolerance.find_unmet(planes, criteria, mount, points, face, result)
     if camera.is_curved:
-        image = inset(camera, size, float(distance.min(initial=np.inf)))
-        inside = np.where(image is not None and shows(image, at), 1.0, -1.0)
-    flat = np.sqrt(np.maximum(distance**2 - height**2, 0.0))
-    steep = rules.tan_incidence > 0
-    limit = height * rules.tan_incidence - d / rules.cos_incidence if steep else np.inf
-    tests = (
-        (Reason.BACK_FACING, height <= d),
-        (Reason.OUTSIDE, (inside < 0) | (least < camera.near)),
-        (Reason.OUT_OF_FOCUS, (least < rules.z_n) | (most > rules.z_f)),
-        (Reason.TOO_COARSE, _is_coarse(camera, rules, size, at, height, normal @ pose[:3, :3])),
-        (Reason.TOO_OBLIQUE, flat > limit),
-    )
-    result = np.full(len(points), Reason.OCCLUDED, np.uint8)
-    for reason, fails in reversed(tests):
-        result[fails] = reason
+        at = (to_world(mesh, face, points) - pose[:3, 3]) @ pose[:3, :3]
+        nearest = np.linalg.norm(at, axis=1).min(initial=np.inf)
+        image = inset(camera, size, float(nearest))
+        is_shown = np.array(image is not None and shows(image, at))
+        result[(result > Reason.OUTSIDE) & ~is_shown] = Reason.OUTSIDE
     return result
-
-
-def _is_coarse(
-    camera: Camera,
-    rules: Rules,
-    size: FloatArray,
-    at: FloatArray,
-    height: FloatArray,
-    normal: FloatArray,
-) -> BoolArray:
-    """(N,) points, in camera axes, whose densities may be too low with some errors."""
-    d, a, p = size.tolist()
-    z = at[:, 2]
-    deepest = z + np.hypot(at[:, 0], at[:, 1]) * math.sin(a) + d
-    facing = (1 - p) * min(camera.fx, camera.fy) / deepest
-    lower = np.maximum(height - d, 0.0)
-    per_m2 = (1 - p) ** 2 * camera.fx * camera.fy * lower / deepest**3
-    fails = (facing < rules.min_facing_density) | (per_m2 < rules.min_pixels_per_m2)
-    if rules.min_pixel_density > 0:
-        slopes = np.zeros((len(at), 2, 3))
-        slopes[:, 0, 0], slopes[:, 1, 1] = camera.fx / z, camera.fy / z
-        slopes[:, :, 2] = -at[:, :2] * (camera.fx, camera.fy) / (z * z)[:, None]
-        # On the surface: without the part along its normal.
-        slopes -= (slopes @ normal[:, :, None]) * normal[:, None, :]
-        density = np.linalg.svd(slopes, compute_uv=False)[:, -1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wide = np.tan(np.arctan(np.hypot(*at[:, :2].T) / z) + a + np.arcsin(d / z))
-            steps = 1 / (z - d) + np.hypot(1, wide) * np.hypot(*normal[:, :2].T) / lower
-        fails |= ~(density * (1 - p) * np.exp(-2 * wide * a - d * steps) >= rules.min_pixel_density)
-    return fails
 
 
 UNITS = {

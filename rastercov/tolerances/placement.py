@@ -10,12 +10,9 @@ N. Metropolis, S. Ulam. The Monte Carlo Method. 1949.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_seed
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import FloatArray, Lists
+from rastercov.base import ByName, ConfigError, FloatArray, Lists, check_seed, frozen_record
 from rastercov.base.typed import typed
-from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera import Poses, renumbered
 from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.tolerances.installation import InstallationError, disturbed_poses

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rastercov.base.format import ByName, percent, plural
-from rastercov.core.camera.pose import Poses
+from rastercov.base import ByName, percent, plural
+from rastercov.core.camera import Poses
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import Plan, errors_at
 from rastercov.placement.plan.goals import Objectives

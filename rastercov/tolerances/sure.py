@@ -15,11 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_seed
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record, percent, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    InNotebook,
+    InOneLine,
+    IntArray,
+    check_seed,
+    frozen_record,
+    percent,
+    plural,
+    shown,
+)
 from rastercov.core.area import polygons
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of, rows_at, to_world
@@ -28,10 +37,16 @@ from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces
 from rastercov.core.area.table import Regions, taken
 from rastercov.core.area.union import Covered, with_rest
 from rastercov.core.area.zones import DeadZones, points_of, zone_line, zones_of
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import (
+    Camera,
+    Cameras,
+    Poses,
+    cameras_of,
+    check_scene,
+    gates_of,
+    names_of_poses,
+)
 from rastercov.core.camera.lenses.of_camera import OPTICS
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, check_scene, gates_of, names_of_poses
 from rastercov.core.coverage.reasons import BASELINE, NAMES, Reason, name_of, nearer, rows_in
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
@@ -537,7 +552,7 @@ def _reasons(sure_coverage: SureCoverage, parts: ReasonPieces) -> CodeArray:
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     middle = polygons.centroids(parts.xy, parts.starts, areas)
     points = to_world(sure_coverage.mesh, parts.face, middle)
-    n = len(sure_coverage.poses)
+    n, face = len(sure_coverage.poses), parts.face.astype(np.int64)
     covers, is_sure = (
         rows_at(each, each.pose, n, parts.face, points)
         for each in (sure_coverage.nominal_regions, sure_coverage.regions)
@@ -550,7 +565,7 @@ def _reasons(sure_coverage: SureCoverage, parts: ReasonPieces) -> CodeArray:
         own = cameras_of(sure_coverage.camera)[index], rules[index]
         at = sure_coverage.poses.world_from_camera[pose]
         fails = unmet(
-            sure_coverage.mesh, *own, at, sure_coverage.sizes[pose], points[rows], parts.face[rows]
+            sure_coverage.mesh, *own, at, sure_coverage.sizes[pose], middle[rows], face[rows]
         )
         reason[rows] = nearer(reason[rows], fails)
     has_angles = sure_coverage.task.min_angle_deg > 0 or gates_of(sure_coverage.camera)

@@ -10,15 +10,14 @@ import math
 
 import numpy as np
 
-from rastercov.base.memory import TINY, FloatArray
+from rastercov.base import TINY, FloatArray
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.gates import through
 from rastercov.core.area.rows import gated
 from rastercov.core.area.spread import union_of
 from rastercov.core.area.table import Regions, joined, taken
 from rastercov.core.area.union import Covered
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, by_gate, gates_of
+from rastercov.core.camera import Cameras, Poses, by_gate, gates_of
 from rastercov.core.coverage.task import Task
 
 SURE, POSSIBLE = 1, -1

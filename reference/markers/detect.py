@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.errors import DeviceError
-from rastercov.base.memory import ByteArray, FloatArray
+from rastercov.base import ByteArray, DeviceError, FloatArray
 from rastercov.reference.markers.scene import CELLS
 
 MIN_PERIMETER = 128.0

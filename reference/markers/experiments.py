@@ -17,9 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import ByName, ByteArray, FloatArray, frozen_record
+from rastercov.core.camera import Camera
 from rastercov.core.camera.catalogue import entries_of
 from rastercov.reference.markers.detect import MIN_PERIMETER, detect, patterns
 from rastercov.reference.markers.picture import reflected, sensor

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.base.memory import ByteArray, FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import ByteArray, FloatArray, IntArray
+from rastercov.core.camera import Camera
 from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, Plate
 

@@ -19,7 +19,7 @@ from PIL import Image, ImageDraw, ImageFont
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from rastercov.base.format import ByName
+from rastercov.base import ByName
 from rastercov.reference.markers.detect import opencv
 from rastercov.reference.markers.experiments import Experiment, MarkerRow
 from rastercov.reference.markers.requirement import DETECTOR, THESIS

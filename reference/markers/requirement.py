@@ -19,9 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.projection import to_image
+from rastercov.base import FloatArray
+from rastercov.core.camera import Camera, to_image
 from rastercov.core.coverage.coverage import Coverage
 from rastercov.core.coverage.job import evaluate
 from rastercov.reference.criteria import blur_circle

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
+from rastercov.base import FloatArray
 from rastercov.core.mesh import Group, Mesh
 
 MARKER_SIDE = 0.30

@@ -18,12 +18,9 @@ from itertools import count
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
+from rastercov.base import ByName, ConfigError, FloatArray, IntArray
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.mesh import Mesh

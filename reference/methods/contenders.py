@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.memory import ByteArray, FloatArray, IntArray
-from rastercov.base.threads import thread_count
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
+from rastercov.base import ByteArray, FloatArray, IntArray, thread_count
+from rastercov.core.camera import Camera, Poses
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.observer import ROLL, Observer, open_observer

@@ -15,10 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import ByteArray, FloatArray, IntArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
+from rastercov.base import ByteArray, FloatArray, IntArray, frozen_record
+from rastercov.core.camera import Camera, Poses
 from rastercov.core.coverage.coverage import arrays_for
 from rastercov.core.coverage.face_pass import FacePass, Measured
 from rastercov.core.coverage.observer import Observer

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, IntArray, frozen_record
 from rastercov.core.raster.observation import KIND_WORDS, BoundKind
 from rastercov.reference.methods.convergence import Convergence
 

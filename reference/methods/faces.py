@@ -11,10 +11,8 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from rastercov.base.errors import RastercovError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import FloatArray, RastercovError, frozen_record
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.reference.methods.error_statistics import FaceError
 from rastercov.reference.pages import LIGHT, new_axes

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base.format import number, plural
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import valid_poses
+from rastercov.base import plural
+from rastercov.base.format import number
+from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.methods.convergence import Convergence

@@ -40,9 +40,8 @@ import math
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.projection import to_camera
+from rastercov.base import FloatArray
+from rastercov.core.camera import Camera, to_camera
 from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model
 
 

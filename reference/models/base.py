@@ -11,12 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import BoolArray, FloatArray, check_memory
-from rastercov.core.camera.camera import Camera
+from rastercov.base import BoolArray, FloatArray, check_memory
+from rastercov.core.camera import Camera, near_limit, to_camera, valid_poses
 from rastercov.core.camera.models import MODELS as LENSES
-from rastercov.core.camera.near_plane import near_limit
-from rastercov.core.camera.pose import valid_poses
-from rastercov.core.camera.projection import to_camera
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import FaceGeometry, in_focus, measured_geometry

@@ -16,11 +16,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import valid_poses
+from rastercov.base import BoolArray, ByName, ConfigError, FloatArray
+from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches
 from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.provenance import provenance_of

@@ -16,7 +16,7 @@ Caveats
 - With `Task(cap_resolution=False)`, as `Task.thesis()` has it, coverage can exceed 1.
 """
 
-from rastercov.base.memory import FloatArray
+from rastercov.base import FloatArray
 from rastercov.core.coverage.job import evaluate
 from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model
 

@@ -13,8 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import BoolArray, FloatArray
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import BOX_MARGIN, TriangleTree
 from rastercov.reference.criteria import depth_from_near

@@ -46,8 +46,8 @@ import math
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.projection import to_image
+from rastercov.base import FloatArray
+from rastercov.core.camera import to_image
 from rastercov.reference.criteria import blur_circle, depth_from_near
 from rastercov.reference.models.base import (
     ModelCriteria,

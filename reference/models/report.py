@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike
 from PIL import Image
 from rich.table import Table
 
-from rastercov.base.format import number, plural
-from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import valid_poses
+from rastercov.base import ByteArray, FloatArray, plural
+from rastercov.base.format import number
+from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.projection import image_boxes
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.task import Task

@@ -26,8 +26,8 @@ Caveats
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.projection import to_camera
+from rastercov.base import FloatArray
+from rastercov.core.camera import to_camera
 from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model, facing_density
 
 

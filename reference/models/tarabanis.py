@@ -27,8 +27,8 @@ Caveats
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.projection import to_image
+from rastercov.base import FloatArray
+from rastercov.core.camera import to_image
 from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model
 
 

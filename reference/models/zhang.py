@@ -35,8 +35,8 @@ Caveats
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import BoolArray, FloatArray
+from rastercov.core.camera import Camera
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import depth_from_near

@@ -79,7 +79,7 @@ def test_no_difference_of_the_inverse_is_above_its_bound_near_an_axis(name):
     lens, rng, step = lens_of(CAMERAS[name]), np.random.default_rng(3), 1e-3
     n_tried = 0
     for proved in lens.proved:
-        plane, slopes = proved.plane, proved.slopes
+        plane, slopes = proved.record, proved.slopes
         if not np.isfinite(slopes.near_axis).all():
             continue
         distance = np.geomspace(0.003, 1.0, 400)

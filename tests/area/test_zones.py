@@ -16,12 +16,15 @@ import rastercov as rc
 from rastercov.advice.headline import advice_line
 from rastercov.base.errors import ConfigError
 from rastercov.core.area.failures import first_failures
+from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import polygon_areas
 from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.stages import ReasonPieces
 from rastercov.core.area.union import RegionUnion
-from rastercov.core.area.zones import dead_zones, summary_of, zone_line, zone_place
+from rastercov.core.area.zones import dead_zones, linked, summary_of, zone_line, zone_place
 from rastercov.core.coverage.reasons import BITS, REASONS
+from rastercov.core.mesh.topology import components_of
 from rastercov.formats.meshes.ifc import Product
 from rastercov.placement import NearestSurface, in_solid
 from rastercov.reference.regions import covers_points, points_on
@@ -618,3 +621,37 @@ def test_a_zone_on_one_cad_face_names_it():
     assert zone_place({"groups": groups[2:3]}) == "bracket/face 3"
     assert zone_place({"groups": groups}) == "bracket"
     assert zone_place({"groups": [*groups, "arm"]}) == "bracket and 1 more"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_whole_faces_are_linked_as_by_their_neighbours(seed):
+    rng = np.random.default_rng(seed)
+    ball = rc.shapes.sphere(2)
+    bumps = rng.uniform(0.7, 1.3, (ball.n_vertices, 1))  # creases on either side of 30 degrees
+    groups = [rc.Group("a"), rc.Group("b")]
+    own = rng.integers(2, size=ball.n_faces)
+    mesh = rc.Mesh(ball.vertices * bumps, ball.faces, groups, own)
+    face = np.flatnonzero(rng.random(mesh.n_faces) < 0.8).astype(np.int32)
+    reason = rng.integers(3, size=len(face)).astype(np.uint32)
+    frames, n = frames_of(mesh), len(face)
+    corners = frames.corners[face].reshape(-1, 2)
+    none = np.zeros(n, np.int32)
+    parts = ReasonPieces(corners, 3 * np.arange(n + 1), face, none, reason)
+    excess = np.where(rng.random(mesh.n_faces) < 0.3, 1.5, 0.0) * frames.areas
+    zone, sizes = linked(mesh, parts, frames.areas[face], excess)
+
+    row = np.full(mesh.n_faces, -1)
+    row[face] = np.arange(n)
+    one, other = mesh.topology.neighbours.T
+    is_near = (row[one] >= 0) & (row[other] >= 0) & (own[one] == own[other])
+    is_near &= (reason[row[one]] == reason[row[other]]) & (
+        np.einsum("ni,ni->n", frames.normal[one], frames.normal[other]) >= math.sqrt(0.75)
+    )
+    root = components_of(n, np.stack([row[one], row[other]], axis=1)[is_near])
+    areas = np.bincount(root, frames.areas[face])
+    is_kept = areas > np.bincount(root, excess[face])
+    assert np.array_equal(zone >= 0, is_kept[root])
+    assert np.allclose(sizes, np.sort(areas[is_kept])[::-1])
+    assert np.allclose(sizes[zone[zone >= 0]], areas[root][zone >= 0])
+    pairs = np.unique(np.stack([zone, root])[:, zone >= 0], axis=1)
+    assert pairs.shape[1] == is_kept.sum() == len(sizes)

@@ -102,8 +102,8 @@ LINES = {
     "audit rig.json": "expected MESH, got none; see rastercov audit --help",
     "evaluate part.obj -p": "-p: expected a value, got none; see rastercov evaluate --help",
     f"{EVALUATE} --pdf=1": "--pdf: expected no value, got one; see rastercov evaluate --help",
-    f"{EVALUATE} --outt x": "expected a known option, got --outt; did you mean --out, --unit?; see "
-    "rastercov evaluate --help",
+    f"{EVALUATE} --outt x": "expected a known option, got --outt; did you mean --out, --output, "
+    "--unit?; see rastercov evaluate --help",
     "evalute part.obj": "expected a known command, got evalute; did you mean 'evaluate', "
     "'validate'?; see rastercov --help",
     "doctor extra": "expected no further argument, got extra; see rastercov doctor --help",

@@ -259,6 +259,15 @@ def test_an_edge_is_compared_with_as_many_faces_in_any_number(scene, made, eye, 
     assert many < 8 * few + 1  # of all pairs, 16 times
 
 
+@on_both_paths
+@pytest.mark.parametrize("eye", [BEFORE, ABOVE, BEHIND])
+@pytest.mark.parametrize("moved", [1e-10, 1e-9, 1e-6])
+def test_a_face_of_a_stack_is_compared_with_few_of_those_it_passes_through(moved, eye, path):
+    for n in (510, 2010):
+        vertices, faces = in_any_order(lambda n: nearly_coincident(n, moved))(n)
+        assert compared(vertices, faces, path, eye) < 10 * n * np.log2(n)
+
+
 def rough_pages(n, rng):
     """Faces about one edge, of any size, that pass through one another."""
     points, faces = pages(n)

@@ -8,12 +8,20 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from lens_cases import HEIGHT, WIDTH, make_lens, of_all_kinds, pixels_of_plane, points_of
+from lens_cases import (
+    HEIGHT,
+    WIDTH,
+    make_lens,
+    of_all_kinds,
+    pixels_of_plane,
+    points_of,
+    polygon_areas,
+)
 from lens_rooms import on_plane, room
 from nightly import amount, examples
 
 from rastercov.base.errors import CameraError
-from rastercov.core.camera.lenses.of_camera import blind_area, polygon_areas
+from rastercov.core.camera.lenses.of_camera import blind_area
 
 LENSES = of_all_kinds()
 
@@ -26,7 +34,7 @@ def test_walls_of_a_room_add_up_to_the_image(name):
     triangles = room(amount(2, at_night=3), seed=len(name))
     total, bound = 0.0, 0.0
     for proved in lens.proved:
-        areas = polygon_areas(proved, on_plane(proved.plane, triangles))
+        areas = polygon_areas(proved, on_plane(proved.record, triangles))
         assert (areas.inside >= -1e-9).all()
         assert (areas.inside <= areas.whole + 1e-8).all()
         total += areas.inside.sum()
@@ -48,7 +56,7 @@ def test_a_room_seen_by_a_folding_lens_adds_up_to_what_is_not_blind():
     assert blind == pytest.approx(outside, abs=1e-5 * radius)  # of a circle of 16,384 sides
     total = 0.0
     for proved in lens.proved:
-        total += polygon_areas(proved, on_plane(proved.plane, room(3))).inside.sum()
+        total += polygon_areas(proved, on_plane(proved.record, room(3))).inside.sum()
     assert abs(total + blind - WIDTH * HEIGHT) <= 1e-6
 
 
@@ -68,7 +76,7 @@ def test_areas_are_those_of_polygons_of_many_corners(name):
     lens = LENSES[name]
     rng = np.random.default_rng(5)
     for proved in lens.proved[:2]:
-        plane, polygons = proved.plane, []
+        plane, polygons = proved.record, []
         for _ in range(12):
             triangle = points_of(plane, 3, rng)
             one, two = triangle[1] - triangle[0], triangle[2] - triangle[0]
@@ -103,7 +111,7 @@ def test_parts_of_a_polygon_add_up(seed, name):
     lens = LENSES[name]
     rng = np.random.default_rng(seed)
     proved = lens.proved[rng.integers(len(lens.planes))]
-    plane = proved.plane
+    plane = proved.record
     if len(plane.hole):
         return
     triangle = points_of(plane, 3, rng)

@@ -15,7 +15,7 @@ from lens_cases import (
     rays_of_plane,
 )
 
-from rastercov.engine import solver_lens
+from rastercov.engine import lens_proof
 from rastercov.reference import lenses
 
 LENSES = of_all_kinds()
@@ -56,7 +56,7 @@ def inner_points(plane, n, rng):
 def reach_at(plane, points, radius):
     """(2, N) bounds around points (N, 2) of a plane, within radii."""
     each = zip(*points.T.tolist(), radius.tolist(), strict=True)
-    return np.array([solver_lens.reach_at(plane, *numbers) for numbers in each]).reshape(-1, 2).T
+    return np.array([lens_proof.reach_at(plane, *numbers) for numbers in each]).reshape(-1, 2).T
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_values_at_complex_points_are_within_reach(name):
             off = np.sqrt(rng.uniform(0, 1, (2, 20, len(points))))
             turn = np.exp(2j * np.pi * rng.uniform(0, 1, off.shape))
             own = radius * np.ones(len(points))
-            if plane.has_pole:
+            if plane.is_graded:
                 own = radius * np.hypot(*points.T)
             near = points.T[:, None] + own * off * turn
             reach = reach_at(plane, points, own)
@@ -82,7 +82,7 @@ def test_values_at_complex_points_are_within_reach(name):
                 is_good = reach[k] < np.inf
                 assert (far[:, is_good] <= reach[k][is_good] * (1 + 1e-9) + 1e-9).all()
                 # One bound for the plane holds for all of its points.
-                assert solver_lens.reach(plane, radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
+                assert lens_proof.reach(plane, radius)[k] >= reach[k].max(initial=0.0) * (1 - 1e-9)
 
 
 @pytest.mark.slow
@@ -103,7 +103,7 @@ def test_bounds_of_small_balls_are_close_to_the_derivative(lens):
 def test_an_edge_bends_no_more_than_its_bound(lens):
     rng = np.random.default_rng(9)
     for plane in lens.planes:
-        if plane.has_pole:
+        if plane.is_graded:
             continue  # a pole bends edges without limit
         bend = min(2 * math.hypot(u, v) / (r * r) for r, u, v in bounds_of(plane)[0])
         assert bend < math.inf
@@ -132,7 +132,7 @@ def test_balls_hold_all_results(a, r, s, b, q, t):
     w = b + q * t[0] * np.exp(1j * t[1])
     one, other = (np.array([each.real, each.imag, off]) for each, off in ((a, r), (b, q)))
     result = np.empty((6, 3))
-    solver_lens.combine_balls(one, other, result)
+    lens_proof.combine_balls(one, other, result)
     with np.errstate(all="ignore"):
         values = z + w, z - w, z * w, np.divide(z, w), np.sqrt(z), np.arctan(z)
     for (real, imaginary, radius), value in zip(result, values, strict=True):

@@ -29,7 +29,7 @@ def check_cells(camera, seed, tolerance=TOLERANCE, n=4000):
     rng, lens = np.random.default_rng(seed), lens_of(camera)
     undecided, total = 0, 0
     for proved in planes_in(lens.row_within(1e-9, tolerance)):
-        plane, tree, pinhole = proved.plane, proved.field, proved.camera
+        plane, tree, pinhole = proved.record, proved.field, proved.camera
         low = -np.array([pinhole.cx / pinhole.fx, pinhole.cy / pinhole.fy])
         size = np.array([pinhole.width / pinhole.fx, pinhole.height / pinhole.fy])
         points = low + size * rng.random((n, 2))

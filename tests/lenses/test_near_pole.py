@@ -7,7 +7,7 @@ import pytest
 import rastercov as rc
 from rastercov.core.camera.lenses.of_camera import blind_area, lens_of
 from rastercov.core.mesh import Mesh
-from rastercov.engine import solver_lens
+from rastercov.engine import lens_proof
 from rastercov.engine import solver_lens as formulas
 from rastercov.reference.lenses import radial_factor
 
@@ -26,7 +26,7 @@ def test_polynomials_of_balls_hold_all_values_near_a_root():
     centre = rng.uniform(0, 0.2, 500)
     values = np.empty((len(centre), 3))
     for at, out in zip(centre, values, strict=True):
-        solver_lens.radial_ball(p, at, 3e-4, out)
+        lens_proof.radial_ball(p, at, 3e-4, out)
     real, imaginary, radius = values.T
     for angle in np.linspace(0, 2 * np.pi, 16):
         q = centre + 3e-4 * np.exp(1j * angle)

@@ -22,9 +22,9 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.core.camera.lenses.planes import planes_in
 from rastercov.engine import lens_edges as kernels
-from rastercov.engine import solver_lens
+from rastercov.engine import lens_proof
 from rastercov.engine.lens_edges import FEWEST, MOST
-from rastercov.engine.solver_lens import DEGREES
+from rastercov.engine.lens_proof import DEGREES
 
 pytestmark = pytest.mark.native
 LENSES = of_all_kinds()
@@ -32,7 +32,7 @@ FINE = 40
 NODES, RULE = np.empty((MOST + 1, MOST + 1)), np.empty((MOST + 1, MOST + 1, MOST + 1))
 kernels.rules(NODES, RULE)
 PAIR_ERRORS = np.empty((MOST + 1, DEGREES + 1, DEGREES + 1))
-solver_lens.pair_errors(PAIR_ERRORS)
+lens_proof.pair_errors(PAIR_ERRORS)
 
 
 @cache
@@ -147,18 +147,18 @@ def test_bound_of_an_edge_holds(name):
         rays = rays_of_plane(plane, np.stack((a, b, (a + b) / 2)))
         inside = np.isfinite(lens.project(rays)).all(axis=(0, 2))
         inside &= np.abs(b).max(axis=1) <= np.abs(plane.region).max()
-        if plane.has_pole:
+        if plane.is_graded:
             side = np.sign(plane.region[:, 0].sum())
             inside &= (b[:, 0] * side > 0) & (a[:, 0] * side > 0)
         a, b, half = a[inside], b[inside], half[inside, 0]
-        unit = np.hypot(*((a + b) / 2).T) if plane.has_pole else np.ones(len(a))
+        unit = np.hypot(*((a + b) / 2).T) if plane.is_graded else np.ones(len(a))
         wanted = bulges(plane, a, b, FINE, fine[1], fine[0])
         scale = 1e-12 * (1 + np.abs(wanted)) + 1e-10 * lens.width * half
         for n in (2, 3, 4, 5, 7, 9, 11):
             own = slice(n + 1)
             error = np.abs(bulges(plane, a, b, n, RULE[n, own, own], NODES[n, own]) - wanted)
             bound = [
-                solver_lens.edge_error(*known, h / u, n)
+                lens_proof.edge_error(*known, h / u, n)
                 for h, u in zip(half[:FEW], unit[:FEW], strict=True)
             ]
             bound = np.array(bound)
@@ -264,8 +264,8 @@ def test_a_flat_edge_has_no_root():
 @pytest.mark.parametrize("known", [0.0, 1e300, math.inf])
 def test_a_bound_of_any_edge_is_found(half, size, known):
     bounds = np.array([(0.2, size, size)]), np.full((2, 19), known)
-    edge_errors = [solver_lens.edge_error(*bounds, half, n) for n in range(FEWEST, MOST + 1)]
+    edge_errors = [lens_proof.edge_error(*bounds, half, n) for n in range(FEWEST, MOST + 1)]
     assert all(error >= 0 for error in edge_errors)
     assert half < 0.2 or all(math.isinf(error) for error in edge_errors)
     nothing = np.empty((0, 3)), np.full((2, 5), math.inf)
-    assert solver_lens.edge_error(*nothing, 1.0, FEWEST) == math.inf
+    assert lens_proof.edge_error(*nothing, 1.0, FEWEST) == math.inf

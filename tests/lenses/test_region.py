@@ -12,7 +12,7 @@ from nightly import examples
 from rastercov.base.errors import CameraError
 from rastercov.core.camera.camera import border_of
 from rastercov.core.camera.lenses import BASES, LensModel
-from rastercov.engine.solver_lens import base_limit, certified_radius, is_positive
+from rastercov.engine.lens_proof import base_limit, certified_radius, is_positive
 from rastercov.reference.lenses import based, project
 
 LENSES = of_all_kinds()

@@ -33,14 +33,14 @@ def test_no_difference_is_above_its_bound(name):
     camera, rng = CAMERAS[name], np.random.default_rng(2)
     lens, ratios = lens_of(camera), []
     for proved in planes_of(camera):
-        plane, slopes = proved.plane, proved.slopes
+        plane, slopes = proved.record, proved.slopes
         low, high = plane.region.min(axis=0), plane.region.max(axis=0)
         points = rng.uniform(low, high, (600, 2))
         # Differences around a point must stay in the region, and away from a pole.
         around = points[:, None] + 3 * STEP * np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
         is_in = (heights(around, plane.region) >= 0).all(axis=1)
         is_in &= np.isfinite(lens.project(rays_of_plane(plane, around))).all(axis=(1, 2))
-        is_in &= (np.hypot(*points.T) > 0.1) | (not plane.has_pole)
+        is_in &= (np.hypot(*points.T) > 0.1) | (not plane.is_graded)
         points = points[is_in]
         if not len(points):
             continue
@@ -65,7 +65,7 @@ def test_a_lens_without_distortion_has_no_second_derivative():
 def test_determinants_are_in_the_range_of_their_cells(name):
     camera, rng = CAMERAS[name], np.random.default_rng(4)
     for proved in planes_of(camera):
-        plane, slopes = proved.plane, proved.slopes
+        plane, slopes = proved.record, proved.slopes
         low, high = plane.region.min(axis=0), plane.region.max(axis=0)
         points = rng.uniform(low, high, (400, 2))
         jacobian = lens_of(camera).jacobian(rays_of_plane(plane, points)) @ plane.frame[:, :2]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mesh_files import WRITERS
 from nightly import amount
 
-from rastercov.formats.meshes.polygons import cut_concave
+from rastercov.engine.solver_readers import cut_concave
 
 
 def fan(n: int, first: int = 0) -> np.ndarray:
@@ -109,6 +109,23 @@ def test_simple_polygons_are_covered_exactly_once(seed, n):
     check_covers_once(np.concatenate([a + part * (b - a) for a, b, part in pairs]), seed)
     doubled = np.repeat(xy, rng.integers(1, 4, len(xy)), axis=0)
     check_covers_once(doubled, seed, are_apart=False)
+
+
+@pytest.mark.parametrize("seed", range(amount(20, at_night=2000)))
+def test_polygons_of_a_grid_are_covered_exactly_once(seed):
+    """Many corners are on a line with others, and with the sides of triangles."""
+    rng = np.random.default_rng(seed)
+    cells = {(0, 0)}
+    while len(cells) < 6 + seed % 40:
+        x, y = sorted(cells)[rng.integers(len(cells))]
+        cells.add([(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)][rng.integers(4)])
+    area = shapely.union_all([shapely.box(x, y, x + 1, y + 1) for x, y in cells])
+    xy = shapely.get_coordinates(shapely.Polygon(area.exterior).normalize())[:-1]
+    assert shapely.Polygon(xy).is_valid
+    xy = xy if signed_area(xy) > 0 else xy[::-1]
+    if seed % 2:
+        xy = shapely.get_coordinates(shapely.segmentize(shapely.LinearRing(xy), 1.0))[:-1]
+    check_covers_once(np.roll(xy, rng.integers(len(xy)), axis=0), seed)
 
 
 @pytest.mark.parametrize("seed", range(10))

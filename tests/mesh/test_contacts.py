@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from exact_cases import grid
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -388,6 +389,25 @@ def test_walls_needles_copies_and_spots_cost_as_much_as_other_faces(monkeypatch,
         mesh = Mesh(vertices=mesh.vertices @ turned, faces=mesh.faces)
         assert steps(monkeypatch, mesh) < most, name
     assert of_mesh(scenes["copies"]).all()
+
+
+def stack_of(n, gap, seed):
+    """Parallel sheets of eight faces, slanted, so that their boxes overlap."""
+    rng = np.random.default_rng(seed)
+    flat, faces = grid(2)
+    heights = gap * rng.permutation(n // 8)[:, None]
+    layers = np.tile(flat, (n // 8, 1, 1))
+    vertices = np.concatenate((layers, np.broadcast_to(heights, layers.shape[:2])[..., None]), 2)
+    starts = len(flat) * np.arange(n // 8)[:, None, None]
+    turned = rotation(seed)
+    return Mesh(vertices=vertices.reshape(-1, 3) @ turned, faces=(starts + faces).reshape(-1, 3))
+
+
+@pytest.mark.parametrize("gap", [1e-7, 1e-5, 1e-3])
+@pytest.mark.parametrize("seed", range(3))
+def test_slanted_sheets_in_a_stack_cost_as_much_a_face_in_any_number(monkeypatch, gap, seed):
+    few, many = (steps(monkeypatch, stack_of(n, gap, seed)) for n in (800, 6400))
+    assert many < 20 * few  # n log n: 12 times; all pairs: 64 times
 
 
 def steps_to_partners(n):

@@ -7,6 +7,7 @@ import resource
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -275,6 +276,90 @@ def test_what_devices_of_a_rule_measure_together_is_that_of_python(library, seed
         library.call(f"rc_{kind}_free", handle)
 
 
+PARTS = ("faces", "counts", "views", "zones", "reasons", "areas", "corners")
+
+
+class Parts(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in PARTS]
+
+
+def zones_of(library, network, mesh, views, groups, unseeable):
+    """Parts of dead zones by C, by name, and the number of zones."""
+    found = library.make("rc_find_zones", network, mesh.n_faces, views, groups, unseeable)
+    sizes = np.empty(3, np.int64)
+    library.call("rc_zones_size", found, *(sizes[k : k + 1] for k in range(3)))
+    n_zones, n, n_corners = sizes.tolist()
+    arrays = {name: np.empty(n, np.int32) for name in PARTS[:5]}
+    arrays |= {"areas": np.empty(n), "corners": np.empty((n_corners, 3))}
+    parts = Parts(*(each.ctypes.data for each in arrays.values()))
+    library.call("rc_zones_read", found, n, n_corners, ctypes.byref(parts))
+    face = arrays["faces"]
+    corners = np.split(arrays["corners"], np.cumsum(arrays["counts"])[:-1])
+    middles = np.array([each.mean(axis=0) for each in corners]).reshape(-1, 3)
+    places, reasons = np.empty((2, n + 1), np.int32)
+    a, b, _ = mesh.vertices[mesh.faces[0]]
+    middles, face = np.vstack([middles, a + 50 * (b - a)]), np.append(face, np.int32(0))
+    library.call("rc_reason_at", found, n + 1, middles, face, places, reasons)
+    assert (places[n], reasons[n]) == (-1, rc.Reason.COVERED)
+    is_off = (places[:n] != arrays["zones"]) | (reasons[:n] != arrays["reasons"])
+    assert is_off.sum() <= 0.02 * n  # thinner than a rounding
+    library.call("rc_zones_free", found)
+    return arrays, n_zones
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_dead_zones_are_those_of_python(library, seed):
+    rng = np.random.default_rng(seed)
+    mesh, poses = scene(seed)
+    n = int(rng.integers(2, 5))
+    camera = replace(CAMERA, focus_range=(1.0, 4.0) if rng.random() < 0.5 else None)
+    rule = rule_of(rng, n) if rng.random() < 0.5 else None
+    eyes = np.concatenate([poses[:1, :3, 3] + rng.normal(0, 0.6, (n, 3)), poses[1:, :3, 3]])
+    if rule is None:
+        rig, owner = camera, [0] * (n + 2)
+    else:
+        eyes, owner = eyes[:n], [*range(n)]
+        rig = rc.Rig([camera] * n, [str(row) for row in range(n)], rule=rule)
+    world = np.ascontiguousarray(rc.look_at(eyes, np.zeros((len(eyes), 3))))
+    limits = {"max_incidence_deg": 70.0, "min_facing_density": 170.0, "min_pixels_per_m2": 9e3}
+    task = rc.Task(**{k: v for k, v in limits.items() if rng.random() < 0.5})
+    k = int(rng.integers(1, 3))
+    wanted = rng.integers(1, k + 1, mesh.n_faces).astype(np.int32)
+    placed = rc.Poses.of(world, camera=owner)
+    covered = rc.unite(rc.regions(mesh, rig, placed, task), k)
+    expected = rc.dead_zones(covered, wanted, (rig, task, placed))
+
+    surface, of_task = library.surface(mesh), library.task()
+    network = library.make("rc_network_create", surface, 1)
+    for name in limits:
+        setattr(of_task, name, getattr(task, name))
+    of_task.min_depth, of_task.max_depth = camera.focus_range or (0.0, math.inf)
+    of_camera = ctypes.byref(c_camera(camera))
+    for _ in range(2):  # the second from what is kept
+        library.call("rc_network_clear", network)
+        for pose in world.reshape(-1, 16):
+            library.call("rc_network_add", network, of_camera, ctypes.byref(of_task), pose)
+        if rule is not None:
+            gate, arrays = c_gate(rig.gates[0])
+            library.call("rc_network_join", network, ctypes.byref(gate), n)
+            del arrays
+        result, n_zones = zones_of(
+            library, network, mesh, wanted, mesh.face_group.astype(np.int32), None
+        )
+        most = covered.bound.sum() + expected.doubt.sum() + 1e-9 * mesh.areas.sum()
+        for code in np.unique([*expected.reason, *result["reasons"].astype(np.uint32)]):
+            own = result["areas"][result["reasons"].astype(np.uint32) == code].sum()
+            assert abs(own - expected.piece_area[expected.reason == code].sum()) <= most, code
+        assert np.array_equal(np.unique(result["zones"]), np.arange(n_zones))
+        sizes = np.bincount(result["zones"], result["areas"])
+        large = int((expected.area > 10 * most).sum())
+        np.testing.assert_allclose(sizes[:large], expected.area[:large], atol=most)
+        np.testing.assert_array_less((sizes[large:]).max(initial=0.0), 11 * most)
+    for kind, handle in (("network", network), ("surface", surface)):
+        library.call(f"rc_{kind}_free", handle)
+
+
 @pytest.mark.parametrize(
     ("changes", "n", "line"),
     [
@@ -388,11 +473,15 @@ def test_meshes_of_files_and_their_faults_are_those_of_python(library, name, loa
             mesh_of(library, extension, data, **limits)
 
 
-def test_a_concave_polygon_is_refused_in_c(library):
+def test_a_concave_polygon_is_cut_in_c_as_in_python(library, load):
     data = b"OFF 4 1\n0 0 0\n2 0 0\n.5 .5 0\n0 2 0\n4 "
-    assert len(mesh_of(library, "off", data + b"2 3 0 1")[1]) == 2
-    with pytest.raises(RuntimeError, match="face 0: expected a triangle or a convex polygon"):
-        mesh_of(library, "off", data + b"1 2 3 0")
+    for order in (b"2 3 0 1", b"1 2 3 0", b"0 2 1 3"):
+        mesh, (_, faces, *_, notes) = (
+            load("a.off", data + order),
+            mesh_of(library, "off", data + order),
+        )
+        np.testing.assert_array_equal(faces, mesh.faces)
+        assert notes == [note.partition("a.off: ")[2] for note in mesh.notes]
 
 
 @pytest.mark.parametrize("name", LENSES)

@@ -120,7 +120,7 @@ def test_sums_over_bits_and_pairs_are_equal_on_all_levels(seed):
     words, every = bits.parts[0], np.arange(9)
     values, amounts = rng.integers(-(2**63), 2**63 - 1, (2, 320)), rng.integers(-9, 9, (9, 2))
     limits, face = bits.pairs()
-    prices, costs, kind = rng.random(300), rng.random(9), rng.integers(0, 2, 300).astype(np.int32)
+    prices = rng.random(300)
     answers = set()
     for name in LEVELS:
         module = engine.load(f"_{name}")
@@ -128,16 +128,16 @@ def test_sums_over_bits_and_pairs_are_equal_on_all_levels(seed):
         sums, totals = np.zeros((9, 2), np.int64), np.zeros((2, 320), np.int64)
         of_bits.sums(words, every, np.stack([words[0], words[1]]), values, sums)
         of_bits.add(words, every, amounts, totals)
-        earned, part, share = np.empty(9), np.empty(9), np.empty(300)
+        earned, cover = np.empty(9), np.empty(300)
         prices_of.earn(limits, face, prices, earned)
-        income = prices_of.most_earned(earned, costs, 4, 1.5, part)
-        prices_of.cheapest(prices, prices + 1, kind, np.array([9.0, 3.0]), 40.0, share)
-        items = (sums, totals, earned, np.float64(income), part, share)
+        prices_of.take(limits, face, earned, cover)
+        items = (sums, totals, earned, cover)
         answers.add(b"".join(each.tobytes() for each in items))
     masks = covers[:2, :]
     wanted = [(covers * mask) @ value[:300] for mask, value in zip(masks, values, strict=True)]
     np.testing.assert_array_equal(sums, np.transpose(wanted))
     np.testing.assert_allclose(earned, covers @ prices)
+    np.testing.assert_allclose(cover, earned @ covers)
     assert len(answers) == 1
 
 

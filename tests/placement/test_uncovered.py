@@ -95,6 +95,10 @@ def test_the_group_that_hides_most_is_named_and_shares_add_up():
     assert (rest.occluder[:2] == 1 + np.argmax(hidden, axis=0)).all()
     assert rest.occluder_share[:2] == pytest.approx(np.max(hidden, axis=0), abs=0.03)
     assert rest.summary()["groups"][0]["hidden_by"].keys() == {"left", "right"}
+    rest.summary()["groups"] = []  # figures are computed once, and each call has its own
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delattr(type(rest), "of_groups")
+        assert rest.summary()["groups"][0]["hidden_by"].keys() == {"left", "right"}
 
 
 def test_a_duplicate_sheet_hides_the_second():

@@ -74,10 +74,10 @@ def test_each_kind_of_context_draws(device):
 def test_missing_extensions_are_false_flags_not_errors(context):
     bare = dataclasses.replace(context.info, extensions=frozenset())
     flags = [name for name, value in vars(type(bare)).items() if isinstance(value, property)]
-    assert set(flags) == {"has_batches", "has_int64_atomics"}
+    assert set(flags) == {"has_int64", "has_int64_atomics"}
     assert not any(getattr(bare, name) for name in flags)
-    some = dataclasses.replace(bare, extensions=frozenset({"GL_AMD_vertex_shader_layer"}))
-    assert some.has_batches
+    some = dataclasses.replace(bare, extensions=frozenset({"GL_ARB_gpu_shader_int64"}))
+    assert some.has_int64
     assert not some.has_int64_atomics
 
 

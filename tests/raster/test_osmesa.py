@@ -7,7 +7,7 @@ from coplanar_scenes import scene_of as coplanar_scene
 from image_laws import assert_same, assert_same_image, everything, reference_view
 from test_raster_laws import CAMERA, SCENES, scene_of
 
-from rastercov.gl import WAYS, GLRasterizer
+from rastercov.gl import GLRasterizer
 
 ALL = [(CAMERA, name, scene_of) for name in SCENES]
 ALL += [(SMALL, kind, lambda kind: coplanar_scene(kind, 5)) for kind in COPLANAR]
@@ -21,7 +21,7 @@ def test_osmesa_gives_the_bits_of_egl_or_the_image_of_the_reference(
     mesh, poses = made(name)
 
     def seen(context):
-        with GLRasterizer(mesh, camera, device=context, **WAYS[plan]) as rasterizer:
+        with GLRasterizer(mesh, camera, device=context, plan=plan) as rasterizer:
             return everything(rasterizer, poses)
 
     observation = seen(osmesa_context)

@@ -19,7 +19,7 @@ from wheels import with_wheel
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.gl import WAYS
+from rastercov.gl import PLANS
 from rastercov.reference import samples
 
 TriangleMesh = with_wheel("embreex.mesh_construction").TriangleMesh
@@ -83,7 +83,7 @@ def outside(mesh, n=3):
 @pytest.mark.parametrize(
     ("open_raster", "name"),
     [
-        *itertools.product((*WAYS, "cpu"), ("teapot", "aeroplane")),
+        *itertools.product((*PLANS, "cpu"), ("teapot", "aeroplane")),
         ("pipeline", "aeroplane-9856"),
         ("cpu", "torus"),
     ],

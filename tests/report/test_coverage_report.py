@@ -29,7 +29,7 @@ from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.observation import BoundKind
 from rastercov.reference.coverage import rows_of
-from rastercov.report import coverage
+from rastercov.report import coverage, coverage_files
 from rastercov.report.coverage import EVALUATION, OF_GROUPS, Options, run
 from rastercov.report.folder import ReportFolder
 from rastercov.report.parquet import CoverageTable
@@ -128,7 +128,7 @@ def test_the_header_says_what_made_the_report(tmp_path):
     options = replace(PLAIN, method="sampled", device="surfaceless")
     summary = run(mesh, CAMERA, around(2), TASK, tmp_path / "report", options)
     metadata = pq.read_schema(tmp_path / "report" / "coverage.parquet").metadata
-    of_page = ("sheet", "level", "names")
+    of_page = ("sheet", "level", "names", "output")
     given = {name: value for name, value in asdict(options).items() if name not in of_page}
     header = json.loads(metadata[b"rastercov"])
     assert header == json.loads(json.dumps(summary["run"]))
@@ -203,7 +203,8 @@ def test_a_run_that_fails_leaves_the_old_report(tmp_path, small_batches, monkeyp
     elif step == "progress":
         staff = Staff(progress=lambda done, total: done >= 4 and lost())
     else:
-        monkeypatch.setattr(coverage, step, lost)
+        owner = coverage_files if step == "write_coloured_mesh" else coverage
+        monkeypatch.setattr(owner, step, lost)
     with pytest.raises(error):
         run(MESH, CAMERA, around(12), TASK, tmp_path, Options(pictures=2, table="seen"), staff)
     assert content(tmp_path) == before

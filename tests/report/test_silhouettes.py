@@ -4,6 +4,7 @@ import json
 import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
+from unittest.mock import Mock
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,7 +15,9 @@ from hypothesis import strategies as st
 
 import rastercov as rc
 from rastercov.core.camera.pose import Poses
+from rastercov.core.coverage import silhouettes
 from rastercov.core.coverage.silhouettes import group_views
+from rastercov.report import annotations as annotations_module
 from rastercov.report.annotations import annotations
 
 CAMERA = rc.Camera(width=64, height=48, fx=50, fy=40, cx=30, cy=25)
@@ -242,3 +245,51 @@ def test_counts_are_refused_before_the_work(tmp_path, monkeypatch, capsys):
         in said
     )
     assert not (tmp_path / "out" / "groups.parquet").exists()
+
+
+def clipped(polygon, normal, offset):
+    """Corners of a polygon on the inner side of a plane, one edge after the other."""
+    kept = []
+    for one, other in pairwise([*polygon, *polygon[:1]]):
+        a, b = one @ normal + offset, other @ normal + offset
+        kept += [one] if a >= 0 else []
+        kept += [one + a / (a - b) * (other - one)] if (a < 0) != (b < 0) else []
+    return kept
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_boxes_of_many_groups_are_those_of_their_clipped_triangles(seed):
+    rng = np.random.default_rng(seed)
+    sizes = rng.integers(1, 4, 6)  # ahead, behind, across the near plane and the border
+    groups = [rng.normal(scale=rng.choice((0.3, 3.0)), size=(n, 3, 3)) for n in sizes]
+    boxes = annotations_module._boxes(groups, CAMERA, np.eye(4))
+    sides = [(50, 0, 94), (-50, 0, 98), (0, 40, 73), (0, -40, 71), (0, 0, 1)]
+    for own, box in zip(groups, boxes, strict=True):
+        far = np.abs(own).reshape(-1, 3).max(axis=0)
+        near = max(CAMERA.near, 1e-6 * np.linalg.norm(far))
+        uv = []
+        for triangle in own:
+            polygon = [*triangle]
+            for side in sides:
+                polygon = clipped(polygon, np.array(side), -near if side == (0, 0, 1) else 0.0)
+            uv += [corner[:2] / corner[2] * (50, 40) + (30, 25) for corner in polygon]
+        low, high = (np.array(box[:2]), np.array(box[:2]) + box[2:]) if box[2] > 0 else ([0], [0])
+        if not uv:
+            assert box == [-1, -1, -1, -1]
+        elif box[2] > 0:
+            assert (np.abs(low - np.min(uv, axis=0) + 0.5) <= 0.5 + 1e-6).all()
+            assert (np.abs(high - np.max(uv, axis=0) - 0.5) <= 0.5 + 1e-6).all()
+
+
+def test_a_group_takes_one_observer_and_images_are_widened_once(monkeypatch):
+    mesh = scene((0, 0, 1.0, 0.05, 0.05), (0.1, 0, 1.0, 0.05, 0.05))
+    groups = [rc.Group(f"g{row}") for row in range(mesh.n_faces)]
+    mesh = rc.Mesh(mesh.vertices, mesh.faces, groups, np.arange(mesh.n_faces))
+    opened = Mock(wraps=silhouettes.open_observer)
+    widened = Mock(wraps=annotations_module.camera_around)
+    monkeypatch.setattr(silhouettes, "open_observer", opened)
+    monkeypatch.setattr(annotations_module, "camera_around", widened)
+    result = rc.evaluate(mesh, CAMERA, np.stack([np.eye(4)] * 3))
+    annotations(result, result.group_views(), ["a.png", "b.png", "c.png"])
+    assert (opened.call_count, widened.call_count) == (1 + len(groups), 3)

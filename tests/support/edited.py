@@ -189,7 +189,9 @@ class Saving(SavingOfPages):
         return answer
 
     def content(self, what):
-        return super().content({**self.session.call("asked"), "what": what})
+        if what == "page":
+            return super().content({**self.session.call("asked"), "what": what})
+        return self.session.call("texts")[what].encode()
 
 
 class Work:

@@ -1,14 +1,16 @@
 """Lenses that the tests of `rastercov.core.camera.lenses` share, and rays for them."""
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.lenses import BASES, LensModel
 from rastercov.core.camera.lenses.of_camera import lens_of
-from rastercov.engine import solver_lens
+from rastercov.engine import lens_proof
 from rastercov.engine import solver_lens as formulas
+from rastercov.engine.lens_polygons import measure_polygons
 from rastercov.formats.cameras.colmap import camera_of
 from rastercov.reference.lenses import project
 
@@ -135,8 +137,8 @@ def pixels_of_plane(plane, points):
 
 def bounds_of(plane):
     """Reaches (N, 3) of a plane, and bounds (2, ORDER + 1) of its Taylor coefficients."""
-    reaches, taylor = np.empty((36, 3)), np.empty((2, solver_lens.ORDER + 1))
-    return reaches[: solver_lens.bounds_of(plane, reaches, taylor)], taylor
+    reaches, taylor = np.empty((36, 3)), np.empty((2, lens_proof.ORDER + 1))
+    return reaches[: lens_proof.bounds_of(plane, reaches, taylor)], taylor
 
 
 def points_of(plane, n, rng):
@@ -172,3 +174,25 @@ def rays(n, seed=0, least_z=-1.0):
     turn = rng.uniform(0, 2 * np.pi, n)
     r = np.sqrt(1 - z * z)
     return np.column_stack((r * np.cos(turn), r * np.sin(turn), z))
+
+
+class PolygonAreas(NamedTuple):
+    """Signed areas (N,) of polygons of an ideal plane in the image of a lens, px^2.
+
+    `inside` is the part within 0 <= u <= width and 0 <= v <= height. `bound` is that of the error
+    of the quadrature of both; it leaves out rounding, and the places where `inside` is cut at the
+    border of the image.
+    """
+
+    whole: np.ndarray
+    inside: np.ndarray
+    bound: np.ndarray
+
+
+def polygon_areas(proved, polygons):
+    """Areas of polygons, (K, 2) each, of a plane, within its region and outside its hole."""
+    starts = np.cumsum([0, *map(len, polygons)])
+    corners = np.concatenate([np.empty((0, 2)), *polygons])
+    out = np.empty((len(polygons), 3))
+    measure_polygons(proved.record, corners, starts, out)
+    return PolygonAreas(out[:, 0], out[:, 1], out[:, 2] * proved.record.tolerance)

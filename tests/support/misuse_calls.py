@@ -97,7 +97,6 @@ OWN: dict[str, dict[str, Any]] = {
     "open_rasterizer, OpenGL": {
         "device": "auto",
         "plan": "auto",
-        "max_layers": 2,
         "backend": "gl",
     },
     "Engine.of": {"method": "certified"},

@@ -31,6 +31,7 @@ const calls = {
     await lives.get(id).scene();
   },
   asked: (id) => lives.get(id).asked(),
+  texts: (id, state) => lives.get(id).texts(state ?? undefined),
   step: (id, by) => lives.get(id).history.go(by),
   work: async (id, { isCancelled, edit, ...what }) => {
     const live = lives.get(id);

@@ -13,7 +13,7 @@ from surface_cases import room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.core.area.frames import rows_at
+from rastercov.core.area.frames import frames_of, rows_at
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.reference.regions import points_on
 from rastercov.reference.tolerance import surely_covers
@@ -254,6 +254,46 @@ def test_sure_points_are_sure_by_the_pyramids_of_single_faces(first):
         assert wrong.sum() <= 0.02 * max(len(rows), 50), seed
         n_sure, n_both = n_sure + sure.sum(), n_both + (inside[rows] & sure).sum()
     assert n_both >= 0.9 * n_sure
+
+
+def test_reasons_of_points_are_those_of_the_twin(monkeypatch):
+    """Nothing but a shadow is left where the twin without shadows is sure."""
+    monkeypatch.setattr("rastercov.reference.tolerance.is_hidden", lambda *_: False)
+    seen, wrong = set(), 0
+    for seed in range(60):
+        mesh, camera, poses, task, sizes = case_of(seed)
+        task = replace(task, min_pixel_density=0)
+        points, face = points_on(mesh, 100, seed)
+        nominal = rc.regions(mesh, camera, poses, task)
+        rows = np.flatnonzero(rows_at(nominal, nominal.pose, 1, face, points)[:, 0])
+        points, face, pose = points[rows], face[rows], poses.world_from_camera[0]
+        frames = frames_of(mesh)
+        away = (points - frames.origin[face])[:, None]
+        flat = (away * np.stack([frames.x_axis[face], frames.y_axis[face]], axis=1)).sum(axis=2)
+
+        def reasons(camera, task):
+            given = mesh, camera, task.rules(camera), pose, sizes[0]  # noqa: B023
+            return engine.unmet(*given, flat, face)  # noqa: B023
+
+        found = reasons(camera, task)
+        sure = surely_covers(mesh, camera, pose, task, sizes[0], points, face)
+        wrong += int((sure != (found == rc.Reason.OCCLUDED)).sum())
+        seen |= set(found.tolist())
+        # Without a criterion no point fails it, and what fails another first fails it still.
+        for reason, own_camera, own_task in (
+            (rc.Reason.OUT_OF_FOCUS, replace(camera, focus_range=None), task),
+            (
+                rc.Reason.TOO_COARSE,
+                camera,
+                replace(task, min_facing_density=0, min_pixels_per_m2=0),
+            ),
+            (rc.Reason.TOO_OBLIQUE, camera, replace(task, max_incidence_deg=90)),
+        ):
+            without = reasons(own_camera, own_task)
+            assert (without != reason).all()
+            assert np.array_equal(without[found != reason], found[found != reason])
+    assert wrong == 0
+    assert seen == {1, 2, 3, 5, 6, 7}
 
 
 # --- laws -----------------------------------------------------------------------------------------

@@ -295,7 +295,7 @@ def test_a_rig_without_one_of_its_cameras_measures_nothing_and_is_not_saved(cont
     act(page, do="switch", station=0, is_on=True)
     act(page, do="delete", station=3)
     assert page.js("rastercov.session.server.save('rig').catch(error => error.message)").startswith(
-        "expected only complete rigs, got a camera that belongs to none;"
+        "expected all cameras of each rig with a rule, in its order, got others;"
     )
     session.close()
 

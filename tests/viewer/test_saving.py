@@ -14,18 +14,22 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from commands import call, enter, refusal
-from edited import Saving, SavingOfPages, Session
+from edited import Saving, Session
 from hypothesis import example, given
 from hypothesis import strategies as st
-from nightly import examples
+from nightly import IS_NIGHTLY, examples
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of
 
 import rastercov as rc
 from rastercov import cli
+from rastercov.core.camera.pose import Poses
+from rastercov.core.camera.rig import Rig
 from rastercov.core.mesh import shapes
 from rastercov.formats.cameras import read_views
+from rastercov.formats.cameras.own import content_of
+from rastercov.page.rig_state import RigState
 from rastercov.page.saving import exported, with_drawing
-from rastercov.page.scene import open_plan, open_result
+from rastercov.page.scene import Scene, open_plan, open_result
 from rastercov.page.session import unframed
 
 
@@ -121,11 +125,75 @@ def test_saved_thresholds_are_read_back(needed, share, rule):
     session = session_of(count=1)
     rig = session.call("asked")["rig"] | {"needed": needed}
     rig["task"] |= own
-    content = SavingOfPages(session).content({"what": "task", "rig": rig})[1]
-    read = tomllib.loads(content.decode())["task"]
+    read = tomllib.loads(session.call("texts", rig)["task"])["task"]
     assert read.pop("views") == (4 if needed is None else needed)
     assert replace(rc.Task(**read), views=4) == rc.Task(**own)
     session.close()
+
+
+NAMES = ("eye", "2", "10", 'a "b" \\', "ä / é", "left", "right", "lamp")
+LENSES = (
+    CAMERA,
+    replace(CAMERA, model="opencv", distortion=(-0.1, 0.01, 1e-5, -1e-17), skew=0.125),
+    replace(CAMERA, focus_range=(0.1, np.inf), near=1e-7),
+    replace(CAMERA, cx=0.1 + 0.2, pixel_size=(3.45e-6,) * 2, focal_length=0.012, aperture=1e-3,
+            focus_distance=1 / 3),
+)  # fmt: skip
+
+
+def random_rig(rng):
+    """Rigs and single cameras, with their rules, places and thresholds, and poses of them."""
+    names, parts = rng.permutation(NAMES).tolist(), []
+    for n in rng.integers(1, 4, 3)[: rng.integers(1, 4)]:
+        own = rng.integers(len(LENSES), size=n)
+        places = rc.look_at(rng.normal(size=(n, 3)), rng.normal(size=(n, 3)) + 9)
+        rules = (
+            rc.All(min_baseline_deg=0.1, max_uncertainty=1e-3, noise_px=1 / 3),
+            rc.AtLeast(max(1, n - 1)),
+        )
+        rule = {"rule": rules[rng.integers(2)]} if n > 1 and rng.random() < 0.7 else {}
+        parts.append(Rig([LENSES[row] for row in own], names[:n], places, **rule))
+        del names[:n]
+    rig = parts[0] if len(parts) == 1 else Rig.of_several(parts, sum((p.names for p in parts), ()))
+    tasks = {name: rc.Task(min_pixels=rng.random()) for name in rig.names if rng.random() < 0.3}
+    fixed = [] if rig.gates else [name for name in rig.names[1:] if rng.random() < 0.3]
+    rig = Rig(rig.cameras, rig.names, rig.rig_from_camera, tasks=tasks, fixed=fixed)._with(
+        rule=rig.rule, gates=rig.gates
+    )
+    starts, rows = np.cumsum([0, *map(len, parts)]), list[int]()
+    for one in rng.integers(len(parts), size=rng.integers(1, 5)):
+        rows += [*range(starts[one], starts[one + 1])]
+    return rig, Poses.of(rc.look_at(rng.normal(size=(len(rows), 3)), (9, 9, 9)), camera=rows)
+
+
+def by_name(views):
+    """What a file of cameras says of each of them, and of its poses, in whatever order."""
+    rig = views.rig
+    rows = {name: at for at, name in enumerate(rig.names)}
+    gates = {rig.names[at : at + gate.n]: gate for at, gate in rig.gates.items()}
+    places = {name: rig.rig_from_camera[row].tolist() for name, row in rows.items()}
+    named = [rig.names[row] for row in views.poses.camera]
+    cameras = {name: rig.cameras[row] for name, row in rows.items()}
+    poses = views.poses.world_from_camera.tolist()
+    own = (cameras, places, gates, dict(rig.tasks), {*rig.fixed})
+    return *own, rig.rule if rig.is_one else None, named, poses, views.images, views.has_unit
+
+
+@pytest.mark.parametrize("seed", range(25 if IS_NIGHTLY else 6))
+def test_a_page_writes_the_file_that_rastercov_writes_of_the_same_rig(seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    rig, poses = random_rig(rng)
+    state = replace(RigState.of(rig, poses), unit=("m", "unit")[seed % 2])
+    with closing(Session(Scene("part", part(), state))) as session:
+        (tmp_path / "page.json").write_text(session.call("texts")["rig"], encoding="utf-8")
+    names = tuple(each.name for each in state.stations)
+    rows = state.poses(all_stations=True)
+    wanted = rc.Views(state.rig(rows), rows, names, has_unit=state.unit == "m")
+    (tmp_path / "own.json").write_text(json.dumps(content_of(wanted)))
+    read = [by_name(rc.read_views(tmp_path / f"{name}.json")) for name in ("page", "own")]
+    assert read[0] == read[1]
+    sizes = [json.loads((tmp_path / f"{name}.json").read_text()).keys() for name in ("page", "own")]
+    assert sizes[0] == sizes[1]  # of entries
 
 
 @pytest.fixture(scope="module")

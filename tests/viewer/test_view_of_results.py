@@ -135,7 +135,7 @@ def test_an_audit_without_a_scale_is_in_units(room, capsys):
         acted(session, do="task", changes={"min_pixel_density": 1e5})
         said = [session.why(face) for face in range(0, scene.mesh.n_faces, 7)]
         head, _ = acted(session, "density")
-        saved = Saving(session, room).content("rig")[1]
+        saved = Saving(session, room).content("rig")
     assert "units²" in said[0]["words"]
     texts = json.dumps([scene.described()["modes"], head["scale"], said])
     assert re.findall(r"[0-9] ?(m|mm|cm)²?\b|px/m", texts) == []

@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ReadByName, number, percent
+from rastercov.base import FloatArray, ReadByName, percent
 from rastercov.base.format import distance as in_words
-from rastercov.base.memory import FloatArray
+from rastercov.base.format import number
 from rastercov.core.area.regions import OF_A_FACE
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera import Camera, to_camera, to_image
 from rastercov.core.coverage.densities import EDITIONS, density_text
 from rastercov.core.coverage.reasons import REASONS, WORDINGS
 from rastercov.core.coverage.task import Task

@@ -9,13 +9,11 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import BoolArray, ByName, FloatArray, ReadByName
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, is_joint, names_of
+from rastercov.core.camera import Cameras, Poses, cameras_of, is_joint, names_of
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network, share_of_faces
 from rastercov.core.coverage.task import Task

@@ -6,14 +6,12 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, WholeArray
+from rastercov.base import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.core.area.feature import Feature
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, joined
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, equipment_on, eyes_of
+from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of
 from rastercov.core.coverage.device import Carried, Device
 from rastercov.core.coverage.reasons import NAMES, Reason
 from rastercov.core.coverage.task import Task

@@ -10,10 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import FloatArray, Int32Array, IntArray, read_only
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    Int32Array,
+    IntArray,
+    ResourceError,
+    finite_number,
+    frozen_record,
+    read_only,
+    shown,
+)
 from rastercov.core.area.frames import check_same_mesh, frames_of, to_world
 from rastercov.core.area.polygons import starts_of
 from rastercov.core.area.table import Regions

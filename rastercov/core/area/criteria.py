@@ -13,12 +13,18 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_choice, finite_points, flag
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    check_choice,
+    finite_number,
+    finite_points,
+    flag,
+    frozen_record,
+    shown,
+)
+from rastercov.core.camera import Camera
 
 EQUAL_AREA = "metashape_equisolid"
 """Model of lenses of equal area, without distortion."""

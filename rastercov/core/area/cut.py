@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray, read_only
+from rastercov.base import AnyArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.core.area.criteria import Cut
 from rastercov.core.area.frames import FacePolygons, frames_of
 from rastercov.core.area.polygons import polygon_areas

@@ -15,17 +15,14 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import ByteArray, FloatArray, IntArray, Lists
-from rastercov.base.threads import share_poses, thread_count
+from rastercov.base import ByteArray, FloatArray, IntArray, Lists, share_poses, thread_count
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.features import conditions_at
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.regions import check_pointwise
 from rastercov.core.area.rows import gated_lists, gated_reasons
-from rastercov.core.camera.near_plane import near_limits
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, rows_of_result
+from rastercov.core.camera import Cameras, Poses, near_limits, rows_of_result
 from rastercov.core.coverage.reasons import BITS, Reason
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

@@ -6,13 +6,18 @@ A rig says which take part. What a feature lacks is as here, where it adds nothi
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ByteArray,
+    FloatArray,
+    IntArray,
+    ReadByName,
+    WholeArray,
+)
 from rastercov.core.area.figures import Figures
 from rastercov.core.area.table import Condition, Finder, Regions
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Camera, Cameras, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 

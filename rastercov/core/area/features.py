@@ -1,13 +1,10 @@
 """Features that add to what cameras see: calls to all of them."""
 
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray, WholeArray
+from rastercov.base import ByName, FloatArray, WholeArray, hooks_of
 from rastercov.core.area.carried import OfDevice
 from rastercov.core.area.feature import Feature, Judge, PointCondition, Points, Scene
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.device import Device
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

@@ -3,11 +3,9 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Protocol
 
-from rastercov.base.format import ByName, ReadByName, percent, plural, with_bound
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import BoolArray, ByName, FloatArray, ReadByName, percent, plural, with_bound
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.task import Task
 
 Alone = Callable[[int], ByName]

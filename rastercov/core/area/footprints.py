@@ -19,17 +19,24 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from rastercov.base.errors import MeshError
-from rastercov.base.format import ByName, ReadByName, frozen_record, percent
-from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray, read_only
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ByName,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    MeshError,
+    ReadByName,
+    frozen_record,
+    percent,
+    read_only,
+)
 from rastercov.core.area import polygons
 from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.regions import RegionPass, check_pointwise
 from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.camera import Camera, Cameras, Poses, cameras_of, look_at
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.records import lens_of

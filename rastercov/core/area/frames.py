@@ -11,10 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
-from rastercov.base.threads import once_each
+from rastercov.base import (
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    Int32Array,
+    IntArray,
+    frozen_record,
+    once_each,
+    read_only,
+)
 from rastercov.core.area.polygons import boxes
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen

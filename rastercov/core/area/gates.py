@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.base.features import hooks_of
+from rastercov.base import hooks_of
 from rastercov.core.area.table import Cut, Regions, joined
-from rastercov.core.camera.gate import Gate
+from rastercov.core.camera import Gate
 
 
 class GateLimits:

@@ -6,11 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import is_one_of, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
+from rastercov.base import BoolArray, ByName, ConfigError, FloatArray, is_one_of, shown
 from rastercov.base.format import area as area_text
-from rastercov.base.memory import BoolArray, FloatArray
 from rastercov.core.area.figures import DOUBTFUL
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.regions import check_pointwise
@@ -19,8 +16,7 @@ from rastercov.core.area.spread import BETWEEN_CAMERAS, check_poses, union_of
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, is_joint
+from rastercov.core.camera import Cameras, Poses, is_joint
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.judging import OF_PARTS
 from rastercov.core.coverage.network import percent_of_seeable

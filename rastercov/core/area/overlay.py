@@ -9,9 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, check_memory
+from rastercov.base import (
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    check_memory,
+    finite_number,
+    shown,
+)
 from rastercov.engine import solver_union
 from rastercov.shards import Progress as Progress
 

@@ -5,12 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
+from rastercov.base import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.camera.near_plane import near_limits
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of
+from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import Task

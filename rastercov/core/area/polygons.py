@@ -6,7 +6,7 @@ Polygon i of a table has the corners xy[starts[i]] ... xy[starts[i + 1] - 1], co
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray
 
 
 def starts_of(counts: ArrayLike) -> IntArray:

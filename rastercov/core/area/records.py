@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import BoolArray, FloatArray
 from rastercov.core.coverage.task import Rules
 
 

@@ -14,9 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, check_memory, read_only
+from rastercov.base import BoolArray, ConfigError, check_memory, frozen_record, read_only
 from rastercov.core.area import polygons
 from rastercov.core.area.criteria import PixelDensity, has_closed_form
 from rastercov.core.area.features import FEATURES
@@ -25,10 +23,16 @@ from rastercov.core.area.records import Criteria, LensCriteria, Planes
 from rastercov.core.area.relaxed import without_borders, without_occlusion
 from rastercov.core.area.rows import gated, tasks_of
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, check_scene, eyes_of, rows_of_result
+from rastercov.core.camera import (
+    MODELS,
+    Camera,
+    Cameras,
+    Poses,
+    cameras_of,
+    check_scene,
+    eyes_of,
+    rows_of_result,
+)
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
+from rastercov.base import once_each
 from rastercov.base.checks import MAX_IMAGE_SIDE
-from rastercov.base.threads import once_each
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 
 

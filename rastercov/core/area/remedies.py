@@ -16,9 +16,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import ByName, signed
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray
 from rastercov.base.format import distance as in_metres
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base.format import signed
 from rastercov.core.area.advice import figures_of_point, general_advice, short_of
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of, in_front
@@ -27,25 +27,25 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.stages import united
 from rastercov.core.area.union import RegionUnion
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.projection import to_camera, to_image, view_border
-from rastercov.core.camera.rig import (
+from rastercov.core.camera import (
+    MODELS,
+    Camera,
     Cameras,
+    Poses,
     Rig,
     axes_of,
     cameras_of,
+    distance_kept,
     eyes_of,
+    fibonacci_sphere,
     gates_of,
     is_joint,
-)
-from rastercov.core.camera.viewpoints import (
-    depth_of_targets,
-    distance_kept,
-    fibonacci_sphere,
     look_at,
+    to_camera,
+    to_image,
 )
+from rastercov.core.camera.projection import view_border
+from rastercov.core.camera.viewpoints import depth_of_targets
 from rastercov.core.coverage.reasons import (
     NO_CAMERAS,
     REASONS,

@@ -8,13 +8,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError, errors_as
-from rastercov.base.memory import ByteArray, FloatArray, Int32Array
+from rastercov.base import ByteArray, ConfigError, FloatArray, Int32Array, errors_as, shown
 from rastercov.core.area.gates import through
 from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, apparent, by_gate, gates_of, led_by, names_of
+from rastercov.core.camera import Cameras, Poses, Rig, apparent, by_gate, gates_of, led_by, names_of
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import NEEDED, Task
 

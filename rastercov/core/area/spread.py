@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError
 from rastercov.core.area.criteria import RayAngle
 from rastercov.core.area.polygons import chosen
 from rastercov.core.area.table import Regions, joined, taken

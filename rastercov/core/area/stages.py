@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from rastercov.core.area import polygons
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import frames_of, sides_of
@@ -30,16 +30,16 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated, tasks_of
 from rastercov.core.area.spread import SpreadUnion, union_of
 from rastercov.core.area.union import Covered, RegionUnion
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, by_gate, cameras_of, eyes_of, rows_of_result
+from rastercov.core.camera import Cameras, Poses, by_gate, cameras_of, eyes_of, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.reasons import CRITERIA, NAMES, TOO_FEW_VIEWS, Reason, code_of, rows_in
+from rastercov.core.coverage.reasons import BITS, CRITERIA, NAMES, TOO_FEW_VIEWS, Reason
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import DENSITIES, STEEP, Task
 from rastercov.core.mesh import Mesh
+from rastercov.engine import area_reason
 
 SLIVER_REL = 1e-9
-"""Part of a face below which a reason is rounding, and takes that of most of the face."""
+"""Part of a face below which a reason is rounding."""
 MOST_STAGES = 60
 """Sets of criteria that cover anything; what later ones cover has the reason of all criteria."""
 CodeArray = NDArray[np.uint32]
@@ -153,34 +153,31 @@ def divided(
     _add_covered(overlay, len(added) + 1, reached)
     whole = overlay.partition()
     kept = np.flatnonzero((whole.tag & 1 > 0) & (whole.area > 0))
-    face, bits = whole.face[kept], whole.tag[kept] >> 1
-    code = np.where(in_front[face], np.uint32(Reason.OUTSIDE), np.uint32(Reason.BACK_FACING))
-    for at, stage in reversed([*enumerate([*added, every])]):
-        is_in = (bits >> at) & 1 > 0
-        code[is_in] = code_of(stage.rows) if stage.rows else Reason.COVERED
-        if len(stage.rows) < 2 and stage.is_plain and stage is not every:
+    face, tag, areas = whole.face[kept], whole.tag[kept], whole.area[kept]
+    for at, stage in enumerate(added, 1):
+        if len(stage.rows) < 2 and stage.is_plain:
             for row in stage.rows or rows_own:
-                counts = is_in & (own[face] == (Reason.COVERED if stage.rows else row))
-                areas = whole.area[kept[counts]]
-                gains[row][0] = np.bincount(face[counts], areas, mesh.n_faces)
+                counts = (tag >> at & 1 > 0) & (
+                    own[face] == (Reason.COVERED if stage.rows else row)
+                )
+                gains[row][0] = np.bincount(face[counts], areas[counts], mesh.n_faces)
+    views = 1 << len(CRITERIA)  # no criterion, but a reason of what is covered over time
+    sets = [
+        int(np.bitwise_or.reduce(BITS[[*stage.rows]])) | views * (TOO_FEW_VIEWS in stage.rows)
+        for stage in (*added, every)
+    ]
+    facts = in_front, BITS[own] * (own > Reason.COVERED), doubt + SLIVER_REL * frames.areas
+    reason = np.empty(len(kept), np.uint32)
+    area_reason.name_parts(
+        (face, tag, areas),
+        np.array(sets, np.uint32),
+        np.array((*CRITERIA, TOO_FEW_VIEWS), np.uint8),
+        facts,
+        reason,
+    )
     cut = polygons.chosen(whole.xy, whole.starts, kept)
-    none = np.zeros(len(kept), np.int32)
-    parts = ReasonPieces(*cut, face, none, _with_own(code, own[face]))
-    return Divided(_without_slivers(parts, doubt + SLIVER_REL * frames.areas), doubt, gains)
-
-
-def _with_own(code: CodeArray, own: ByteArray) -> CodeArray:
-    """Codes, (N,), with the reasons of the surface itself, (N,).
-
-    Where nothing fails, a coincident surface is in front, or it is rounding.
-    """
-    with_own = np.where(code == Reason.COVERED, np.uint32(Reason.OCCLUDED), code)
-    for row in np.unique(own[own > Reason.COVERED]).tolist():
-        for each in np.unique(code[own == row]).tolist():
-            both = row if each == Reason.COVERED else code_of((*rows_in(each), row))
-            alone = each in (Reason.OUTSIDE, Reason.BACK_FACING)
-            with_own[(own == row) & (code == each)] = row if alone else both
-    return with_own
+    parts = ReasonPieces(*cut, face, np.zeros(len(kept), np.int32), reason)
+    return Divided(parts, doubt, gains)
 
 
 def _add_covered(overlay: Overlay, number: int, passed: Covered) -> None:
@@ -202,19 +199,6 @@ def _add(
     zero, row = np.zeros(len(faces)), np.zeros(len(pieces[2]), np.int32)
     pairs = np.zeros(len(faces), np.int32), faces, areas, zero, zero
     overlay.add((*pieces, row), pairs, np.array([number]))
-
-
-def _without_slivers(parts: ReasonPieces, doubt: FloatArray) -> ReasonPieces:
-    """Parts in which reasons that are less of a face than is certain, (F,), are that of most."""
-    areas = polygons.polygon_areas(parts.xy, parts.starts)
-    keys, own = np.unique(parts.face * (np.int64(1) << 32) + parts.reason, return_inverse=True)
-    size, face = np.bincount(own, areas, len(keys)), keys >> 32
-    order = np.lexsort((size, face))
-    last = np.flatnonzero(np.diff(face[order], append=-1))
-    most = np.repeat(keys[order][last], np.diff(last, prepend=-1))
-    reason = np.empty(len(keys), np.uint32)
-    reason[order] = np.where(size[order] > doubt[face[order]], keys[order], most) & 0xFFFFFFFF
-    return parts._replace(reason=reason[own])
 
 
 def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:

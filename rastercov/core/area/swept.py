@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, read_only
+from rastercov.base import BoolArray, FloatArray, read_only
 from rastercov.core.area.records import Criteria
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.exact.cameras import pinhole_numbers
 from rastercov.core.mesh import Mesh

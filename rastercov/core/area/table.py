@@ -8,19 +8,26 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, checked_array, members
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    check_kind,
+    checked_array,
+    finite_number,
+    frozen_record,
+    members,
+    shown,
+)
 from rastercov.core.area import polygons
 from rastercov.core.area.criteria import MOST_DEVICES, AreaCriterion
 from rastercov.core.area.cut import Kept, parts_where
 from rastercov.core.area.frames import FacePolygons, frames_of
 from rastercov.core.area.overlay import Overlay
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Camera, Cameras, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 

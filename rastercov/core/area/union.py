@@ -6,12 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.arguments import checked_array
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array
-from rastercov.base.threads import once_each
+from rastercov.base import (
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    checked_array,
+    finite_number,
+    frozen_record,
+    once_each,
+    shown,
+)
 from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.area.frames import FacePolygons, check_same_mesh, frames_of

@@ -1,11 +1,9 @@
 """Dead zones: connected parts of the evaluated surface that too few cameras cover.
 
 The pieces of a partition with fewer cameras than wanted are connected where they share a part of
-their boundary: within a face, and across an edge of the mesh. Faces that meet along a part of an
-edge only, as where a vertex lies on the edge of another face, are connected, too.
-
-A zone ends at creases, where groups end, and where the reason changes: for a point, the criteria
-that must be met to cover it, see `rastercov.core.area.stages`.
+their boundary, see `rastercov/engine/area/zone.hpp`. A zone ends at creases, where groups end, and
+where the reason changes: for a point, the criteria that must be met to cover it, see
+`rastercov.core.area.stages`.
 """
 
 import math
@@ -19,20 +17,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, checked_array
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import first_of, signed
-from rastercov.base.memory import (
+from rastercov.base import (
     TINY,
     BoolArray,
     ByteArray,
+    ConfigError,
     FloatArray,
     Int32Array,
     IntArray,
-    WholeArray,
+    check_kind,
+    checked_array,
+    first_of,
+    shown,
 )
+from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import signed
 from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import general_advice
@@ -52,9 +51,9 @@ from rastercov.core.area.stages import (
     stages_of,
 )
 from rastercov.core.area.union import Covered, with_rest
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import (
+from rastercov.core.camera import (
     Cameras,
+    Poses,
     cameras_of,
     gates_of,
     led_by,
@@ -83,21 +82,6 @@ from rastercov.core.mesh.solids import rooms_at
 from rastercov.core.mesh.topology import components_of
 from rastercov.shards import Progress, silent
 
-TOLERANCE_REL = 1e-10
-"""Distance of two sides in one plane that are one, relative to the diagonal of the mesh and its
-distance from the origin: a hundred times the distance of corners that the union merges."""
-LEAST_REL = 1e-8
-"""Length of contact from which pieces are connected, relative to the same: a hundred times the
-tolerance, so that lines that cross at more than 0.01 rad are not one."""
-OPEN_TOLERANCE_REL = 1e-6
-"""Distance of open edges that are one: files in float32 have vertices that far from the edge on
-which they lie."""
-CREASE_DEG = 30.0
-"""Angle between the normals of faces at an edge up to which a zone crosses it."""
-MOST_AT_A_LINE = 16
-"""Faces that meet at a line up to which each is compared with all others; more are apart."""
-SWEEP = np.array([0.4794, 0.6367, 0.6040])
-"""Direction of the sweep in space; the first two, in a plane."""
 MOST_ZONES = 100
 """Zones that a summary lists."""
 SLIVER_REL = 1e-9
@@ -202,6 +186,12 @@ class DeadZones(FacePolygons):
             for entry, rooms in zip(items, every, strict=True):
                 entry["rooms"] = [room for room, _ in Counter(rooms).most_common() if room]
         return items
+
+    @cached_property
+    def _reasons_of_pieces(self) -> tuple[CodeArray, IntArray]:
+        """Reasons that occur, (K,), and the row of that of each piece, (N,)."""
+        codes, rows = np.unique(self.reason, return_inverse=True)
+        return codes, rows
 
     @cached_property
     def leads(self) -> ByteArray:
@@ -329,8 +319,6 @@ def zones_of(
 
     `left` is the reason of what no camera covers and no proof explains, unless it is divided.
     """
-    from rastercov.engine import area_zone as kernels
-
     mesh = covered.mesh
     whole = with_rest(covered)
     areas = polygons.polygon_areas(whole.xy, whole.starts)
@@ -351,27 +339,31 @@ def zones_of(
     if divide is not None:
         divided = divide(divided.parts)
     parts = ReasonPieces.joined(kept, divided.parts)
-    parent = np.arange(len(parts.face))
-    if len(parent):
-        _link(mesh, parts, parent)
-    root = np.empty_like(parent)
-    kernels.find_roots(parent, root)
     areas = polygons.polygon_areas(parts.xy, parts.starts)
-    kept_rows = np.flatnonzero(_are_certain(root, areas, parts.face, covered.excess))
-    _, zone = np.unique(root[kept_rows], return_inverse=True)
-    cut = polygons.chosen(parts.xy, parts.starts, kept_rows)
-    own, views, areas = parts.face[kept_rows], parts.views[kept_rows], areas[kept_rows]
-    pieces = *cut, own, views, *_largest_first(zone, areas), areas
-    return DeadZones(mesh, *pieces, parts.reason[kept_rows], divided.doubt, wanted, divided.gains)
+    zone, sizes = linked(mesh, parts, areas, covered.excess)
+    rows = np.flatnonzero(zone >= 0)
+    own = *polygons.chosen(parts.xy, parts.starts, rows), parts.face[rows], parts.views[rows]
+    ranked = zone[rows], sizes, areas[rows], parts.reason[rows]
+    return DeadZones(mesh, *own, *ranked, divided.doubt, wanted, divided.gains)
 
 
-def _are_certain(
-    root: IntArray, areas: FloatArray, face: Int32Array, bound: FloatArray
-) -> BoolArray:
-    """(N,) pieces of zones of more area than the bound, (F,), of their faces together."""
-    zone, own = np.unique(np.stack([root, face]), axis=1)
-    most = np.bincount(zone, bound[own], len(root))
-    return np.asarray((np.bincount(root, areas, len(root)) > most)[root])
+def linked(
+    mesh: Mesh, parts: ReasonPieces, areas: FloatArray, excess: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    """Zone of each piece, (N,), the largest first, and the areas of zones, m^2.
+
+    The zone is -1 where all of it is within `excess`, (F,), of its faces together; `areas`, (N,),
+    are those of pieces.
+    """
+    from rastercov.engine import area_zone
+
+    frames, scale = frames_of(mesh), max(mesh.diagonal, 2.0**-20 * float(np.abs(mesh.bounds).max()))
+    axes = frames.origin, frames.x_axis, frames.y_axis, frames.normal, frames.corners, frames.areas
+    surface = mesh.vertices, mesh.welded_faces, mesh.face_group, *axes, scale
+    zone, sizes = np.empty(len(areas), np.int64), np.empty(len(areas))
+    pieces = parts.xy, parts.starts, parts.face
+    n = area_zone.find_zones(surface, pieces, parts.reason, areas, excess, zone, sizes)
+    return zone, sizes[:n]
 
 
 def face_zones(mesh: Mesh, why: IntArray, views: IntArray, wanted: IntArray) -> DeadZones:
@@ -413,7 +405,7 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
     it would cover besides, to `gain_bound_m2`.
     """
     own = zones.piece_area * members[zones.face]
-    codes, row = np.unique(zones.reason, return_inverse=True)
+    codes, row = zones._reasons_of_pieces
     m2 = dict(zip(codes.tolist(), np.bincount(row, own, len(codes)).tolist(), strict=True))
     doubt, total = (
         float(zones.doubt[members].sum()),
@@ -452,115 +444,6 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> In
     row = np.minimum(zones.zone, n).astype(np.int32)
     is_inside = rows_at(zones, row, n + 1, face, points)
     return np.where(is_inside.any(axis=1), is_inside.argmax(axis=1), -1)
-
-
-def _link(mesh: Mesh, parts: ReasonPieces, parent: IntArray) -> None:
-    """Link the pieces that are connected, by their parents."""
-    from rastercov.engine import area_zone as kernels
-
-    frames, (xy, starts, face, _, reason) = frames_of(mesh), parts
-    scale = mesh.diagonal
-    scale = max(scale, 2.0**-20 * float(np.abs(mesh.bounds).max()))
-    tolerance, least = TOLERANCE_REL * scale, LEAST_REL * scale
-    boxes = polygons.boxes(xy, starts)
-    interval = np.stack(polygons.extents(xy @ SWEEP[:2], starts), axis=1)
-    kind = mesh.face_group[face] * (np.int64(1) << 32) + reason
-    own = _classes(face, kind).astype(np.int32)
-    order = np.lexsort((interval[:, 0], own))
-    kernels.link_in_faces((xy, starts, own), boxes, interval, order, tolerance, least, parent)
-
-    side = np.empty(len(xy), np.int64)
-    kernels.find_sides(xy, starts, face, np.array(frames.corners), tolerance, side)
-    at = np.flatnonzero(side >= 0)
-    piece_of = np.repeat(np.arange(len(face)), np.diff(starts))[at]
-    faces, after = face[piece_of].astype(np.int64), polygons.following(starts)[at]
-    points = np.stack([to_world(mesh, faces, xy[rows]) for rows in (at, after)], axis=1)
-    inward = np.cross(frames.normal[faces], points[:, 1] - points[:, 0])
-    inward /= np.maximum(np.linalg.norm(inward, axis=1), 1e-300)[:, None]
-    one, other, is_open = _edges(mesh, faces, side[at])
-    edge = _smooth(_classes(one * mesh.n_vertices + other, kind[piece_of]), faces, inward)
-    start = mesh.vertices[one]
-    away = mesh.vertices[other] - start
-    away /= np.linalg.norm(away, axis=1)[:, None]
-    along_edge = np.einsum("nki,ni->nk", points - start[:, None], away)
-    interval = np.sort(along_edge, axis=1)
-    order = np.lexsort((interval[:, 0], edge))
-    kernels.link_along_edges(edge[order], interval[order], piece_of[order], face, least, parent)
-
-    if not len(rows := np.flatnonzero(is_open)):
-        return
-    ends = points[rows]
-    interval = np.sort(ends @ SWEEP, axis=1)
-    interval -= interval.min()
-    step, open_rel = interval.max() + scale, OPEN_TOLERANCE_REL * scale
-
-    def in_space(row: IntArray, faces: Int32Array, of_class: IntArray, forest: IntArray) -> None:
-        """Link rows of open sides of one class: each class has a stretch of its own to sweep."""
-        shifted = interval + (of_class * step)[:, None]
-        order = np.argsort(shifted[:, 0], kind="stable")
-        swept = ends[order], shifted[order], row[order], faces
-        kernels.link_in_space(*swept, open_rel, 10 * open_rel, forest)
-
-    some, contact, values = faces[rows].astype(np.int32), np.arange(len(rows)), np.empty_like(rows)
-    in_space(np.arange(len(rows)), some, _classes(kind[piece_of[rows]]), contact)
-    kernels.find_roots(contact, values)
-    in_space(piece_of[rows], face, _smooth(values, some, inward[rows]), parent)
-
-
-def _classes(*keys: WholeArray) -> IntArray:
-    """(N,) number of each row of keys, from 0."""
-    classes = np.zeros(len(keys[0]), np.int64)
-    for key in keys:
-        each = np.unique(key, return_inverse=True)[1]
-        classes = classes * (int(each.max(initial=0)) + 1) + each
-        classes = np.unique(classes, return_inverse=True)[1].astype(np.int64)
-    return classes
-
-
-def _smooth(line: IntArray, face: WholeArray, inward: FloatArray) -> IntArray:
-    """(N,) class of sides on a line: those of faces that join smoothly there.
-
-    Parameters
-    ----------
-    line, face : (N,) int
-        Line on which a side lies, and face of which it is one.
-    inward : (N, 3) float64
-        Unit vector in the plane of the face, from the side into it.
-    """
-    _, first, own = np.unique(_classes(line, face), return_index=True, return_inverse=True)
-    of_line = np.argsort(line[first], kind="stable")
-    ends = np.flatnonzero(np.diff(line[first][of_line], append=-1)) + 1
-    counts, pairs = np.diff(ends, prepend=0), [np.zeros((0, 2), np.int64)]
-    for count in np.unique(counts[(counts > 1) & (counts <= MOST_AT_A_LINE)]).tolist():
-        rows = of_line[(ends - count)[counts == count][:, None] + np.arange(count)]
-        a, b = np.triu_indices(count, 1)
-        pairs.append(np.stack([rows[:, a], rows[:, b]], axis=2).reshape(-1, 2))
-    both = np.concatenate(pairs)
-    cosine = np.einsum("ni,ni->n", *(inward[first[row]] for row in both.T))
-    is_smooth = cosine <= -math.cos(math.radians(CREASE_DEG))
-    return components_of(len(first), both[is_smooth])[own]
-
-
-def _edges(mesh: Mesh, faces: IntArray, side: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Lower and higher vertex of the edges on which sides of pieces lie, and the open ones.
-
-    An edge is open if it is of one face only. Faces without area do not count.
-    """
-    frames, corners = frames_of(mesh), mesh.welded_faces
-    off = mesh.vertices[mesh.faces] - frames.origin[:, None]
-    first = np.einsum("fki,fki->fk", off, off).argmin(axis=1)
-
-    def ends(rows: IntArray, sides: IntArray) -> tuple[IntArray, IntArray]:
-        from_, to = ((first[rows] + sides + k) % 3 for k in (0, 1))
-        a, b = corners[rows, from_], corners[rows, to]
-        return np.minimum(a, b), np.maximum(a, b)
-
-    solid = np.flatnonzero(frames.areas > 0)
-    low, high = ends(np.repeat(solid, 3), np.tile(np.arange(3), len(solid)))
-    keys, uses = np.unique(low * mesh.n_vertices + high, return_counts=True)
-    one, other = ends(faces, side)
-    is_open = uses[np.searchsorted(keys, one * mesh.n_vertices + other)] == 1
-    return one, other, is_open
 
 
 MOST_POINTS, LEAST_POINTS = 32, 4

@@ -1,1 +1,86 @@
 """Cameras: intrinsics, lenses, poses, rigs, rays, the near plane."""
+
+from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.conventions import (
+    Border,
+    Conventions,
+    centred_camera,
+    from_vectors,
+    inverse_of,
+    lens_camera,
+    model_in,
+    shared_frames,
+)
+from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.equipment import EquipmentKind, equipment_words
+from rastercov.core.camera.gate import Gate
+from rastercov.core.camera.models import MODELS, PROGRAMS, Foreign
+from rastercov.core.camera.near_plane import near_limit, near_limits
+from rastercov.core.camera.pose import Poses, renumbered, valid_poses
+from rastercov.core.camera.projection import box_corners, to_camera, to_image
+from rastercov.core.camera.rig import (
+    Cameras,
+    Rig,
+    Views,
+    apparent,
+    axes_of,
+    by_gate,
+    cameras_of,
+    check_scene,
+    equipment_on,
+    eyes_of,
+    gates_of,
+    is_joint,
+    led_by,
+    names_of,
+    names_of_poses,
+    rows_of_result,
+)
+from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+
+__all__ = [
+    "MODELS",
+    "PROGRAMS",
+    "Border",
+    "Camera",
+    "Cameras",
+    "Conventions",
+    "EquipmentKind",
+    "Foreign",
+    "Gate",
+    "Poses",
+    "Rig",
+    "Views",
+    "apparent",
+    "axes_of",
+    "box_corners",
+    "by_gate",
+    "cameras_of",
+    "centred_camera",
+    "check_scene",
+    "distance_kept",
+    "equipment_on",
+    "equipment_words",
+    "eyes_of",
+    "fibonacci_sphere",
+    "from_vectors",
+    "gates_of",
+    "inverse_of",
+    "is_joint",
+    "led_by",
+    "lens_camera",
+    "look_at",
+    "model_in",
+    "names_of",
+    "names_of_poses",
+    "near_limit",
+    "near_limits",
+    "renumbered",
+    "rows_of_result",
+    "shared_frames",
+    "to_camera",
+    "to_image",
+    "unit_doubts",
+    "upwards",
+    "valid_poses",
+]

@@ -17,32 +17,36 @@ import numpy as np
 from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
-from rastercov.base.arguments import LARGEST_COORDINATE, checked_array
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    ByName,
+    CameraError,
+    FloatArray,
+    ReadByName,
+    StrPath,
+    UnreadableError,
+    checked_array,
+    errors_as,
+    first_of,
+    image_side,
+    printable,
+    read_json,
+    read_toml,
+    shown,
+    suffix_of,
+)
 from rastercov.base.checks import (
     MAX_IMAGE_SIDE,
     coefficients_of,
     focal_length_px,
-    image_side,
     is_inf,
     number,
     pair,
     positive,
     principal_point_px,
-    shown,
     two,
 )
-from rastercov.base.errors import CameraError, errors_as
-from rastercov.base.files import (
-    StrPath,
-    UnreadableError,
-    printable,
-    read_json,
-    read_toml,
-    suffix_of,
-    written_file,
-)
-from rastercov.base.format import ByName, ReadByName, first_of
-from rastercov.base.memory import FloatArray
+from rastercov.base.files import written_file
 from rastercov.core.camera import parallel
 from rastercov.core.camera.catalogue import entries_of, is_name
 from rastercov.core.camera.models import MODELS, checked_model

@@ -17,10 +17,17 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from rastercov.base.checks import is_number, pair, positive, shown
-from rastercov.base.errors import CameraError
-from rastercov.base.files import StrPath, UnreadableError, printable, read_toml
-from rastercov.base.format import ByName, ReadByName
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ReadByName,
+    StrPath,
+    UnreadableError,
+    printable,
+    read_toml,
+    shown,
+)
+from rastercov.base.checks import is_number, pair, positive
 from rastercov.core.camera.parallel import MODEL
 from rastercov.core.mesh.groups import listed
 

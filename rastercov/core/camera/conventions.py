@@ -15,12 +15,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_choice, flag
-from rastercov.base.checks import finite_number, image_side, shown, two
-from rastercov.base.errors import CameraError, ConfigError, MeshError, PoseError, errors_as
-from rastercov.base.files import UnknownNames, printable
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    FloatArray,
+    MeshError,
+    PoseError,
+    UnknownNames,
+    check_choice,
+    errors_as,
+    finite_number,
+    flag,
+    image_side,
+    printable,
+    shown,
+)
+from rastercov.base.checks import two
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.models import MODELS, PROGRAMS, coefficients_by_name, lens_of_parameters
 from rastercov.core.camera.pose import DRIFT_TOLERANCE, Poses, inverse

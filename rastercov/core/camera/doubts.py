@@ -10,8 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.format import size_in_words
-from rastercov.base.memory import TINY, BoolArray, FloatArray
+from rastercov.base import TINY, BoolArray, FloatArray, row_lengths, size_in_words
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.core.camera.models import MODELS
@@ -72,7 +71,7 @@ def unit_doubts(
     nearest = 0.0
     if poses is not None and has_poses:
         eyes = poses.eyes
-        nearest = float(np.linalg.norm(_beyond(mesh.bounds, eyes), axis=1).min())
+        nearest = float(row_lengths(_beyond(mesh.bounds, eyes)).min())
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
 
     def times(away: float) -> str:
@@ -98,7 +97,7 @@ def unit_doubts(
     half = np.arctan(sides / 2 / focal)
     in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
     if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
-        away = float(np.median(np.linalg.norm(eyes - MM * mesh.centre, axis=1)))
+        away = float(np.median(row_lengths(eyes - MM * mesh.centre)))
         return [
             f"{times(away)} of cameras around it in mm, where {in_mm.sum()} of {len(eyes)} look "
             f"at it, and {in_metres.sum()} in metres: --unit mm?"
@@ -120,7 +119,7 @@ def _ahead(mesh: Mesh, poses: Poses) -> float:
     reach = min(PARTS, float(sides[1]) / UNLIKELY_BEYOND_RATIO)
     placed = poses.world_from_camera[:: max(1, len(poses) // MOST_POSES)]
     eyes, axes = placed[:, :3, 3], np.ascontiguousarray(placed[:, :3, 2])
-    away = np.linalg.norm(_beyond(mesh.bounds, eyes), axis=1)
+    away = row_lengths(_beyond(mesh.bounds, eyes))
     if len(poses) < FEW or np.median(away) > reach:
         return math.inf
     rows, diagonal = np.flatnonzero(~mesh.degenerate_mask), mesh.diagonal
@@ -143,7 +142,7 @@ def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
     radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
     eyes = poses.eyes
     to_middle = bounds.mean(axis=0) - eyes
-    distance = np.linalg.norm(to_middle, axis=1)
+    distance = row_lengths(to_middle)
     is_outside = (
         _beyond(bounds, eyes).max(axis=1) > np.ptp(bounds, axis=0).max() / UNLIKELY_DEPTH_RATIO
     )

@@ -5,9 +5,7 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import BoolArray, ByName, FloatArray, ReadByName, hooks_of
 from rastercov.core.mesh.site import NOWHERE, Site
 
 

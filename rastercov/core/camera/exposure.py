@@ -21,8 +21,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
-from rastercov.base.arguments import check_choice, check_limits
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError, check_choice, check_limits
 from rastercov.base.format import number
 
 PLANCK, LIGHT_SPEED = 6.62607015e-34, 299792458.0

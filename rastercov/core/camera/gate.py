@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray
+from rastercov.base import BoolArray, ByteArray, FloatArray
 from rastercov.core.camera.camera import Camera
 
 

@@ -2,9 +2,8 @@
 
 import re
 
+from rastercov.base import CameraError, shown
 from rastercov.base.arguments import Quantity, Reads
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
 
 
 def illuminance(text: str) -> Quantity:

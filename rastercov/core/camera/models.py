@@ -12,8 +12,8 @@ documentation, "Camera Models"; nerfstudio documentation, "Data conventions".
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from rastercov.base.checks import coefficients_of, number, shown
-from rastercov.base.errors import CameraError
+from rastercov.base import CameraError, shown
+from rastercov.base.checks import coefficients_of, number
 from rastercov.core.mesh.groups import listed
 from rastercov.engine import solver_lens
 
@@ -32,14 +32,11 @@ class Model(NamedTuple):
         Names of its coefficients, in order.
     counts : tuple of int
         Permitted numbers of coefficients, the others being 0; if empty, all must be given.
-    of_base : str
-        Coefficients that are the parameters of the base, up to three, in order.
     """
 
     base: str
     coefficients: str = ""
     counts: tuple[int, ...] = ()
-    of_base: str = ""
 
     @property
     def is_planar(self) -> bool:
@@ -51,31 +48,22 @@ class Model(NamedTuple):
 
 
 MODELS: Mapping[str, Model] = {
-    "pinhole": Model("pinhole"),
-    "opencv": Model(
-        "pinhole", "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y", (4, 5, 8, 12, 14)
-    ),
-    "opencv_fisheye": Model("equidistant", "k1 k2 k3 k4", (0, 4)),
-    "thin_prism_fisheye": Model("equidistant", "k1 k2 p1 p2 k3 k4 s1 s3"),
-    "rad_tan_thin_prism_fisheye": Model("equidistant", "k1 k2 k3 k4 k5 k6 p2 p1 s1 s2 s3 s4"),
-    "fisheye62": Model("equidistant", "k1 k2 k3 k4 k5 k6 p1 p2 s1 s2 s3 s4", (8, 12)),
-    "fov": Model("fov", "omega"),
-    "division": Model("division", "k", of_base="k"),
-    "omni": Model("unified", "xi k1 k2 p1 p2", (1, 5)),
-    "eucm": Model("unified", "alpha beta k1 k2 p1 p2", (2, 6)),
-    "double_sphere": Model("double_sphere", "xi alpha k1 k2 p1 p2", (2, 6), of_base="xi alpha"),
-    "metashape": Model("pinhole", "k1 k2 k3 k4 p1 p2"),
-    "metashape_fisheye": Model("equidistant", "k1 k2 k3 k4 p1 p2"),
-    "metashape_equisolid": Model("equisolid", "k1 k2 k3 k4 p1 p2"),
-    "equirectangular": Model("equirectangular"),
+    **{
+        name: Model(base, coefficients, tuple(map(int, counts.split())))
+        for line in solver_lens.MODELS.lower().splitlines()
+        for name, base, coefficients, counts in [line.split(";")]
+    },
     "telecentric": Model("pinhole", "k1 k2 p1 p2 k3", (0, 1, 2, 4, 5)),
-    "telecentric_division": Model("division", "kappa", of_base="kappa"),
+    "telecentric_division": Model("division", "kappa"),
 }
-"""Models by name. "opencv" and "opencv_fisheye" are OpenCV's; the next two, "fov" and "division"
-COLMAP's THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's
-fisheye62 and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion.
-"telecentric" and "telecentric_division" are of `rastercov.core.camera.parallel`, with coefficients
-of places on the sensor in metres."""
+"""Models by name, in the order of `engine/lens/models.hpp`, which has all but the last two.
+
+"opencv" and "opencv_fisheye" are OpenCV's; the next two, "fov" and "division" COLMAP's
+THIN_PRISM_FISHEYE, RAD_TAN_THIN_PRISM_FISHEYE, FOV and DIVISION; "fisheye62" OpenSfM's fisheye62
+and fisheye624; "omni", "eucm" and "double_sphere" Kalibr's with radtan distortion. "telecentric"
+and "telecentric_division" are of `rastercov.core.camera.parallel`, with coefficients of places on
+the sensor in metres.
+"""
 
 
 class Foreign(NamedTuple):
@@ -174,8 +162,7 @@ UNDISTORTED = {
     "telecentric_division": "telecentric",
 }
 """Models that are another one where all coefficients are 0."""
-LARGEST = 1e12
-"""Coefficient of any model at most."""
+LARGEST = solver_lens.LARGEST_COEFFICIENT
 RANGES = {
     ("opencv", "tau_x"): "within 1.05 rad",
     ("opencv", "tau_y"): "within 1.05 rad",

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, read_only
+from rastercov.base import BoolArray, FloatArray, IntArray, read_only, row_lengths
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.projection import box_corners, to_camera
@@ -59,7 +59,7 @@ def _parallel_limits(
         if is_within or not mesh.is_closed_outward:
             continue
         farthest = max(most, near) + max(mesh.diagonal, most - least)
-        reach = np.linalg.norm(local, axis=1).max()
+        reach = row_lengths(local).max()
         cull[row] = hides_its_back(mesh, farthest - min(least, near) + 1e-5 * (reach + farthest))
     return limit, cull, clipped
 

@@ -13,9 +13,8 @@ Opto Engineering. Telecentric lenses tutorial: Depth of field. 2024. MVTec. HALC
 reference: camera parameters. 2024.
 """
 
-from rastercov.base.checks import number, pair, positive, shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName, ReadByName
+from rastercov.base import ByName, CameraError, ReadByName, shown
+from rastercov.base.checks import number, pair, positive
 
 MODEL = "telecentric"
 MODELS = (MODEL, "telecentric_division")

@@ -10,10 +10,20 @@ from dataclasses import field
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, flag, owned
-from rastercov.base.errors import PoseError
-from rastercov.base.format import InOneLine, frozen_record, plural
-from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    AnyArray,
+    FloatArray,
+    InOneLine,
+    Int32Array,
+    IntArray,
+    PoseError,
+    checked_array,
+    flag,
+    frozen_record,
+    plural,
+)
+from rastercov.base.arguments import owned
 from rastercov.base.typed import check_fields
 from rastercov.core.mesh.arrays import matrices_of
 from rastercov.engine import camera_pose

@@ -9,22 +9,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import members
-from rastercov.base.checks import shown
-from rastercov.base.errors import PoseError, ResourceError, errors_as
-from rastercov.base.files import (
-    LARGEST_ARRAY,
+from rastercov.base import (
+    AnyArray,
+    ByName,
+    FloatArray,
+    PoseError,
+    ResourceError,
     StrPath,
     UnreadableError,
+    errors_as,
+    members,
     one_line,
-    open_file,
     printable,
     read_json,
+    shown,
     suffix_of,
-    written_file,
 )
-from rastercov.base.format import ByName
-from rastercov.base.memory import AnyArray, FloatArray
+from rastercov.base.files import LARGEST_ARRAY, open_file, written_file
 from rastercov.core.camera.pose import as_matrices, real_numbers, valid_poses
 
 

@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray, row_lengths
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.models import MODELS
 
@@ -142,7 +142,7 @@ def view_frame(camera: Camera, parts: int, length: float) -> tuple[FloatArray, F
         starts = view_border(optics_of(camera), parts) * (unit, unit, 0.0)
         return starts, np.add(starts, (0.0, 0.0, length))
     rays = view_border(camera, parts)
-    rays *= length / float(np.linalg.norm(rays, axis=1).max())
+    rays *= length / float(row_lengths(rays).max())
     return np.zeros_like(rays), rays
 
 

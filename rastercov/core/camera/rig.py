@@ -19,13 +19,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import check_kind, distinct, members
-from rastercov.base.checks import image_side, number, positive, shown, two
-from rastercov.base.errors import CameraError, MeshError, PoseError
-from rastercov.base.features import hooks_of
-from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, InOneLine, ReadByName, distance, first_of, frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    ByName,
+    CameraError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    MeshError,
+    PoseError,
+    ReadByName,
+    StrPath,
+    check_kind,
+    first_of,
+    frozen_record,
+    hooks_of,
+    image_side,
+    members,
+    shown,
+)
+from rastercov.base.arguments import distinct
+from rastercov.base.checks import number, positive, two
+from rastercov.base.format import distance
 from rastercov.base.typed import typed
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.catalogue import head_of

@@ -12,10 +12,8 @@ from typing import Any as Anything
 
 import numpy as np
 
-from rastercov.base.arguments import LARGEST_COORDINATE
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import distance, first_of
+from rastercov.base import LARGEST_COORDINATE, CameraError, finite_number, first_of, shown
+from rastercov.base.format import distance
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.gate import Gate, RigRule
 from rastercov.core.camera.parallel import FAR

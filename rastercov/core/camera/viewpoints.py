@@ -6,10 +6,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, MOST_POSES, owned
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.memory import FloatArray
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    ConfigError,
+    FloatArray,
+    PoseError,
+    finite_number,
+    row_lengths,
+    shown,
+)
+from rastercov.base.arguments import MOST_POSES, owned
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.pose import Poses, error_of, real_numbers
@@ -103,7 +109,7 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
 
     right = np.cross(forward, upward)
-    parallel = np.linalg.norm(right, axis=1) <= 1e-9 * np.linalg.norm(upward, axis=1)
+    parallel = row_lengths(right) <= 1e-9 * row_lengths(upward)
     # The axis furthest from the view; among equals the later one, so that z stays up if it can.
     # Rounded, so that noise does not decide between equals.
     spare = np.eye(3)[2 - np.argmin(np.abs(forward).round(6)[:, ::-1], axis=1)]
@@ -200,7 +206,7 @@ def enclosing_distance(
     `margin` times smaller than the image. Parallel rays look from their working distance.
     """
     used = mesh.vertices[np.unique(mesh.faces)]
-    radius = float(np.linalg.norm(used - centre, axis=1).max())
+    radius = float(row_lengths(used - centre).max())
     if camera.is_parallel:
         return radius, depth_of_targets(camera, radius)
     angle = np.arctan(min(half_angles(camera)) / margin)

@@ -12,20 +12,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InNotebook, frozen_record, plural
-from rastercov.base.memory import (
+from rastercov.base import (
     AnyArray,
     BoolArray,
+    ByName,
     ByteArray,
+    ConfigError,
     FloatArray,
+    InNotebook,
     IntArray,
-    aligned_array,
+    check_kind,
+    frozen_record,
+    plural,
+    shown,
 )
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, eyes_of
+from rastercov.base.memory import aligned_array
+from rastercov.core.camera import Cameras, Poses, eyes_of
 from rastercov.core.coverage.face_pass import FacePass, Measured
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.task import Task

@@ -7,7 +7,7 @@ areas, points and cells, options, plans, reports, shards and the viewer have it 
 
 from dataclasses import dataclass
 
-from rastercov.base.memory import BoolArray
+from rastercov.base import BoolArray
 from rastercov.core.coverage.words import Wording
 from rastercov.core.mesh import Mesh
 

@@ -8,8 +8,8 @@ guidelines. 2025.
 
 import re
 
+from rastercov.base import shown
 from rastercov.base.arguments import Reads
-from rastercov.base.checks import shown
 from rastercov.base.format import number
 from rastercov.core.mesh.groups import listed
 

@@ -13,14 +13,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from rastercov.base.arguments import check_limits
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, ConfigError, errors_as
-from rastercov.base.files import UnreadableError, read_json, read_toml, suffix_of
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.equipment import Equipment, EquipmentKind
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    CameraError,
+    ConfigError,
+    FloatArray,
+    ReadByName,
+    UnreadableError,
+    check_limits,
+    errors_as,
+    read_json,
+    read_toml,
+    shown,
+    suffix_of,
+)
+from rastercov.core.camera import Camera, EquipmentKind
+from rastercov.core.camera.equipment import Equipment
 from rastercov.core.coverage.words import Words
 from rastercov.core.mesh.site import NOWHERE, Site
 

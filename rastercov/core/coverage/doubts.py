@@ -11,13 +11,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.format import coordinates, distance, in_decimals, plural
-from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.base import TINY, BoolArray, FloatArray, IntArray, plural
+from rastercov.base.format import coordinates, distance, in_decimals
 from rastercov.core.area.failures import first_failures
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.doubts import convention_doubts, unit_doubts
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, equipment_on, eyes_of, names_of
+from rastercov.core.camera import (
+    Camera,
+    Cameras,
+    Poses,
+    cameras_of,
+    equipment_on,
+    eyes_of,
+    names_of,
+    unit_doubts,
+)
+from rastercov.core.camera.doubts import convention_doubts
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Task

@@ -8,11 +8,15 @@ import re
 from dataclasses import dataclass, replace
 from typing import Self
 
-from rastercov.base.arguments import check_choice, check_kind
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.base.threads import thread_count
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    check_choice,
+    check_kind,
+    finite_number,
+    shown,
+    thread_count,
+)
 from rastercov.base.typed import typed
 from rastercov.core.raster import BACKENDS
 from rastercov.core.raster.contract import MAX_SUPERSAMPLE

@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, ReadByName, frozen_record
+from rastercov.base import ByName, ConfigError, ReadByName, frozen_record, shown
 from rastercov.base.typed import guarded_class
 from rastercov.core.area.by_camera import ByCamera, doubts_of
 from rastercov.core.area.features import narrowed
@@ -24,9 +22,8 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
-from rastercov.core.camera.equipment import equipment_words
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, check_scene, led_by, with_equipment
+from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene, equipment_words, led_by
+from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.coverage import Coverage
 from rastercov.core.coverage.doubts import dead_pixels, doubts
 from rastercov.core.coverage.engine import Engine

@@ -5,10 +5,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
-from rastercov.base.threads import thread_count
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, Rig, cameras_of, shared_rows
+from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, thread_count
+from rastercov.core.camera import Cameras, Poses, Rig, cameras_of
+from rastercov.core.camera.rig import shared_rows
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.exact.cameras import engine_camera
 from rastercov.core.exact.surface import surface_of

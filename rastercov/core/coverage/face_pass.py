@@ -9,13 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.memory import AnyArray, read_only
-from rastercov.base.threads import share_poses
+from rastercov.base import AnyArray, read_only, share_poses
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.camera.near_plane import near_limits
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of
+from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
 from rastercov.core.coverage.records import (
     ObservationRecord,
     figures_of,

@@ -14,17 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, ReadByName
+from rastercov.base import ByName, ConfigError, ReadByName, ResourceError, StrPath
 from rastercov.base.interrupts import interrupts_held
 from rastercov.base.locks import locked
 from rastercov.core.area.by_camera import ByCamera
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import gated
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, check_scene, eyes_of, is_joint
+from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of, is_joint
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, Query, asked

@@ -5,13 +5,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import TINY, AnyArray, BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    TINY,
+    AnyArray,
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    check_choice,
+    frozen_record,
+)
 from rastercov.core.area.rows import gated, gated_reasons
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, eyes_of, is_joint, led_by, rows_of_result
+from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
 from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.observer import Observer

@@ -10,11 +10,19 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InNotebook
-from rastercov.base.memory import TINY, AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base import (
+    TINY,
+    AnyArray,
+    BoolArray,
+    ByName,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    InNotebook,
+    IntArray,
+)
 from rastercov.base.typed import typed
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Poses
 from rastercov.core.coverage.coverage import Coverage
 from rastercov.core.coverage.judging import RESULT, SUMMED, JudgedPoses, _merged, judge, sums_of
 from rastercov.core.coverage.observer import Observer

@@ -14,12 +14,9 @@ from abc import ABC, abstractmethod
 
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import DeviceError
-from rastercov.base.memory import check_memory
-from rastercov.base.threads import Closing, thread_count
+from rastercov.base import Closing, DeviceError, check_memory, thread_count
 from rastercov.base.versions import version_of
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, check_scene
+from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.face_pass import Measured

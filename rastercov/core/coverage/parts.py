@@ -6,7 +6,7 @@ groups are the leaves.
 
 from typing import NamedTuple
 
-from rastercov.base.format import ReadByName
+from rastercov.base import ReadByName
 from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.mesh.groups import parts_above
 

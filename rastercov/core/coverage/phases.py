@@ -7,12 +7,10 @@ the scene at rest.
 from pathlib import Path
 from typing import Protocol
 
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ReadByName
+from rastercov.base import ReadByName, hooks_of
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

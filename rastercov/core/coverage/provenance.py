@@ -8,10 +8,10 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import AnyArray
+from rastercov.base import AnyArray, ByName, ReadByName
 from rastercov.base.versions import version_of
-from rastercov.core.camera.rig import Cameras, Rig, cameras_of, entries_of, names_of
+from rastercov.core.camera import Cameras, Rig, cameras_of, names_of
+from rastercov.core.camera.rig import entries_of
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import RasterizerInfo

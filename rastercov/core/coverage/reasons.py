@@ -11,8 +11,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from rastercov.base.features import hooks_of
-from rastercov.base.memory import BoolArray, ByteArray, IntArray, WholeArray
+from rastercov.base import BoolArray, ByteArray, IntArray, WholeArray, hooks_of
 from rastercov.core.coverage.task import CRITERIA_OF_TASK
 from rastercov.core.coverage.words import Wording, Words
 

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import ByName
-from rastercov.base.memory import (
+from rastercov.base import (
     AnyArray,
     BoolArray,
+    ByName,
     FloatArray,
     Int32Array,
     IntArray,
-    aligned_array,
+    once_each,
     read_only,
 )
-from rastercov.base.threads import once_each
-from rastercov.core.camera.camera import Camera
+from rastercov.base.memory import aligned_array
+from rastercov.core.camera import Camera
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.mesh import Mesh
 from rastercov.engine.coverage_figures import COLUMNS, CURVED_COLUMNS, MOST_DOUBTFUL, SIDE_ROUNDING

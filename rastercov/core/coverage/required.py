@@ -1,6 +1,6 @@
 """Required shares: their status by a share with its bounds, and the line on it."""
 
-from rastercov.base.format import percent
+from rastercov.base import percent
 
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 SHARE_TOLERANCE = 1e-9

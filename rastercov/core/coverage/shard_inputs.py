@@ -15,11 +15,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.output import json_text
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, rig_of_json, rig_to_json
+from rastercov.base import ByName, ReadByName, json_text
+from rastercov.core.camera import Camera, Cameras, Poses, cameras_of
+from rastercov.core.camera.rig import rig_of_json, rig_to_json
 from rastercov.core.mesh import Group, Mesh
 from rastercov.core.mesh.mesh import MeshSource
 from rastercov.shards.store import DamagedError, Note, renew, whole

@@ -18,14 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import AnyArray
-from rastercov.base.output import named_folder, own_folder, own_place, remove_folder
+from rastercov.base import AnyArray, ByName, ReadByName, own_folder, remove_folder
+from rastercov.base.output import named_folder, own_place
 from rastercov.base.versions import version_of
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.table import Regions, joined
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of, eyes_of, gates_of, rig_to_json
+from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
+from rastercov.core.camera.rig import rig_to_json
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.judging import JudgedPoses, leads_of, merge, no_sums
 from rastercov.core.coverage.network import Network

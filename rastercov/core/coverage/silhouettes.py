@@ -14,12 +14,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, InOneLine, frozen_record
-from rastercov.base.memory import FloatArray, IntArray, WholeArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras, cameras_of
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    WholeArray,
+    frozen_record,
+)
+from rastercov.core.camera import Camera, Cameras, Poses, cameras_of
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import open_observer
@@ -109,14 +113,16 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
         for column, faces in enumerate(members.values()):
             visible[at, column] = seen.visible_pixels[:, faces].sum(axis=1)
             bound[at, column] = seen.area_error[:, faces].sum(axis=1)
+    twice, index = np.tile(poses.world_from_camera, (2, 1, 1)), poses.camera
+    both = Poses.of(twice, camera=np.append(index, index + len(cameras)))
     for column, faces in enumerate(members.values()):
         used, corners = np.unique(mesh.faces[faces], return_inverse=True)
         alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
-        for eyes, areas in ((cameras, inside), (around, silhouette)):
-            for at, seen in _observed(alone, eyes, poses, engine):
-                areas[at, column] = seen.visible_pixels.sum(axis=1)
-                errors = seen.area_error.sum(axis=1)
-                bound[at, column] = np.maximum(bound[at, column], errors)
+        areas = np.empty((2, len(both)))
+        for at, seen in _observed(alone, (*cameras, *around), both, engine):
+            areas[:, at] = seen.visible_pixels.sum(axis=1), seen.area_error.sum(axis=1)
+        (inside[:, column], silhouette[:, column]), errors = areas.reshape(2, 2, -1)
+        bound[:, column] = np.maximum(bound[:, column], errors.max(axis=0))
     names = tuple(mesh.groups[row].name for row in members)
     return GroupViews(names, poses.ids, visible, inside, silhouette, bound)
 

@@ -15,10 +15,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
-from rastercov.base.arguments import check_limits
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName
-from rastercov.core.camera.camera import Camera
+from rastercov.base import ByName, ConfigError, check_limits
+from rastercov.core.camera import Camera
 from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import GLOSS, LIGHT
 from rastercov.core.coverage.criterion import Criterion

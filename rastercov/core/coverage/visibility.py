@@ -3,10 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import ByteArray, FloatArray
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.base import ByteArray, FloatArray, InOneLine, frozen_record
+from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import open_observer

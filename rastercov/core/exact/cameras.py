@@ -1,6 +1,6 @@
 """Cameras as the engine takes them: pinholes, parallel rays, and lenses with ideal planes."""
 
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.engine import solver_visibility
 
 

@@ -16,7 +16,7 @@ from weakref import ref
 
 import numpy as np
 
-from rastercov.base.threads import once_each
+from rastercov.base import once_each
 from rastercov.core.camera.near_plane import hides_its_back
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_surface

@@ -8,9 +8,21 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, checked_array, finite_points, owned
-from rastercov.base.errors import ConfigError, MeshError, ResourceError
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, WholeArray
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    AnyArray,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    MeshError,
+    ResourceError,
+    WholeArray,
+    checked_array,
+    finite_points,
+    row_lengths,
+)
+from rastercov.base.arguments import owned
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache
@@ -116,7 +128,7 @@ def normals_and_areas(
         size = np.abs(sides).max(axis=(0, 2))  # scaled, so that no square under- or overflows
         sides /= np.where(size > 0, size, 1)[:, None]
         cross = np.cross(sides[0], sides[1])
-        length = np.linalg.norm(cross, axis=1)
+        length = row_lengths(cross)
         product = np.linalg.norm(sides, axis=2).prod(axis=0)
         is_flat = length <= LEAST_SINE * product
         sines = np.divide(length, product, out=np.ones(len(length)), where=~is_flat)

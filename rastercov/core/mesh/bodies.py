@@ -14,12 +14,19 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE
-from rastercov.base.errors import MeshError
-from rastercov.base.files import StrPath
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray, read_only
-from rastercov.base.threads import Once
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    BoolArray,
+    ByName,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    MeshError,
+    Once,
+    StrPath,
+    frozen_record,
+    read_only,
+)
 from rastercov.core.mesh.arrays import frozen, matrices_of
 from rastercov.core.mesh.contacts import (
     MOST_PARTNERS,

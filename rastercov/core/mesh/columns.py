@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
+from rastercov.base import ByName, ConfigError, ReadByName, finite_number, shown
 from rastercov.base.files import LARGEST_NUMBER
-from rastercov.base.format import ByName, ReadByName
 
 MOST_FRAMES = 10_000
 """Rows of a table."""

@@ -17,17 +17,18 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import (
+from rastercov.base import (
     AnyArray,
     BoolArray,
     FloatArray,
     Int32Array,
     IntArray,
+    Once,
     WholeArray,
+    frozen_record,
     read_only,
+    thread_count,
 )
-from rastercov.base.threads import Once, thread_count
 from rastercov.core.mesh.arrays import normals_and_areas
 from rastercov.engine import mesh_tree, solver_contacts
 

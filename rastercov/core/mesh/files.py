@@ -4,11 +4,7 @@ import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from rastercov.base.arguments import members
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import MeshError
-from rastercov.base.features import hooks_of
-from rastercov.base.files import StrPath
+from rastercov.base import MeshError, StrPath, finite_number, hooks_of, members, shown
 from rastercov.core.mesh.site import Site
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus

@@ -19,11 +19,21 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, flag, members
-from rastercov.base.errors import MeshError, errors_as
-from rastercov.base.files import StrPath, is_same_file, printable
-from rastercov.base.format import ByName, shortened
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    ByName,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    MeshError,
+    StrPath,
+    check_kind,
+    errors_as,
+    flag,
+    members,
+    printable,
+    shortened,
+)
+from rastercov.base.files import is_same_file
 from rastercov.core.mesh.arrays import face_labels
 
 Value = TypeVar("Value")

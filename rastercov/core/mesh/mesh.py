@@ -15,21 +15,30 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_kind, finite_points, members
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import MeshError
-from rastercov.base.files import StrPath, is_file, printable, similar, suffix_of
-from rastercov.base.format import (
+from rastercov.base import (
+    BoolArray,
     ByName,
+    FloatArray,
     InNotebook,
+    Int32Array,
+    IntArray,
+    MeshError,
     ReadByName,
+    StrPath,
+    check_kind,
+    finite_number,
+    finite_points,
     frozen_record,
+    members,
     plural,
+    printable,
     shortened,
+    shown,
     size_in_words,
-    verb,
+    suffix_of,
 )
-from rastercov.base.memory import BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base.files import is_file, similar
+from rastercov.base.format import verb
 from rastercov.base.typed import check_type
 from rastercov.core.mesh.arrays import (
     blocks,

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray
 
 
 def section(vertices: FloatArray, faces: IntArray, height: float) -> FloatArray:

@@ -17,10 +17,15 @@ from operator import index
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
-from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError
-from rastercov.base.memory import AnyArray, FloatArray, IntArray
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    AnyArray,
+    FloatArray,
+    IntArray,
+    MeshError,
+    check_seed,
+    shown,
+)
 from rastercov.base.typed import typed
 from rastercov.core.mesh.groups import Group, listed
 from rastercov.core.mesh.mesh import BUILT_IN, Mesh

@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ReadByName
+from rastercov.base import ConfigError, ReadByName
 
 SAME_DEG = 1.0
 """Angle up to which two directions of north, or two places, are the same."""

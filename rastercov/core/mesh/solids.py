@@ -9,9 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.base.threads import once_each
+from rastercov.base import BoolArray, FloatArray, IntArray, finite_points, once_each
 from rastercov.base.typed import typed
 from rastercov.core.mesh.arrays import encloses_volume
 from rastercov.core.mesh.contacts import TriangleTree

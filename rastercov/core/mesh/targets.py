@@ -12,11 +12,18 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError
-from rastercov.base.format import area, shortened
-from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    MeshError,
+    finite_points,
+    row_lengths,
+    shortened,
+    shown,
+)
+from rastercov.base.format import area
 from rastercov.base.typed import typed
 from rastercov.core.mesh.groups import Group, listed, named
 from rastercov.core.mesh.mesh import Mesh, faces_named, names_of
@@ -154,7 +161,7 @@ def _between(
     least, greatest = (each.reduceat(values, first) for each in (np.minimum, np.maximum))
     is_whole = (least >= low) & (greatest <= high)
     cut = np.flatnonzero(~is_whole & (greatest > low) & (least < high))
-    size = np.maximum(np.linalg.norm(slopes[cut], axis=1), TINY)[:, None]
+    size = np.maximum(row_lengths(slopes[cut]), TINY)[:, None]
     along = slopes[cut] / size
     across = np.stack((-along[:, 1], along[:, 0]), axis=1)
     far = 4 * float(np.abs(xy).max(initial=0.0))

@@ -11,8 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, IntArray, WholeArray
+from rastercov.base import AnyArray, BoolArray, IntArray, WholeArray, frozen_record
 from rastercov.core.mesh.arrays import blocks, frozen
 from rastercov.engine import solver_surface
 

@@ -15,8 +15,7 @@ A. A. G. Requicha, H. B. Voelcker. Boolean Operations in Solid Modeling. 1985.
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
-from rastercov.base.threads import once_each
+from rastercov.base import BoolArray, FloatArray, IntArray, once_each
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.contacts import TriangleTree, touching_faces
 from rastercov.core.mesh.mesh import Mesh

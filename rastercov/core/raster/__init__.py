@@ -3,12 +3,20 @@
 import math
 from typing import Any
 
-from rastercov.base.arguments import check_choice, check_kind
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError, ConfigError, DeviceError, MeshError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.camera import Camera
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    DeviceError,
+    MeshError,
+    ReadByName,
+    check_choice,
+    check_kind,
+    finite_number,
+    hooks_of,
+    shown,
+)
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import (
@@ -38,7 +46,7 @@ class Drawer:
 
 _OPTIONS = {
     "cpu": ("threads",),
-    "gl": ("device", "plan", "max_layers"),
+    "gl": ("device", "plan"),
 }
 """Options of `open_rasterizer` that each backend takes."""
 
@@ -73,7 +81,7 @@ def open_rasterizer(
         same image. Counts on a rotated grid estimate areas better where edges run
         along pixel rows and columns, as those of manufactured parts do.
     **options
-        For the CPU `threads`; for OpenGL `device`, `plan` and `max_layers`, see
+        For the CPU `threads`; for OpenGL `device` and `plan`, see
         `rastercov.gl.GLRasterizer`. `device="hardware"` takes a GPU; `device` may also be
         the name of a backend.
 

@@ -19,20 +19,22 @@ from functools import cached_property
 
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import flag
-from rastercov.base.errors import ConfigError, DeviceError, ResourceError
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import (
+from rastercov.base import (
     BoolArray,
+    Closing,
+    ConfigError,
+    DeviceError,
     Float32Array,
     FloatArray,
+    InOneLine,
     Int32Array,
     IntArray,
+    ResourceError,
     check_memory,
+    flag,
+    frozen_record,
 )
-from rastercov.base.threads import Closing
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import valid_poses
+from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.targets import CountArray, TargetFaces
 from rastercov.core.raster.tie_order import corners_of

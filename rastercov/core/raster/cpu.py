@@ -32,13 +32,19 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.memory import BoolArray, Float32Array, FloatArray, Int32Array
-from rastercov.base.threads import once_each, thread_count
+from rastercov.base import (
+    BoolArray,
+    DeviceError,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    ResourceError,
+    once_each,
+    thread_count,
+)
 from rastercov.base.versions import version_of
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.near_plane import limits, picture_limits
-from rastercov.core.camera.pose import valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import (
@@ -51,7 +57,7 @@ from rastercov.core.raster.contract import (
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.core.raster.tie_order import in_one_order
 from rastercov.engine import solver_raster
-from rastercov.engine.solver_raster import MAX_BAND
+from rastercov.engine.solver_raster import MAX_BAND, RADIUS
 
 Looks = tuple[FloatArray, FloatArray, BoolArray]
 """Poses (V, P, 4, 4) of V canvases, the depths of their near planes, and whether back faces are
@@ -62,6 +68,9 @@ MAX_SIDE = 1 << 20
 
 MAX_PART = 1 << 30
 """Most samples of an image that are counted in 32 bits."""
+
+BOUNDS_OF_CLUSTERS = 7
+"""Index of the bounds among what describes the clusters of a scene."""
 
 LARGE_POSE = 1 << 18
 """Faces, plus an eighth of the samples, from which on a pose is shared by threads."""
@@ -200,6 +209,18 @@ def _scene_of(mesh: Mesh) -> solver_raster.Scene:
     vertices, centre = np.ascontiguousarray(mesh.vertices), mesh.centre
     faces = np.ascontiguousarray(in_one_order(mesh), np.int32)
     return solver_raster.Scene(vertices, faces, centre, bool(mesh.can_cull_back_faces))
+
+
+def farthest_depths(mesh: Mesh, poses: FloatArray, near: FloatArray) -> FloatArray:
+    """Depths C of parallel rays, (P,), metres: surfaces are compared by C - z, as pinholes by 1/z.
+
+    They are beyond the mesh by its size, so that rounding is relative to that.
+    """
+    bounds = _scene_of(mesh.opaque).clusters[BOUNDS_OF_CLUSTERS]
+    x, y, z = bounds[:3]
+    radius = float((np.sqrt(x * x + y * y + z * z) + bounds[RADIUS]).max(initial=0.0)) or 1.0
+    x, y, z = ((mesh.centre - poses[:, :3, 3]) * poses[:, :3, 2]).T
+    return np.maximum(x + y + z + radius, near) + 2 * radius
 
 
 def canvas_of(grid: SampleGrid, scattered: tuple[Any, ...] = REGULAR) -> solver_raster.Canvas:

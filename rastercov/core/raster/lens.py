@@ -21,16 +21,18 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import (
+from rastercov.base import (
     BoolArray,
     Float32Array,
     FloatArray,
     Int32Array,
     IntArray,
     check_memory,
+    row_lengths,
+    share_poses,
+    thread_count,
 )
-from rastercov.base.threads import share_poses, thread_count
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of, unit_of
 from rastercov.core.camera.near_plane import limits, picture_limits
 from rastercov.core.camera.parallel import MODEL
@@ -216,7 +218,7 @@ class SampleViews:
         # Derivatives by places are those by rays of length 1 / z.
         slopes = self._lens.jacobian(rays[some]) @ frame[:, :2]
         slopes *= (rays[some] @ frame[:, 2])[:, None, None] * self.grid.supersample
-        return np.nanquantile(np.linalg.norm(slopes, axis=1), DENSEST, axis=0)
+        return np.nanquantile(row_lengths(slopes), DENSEST, axis=0)
 
     def _view(
         self, frame: FloatArray, places: FloatArray, scale: FloatArray

@@ -17,8 +17,7 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base.format import InOneLine, frozen_record
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray
+from rastercov.base import BoolArray, ByteArray, FloatArray, InOneLine, frozen_record
 from rastercov.core.raster.contract import FaceCounts
 
 

@@ -23,8 +23,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import FloatArray, Int32Array, IntArray
+from rastercov.core.camera import Camera
 
 Box = tuple[int, int, int, int]
 """Part of a canvas: left, top, width, height, in samples."""

@@ -7,8 +7,8 @@ the two poses differ, so that a stale image is detected.
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
+from rastercov.base import FloatArray
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 
 PASSED = "passed"

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import ByName
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
+from rastercov.base import ByName
+from rastercov.core.camera import Camera, Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.contract import FaceCounts, Rasterizer

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import Float32Array, FloatArray, Int32Array, IntArray
+from rastercov.base import Float32Array, FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.engine import solver_raster as kernels

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray
 from rastercov.core.mesh import Mesh
 
 

@@ -80,7 +80,7 @@ using namespace rastercov::c;
 rc_status rc_judge_faces(rc_solver *solver, const rc_camera *camera, const rc_task *task,
                          const double *pose, int64_t n_faces, const rc_judged *judged) {
     return guard("judging faces", [&] {
-        const auto object = handles().get<SolverObject>(solver, "rc_solver");
+        const auto object = object_of(solver);
         check_camera(camera);
         expect_array(task, "task");
         expect_array(judged, "judged");
@@ -98,7 +98,8 @@ rc_status rc_judge_faces(rc_solver *solver, const rc_camera *camera, const rc_ta
                        {whole.kind.data(), shape},
                        {whole.error.data(), shape},
                        {&is_clipped, {1}}};
-        pass_of(*object, *camera, nullptr)->run(job, 1);
+        const auto lens = lens_of(*camera);
+        pass_of(*object, *camera, lens, nullptr)->run(job, 1);
         const double near =
             near_of(camera->near,
                     farthest_of(mesh.surface->bounds(), [&](int k) { return pose[4 * k + 3]; }));
@@ -107,7 +108,7 @@ rc_status rc_judge_faces(rc_solver *solver, const rc_camera *camera, const rc_ta
             {whole.drawn.data(), shape},   1.0,          {whole.kind.data(), shape},
             {whole.error.data(), shape},   1.0};
         const coverage::Scene scene = whole.scene(*mesh.arrays);
-        if (const auto lens = lens_of(*camera)) judge(lens->curved, scene, seen, rules, *judged);
+        if (lens) judge(lens->curved, scene, seen, rules, *judged);
         else
             judge(
                 Lens{camera->fx, camera->fy, camera->cx, camera->cy, camera->width, camera->height},

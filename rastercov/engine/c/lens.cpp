@@ -192,7 +192,7 @@ std::shared_ptr<engine::CameraTask> LensObject::task_of(const Rules &rules) cons
 
 std::shared_ptr<const LensObject> lens_of(const rc_camera &camera) {
     if (!camera.lens) return nullptr;
-    return handles().get<LensObject>(camera.lens, "rc_lens");
+    return object_of(camera.lens);
 }
 } // namespace rastercov::c
 
@@ -208,6 +208,4 @@ rc_status rc_lens_create(const double *numbers, int64_t n, rc_lens **lens) {
         *lens = handles().add<rc_lens>(lens_from({numbers, numbers + n}));
     });
 }
-rc_status rc_lens_free(rc_lens *lens) {
-    return guard("freeing a handle", [&] { handles().free<LensObject>(lens, "rc_lens"); });
-}
+rc_status rc_lens_free(rc_lens *lens) { return free_handle(lens); }

@@ -2,7 +2,7 @@
 // becomes a code and a text.
 //
 // Twin: tests/native/test_c_border.py, by Python.
-#include "c/objects.hpp"
+#include "c/partition.hpp"
 #include <bit>
 
 namespace rastercov::c {
@@ -107,9 +107,8 @@ bool have_bits_of(const double *some, const double *others, int n) {
 } // namespace
 
 std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
-                                      const rc_task *task) {
+                                      const LensPointer &lens_object, const rc_task *task) {
     const std::scoped_lock lock(solver.changes);
-    const auto lens_object = lens_of(camera);
     const bool is_same = solver.pass && solver.lens == lens_object &&
                          have_bits_of(&solver.camera.width, &camera.width, 7) &&
                          solver.has_task == (task != nullptr) &&
@@ -205,12 +204,10 @@ rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const in
         *surface = handles().add<rc_surface>(made);
     });
 }
-rc_status rc_surface_free(rc_surface *surface) {
-    return guard("freeing a handle", [&] { handles().free<SurfaceObject>(surface, "rc_surface"); });
-}
+rc_status rc_surface_free(rc_surface *surface) { return free_handle(surface); }
 rc_status rc_surface_areas(const rc_surface *surface, int64_t n_faces, double *areas) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
+        const auto object = object_of(surface);
         check_faces(*object, n_faces);
         const auto own = object->mesh.arrays->areas.rows();
         std::copy(own.begin(), own.end(), expect_result(areas));
@@ -226,20 +223,18 @@ rc_status rc_solver_create(const rc_surface *surface, int32_t method, int32_t n_
         expect(n_threads >= 1 && n_threads <= MOST_THREADS, "1 to 1024 threads", n_threads,
                "pass the number of processor cores");
         const auto made = std::make_shared<SolverObject>();
-        made->surface = handles().get<SurfaceObject>(surface, "rc_surface");
+        made->surface = object_of(surface);
         made->is_certifying = method == RC_CERTIFIED;
         made->n_threads = n_threads;
         *solver = handles().add<rc_solver>(made);
     });
 }
-rc_status rc_solver_free(rc_solver *solver) {
-    return guard("freeing a handle", [&] { handles().free<SolverObject>(solver, "rc_solver"); });
-}
+rc_status rc_solver_free(rc_solver *solver) { return free_handle(solver); }
 
 rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *poses,
                      int64_t n_poses, rc_go_on go_on, void *context, const rc_figures *figures) {
     return guard("observing poses", [&] {
-        const auto object = handles().get<SolverObject>(solver, "rc_solver");
+        const auto object = object_of(solver);
         check_camera(camera);
         expect_array(figures, "figures");
         const engine::Mesh &mesh = object->surface->mesh;
@@ -260,7 +255,7 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
                        {figures->area_error, shape},
                        {clipped.get(), {n_poses}}};
         uint8_t *const kinds = figures->is_certified;
-        const auto pass = pass_of(*object, *camera, nullptr);
+        const auto pass = pass_of(*object, *camera, lens_of(*camera), nullptr);
         std::fill_n(kinds, n_poses * n_faces, uint8_t(engine::EXACT));
         struct AtEnd { // also of rows that are finished where another one fails
             uint8_t *first, *last;
@@ -272,6 +267,18 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
     });
 }
 
+std::shared_ptr<RegionsObject> c::found_by(SolverObject &solver, const rc_camera &camera,
+                                           const LensPointer &lens, const rc_task &task,
+                                           const Placed &placed, const engine::GoOn &go_on) {
+    const engine::Mesh &mesh = solver.surface->mesh;
+    const area::Planes planes = mesh.arrays->planes();
+    const engine::Job job = {mesh.surface, placed.poses(), {}, &planes, {}};
+    auto made = std::make_shared<RegionsObject>();
+    made->surface = solver.surface;
+    made->poses = pass_of(solver, camera, lens, &task)->run(job, solver.n_threads, go_on);
+    return made;
+}
+
 rc_task rc_task_default(void) { return {0.0, INFINITY, 90.0, 0.0, 0.0, 0.0}; }
 
 rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_task *task,
@@ -279,29 +286,21 @@ rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_t
                           rc_regions **regions) {
     return guard("finding regions", [&] {
         expect_result(regions);
-        const auto object = handles().get<SolverObject>(solver, "rc_solver");
+        const auto object = object_of(solver);
         check_camera(camera);
         expect_array(task, "task");
         rules_of(*task);
-        const engine::Mesh &mesh = object->surface->mesh;
-        const Placed placed(poses, n_poses);
-        const area::Planes planes = mesh.arrays->planes();
-        const engine::Job job = {mesh.surface, placed.poses(), {}, &planes, {}};
-        const auto made = std::make_shared<RegionsObject>();
-        made->surface = object->surface;
-        made->poses =
-            pass_of(*object, *camera, task)->run(job, object->n_threads, go_on_of(go_on, context));
-        *regions = handles().add<rc_regions>(made);
+        *regions =
+            handles().add<rc_regions>(found_by(*object, *camera, lens_of(*camera), *task,
+                                               Placed(poses, n_poses), go_on_of(go_on, context)));
     });
 }
-rc_status rc_regions_free(rc_regions *regions) {
-    return guard("freeing a handle", [&] { handles().free<RegionsObject>(regions, "rc_regions"); });
-}
+rc_status rc_regions_free(rc_regions *regions) { return free_handle(regions); }
 
 rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_faces, double *areas,
                            double *bounds) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<RegionsObject>(regions, "rc_regions");
+        const auto object = object_of(regions);
         const engine::Regions &own = pose_of(*object, pose);
         check_faces(*object->surface, n_faces);
         expect_array(areas, "areas");
@@ -318,7 +317,7 @@ rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_fa
 rc_status rc_regions_size(const rc_regions *regions, int64_t pose, int64_t *n_polygons,
                           int64_t *n_corners) {
     return guard("reading regions", [&] {
-        const auto object = handles().get<RegionsObject>(regions, "rc_regions");
+        const auto object = object_of(regions);
         const engine::Regions &own = pose_of(*object, pose);
         expect_array(n_polygons, "n_polygons");
         expect_array(n_corners, "n_corners");
@@ -330,7 +329,7 @@ rc_status rc_regions_size(const rc_regions *regions, int64_t pose, int64_t *n_po
 rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_polygons,
                           int64_t n_corners, int32_t *faces, int32_t *counts, double *corners) {
     return guard("reading regions", [&] {
-        const auto object = handles().get<RegionsObject>(regions, "rc_regions");
+        const auto object = object_of(regions);
         const engine::Regions &own = pose_of(*object, pose);
         expect(n_polygons == int64_t(own.face.size()) && n_corners == int64_t(own.xy.size() / 2),
                "n_polygons and n_corners of rc_regions_size", n_polygons,
@@ -352,32 +351,24 @@ rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **u
         expect_result(unite);
         expect(views >= 1 && views <= MOST_VIEWS, "views of 1 to 10000", views,
                "pass the largest number of poses to count");
-        const auto made = std::make_shared<UnionObject>();
-        made->surface = handles().get<SurfaceObject>(surface, "rc_surface");
-        const engine::Mesh &mesh = made->surface->mesh;
-        const area::Planes planes = mesh.arrays->planes();
-        made->all = std::make_unique<engine::Union>(engine::FlatFaces{planes.corners, planes.areas},
-                                                    FLOOR_REL * mesh.diagonal, views);
-        *unite = handles().add<rc_union>(made);
+        *unite = handles().add<rc_union>(union_of(object_of(surface), views));
     });
 }
-rc_status rc_union_free(rc_union *unite) {
-    return guard("freeing a handle", [&] { handles().free<UnionObject>(unite, "rc_union"); });
-}
+rc_status rc_union_free(rc_union *unite) { return free_handle(unite); }
 
 rc_status rc_union_add(rc_union *unite, const rc_regions *regions) {
     return rc_union_add_all(unite, &regions, 1);
 }
 rc_status rc_union_add_all(rc_union *unite, const rc_regions *const *regions, int64_t n) {
     return guard("uniting regions", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 regions", n,
                "pass the number of handles");
         if (n > 0) expect_array(regions, "regions");
         std::vector<std::shared_ptr<RegionsObject>> kept;
         std::vector<const engine::Regions *> poses;
         for (int64_t k = 0; k < n; k++) {
-            kept.push_back(handles().get<RegionsObject>(regions[k], "rc_regions"));
+            kept.push_back(object_of(regions[k]));
             require(object->surface == kept.back()->surface,
                     "expected regions of the surface of the union, got those of another surface; "
                     "create a union for each surface");
@@ -391,7 +382,7 @@ rc_status rc_union_add_all(rc_union *unite, const rc_regions *const *regions, in
 rc_status rc_union_areas(const rc_union *unite, int32_t views, int64_t n_faces, double *areas,
                          double *bounds) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         check_faces(*object->surface, n_faces);
         expect_array(areas, "areas");
         expect_array(bounds, "bounds");

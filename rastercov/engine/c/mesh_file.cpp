@@ -11,15 +11,12 @@ struct FileObject {
     std::string text;
 };
 
-std::shared_ptr<FileObject> file_of(const rc_mesh *mesh) {
-    return handles().get<FileObject>(mesh, "rc_mesh");
-}
-
 void copy(const std::vector<int64_t> &from, int32_t *to, const char *name) {
     expect_array(to, name);
     std::transform(from.begin(), from.end(), to, [](int64_t each) { return int32_t(each); });
 }
 } // namespace
+RASTERCOV_HANDLE(rc_mesh, FileObject);
 } // namespace rastercov::c
 
 using namespace rastercov;
@@ -42,20 +39,22 @@ rc_status rc_read_mesh(const uint8_t *bytes, int64_t n_bytes, int32_t format, do
         expect(made->mesh.n_vertices() <= std::numeric_limits<int32_t>::max(),
                "fewer than 2^31 vertices", made->mesh.n_vertices(), "split the mesh");
         for (double &each : made->mesh.vertices) each *= unit;
-        readers::check_surface(made->mesh);
+        readers::check_coordinates(made->mesh);
+        auto &[vertices, faces, polygon, group, names, notes] = made->mesh;
+        const auto more =
+            readers::cut_concave(vertices.data(), faces.data(), polygon.data(), polygon.size());
+        notes.insert(notes.end(), more.begin(), more.end());
         for (const auto *lines : {&made->mesh.names, &made->mesh.notes})
             for (const std::string &line : *lines) made->text += line + '\n';
         *mesh = handles().add<rc_mesh>(made);
     });
 }
-rc_status rc_mesh_free(rc_mesh *mesh) {
-    return guard("freeing a handle", [&] { handles().free<FileObject>(mesh, "rc_mesh"); });
-}
+rc_status rc_mesh_free(rc_mesh *mesh) { return free_handle(mesh); }
 
 rc_status rc_mesh_size(const rc_mesh *mesh, int64_t *n_vertices, int64_t *n_faces,
                        int64_t *n_groups, int64_t *n_text) {
     return guard("reading a mesh", [&] {
-        const auto object = file_of(mesh);
+        const auto object = object_of(mesh);
         for (const void *each : {n_vertices, n_faces, n_groups, n_text})
             expect_array(each, "each size");
         *n_vertices = object->mesh.n_vertices();
@@ -68,7 +67,7 @@ rc_status rc_mesh_size(const rc_mesh *mesh, int64_t *n_vertices, int64_t *n_face
 rc_status rc_mesh_read(const rc_mesh *mesh, int64_t n_vertices, int64_t n_faces, double *vertices,
                        int32_t *faces, int32_t *polygons, int32_t *groups) {
     return guard("reading a mesh", [&] {
-        const auto object = file_of(mesh);
+        const auto object = object_of(mesh);
         const readers::MeshFile &own = object->mesh;
         expect(n_vertices == own.n_vertices() && n_faces == int64_t(own.polygon.size()),
                "n_vertices and n_faces of rc_mesh_size", n_vertices, "call it first");
@@ -82,7 +81,7 @@ rc_status rc_mesh_read(const rc_mesh *mesh, int64_t n_vertices, int64_t n_faces,
 
 rc_status rc_mesh_text(const rc_mesh *mesh, int64_t n_text, uint8_t *text) {
     return guard("reading a mesh", [&] {
-        const auto object = file_of(mesh);
+        const auto object = object_of(mesh);
         expect(n_text == int64_t(object->text.size()), "n_text of rc_mesh_size", n_text,
                "call it first");
         expect_array(text, "text");

@@ -2,11 +2,15 @@
 //
 // Twins: tests/native/test_c_border.py, tests/native/test_wasm.py.
 #include "c/objects.hpp"
+#include "lens/models.hpp"
 #include "lens/proof.hpp"
 #include "lens/rays.hpp"
 
 namespace rastercov::c {
 namespace {
+#define SAME_CODE(name, ...) static_assert(int(RC_MODEL_##name) == int(lens::MODEL_##name));
+RASTERCOV_MODELS(SAME_CODE)
+
 // Ray of a pixel; where there is none, on the border of the valid region towards it.
 lens::Ray ray_towards(const CurvedLens &curved, double u, double v) {
     using namespace lens;
@@ -58,13 +62,12 @@ rc_status rc_lens_prove(const rc_optics *optics, const double *coefficients, int
     });
 }
 rc_status rc_lens_size(const rc_lens *lens, int64_t *n) {
-    return guard("reading a lens", [&] {
-        *expect_result(n) = int64_t(handles().get<LensObject>(lens, "rc_lens")->numbers.size());
-    });
+    return guard("reading a lens",
+                 [&] { *expect_result(n) = int64_t(object_of(lens)->numbers.size()); });
 }
 rc_status rc_lens_read(const rc_lens *lens, int64_t n, double *numbers) {
     return guard("reading a lens", [&] {
-        const auto object = handles().get<LensObject>(lens, "rc_lens");
+        const auto object = object_of(lens);
         expect(n == int64_t(object->numbers.size()), "as many numbers as rc_lens_size has", n,
                "ask it first");
         expect_array(numbers, "numbers");
@@ -73,7 +76,7 @@ rc_status rc_lens_read(const rc_lens *lens, int64_t n, double *numbers) {
 }
 rc_status rc_lens_border(const rc_lens *lens, int64_t parts, double *rays) {
     return guard("reading a lens", [&] {
-        const auto object = handles().get<LensObject>(lens, "rc_lens");
+        const auto object = object_of(lens);
         expect(parts >= 1 && parts <= 1024, "1 to 1024 parts of a side", parts, "pass 8");
         expect_array(rays, "rays");
         const CurvedLens &curved = object->curved;

@@ -55,6 +55,8 @@ struct LensObject {
     std::shared_ptr<engine::CameraTask> task_of(const Rules &rules) const;
 };
 
+using LensPointer = std::shared_ptr<const LensObject>;
+
 // Solvers of a camera and a task, kept for the next call with the same.
 struct SolverObject {
     std::shared_ptr<const SurfaceObject> surface;
@@ -62,7 +64,7 @@ struct SolverObject {
     int64_t n_threads;
     std::mutex changes;
     rc_camera camera = {};
-    std::shared_ptr<const LensObject> lens; // of it; what its pass uses
+    LensPointer lens; // of it; what its pass uses
     rc_task task = {};
     bool has_task = false;
     std::shared_ptr<engine::Pass> pass;
@@ -140,6 +142,28 @@ template <class Call> rc_status guard(const char *doing, Call call) noexcept {
 #endif
 }
 
+// What stands behind a type of handles, and what errors call it.
+template <class Handle> struct Behind;
+#define RASTERCOV_HANDLE(HANDLE, OBJECT)                                                           \
+    template <> struct Behind<HANDLE> {                                                            \
+        using Object = OBJECT;                                                                     \
+        static constexpr auto name = #HANDLE;                                                      \
+    }
+RASTERCOV_HANDLE(rc_surface, SurfaceObject);
+RASTERCOV_HANDLE(rc_solver, SolverObject);
+RASTERCOV_HANDLE(rc_lens, LensObject);
+RASTERCOV_HANDLE(rc_regions, RegionsObject);
+RASTERCOV_HANDLE(rc_union, UnionObject);
+
+template <class Handle> auto object_of(const Handle *handle) {
+    return handles().get<typename Behind<Handle>::Object>(handle, Behind<Handle>::name);
+}
+template <class Handle> rc_status free_handle(const Handle *handle) {
+    return guard("freeing a handle", [&] {
+        handles().free<typename Behind<Handle>::Object>(handle, Behind<Handle>::name);
+    });
+}
+
 inline void expect_array(const void *array, const char *name) {
     if (array) return;
     fail((std::string("expected a pointer to ") + name + ", got null; pass one").c_str());
@@ -165,13 +189,17 @@ inline double cosine_of(double angle) { return std::cos(angle); }
 inline double cosine_of(double angle) { return double(std::cos(static_cast<long double>(angle))); }
 inline double tangent_of(double angle) { return double(std::tan(static_cast<long double>(angle))); }
 #endif
-// The pass of a solver for a camera, and for a task or none.
+// The pass of a solver for a camera with its lens, and for a task or none.
 std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &camera,
-                                      const rc_task *task);
+                                      const LensPointer &lens, const rc_task *task);
+// Regions of poses of a camera with its lens, and of a task.
+std::shared_ptr<RegionsObject> found_by(SolverObject &solver, const rc_camera &camera,
+                                        const LensPointer &lens, const rc_task &task,
+                                        const Placed &placed, const engine::GoOn &go_on);
 // A lens of the numbers of one row, see lens/packed.cpp.
 std::shared_ptr<LensObject> lens_from(std::vector<double> numbers);
 // The lens of a camera that was checked, null for a pinhole.
-std::shared_ptr<const LensObject> lens_of(const rc_camera &camera);
+LensPointer lens_of(const rc_camera &camera);
 inline const engine::Regions &pose_of(const RegionsObject &regions, int64_t pose) {
     expect(pose >= 0 && pose < int64_t(regions.poses.size()),
            "a pose index below the number of poses", pose, "count poses from 0");

@@ -1,85 +1,10 @@
-// Parts of a union for C: read, completed by the rest of the surface, and made into sets.
+// Parts of a union for C: read, and completed by the rest of the surface.
 //
 // Twin: rastercov.core.area.union, by tests/native/test_c_border.py.
 #include "c/partition.hpp"
 #include "area/polygon.hpp"
-#include <bit>
 
 namespace rastercov::c {
-namespace {
-// Distance outside a piece up to which a point counts as inside, relative to the diagonal.
-constexpr double SLACK_REL = 1e-9;
-constexpr int32_t MOST_BIT = 61;
-
-std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject> &surface,
-                                      int64_t views) {
-    auto made = std::make_shared<UnionObject>();
-    made->surface = surface;
-    const area::Planes planes = surface->mesh.arrays->planes();
-    made->all = std::make_unique<engine::Union>(engine::FlatFaces{planes.corners, planes.areas},
-                                                FLOOR_REL * surface->mesh.diagonal, views);
-    return made;
-}
-
-engine::Room<bool> asked_of(const SurfaceObject &surface) {
-    const engine::MeshArrays &mesh = *surface.mesh.arrays;
-    engine::Room<bool> asked(surface.mesh.n_faces());
-    for (int64_t f = 0; f < asked.size(); f++) asked[f] = mesh.is_asked[f] && mesh.areas[f] > 0;
-    return asked;
-}
-
-// The union of one view more, with a further pose that covers all evaluated faces.
-std::shared_ptr<UnionObject> completed(const UnionObject &from) {
-    require(from.all->views() > 0, "expected a union that counts poses, got one of sets");
-    auto made = union_of(from.surface, from.all->views() + 1);
-    Partition parts(*from.all);
-    const std::vector<int32_t> none(size_t(parts.size()));
-    const int64_t n = made->all->n_faces();
-    engine::Room<double> both(2 * n);
-    from.all->write_bounds({both.begin(), {2, n}});
-    made->all->begin(parts.pieces(none), {parts.tag.data(), {parts.size()}}, {both.begin(), {n}},
-                     {both.begin() + n, {n}});
-    const engine::Room<bool> asked = asked_of(*from.surface);
-    made->all->fill(asked.rows());
-    return made;
-}
-
-// Adds what a union covers by `views` poses or more, or by fewer than -views, as a bit of sets.
-// Of what bit 0 has, the first of the others, or 0; otherwise -1.
-int32_t first_of(int64_t bits) {
-    if (!(bits & 1)) return -1;
-    return bits > 1 ? std::countr_zero(uint64_t(bits - 1)) : 0;
-}
-
-void add_set(engine::Union &sets, const engine::Union &more, int64_t views, int64_t bit) {
-    Partition parts(more);
-    parts.keep([&](int64_t p) {
-        const int64_t tag = parts.tag[size_t(p)];
-        return (views > 0 ? tag >= views : tag < -views) && parts.area[size_t(p)] > 0;
-    });
-    std::vector<int32_t> faces;
-    std::vector<double> areas;
-    for (int64_t p = 0; p < parts.size(); p++) {
-        const int32_t f = parts.face[size_t(p)];
-        if (faces.empty() || faces.back() != f) {
-            faces.push_back(f);
-            areas.push_back(0.0);
-        }
-        areas.back() += parts.area[size_t(p)];
-    }
-    const auto n = int64_t(faces.size());
-    const std::vector<int32_t> pose(size_t(parts.size())), of_pairs(faces.size());
-    const std::vector<double> none(faces.size());
-    const engine::RegionPairs pairs = {{of_pairs.data(), {n}},
-                                       {faces.data(), {n}},
-                                       {areas.data(), {n}},
-                                       {none.data(), {n}},
-                                       {none.data(), {n}}};
-    const std::vector<int64_t> number(1, bit);
-    sets.add(parts.pieces(pose), pairs, {number.data(), {1}}, {});
-}
-
-// True if a point lies in a convex polygon, or beyond a side by `slack` at most.
 bool is_inside(double x, double y, const double *corners, int64_t n, double slack) {
     int64_t p = n - 1;
     for (int64_t q = 0; q < n; p = q++) {
@@ -91,6 +16,7 @@ bool is_inside(double x, double y, const double *corners, int64_t n, double slac
     return true;
 }
 
+namespace {
 // Centroid of a polygon of positive area.
 std::array<double, 2> centroid_of(const double *corners, int64_t n) {
     double twice = 0.0;
@@ -132,6 +58,68 @@ double alone_of(const engine::Union &from, int64_t views, const engine::Regions 
     return sum;
 }
 } // namespace
+
+std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject> &surface,
+                                      int64_t views) {
+    auto made = std::make_shared<UnionObject>();
+    made->surface = surface;
+    const area::Planes planes = surface->mesh.arrays->planes();
+    made->all = std::make_unique<engine::Union>(engine::FlatFaces{planes.corners, planes.areas},
+                                                FLOOR_REL * surface->mesh.diagonal, views);
+    return made;
+}
+
+namespace {
+engine::Room<bool> asked_of(const SurfaceObject &surface) {
+    const engine::MeshArrays &mesh = *surface.mesh.arrays;
+    engine::Room<bool> asked(surface.mesh.n_faces());
+    for (int64_t f = 0; f < asked.size(); f++) asked[f] = mesh.is_asked[f] && mesh.areas[f] > 0;
+    return asked;
+}
+
+} // namespace
+
+std::shared_ptr<UnionObject> completed(const UnionObject &from) {
+    auto made = union_of(from.surface, from.all->views() + 1);
+    Partition parts(*from.all);
+    const std::vector<int32_t> none(size_t(parts.size()));
+    const int64_t n = made->all->n_faces();
+    engine::Room<double> both(2 * n);
+    from.all->write_bounds({both.begin(), {2, n}});
+    made->all->begin(parts.pieces(none), {parts.tag.data(), {parts.size()}}, {both.begin(), {n}},
+                     {both.begin() + n, {n}});
+    const engine::Room<bool> asked = asked_of(*from.surface);
+    made->all->fill(asked.rows());
+    return made;
+}
+
+void add_set(engine::Union &sets, const engine::Union &more, int64_t views, int64_t bit) {
+    Partition parts(more);
+    parts.keep([&](int64_t p) {
+        const int64_t tag = parts.tag[size_t(p)];
+        return (views > 0 ? tag >= views : tag < -views) && parts.area[size_t(p)] > 0;
+    });
+    std::vector<int32_t> faces;
+    std::vector<double> areas;
+    for (int64_t p = 0; p < parts.size(); p++) {
+        const int32_t f = parts.face[size_t(p)];
+        if (faces.empty() || faces.back() != f) {
+            faces.push_back(f);
+            areas.push_back(0.0);
+        }
+        areas.back() += parts.area[size_t(p)];
+    }
+    const auto n = int64_t(faces.size());
+    const std::vector<int32_t> pose(size_t(parts.size())), of_pairs(faces.size());
+    const std::vector<double> none(faces.size());
+    const engine::RegionPairs pairs = {{of_pairs.data(), {n}},
+                                       {faces.data(), {n}},
+                                       {areas.data(), {n}},
+                                       {none.data(), {n}},
+                                       {none.data(), {n}}};
+    const std::vector<int64_t> number(1, bit);
+    sets.add(parts.pieces(pose), pairs, {number.data(), {1}}, {});
+}
 } // namespace rastercov::c
 
 using namespace rastercov;
@@ -139,7 +127,7 @@ using namespace rastercov::c;
 
 rc_status rc_union_fill(rc_union *unite, int64_t n_faces, const uint8_t *faces) {
     return guard("filling faces", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         check_faces(*object->surface, n_faces);
         expect_array(faces, "faces");
         engine::Room<bool> chosen(n_faces);
@@ -151,7 +139,7 @@ rc_status rc_union_fill(rc_union *unite, int64_t n_faces, const uint8_t *faces) 
 
 rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess) {
     return guard("reading areas", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         check_faces(*object->surface, n_faces);
         expect_array(excess, "excess");
         const std::scoped_lock lock(object->changes);
@@ -164,7 +152,7 @@ rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess
 rc_status rc_union_complete(const rc_union *unite, rc_union **complete) {
     return guard("completing a union", [&] {
         expect_result(complete);
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         const std::scoped_lock lock(object->changes);
         *complete = handles().add<rc_union>(completed(*object));
     });
@@ -172,7 +160,7 @@ rc_status rc_union_complete(const rc_union *unite, rc_union **complete) {
 
 rc_status rc_union_size(const rc_union *unite, int64_t *n_polygons, int64_t *n_corners) {
     return guard("reading parts", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         expect_array(n_polygons, "n_polygons");
         expect_array(n_corners, "n_corners");
         const std::scoped_lock lock(object->changes);
@@ -186,7 +174,7 @@ rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_cor
                         int32_t *faces, int32_t *counts, int32_t *tags, double *areas,
                         double *corners) {
     return guard("reading parts", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
+        const auto object = object_of(unite);
         const std::scoped_lock lock(object->changes);
         const auto [n, n_all] = object->all->size();
         expect(n_polygons == n && n_corners == n_all, "n_polygons and n_corners of rc_union_size",
@@ -199,9 +187,7 @@ rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_cor
         expect_array(corners, "corners");
         const Partition parts(*object->all);
         std::copy(parts.face.begin(), parts.face.end(), faces);
-        std::transform(parts.tag.begin(), parts.tag.end(), tags, [&](int64_t tag) {
-            return object->all->views() > 0 ? int32_t(tag) : first_of(tag);
-        });
+        std::copy(parts.tag.begin(), parts.tag.end(), tags);
         std::copy(parts.area.begin(), parts.area.end(), areas);
         for (size_t p = 0; p < parts.face.size(); p++)
             counts[p] = int32_t(parts.starts[p + 1] - parts.starts[p]);
@@ -213,8 +199,8 @@ rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions 
                          int64_t pose, double *area) {
     return guard("reading areas", [&] {
         expect_result(area);
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
-        const auto own = handles().get<RegionsObject>(regions, "rc_regions");
+        const auto object = object_of(unite);
+        const auto own = object_of(regions);
         require(object->surface == own->surface,
                 "expected regions of the surface of the union, got those of another surface; "
                 "create a union for each surface");
@@ -223,29 +209,5 @@ rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions 
                views, "create a union with one view more");
         const double slack = SLACK_REL * object->surface->mesh.diagonal;
         *area = alone_of(*object->all, views, pose_of(*own, pose), slack);
-    });
-}
-
-rc_status rc_union_create_sets(const rc_surface *surface, rc_union **unite) {
-    return guard("making a union", [&] {
-        expect_result(unite);
-        *unite = handles().add<rc_union>(
-            union_of(handles().get<SurfaceObject>(surface, "rc_surface"), 0));
-    });
-}
-
-rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views, int32_t bit) {
-    return guard("adding a set", [&] {
-        const auto object = handles().get<UnionObject>(unite, "rc_union");
-        const auto from = handles().get<UnionObject>(more, "rc_union");
-        expect(views != 0, "views of 1 or more, or below 0", views,
-               "pass the least number of poses");
-        expect(bit >= 0 && bit <= MOST_BIT, "a bit of 0 to 61", bit, "count sets from 0");
-        require(object != from && object->all->views() == 0 && from->all->views() > 0,
-                "expected a union of sets and one that counts poses; see rc_union_create_sets");
-        require(object->surface->mesh.n_faces() == from->surface->mesh.n_faces(),
-                "expected unions of one mesh, got other numbers of faces");
-        const std::scoped_lock lock(object->changes), other(from->changes);
-        add_set(*object->all, *from->all, views, bit);
     });
 }

@@ -54,4 +54,16 @@ struct Partition {
     }
 };
 
+// Distance outside a piece up to which a point counts as inside, relative to the diagonal.
+constexpr double SLACK_REL = 1e-9;
+// True if a point lies in a convex polygon, or beyond a side by `slack` at most.
+bool is_inside(double x, double y, const double *corners, int64_t n, double slack);
+// An empty union, counting up to some views, or of sets for 0.
+std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject> &surface,
+                                      int64_t views);
+// The union of one view more, with a further pose that covers all evaluated faces.
+std::shared_ptr<UnionObject> completed(const UnionObject &from);
+// Adds what a union covers by `views` poses or more, or by fewer than -views, as a bit of sets.
+void add_set(engine::Union &sets, const engine::Union &more, int64_t views, int64_t bit);
+
 } // namespace rastercov::c

@@ -180,7 +180,7 @@ rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, co
                           const double *pose, int64_t n_points, const double *points,
                           const int32_t *faces, const rc_failures *failures) {
     return guard("judging points", [&] {
-        const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
+        const auto object = object_of(surface);
         check_camera(camera);
         expect_array(task, "task");
         const Rules rules = rules_of(*task);
@@ -211,7 +211,7 @@ rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, co
 rc_status rc_clear_places(const rc_surface *surface, int64_t n_points, const double *points,
                           double distance, uint8_t *is_clear) {
     return guard("places for a camera", [&] {
-        const auto object = handles().get<SurfaceObject>(surface, "rc_surface");
+        const auto object = object_of(surface);
         check_points(n_points, points);
         expect(distance >= 0 && distance <= engine::LARGEST_COORDINATE, "a distance of 0 m or more",
                distance, "pass metres");

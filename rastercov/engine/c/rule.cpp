@@ -6,6 +6,7 @@
 // Twin: tests/native/test_c_border.py, by Python.
 #include "area/rule.hpp"
 #include "c/partition.hpp"
+#include "c/rule.hpp"
 
 namespace rastercov::c {
 namespace {
@@ -18,29 +19,6 @@ constexpr double RADIAN = 3.14159265358979323846 / 180.0;
 
 smooth::Vector row_of(const engine::Room<double> &rows, int32_t face) {
     return {rows[3 * face], rows[3 * face + 1], rows[3 * face + 2]};
-}
-
-// Regions of the faces that a test chooses.
-template <class Test> Regions chosen(const Regions &from, Test test) {
-    Regions out;
-    auto at = from.xy.begin();
-    for (size_t p = 0; p < from.face.size(); p++) {
-        const auto next = at + 2 * from.n_corners[p];
-        if (test(from.face[p])) {
-            out.xy.insert(out.xy.end(), at, next);
-            out.n_corners.push_back(from.n_corners[p]);
-            out.face.push_back(from.face[p]);
-        }
-        at = next;
-    }
-    for (size_t k = 0; k < from.listed.size(); k++) {
-        if (!test(from.listed[k])) continue;
-        out.listed.push_back(from.listed[k]);
-        out.area.push_back(from.area[k]);
-        out.bound.push_back(from.bound[k]);
-        out.excess.push_back(from.excess[k]);
-    }
-    return out;
 }
 
 // What at least k of some poses cover.
@@ -260,6 +238,8 @@ struct Rule {
     }
 };
 
+} // namespace
+
 void check_gate(const rc_gate *gate, int64_t n) {
     expect_array(gate, "gate");
     expect(n >= 2 && n <= MOST_DEVICES, "2 to 64 devices", n, "pass one of regions for each");
@@ -281,6 +261,12 @@ void check_gate(const rc_gate *gate, int64_t n) {
                gate->noise[d], "pass radians");
 }
 
+engine::Regions measured_by(const engine::Mesh &mesh, const rc_gate &gate, const double *poses,
+                            const Poses &regions) {
+    return Rule(mesh, gate, poses, int64_t(regions.size())).on_sides(regions);
+}
+
+namespace {
 area::RigRule rule_of(const rc_gate &gate, int64_t n) {
     const auto marks = [&](const uint8_t *given) {
         return Column<const uint8_t>{given, {given ? n : 0}};
@@ -345,7 +331,7 @@ rc_status rc_regions_together(const rc_gate *gate, const rc_regions *const *regi
         std::vector<std::shared_ptr<RegionsObject>> kept;
         Poses own;
         for (int64_t d = 0; d < n; d++) {
-            kept.push_back(handles().get<RegionsObject>(regions[d], "rc_regions"));
+            kept.push_back(object_of(regions[d]));
             require(kept[0]->surface == kept.back()->surface && kept.back()->poses.size() == 1,
                     "expected regions of one pose each, of one surface, got others; find them for "
                     "each device");
@@ -353,8 +339,7 @@ rc_status rc_regions_together(const rc_gate *gate, const rc_regions *const *regi
         }
         const auto made = std::make_shared<RegionsObject>();
         made->surface = kept[0]->surface;
-        const Rule rule(made->surface->mesh, *gate, placed.matrices.data(), n);
-        made->poses.push_back(rule.on_sides(own));
+        made->poses.push_back(measured_by(made->surface->mesh, *gate, placed.matrices.data(), own));
         *together = handles().add<rc_regions>(made);
     });
 }

@@ -190,9 +190,14 @@ inline double largest_of(const CurvedSlopes &s) {
     return std::sqrt(0.5 * (uu + vv + std::sqrt((uu - vv) * (uu - vv) + 4.0 * uv * uv)));
 }
 
+// Product of the rows of a derivative, along the ray.
+inline Triple<double> cross_of(const CurvedSlopes &s) {
+    return {s.uy * s.vz - s.uz * s.vy, s.uz * s.vx - s.ux * s.vz, s.ux * s.vy - s.uy * s.vx};
+}
+
 inline double per_m2(const CurvedSlopes &s, double a, double b, double c) {
-    return std::abs((s.uy * s.vz - s.uz * s.vy) * a + (s.uz * s.vx - s.ux * s.vz) * b +
-                    (s.ux * s.vy - s.uy * s.vx) * c);
+    const auto [x, y, z] = cross_of(s);
+    return std::abs(x * a + y * b + z * c);
 }
 
 // The product of both singular values in the plane over the greater one.
@@ -206,9 +211,7 @@ inline double along(const CurvedSlopes &s, double a, double b, double c) {
 
 // J is 0 along the ray, so its least singular value is across.
 inline double facing(const CurvedSlopes &s) {
-    const double a = s.uy * s.vz - s.uz * s.vy;
-    const double b = s.uz * s.vx - s.ux * s.vz;
-    const double c = s.ux * s.vy - s.uy * s.vx;
+    const auto [a, b, c] = cross_of(s);
     const double largest = largest_of(s);
     return largest > 0 ? std::sqrt(a * a + b * b + c * c) / largest : 0.0;
 }

@@ -157,8 +157,9 @@ INLINE Decision<N> decide(const Rules &rules, const Measures<N> &face, const Cam
     const W bits = bit(is_oblique, IS_STEEP) + bit(is_hidden, IS_HIDDEN) +
                    bit(stays_coarse, IS_COARSE) + bit(!face.is_focused, IS_BLURRED);
     W reason = face.own;
-    for (int set = IS_BLURRED; set < N_SETS; set += IS_BLURRED)
-        reason = select(bits == W(set), W(REASON_OF[size_t(set)]), reason);
+    if (any(bits > W(0)))
+        for (int set = IS_BLURRED; set < N_SETS; set += IS_BLURRED)
+            reason = select(bits == W(set), W(REASON_OF[size_t(set)]), reason);
     reason = select(!has_image, W(UNSAMPLED), reason);
     reason = select(!face.is_inside, W(OUTSIDE), reason);
     reason = select(!face.is_front, W(BACK_FACING), reason);

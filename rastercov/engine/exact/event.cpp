@@ -107,10 +107,11 @@ int64_t record_crossing(int64_t f, int64_t edge, const Segment &segment, Part pa
 }
 
 // A segment that is followed through the image: a number for it, whether it bounds a doubtful face,
-// so that what it crosses is UNFIT, the tolerance of mark_crossed, and where crossings go.
+// so that what it crosses is UNFIT, and whether two faces that may be of one region have it, so
+// that it matters whether it is hidden; the tolerance of mark_crossed, and where crossings go.
 struct Course {
     int64_t edge;
-    bool is_doubtful;
+    bool is_doubtful, may_join;
     const Segment &segment;
     double tolerance;
     const View &view;
@@ -122,17 +123,10 @@ bool is_settled(int64_t f, const Projected &projected) {
     return (projected.state[f] & (LIVE | UNFIT)) != LIVE;
 }
 
-// The same of all entries of a group, which remembers it.
-bool is_settled(Group &group, const Place &place, const View &view) {
-    const CellGrid &grid = view.grid;
-    if (!group.is_settled && place.size > 1)
-        group.is_settled =
-            group_at(place.lower(), grid).is_settled && group_at(place.upper(), grid).is_settled;
-    else if (!group.is_settled)
-        group.is_settled =
-            std::all_of(&grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE,
+// The same of all faces of a group.
+bool is_settled(const Place &place, const View &view) {
+    return holds_of_all(&Group::is_settled, place, view.grid,
                         [&](int64_t f) { return is_settled(f, view.projected); });
-    return group.is_settled;
 }
 
 // A part of a segment in a cell, and which faces matter to it.
@@ -190,7 +184,7 @@ struct Passage {
         // See crosses, of faces that are before it but for an end that they share with it.
         const bool is_behind = ((has_a && part.first == 0) || group.slab.is_above(ua, va, wa)) &&
                                ((has_b && part.last == 1) || group.slab.is_above(ub, vb, wb));
-        return !(is_behind && !(has_a && has_b)) && !is_settled(group, place, course.view);
+        return !(is_behind && !(has_a && has_b)) && !is_settled(place, course.view);
     }
 
     // True if a face that its line may pass may hide a part of it, or be crossed by it.
@@ -234,6 +228,29 @@ int64_t add_crossings(const Passage &passage, int64_t f, int64_t n, int64_t n_cr
     return n_crossings;
 }
 
+// True if it matters which parts of a passage are hidden: of an edge that may join two regions, or
+// that may cross a face in cell c. Of faces that nearly coincide each edge meets all of them.
+bool matters(const Passage &passage, int64_t c, const Bounds &rectangle, const Depths &depths) {
+    const Course &course = passage.course;
+    const View &view = course.view;
+    const CellGrid &grid = view.grid;
+    if (course.may_join || grid.stops[c] - grid.starts[c] <= MANY) return true;
+    const auto may = [&](Group &group, const Place &place) {
+        return touches(group, rectangle, depths) &&
+               !passage.is_beside(
+                   values_at_corners(group, passage.line, passage.s.a, passage.s.b)) &&
+               !is_settled(place, view);
+    };
+    for (Walk walk(c, grid); walk.next(may);)
+        for (int64_t entry = walk.first; entry < walk.last; entry++) {
+            const int64_t f = grid.entries[entry];
+            if (!is_settled(f, view.projected) &&
+                straddles(f, passage.s, course.tolerance, view.projected))
+                return true;
+        }
+    return false;
+}
+
 // Marks the live faces of cell c that the visible parts of a segment there cross; `part` is that in
 // the cell. Returns the number of crossings.
 int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_crossings) {
@@ -253,6 +270,7 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
     const bool has_many = grid.stops[c] - grid.starts[c] > MANY;
     // Faces wholly in front of the edge come first: they can hide it, and it crosses none of them.
     const double in_front = nearest * (1 + 4 * DEPTH_TIE_REL);
+    if (!matters(passage, c, rectangle, {-INF, -INF, in_front})) return n_crossings;
     for (const bool are_in_front : {true, false}) {
         const Depths depths =
             are_in_front ? Depths{passage.farthest(), in_front, INF} : Depths{-INF, -INF, in_front};
@@ -467,20 +485,23 @@ int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
         poll();
         int64_t e = NO_EDGE;
         bool is_doubtful = true;
+        bool may_join = false;
         if (index < n_events) {
             e = events[index];
             crossings.is_hidden[e] = false;
             if (!project_event(e, edges, vertices, camera, uvw, segment)) continue;
+            const int64_t other = edges.faces(e, 1);
             uint16_t flags = state[edges.faces(e, 0)];
-            if (edges.faces(e, 1) >= 0) flags |= state[edges.faces(e, 1)];
+            if (other >= 0) flags |= state[other];
             is_doubtful = (flags & DOUBTFUL) != 0;
+            may_join = other >= 0 && !(flags & CROSSED);
         } else {
             const int64_t side = index - n_events;
             if (!take_rim(side / CORNERS, side % CORNERS, camera, clipped, segment)) continue;
         }
-        n_crossings = mark_segment({e, is_doubtful, segment, tolerance, view, crossings}, extent,
-                                   n_crossings);
-        if (e >= 0 && !segment.ends[IS_VISIBLE]) {
+        n_crossings = mark_segment({e, is_doubtful, may_join, segment, tolerance, view, crossings},
+                                   extent, n_crossings);
+        if (may_join && !segment.ends[IS_VISIBLE]) {
             const int64_t a = edges.vertices(e, 0), b = edges.vertices(e, 1);
             crossings.is_hidden[e] = uvw(a, W) > 0 && uvw(b, W) > 0;
         }

@@ -15,6 +15,7 @@ constexpr int64_t ENTRIES_AT_A_TIME = 64;    // entries of a cell that are compa
 constexpr int64_t MANY = 256;                // entries of a cell whose corners are compared, too
 constexpr int64_t CORNER = 6;                // their first row in CellGrid.bounds
 constexpr int64_t GROUP_SIZE = 32;           // entries of the least groups
+constexpr int FRONT = 32;
 constexpr int KEYS = 9; // of a face, by which groups are made: its box and the sum of its corners
 constexpr int64_t BUCKETS = 64; // ranges of 1/z by which the faces of a cell are sorted first
 
@@ -116,6 +117,8 @@ struct Group {
     int32_t axis;
     double middle, per_w; // that of all groups of a cell has what their keys have, see key_of
     bool is_settled;      // no crossing is listed of any of them any more
+    int32_t front[FRONT]; // of all groups of a cell: entries that hid what was left of a face, the
+                          // last first
     bool is_joined;       // each is known to coincide with another, see is_loose
 };
 
@@ -129,6 +132,19 @@ struct Place {
 inline Group &group_at(const Place &place, const CellGrid &grid) {
     if (place.size == 1) return grid.groups[place.first / GROUP_SIZE * 2];
     return grid.groups[place.upper().first / GROUP_SIZE * 2 + 1];
+}
+
+// True if something is known to hold of all faces of a group, which remembers it.
+template <class Is>
+bool holds_of_all(bool Group::*known, const Place &place, const CellGrid &grid, Is is) {
+    bool &holds = group_at(place, grid).*known;
+    if (!holds && place.size > 1)
+        holds = holds_of_all(known, place.lower(), grid, is) &&
+                holds_of_all(known, place.upper(), grid, is);
+    else if (!holds)
+        holds =
+            std::all_of(&grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE, is);
+    return holds;
 }
 
 // Rectangle of a cell and a little around it.
@@ -240,10 +256,10 @@ inline void select(int32_t *entries, double *keys, int64_t n, int64_t lower) {
 }
 
 // Divides `place` of a cell, and the entries behind it if they are fewer than a group, into groups
-// of faces near one another, each by the key that differs most in it.
+// of faces near one another, each by the key that differs most in it; by that those of the least
+// groups are sorted, and grid.nearest has it.
 inline void divide(const Place &place, int64_t n, double per_w, const View &view) {
     const auto &[projected, grid] = std::tie(view.projected, view.grid);
-    if (place.size < 2) return;
     int32_t *const entries = grid.entries.data + place.first;
     double *const keys = grid.nearest.data + place.first;
     int32_t best = 0;
@@ -257,12 +273,16 @@ inline void divide(const Place &place, int64_t n, double per_w, const View &view
         }
     }
     for (int64_t k = 0; k < n; k++) keys[k] = key_of(entries[k], best, per_w, projected);
-    const int64_t lower = place.lower().size * GROUP_SIZE;
-    select(entries, keys, n, lower);
     Group &group = group_at(place, grid);
     group.axis = best;
-    group.middle = keys[lower];
     group.per_w = per_w;
+    if (place.size < 2) {
+        for (int64_t k = 0; k < n; k++) select(entries + k, keys + k, n - k, 0);
+        return;
+    }
+    const int64_t lower = place.lower().size * GROUP_SIZE;
+    select(entries, keys, n, lower);
+    group.middle = keys[lower];
     divide(place.lower(), lower, per_w, view);
     divide(place.upper(), n - lower, per_w, view);
 }
@@ -270,20 +290,20 @@ inline void divide(const Place &place, int64_t n, double per_w, const View &view
 inline void lay_groups(const Place &place, const Bounds &rectangle, const View &view) {
     const CellGrid &grid = view.grid;
     Group &group = group_at(place, grid);
+    const auto [axis, middle, per_w] = std::tuple(group.axis, group.middle, group.per_w);
     if (place.size == 1) {
         group = group_of(grid.entries[place.first], view);
         for (int64_t entry = place.first + 1; entry < place.first + GROUP_SIZE; entry++)
             widen(group, group_of(grid.entries[entry], view), rectangle);
-        return;
+    } else {
+        lay_groups(place.lower(), rectangle, view);
+        lay_groups(place.upper(), rectangle, view);
+        group = group_at(place.lower(), grid);
+        widen(group, group_at(place.upper(), grid), rectangle);
     }
-    lay_groups(place.lower(), rectangle, view);
-    lay_groups(place.upper(), rectangle, view);
-    const auto [axis, middle, per_w] = std::tuple(group.axis, group.middle, group.per_w);
-    group = group_at(place.lower(), grid);
     group.axis = axis;
     group.middle = middle;
     group.per_w = per_w;
-    widen(group, group_at(place.upper(), grid), rectangle);
 }
 
 // All groups of a cell of MANY.
@@ -321,6 +341,7 @@ inline void lay_bounds(int64_t at, const View &view) {
                     is_known ? projected.uvw(projected.faces(f, k), axis) : NAN;
     }
     lay_groups(all_groups(at, grid), rectangle_of_cell(at, view), view);
+    std::fill_n(group_at(all_groups(at, grid), grid).front, FRONT, -1);
 }
 
 // Least and greatest value of a line at the corners of an entry of a cell of MANY faces.
@@ -403,10 +424,6 @@ find_faces_if(int64_t first, int64_t last, const Bounds &rectangle, const Depths
     }
     return n;
 }
-inline int64_t find_faces(int64_t first, int64_t last, const Bounds &rectangle,
-                          const Depths &depths, const CellGrid &grid, int64_t n) {
-    return find_faces_if(first, last, rectangle, depths, grid, n, [](int64_t) { return true; });
-}
 
 // True if the bounds of a group touch a rectangle and a range of depths.
 inline bool touches(const Group &group, const Bounds &rectangle, const Depths &depths) {
@@ -422,6 +439,7 @@ inline bool touches(const Group &group, const Bounds &rectangle, const Depths &d
 class Walk {
   public:
     int64_t first, last; // entries of this step
+    int32_t axis = -1;   // key by which they are sorted, see divide, -1 for none
 
     Walk(int64_t at, const CellGrid &grid, const double *keys = nullptr)
         : _rest(grid.starts[at]), _stop(grid.stops[at]), _grid(grid), _keys(keys) {
@@ -437,6 +455,7 @@ class Walk {
             Group &group = group_at(place, _grid);
             if (!may(group, place)) continue;
             if (place.size == 1) {
+                axis = group.axis;
                 first = place.first;
                 last = first + GROUP_SIZE;
                 return true;
@@ -445,6 +464,7 @@ class Walk {
             _todo[_n++] = is_upper ? place.lower() : place.upper();
             _todo[_n++] = is_upper ? place.upper() : place.lower();
         }
+        axis = -1;
         first = _rest;
         last = std::min(first + ENTRIES_AT_A_TIME, _stop);
         _rest = last;

@@ -34,6 +34,7 @@ constexpr int64_t MOST_HALVINGS = 6;
 // Width of a strip in which the depth order is unknown, in roundings of a position, from which on
 // it is found in pairs of doubles.
 constexpr double WIDE_STRIP = 1024;
+constexpr size_t N_PLANES = 256; // of faces in pairs of doubles that are kept
 constexpr int32_t MOST_NUMBERS = std::numeric_limits<int32_t>::max(); // of targets, see take_number
 
 // Lines that bound a cell of the grid; those at the border of the grid bound nothing.
@@ -47,14 +48,9 @@ void lines_of_cell(int64_t column, int64_t row, const CellGrid &grid, Lines line
     store_line({0.0, bottom, -1.0, 0.0, row + 1 < grid.rows ? 0.0 : INF}, lines, 3);
 }
 
-// What some cells leave of a part of a face.
-struct Rest {
-    // Nothing; too many pieces for the memory; one face hides all of the face; more pieces than the
-    // limit.
-    enum Is { SOME, NONE, NO_ROOM, ALL_HIDDEN, TOO_MANY } is;
-    double twice; // area, px^2
-    int64_t face; // the last face that hides something
-};
+// What is left of a part of a face: something; nothing; too many pieces for the memory; nothing of
+// all of the face, which one face hides.
+enum class Rest { SOME, NONE, NO_ROOM, ALL_HIDDEN };
 
 // A convex part of the image of face t, whose n corners work.target has, and its lines work.own.
 struct PartOfFace {
@@ -77,15 +73,42 @@ PartOfFace part_of(int64_t t, const Outline &image, Points corners, int64_t n, c
             plane_of(t, view.camera, view.projected)};
 }
 
-// What is left of a part while faces are taken from it.
-struct Left {
-    int64_t count, last; // pieces; the last face that hides something, -1 for none
-    bool has_many;       // some of these were in a cell of MANY
-    int64_t limit;       // pieces beyond which it is given up
+// Face m beside a face of which it may hide something: the depth order, the line of equal depth
+// where it is in front in part, and what of the order is in doubt, px^2; is_new if m is DOUBTFUL
+// and was not taken before.
+struct Occluder {
+    int64_t m;
+    Order order;
+    Line equal;
+    double in_doubt;
+    bool is_new;
+};
+
+// Plane n . X = d of a face in camera axes, in pairs of doubles; the largest errors of n and of d.
+struct PairPlane {
+    Pair n[3], d;
+    double n_error, d_error, n_size;
+    int64_t f = -1; // the face
+};
+
+// Memory for all faces of a pose: the occluders of a face, and lists of them for its parts; planes
+// of some faces, each in the row of its number.
+struct Scratch {
     Column<int32_t> marks;
     const Pieces &pieces;
     Vertices vertices;
     Poll &poll;
+    std::vector<Occluder> occluders;
+    std::vector<int32_t> lists;
+    std::vector<PairPlane> planes;
+};
+
+// What is left of a part while faces are taken from it.
+struct Left {
+    int64_t count, last; // pieces; the last face that hides something, -1 for none
+    bool has_many;       // some of these were in a cell of MANY
+    int64_t limit;       // pieces beyond which it is halved: the rest of its occluders are listed
+    Scratch &scratch;
 };
 
 // Extent of the box of a face, pixels.
@@ -112,8 +135,8 @@ struct Separators {
         int64_t n = 0;
         box = {INF, -INF, INF, -INF};
         for (int64_t p = 0; p < left.count && left.count <= FEW_PIECES; p++) {
-            const Points corners = left.pieces.corners[p];
-            const int64_t k = left.pieces.n_corners[p];
+            const Points corners = left.scratch.pieces.corners[p];
+            const int64_t k = left.scratch.pieces.n_corners[p];
             const Bounds its = extent_of(corners, k);
             box = {std::min(box.u_min, its.u_min), std::max(box.u_max, its.u_max),
                    std::min(box.v_min, its.v_min), std::max(box.v_max, its.v_max)};
@@ -191,14 +214,39 @@ bool any_of_many(const PartOfFace &part, int64_t at, double farthest, const Left
                    [&](const Line &line) { return values_at_corners(group, line).most; }) &&
                !is_behind(part, group);
     };
-    for (Walk walk(at, grid, keys); walk.next(may);)
-        for (int64_t entry = walk.first; entry < walk.last; entry++) {
-            const int64_t before = left.last;
-            const bool leaves = separators.leave(
-                [&](const Line &line) { return values_at_corners(entry, line, grid).most; });
-            if (leaves && take(grid.entries[entry])) return true;
-            if (left.last != before) separators.lay(part, left);
+    int32_t *const front = group_at(all_groups(at, grid), grid).front;
+    const auto takes = [&](int64_t entry) {
+        const int64_t before = left.last;
+        const bool leaves = separators.leave(
+            [&](const Line &line) { return values_at_corners(entry, line, grid).most; });
+        if (leaves && take(grid.entries[entry])) return true;
+        if (left.last != before) separators.lay(part, left);
+        return false;
+    };
+    const auto remember = [&](int64_t entry) {
+        int k = 0;
+        while (k < FRONT - 1 && front[k] != entry) k++;
+        std::copy_backward(front, front + k, front + k + 1);
+        front[0] = int32_t(entry);
+        return true;
+    };
+    for (int k = 0; k < FRONT && front[k] >= 0; k++)
+        if (takes(front[k])) return remember(front[k]);
+    for (Walk walk(at, grid, keys); walk.next(may);) {
+        // Outwards from the place of the part among them.
+        const double *const sorted = grid.nearest.data,
+                            key = walk.axis < 0 ? -INF : keys[walk.axis];
+        int64_t upper = walk.first;
+        if (walk.axis >= 0)
+            upper = std::lower_bound(sorted + walk.first, sorted + walk.last, key) - sorted;
+        for (int64_t lower = upper; lower > walk.first || upper < walk.last;) {
+            const bool is_above =
+                lower == walk.first ||
+                (upper < walk.last && sorted[upper] - key < key - sorted[lower - 1]);
+            const int64_t entry = is_above ? upper++ : --lower;
+            if (takes(entry)) return remember(entry);
         }
+    }
     return false;
 }
 
@@ -208,14 +256,12 @@ template <class Take>
 bool any_near(const PartOfFace &part, const Cells &cells, Left &left, Take take) {
     const View &view = part.view;
     const auto &[box, grid, own] = std::tie(view.projected.box, view.grid, view.work.own);
-    const auto [u_min, u_max, v_min, v_max] = part.extent;
     const double farthest = box(part.t, W_MIN) * (1 - 2 * DEPTH_TIE_REL);
     for (int64_t row = cells.top; row <= cells.bottom; row++)
         for (int64_t column = cells.left; column <= cells.right; column++) {
             const auto takes = [&](int64_t m) {
                 const Bounds its = bounds_in(box, m);
-                if (its.u_min >= u_max || its.u_max <= u_min || m == part.t) return false;
-                if (its.v_min >= v_max || its.v_max <= v_min) return false;
+                if (m == part.t || are_apart(its, part.extent)) return false;
                 // In the first of the cells that list it.
                 return column == std::max(column_at(its.u_min, grid), cells.left) &&
                        row == std::max(row_at(its.v_min, grid), cells.top) &&
@@ -307,18 +353,11 @@ bool coincides(const Group &group, const Plane &plane, double tie) {
     return is_close;
 }
 
-// True if closeness of all faces of a group is known and none is LOOSE; the group remembers it.
-bool is_joined(Group &group, const Place &place, const View &view) {
-    const CellGrid &grid = view.grid;
-    if (!group.is_joined && place.size > 1)
-        group.is_joined = is_joined(group_at(place.lower(), grid), place.lower(), view) &&
-                          is_joined(group_at(place.upper(), grid), place.upper(), view);
-    else if (!group.is_joined)
-        group.is_joined = std::all_of(
-            &grid.entries[place.first], &grid.entries[place.first] + GROUP_SIZE, [&](int64_t f) {
-                return (view.projected.state[f] & (HAS_LOOSE | LOOSE)) == HAS_LOOSE;
-            });
-    return group.is_joined;
+// True if closeness of all faces of a group is known and none is LOOSE.
+bool is_joined(const Place &place, const View &view) {
+    return holds_of_all(&Group::is_joined, place, view.grid, [&](int64_t f) {
+        return (view.projected.state[f] & (HAS_LOOSE | LOOSE)) == HAS_LOOSE;
+    });
 }
 
 // Calls `take` for the cells that list a face, until it returns true; true if it does.
@@ -345,10 +384,9 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     const Plane plane = plane_of(f, view.camera, projected);
     const Depths depths = {box(f, W_MIN) * (1 - NEARLY_REL), -INF,
                            box(f, W_MAX) * (1 + 2 * NEARLY_REL)};
-    const auto may = [&](Group &group, const Place &place) {
+    const auto may = [&](const Group &group, const Place &place) {
         return touches(group, own, depths) &&
-               !(coincides(group, plane, DEPTH_TIE_REL * box(f, W_MIN)) &&
-                 is_joined(group, place, view));
+               !(coincides(group, plane, DEPTH_TIE_REL * box(f, W_MIN)) && is_joined(place, view));
     };
     // Of two faces alone, as far apart as just counts as one, either may be in front.
     int64_t one = -1;
@@ -356,9 +394,7 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     Poll poll(16);
     const auto takes = [&](int64_t m) {
         const Bounds its = bounds_in(box, m);
-        if (m == f || its.u_min >= own.u_max || its.u_max <= own.u_min || its.v_min >= own.v_max ||
-            its.v_max <= own.v_min)
-            return false;
+        if (m == f || are_apart(its, own)) return false;
         poll();
         const Closeness found = closeness(f, n, n_own, m, view, images);
         if (found == APART) return false;
@@ -413,13 +449,11 @@ bool is_loose(int64_t f, const View &view) {
     return true;
 }
 
-// Plane n . X = d of a face in camera axes, in pairs of doubles; the largest errors of n and of d.
-struct PairPlane {
-    Pair n[3], d;
-    double n_error, d_error, n_size;
-};
-
-PairPlane pair_plane_of(int64_t f, Vertices vertices, const View &view) {
+PairPlane pair_plane_of(int64_t f, const View &view, Scratch &scratch) {
+    scratch.planes.resize(N_PLANES);
+    PairPlane &plane = scratch.planes[size_t(f) % N_PLANES];
+    if (plane.f == f) return plane;
+    const Vertices vertices = scratch.vertices;
     Corners corners;
     double far = 0.0;
     for (int k = 0; k < 3; k++) {
@@ -430,7 +464,7 @@ PairPlane pair_plane_of(int64_t f, Vertices vertices, const View &view) {
     const bool is_parallel = view.camera.is_parallel();
     if (is_parallel) flatten(corners, view.camera);
     const Normals normals = normals_of_sides(corners, view.camera, UNDERFLOW_ERROR);
-    PairPlane plane = {{}, {0.0, 0.0}, normals.errors[3], 0.0, 0.0};
+    plane = {{}, {0.0, 0.0}, normals.errors[3], 0.0, 0.0, f};
     for (int k = 0; k < 3; k++) {
         plane.n[k] = normals.face[k];
         plane.d = plane.d + corners.at[0][k] * normals.face[k];
@@ -450,11 +484,11 @@ PairPlane pair_plane_of(int64_t f, Vertices vertices, const View &view) {
 //
 // 1/z_m - 1/z_t = (n_m / d_m - n_t / d_t) . ray, and its sign is that of
 // (n_m d_t - n_t d_m) . ray d_m d_t. It is computed in one order, so that t and m agree.
-Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, Vertices vertices,
-                     const View &view, double &in_doubt) {
+Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, const View &view,
+                     Scratch &scratch, double &in_doubt) {
     const auto &[camera, work] = std::tie(view.camera, view.work);
-    const PairPlane a = pair_plane_of(std::min(t, m), vertices, view),
-                    b = pair_plane_of(std::max(t, m), vertices, view);
+    const PairPlane a = pair_plane_of(std::min(t, m), view, scratch),
+                    b = pair_plane_of(std::max(t, m), view, scratch);
     double normal[3];
     const double sign = ((a.d.high > 0) == (b.d.high > 0) ? 1.0 : -1.0) * (t < m ? 1.0 : -1.0);
     for (int k = 0; k < 3; k++) normal[k] = sign * (b.n[k] * a.d + -(a.n[k] * b.d)).high;
@@ -491,13 +525,12 @@ Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, Verti
 
 // Depth order of face m relative to the face of a part, see depth_order, in which one of two that
 // coincide is in front.
-Order strict_order(const PartOfFace &part, int64_t m, int64_t n_sides, Vertices vertices,
-                   bool is_first) {
+Occluder strict_order(const PartOfFace &part, int64_t m, int64_t n_sides, Scratch &scratch) {
     const auto &[t, view] = std::tie(part.t, part.view);
     const auto &[projected, work] = std::tie(view.projected, view.work);
     double &area_error = view.area_error[t];
     const double before = area_error;
-    area_error = 0.0; // what is in doubt, whether it was counted before or not
+    area_error = 0.0; // what is in doubt
     Order order = depth_order(t, m, part.n, n_sides, view, true);
     const bool is_transparent = projected.state[t] & TRANSPARENT;
     if (order == TIED && !is_transparent) {
@@ -514,72 +547,106 @@ Order strict_order(const PartOfFace &part, int64_t m, int64_t n_sides, Vertices 
     const double around = common_extent(t, m, projected.box);
     const auto has_vertices = [&](int64_t f) {
         const auto &faces = projected.faces;
-        return std::max(faces(f, 0), std::max(faces(f, 1), faces(f, 2))) < vertices.rows();
+        return std::max(faces(f, 0), std::max(faces(f, 1), faces(f, 2))) < scratch.vertices.rows();
     };
     if (in_doubt > WIDE_STRIP * view.camera.pixel_error * around && !is_transparent &&
         (is_loose(t, view) || is_loose(m, view)) && has_vertices(t) && has_vertices(m)) {
         copy_polygon(work.target, part.n, work.spare);
         const int64_t n = clip(work.spare, part.n, work.lines, n_sides, work.other);
-        if (n >= 3) order = order_in_pairs(t, m, n, n_sides, vertices, view, in_doubt);
+        if (n >= 3) order = order_in_pairs(t, m, n, n_sides, view, scratch, in_doubt);
     }
-    area_error = is_first ? before + in_doubt : before;
-    return order;
+    area_error = before;
+    return {m, order, line_at(work.lines, n_sides), in_doubt, false};
 }
 
-// Takes from a part what face m hides of it, whose box overlaps it; SOME if it goes on.
-Rest::Is hide(const PartOfFace &part, int64_t m, Left &left) {
+// Takes from a part what an occluder hides of it; work.lines has the n_sides lines that bound it.
+// SOME if it goes on.
+Rest hide(const PartOfFace &part, Occluder &occluder, int64_t n_sides, Left &left) {
     const auto &[t, view] = std::tie(part.t, part.view);
     const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
-    const auto &[target, own, lines, corners] =
-        std::tie(work.target, work.own, work.lines, work.corners);
+    const Column<int32_t> marks = left.scratch.marks;
+    const int64_t m = occluder.m;
+    const int32_t number = marks[marks.rows() - 1];
     double &area_error = view.area_error[t];
-    int32_t &mark = left.marks[m];
-    const int32_t number = left.marks[left.marks.rows() - 1];
-    const double around = common_extent(t, m, projected.box);
-    const bool is_first = mark != number;
-    if (projected.state[m] & DOUBTFUL) {
-        if (is_first) {
-            mark = number;
-            area_error += 4 * EDGE_ON_FACTOR * around * outline_error(m, camera, projected);
-        }
-        if (projected.state[m] & THIN) return Rest::SOME;
-    }
-    if (is_before(part, m)) return Rest::SOME;
-    const auto [k, n_sides] = outline(m, projected, corners, lines);
-    if (separates(lines, n_sides, target, part.n) || separates(own, part.n_own, corners, k))
-        return Rest::SOME;
-    mark = number;
-    const Order order = strict_order(part, m, n_sides, left.vertices, is_first);
-    if (order == BEHIND) return Rest::SOME;
-    left.poll();
+    const bool is_first = occluder.is_new || marks[m] != number;
+    occluder.is_new = false;
+    marks[m] = number;
+    if (is_first) area_error += occluder.in_doubt;
+    if (occluder.order == BEHIND) return Rest::SOME;
+    left.scratch.poll();
     left.last = m;
     work.n_compared[0]++;
-    if (order == IN_FRONT && contains(lines, n_sides, target, part.n)) return Rest::ALL_HIDDEN;
-    if (is_first) area_error += 4 * around * outline_error(m, camera, projected);
-    const int64_t n_lines = order == IN_FRONT_IN_PART ? n_sides + 1 : n_sides;
-    left.count = clip_subtract(left.pieces, left.count, lines, n_sides, n_lines, camera.pixel_error,
-                               work.spare, work.values);
+    const auto &lines = work.lines;
+    if (occluder.order == IN_FRONT && contains(lines, n_sides, work.target, part.n))
+        return Rest::ALL_HIDDEN;
+    if (is_first)
+        area_error += 4 * common_extent(t, m, projected.box) * outline_error(m, camera, projected);
+    int64_t n_lines = n_sides;
+    if (occluder.order == IN_FRONT_IN_PART) store_line(occluder.equal, lines, n_lines++);
+    left.count = clip_subtract(left.scratch.pieces, left.count, lines, n_sides, n_lines,
+                               camera.pixel_error, work.spare, work.values);
     if (left.count == 0) return Rest::NONE;
-    if (left.count < 0) return Rest::NO_ROOM;
-    return left.count > left.limit ? Rest::TOO_MANY : Rest::SOME;
+    return left.count < 0 ? Rest::NO_ROOM : Rest::SOME;
 }
 
-// Twice the area that the faces listed in some cells leave of a part of a face.
-Rest visible_in_cells(const PartOfFace &part, const Cells &cells, Left left) {
-    const Pieces &pieces = left.pieces;
-    copy_polygon(part.corners, part.n_corners, pieces.corners[0]);
-    pieces.n_corners[0] = part.n_corners;
-    Rest::Is is = Rest::SOME;
-    any_near(part, cells, left, [&](int64_t m) {
-        is = hide(part, m, left);
-        return is != Rest::SOME;
-    });
-    Rest rest = {is, 0.0, left.last};
-    if (is != Rest::SOME) return rest;
+// Takes from a part what face m hides of it, whose box overlaps it, and lists it.
+Rest hide_by_face(const PartOfFace &part, int64_t m, Left &left) {
+    const auto &[t, view] = std::tie(part.t, part.view);
+    const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
+    Scratch &scratch = left.scratch;
+    int32_t &mark = scratch.marks[m];
+    const int32_t number = scratch.marks[scratch.marks.rows() - 1];
+    const bool is_new = projected.state[m] & DOUBTFUL && mark != number;
+    if (is_new) {
+        mark = number;
+        view.area_error[t] += 4 * EDGE_ON_FACTOR * common_extent(t, m, projected.box) *
+                              outline_error(m, camera, projected);
+    }
+    if (projected.state[m] & THIN || is_before(part, m)) return Rest::SOME;
+    const auto [k, n_sides] = outline(m, projected, work.corners, work.lines);
+    if (separates(work.lines, n_sides, work.target, part.n) ||
+        separates(work.own, part.n_own, work.corners, k))
+        return Rest::SOME;
+    Occluder occluder = strict_order(part, m, n_sides, scratch);
+    occluder.is_new = is_new;
+    if (occluder.order == BEHIND && occluder.in_doubt == 0) return Rest::SOME;
+    Rest is = Rest::SOME;
+    if (left.count <= left.limit) is = hide(part, occluder, n_sides, left);
+    scratch.lists.push_back(int32_t(scratch.occluders.size()));
+    scratch.occluders.push_back(occluder);
+    return is;
+}
+
+// Takes from a part what the occluders first ... last - 1 of the lists hide of it, and lists those
+// of them that meet it.
+Rest hide_by_list(const PartOfFace &part, int64_t first, int64_t last, Left &left) {
+    const View &view = part.view;
+    const auto &[projected, work] = std::tie(view.projected, view.work);
+    for (int64_t at = first; at < last; at++) {
+        Scratch &scratch = left.scratch;
+        const int32_t index = scratch.lists[size_t(at)];
+        Occluder &occluder = scratch.occluders[size_t(index)];
+        if (are_apart(bounds_in(projected.box, occluder.m), part.extent) ||
+            is_before(part, occluder.m))
+            continue;
+        const int64_t n_sides = outline(occluder.m, projected, work.corners, work.lines).n_lines;
+        if (separates(work.lines, n_sides, part.corners, part.n_corners)) continue;
+        scratch.lists.push_back(index);
+        if (left.count > left.limit) continue;
+        const Rest is = hide(part, occluder, n_sides, left);
+        if (is != Rest::SOME) return is;
+    }
+    return Rest::SOME;
+}
+
+// Twice the area that is left of a part, which keeps its pieces.
+double keep_pieces(const PartOfFace &part, const Left &left) {
+    const Pieces &pieces = left.scratch.pieces;
+    double total = 0.0;
     for (int64_t p = 0; p < left.count; p++) {
         const Points corners = pieces.corners[p];
         const double twice = std::max(twice_area(corners, pieces.n_corners[p]), 0.0);
-        rest.twice += twice;
+        total += twice;
         // Faces that were passed over hide at most what is within rounding of its border.
         if (left.has_many) {
             const Bounds b = extent_of(corners, pieces.n_corners[p]);
@@ -590,7 +657,7 @@ Rest visible_in_cells(const PartOfFace &part, const Cells &cells, Left left) {
         }
         if (twice > 0) store_piece(part.t, corners, pieces.n_corners[p], part.view.work.kept);
     }
-    return rest;
+    return total;
 }
 
 // Replaces the part on top of the stack by its halves; returns how many that are.
@@ -622,48 +689,78 @@ void take_number(Column<int32_t> marks) {
     number++;
 }
 
-// Twice the visible area of face t; less than 0 if there is too little room. A large face is taken
-// apart by the cells of the grid, and parts of many pieces are halved.
-double visible_twice_area(int64_t t, const Outline &image, const View &view, Column<int32_t> marks,
-                          const Pieces &pieces, Vertices vertices, Poll &poll) {
+// Twice the area that the faces listed in some cells leave of a part of face t, the first of
+// work.parts, whose halves follow if it has many pieces; and SOME, NO_ROOM or ALL_HIDDEN.
+std::pair<double, Rest> visible_in_cells(int64_t t, const Outline &image, const Cells &cells,
+                                         const View &view, Scratch &scratch) {
     const auto &[grid, work] = std::tie(view.grid, view.work);
     const auto &[parts, levels] = std::tie(work.parts, work.levels);
-    const auto [left, right, top_row, bottom] = cells_of_box(view.projected.box, t, grid);
-    const bool is_large = (right - left + 1) * (bottom - top_row + 1) > MOST_CELLS_OF_PART;
-    const int64_t width = is_large ? 1 : right - left + 1,
-                  height = is_large ? 1 : bottom - top_row + 1;
-    const int64_t n = image.n_corners;
+    const Pieces &pieces = scratch.pieces;
+    int32_t &hider = grid.hider[(cells.top + (cells.bottom - cells.top + 1) / 2) * grid.columns +
+                                cells.left + (cells.right - cells.left + 1) / 2];
+    struct {
+        size_t first, last;
+    } lists[STACK_ROOM] = {{0, 0}};
+    scratch.occluders.clear();
     double twice = 0.0;
-    for (int64_t row = top_row; row <= bottom; row += height)
-        for (int64_t column = left; column <= right; column += width) {
-            const Cells cells = {column, column + width - 1, row, row + height - 1};
-            const int64_t middle = (row + height / 2) * grid.columns + column + width / 2;
-            copy_polygon(work.target, n, parts.corners[0]);
-            parts.n_corners[0] = n;
+    bool has_many = false;
+    levels[0] = 0;
+    for (int64_t top = 1; top > 0;) {
+        scratch.poll();
+        top--;
+        const auto [first, last] = lists[top];
+        scratch.lists.resize(last); // halves that are done have listed more
+        const bool can_halve = levels[top] < MOST_HALVINGS && top + 2 < STACK_ROOM;
+        const PartOfFace part = part_of(t, image, parts.corners[top], parts.n_corners[top], view);
+        Left left = {1, -1, has_many, can_halve ? MOST_PIECES : pieces.corners.rows(), scratch};
+        copy_polygon(part.corners, part.n_corners, pieces.corners[0]);
+        pieces.n_corners[0] = part.n_corners;
+        Rest is = Rest::SOME;
+        if (levels[top] > 0) is = hide_by_list(part, first, last, left);
+        else
+            any_near(part, cells, left, [&](int64_t m) {
+                is = hide_by_face(part, m, left);
+                return is != Rest::SOME;
+            });
+        has_many = left.has_many;
+        if (is == Rest::NO_ROOM) return {0.0, is};
+        if (left.count > left.limit) {
+            const int64_t n_halves = halve(top, work);
+            for (int64_t k = 0; k < n_halves; k++) lists[top++] = {last, scratch.lists.size()};
+            continue;
+        }
+        const double its = is == Rest::SOME ? keep_pieces(part, left) : 0.0;
+        twice += its;
+        if (its == 0) hider = int32_t(left.last);
+        if (is == Rest::ALL_HIDDEN) return {0.0, is};
+    }
+    return {twice, Rest::SOME};
+}
+
+// Twice the visible area of face t; less than 0 if there is too little room. A large face is taken
+// apart by the cells of the grid.
+double visible_twice_area(int64_t t, const Outline &image, const View &view, Scratch &scratch) {
+    const auto &[grid, work] = std::tie(view.grid, view.work);
+    const Cells all = cells_of_box(view.projected.box, t, grid);
+    const int64_t n = image.n_corners, width = all.right - all.left + 1,
+                  height = all.bottom - all.top + 1;
+    const bool is_large = width * height > MOST_CELLS_OF_PART;
+    double twice = 0.0;
+    for (int64_t row = all.top; row <= all.bottom; row += is_large ? 1 : height)
+        for (int64_t column = all.left; column <= all.right; column += is_large ? 1 : width) {
+            const Points corners = work.parts.corners[0];
+            int64_t &n_corners = work.parts.n_corners[0];
+            copy_polygon(work.target, n, corners);
+            n_corners = n;
             if (is_large) {
                 lines_of_cell(column, row, grid, {work.cell.data, {4, 5}});
-                parts.n_corners[0] = clip(parts.corners[0], n, work.cell, 4, work.spare);
-                if (parts.n_corners[0] < 3) continue;
+                n_corners = clip(corners, n, work.cell, 4, work.spare);
+                if (n_corners < 3) continue;
             }
-            levels[0] = 0;
-            for (int64_t top = 1; top > 0;) {
-                poll();
-                top--;
-                const bool can_halve = levels[top] < MOST_HALVINGS && top + 2 < STACK_ROOM;
-                const int64_t limit = can_halve ? MOST_PIECES : pieces.corners.rows();
-                const Rest rest = visible_in_cells(
-                    part_of(t, image, parts.corners[top], parts.n_corners[top], view), cells,
-                    {1, -1, false, limit, marks, pieces, vertices, poll});
-                if (rest.is == Rest::ALL_HIDDEN) {
-                    grid.hider[middle] = int32_t(rest.face);
-                    return 0.0;
-                }
-                if (rest.is == Rest::NO_ROOM) return -1.0;
-                if (rest.is == Rest::TOO_MANY) top += halve(top, work);
-                else twice += rest.twice;
-                if (rest.is <= Rest::NONE && rest.twice == 0)
-                    grid.hider[middle] = int32_t(rest.face);
-            }
+            const Cells cells = is_large ? Cells{column, column, row, row} : all;
+            const auto [its, is] = visible_in_cells(t, image, cells, view, scratch);
+            if (is != Rest::SOME) return is == Rest::NO_ROOM ? -1.0 : 0.0;
+            twice += its;
         }
     return twice;
 }
@@ -680,6 +777,7 @@ int64_t visible_areas(Int32Array targets, int64_t first, Vertices vertices, cons
                       Column<int32_t> marks, const Pieces &pieces) {
     const auto &[state, kept] = std::tie(view.projected.state, view.work.kept);
     Poll poll(16);
+    Scratch scratch = {marks, pieces, vertices, poll, {}, {}, {}};
     for (int64_t index = first; index < targets.rows(); index++) {
         poll();
         const int64_t t = targets[index];
@@ -694,7 +792,7 @@ int64_t visible_areas(Int32Array targets, int64_t first, Vertices vertices, cons
         const Outline image = take_target(t, view);
         if (image.n_corners < 3 || is_hidden_by_one(t, image.n_corners, view)) continue;
         take_number(marks);
-        const double twice = visible_twice_area(t, image, view, marks, pieces, vertices, poll);
+        const double twice = visible_twice_area(t, image, view, scratch);
         if (twice < 0 || kept.used[2]) {
             drop_pieces(kept, n_kept, n_kept_corners);
             return index;

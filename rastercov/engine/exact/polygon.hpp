@@ -155,6 +155,9 @@ template <class Source> double twice_area(const Source &polygon, int64_t n) {
 struct Bounds {
     double u_min, u_max, v_min, v_max;
 };
+inline bool are_apart(const Bounds &a, const Bounds &b) {
+    return a.u_min >= b.u_max || a.u_max <= b.u_min || a.v_min >= b.v_max || a.v_max <= b.v_min;
+}
 
 template <class Source> Bounds extent_of(const Source &polygon, int64_t n) {
     Bounds all = {polygon(0, U), polygon(0, U), polygon(0, V), polygon(0, V)};

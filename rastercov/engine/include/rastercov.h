@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define RC_API_VERSION 3 /* of this header; rc_version says that of the library */
+#define RC_API_VERSION 4 /* of this header; rc_version says that of the library */
 
 typedef enum rc_status {
     RC_OK = 0,
@@ -46,9 +46,12 @@ enum {
     RC_OCCLUDED = 6,
     RC_TOO_OBLIQUE = 7,
     RC_COVERED = 8,
-    RC_SEVERAL = 9,             /* and up to 34: several of 2, 3, 5, 6 and 7; the more, the lower */
+    RC_SEVERAL = 9, /* and up to 34: several of 2, 3, 5, 6 and 7; the more, the lower */
+    RC_TOO_FEW_VIEWS = 35,
+    RC_NO_CAMERAS = 36,
     RC_ANGLE_OUT_OF_RANGE = 37, /* of the rays to devices of a rig */
-    RC_TOO_UNCERTAIN = 38       /* measured by them */
+    RC_TOO_UNCERTAIN = 38,      /* measured by them */
+    RC_UNSEEABLE = 39           /* from anywhere */
 };
 
 /* Formats of files of meshes. */
@@ -79,6 +82,8 @@ typedef struct rc_lens rc_lens;
 typedef struct rc_solver rc_solver;
 typedef struct rc_regions rc_regions;
 typedef struct rc_union rc_union;
+typedef struct rc_network rc_network;
+typedef struct rc_zones rc_zones;
 
 typedef struct rc_camera { /* pixels */
     double width, height, fx, fy, cx, cy;
@@ -131,6 +136,13 @@ typedef struct rc_gate {  /* devices that measure a point together, from one sid
     const uint8_t *stripes;     /* n: 1 where only x of the image is known; null for none */
 } rc_gate;
 
+typedef struct rc_parts {    /* of N polygons, by zone or not */
+    int32_t *faces, *counts; /* the face, and the number of corners of each */
+    int32_t *views, *zones;  /* cameras that cover it, and the zone it is of, 0 the largest */
+    int32_t *reasons;        /* an RC_...; of others below 0: bits of 2, 3, 5, 6, 7, 37, 38 */
+    double *areas, *corners; /* m^2; C x 3 metres, one polygon after another */
+} rc_parts;
+
 /* Called between poses, from the thread of the caller, with its own pointer: 0 stops the call. */
 typedef int (*rc_go_on)(void *context);
 
@@ -139,8 +151,9 @@ const char *rc_last_error(void); /* of the last call of this thread that failed;
 rc_status rc_count_handles(int64_t *count); /* handles that are not freed */
 
 /* The mesh of the bytes of a file, with `unit` metres per unit of its coordinates. Faces keep their
- * order; convex polygons are cut into fans, concave ones are refused. A file that asks for more
- * faces, or more bytes by an estimate, than it may is refused before memory is taken. */
+ * order; polygons are cut into triangles that cover them once, or a note says why not. A file that
+ * asks for more faces, or more bytes by an estimate, than it may is refused before memory is taken.
+ */
 rc_status rc_read_mesh(const uint8_t *bytes, int64_t n_bytes, int32_t format, double unit,
                        int64_t most_faces, int64_t memory_budget, rc_mesh **mesh);
 rc_status rc_mesh_free(rc_mesh *mesh);
@@ -224,8 +237,8 @@ rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess
  * covers all evaluated faces: what only that one covers is the rest of the surface. */
 rc_status rc_union_complete(const rc_union *unite, rc_union **complete);
 /* The parts of a union as convex polygons in space, as of rc_regions_size and rc_regions_read; of
- * each the area, m^2, and its tag: the poses that cover it, counted up to the views of the union;
- * or, of a union of sets, the first set, from 1 on, that it is in, 0 for none, -1 outside set 0. */
+ * each the area, m^2, and its tag: the poses that cover it, counted up to the views of the union.
+ */
 rc_status rc_union_size(const rc_union *unite, int64_t *n_polygons, int64_t *n_corners);
 rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_corners,
                         int32_t *faces, int32_t *counts, int32_t *tags, double *areas,
@@ -234,10 +247,29 @@ rc_status rc_union_read(const rc_union *unite, int64_t n_polygons, int64_t n_cor
  * regions among them, m^2. */
 rc_status rc_union_alone(const rc_union *unite, int32_t views, const rc_regions *regions,
                          int64_t pose, double *area);
-/* A union of sets, numbered from 0 to 61, which divide set 0. What a union covers by `views`
- * poses or more, or only by fewer where views is negative, is added to the set of a bit. */
-rc_status rc_union_create_sets(const rc_surface *surface, rc_union **unite);
-rc_status rc_union_add_set(rc_union *unite, const rc_union *more, int32_t views, int32_t bit);
+/* Cameras that cover a surface together. Each that is added is a row of its own; the last n of them
+ * can be joined to a rig, one row. What was found of a camera stays for one that is equal. */
+rc_status rc_network_create(const rc_surface *surface, int32_t n_threads, rc_network **network);
+rc_status rc_network_free(rc_network *network);
+rc_status rc_network_clear(rc_network *network); /* takes all cameras away */
+rc_status rc_network_add(rc_network *network, const rc_camera *camera, const rc_task *task,
+                         const double *pose);
+rc_status rc_network_join(rc_network *network, const rc_gate *gate, int64_t n);
+/* What a row covers, counted from 0; and what all of them cover. */
+rc_status rc_network_regions(rc_network *network, int64_t row, rc_regions **regions);
+rc_status rc_network_unite(rc_network *network, int32_t views, rc_union **unite);
+/* Dead zones: connected parts, of one reason and one group, that fewer cameras cover than each face
+ * needs, F; groups of faces, F, and proved areas that no camera can ever see, F, may be null. */
+rc_status rc_find_zones(rc_network *network, int64_t n_faces, const int32_t *views,
+                        const int32_t *groups, const double *unseeable, rc_zones **zones);
+rc_status rc_zones_free(rc_zones *zones);
+rc_status rc_zones_size(const rc_zones *zones, int64_t *n_zones, int64_t *n_polygons,
+                        int64_t *n_corners);
+rc_status rc_zones_read(const rc_zones *zones, int64_t n_polygons, int64_t n_corners,
+                        const rc_parts *parts);
+/* Zone of each of N points, N x 3 metres, on faces, and its reason; -1 and RC_COVERED in none. */
+rc_status rc_reason_at(const rc_zones *zones, int64_t n_points, const double *points,
+                       const int32_t *faces, int32_t *of_zones, int32_t *reasons);
 
 /* Criteria that each of N points, N x 3 metres, on faces fails in one pose. */
 rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, const rc_task *task,

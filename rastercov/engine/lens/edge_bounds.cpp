@@ -131,8 +131,8 @@ void set_taylor_bounds(const Ideal &plane, EdgeBounds &bounds) {
             by_cauchy[1][order] = std::min(by_cauchy[1][order], v / scale);
         }
     }
-    const Cells box = plane.cells(1, 1);
-    const double width = 2 * box.half_x, height = 2 * box.half_y;
+    const auto [x, y] = box_of(plane.region);
+    const double width = x.most - x.least, height = y.most - y.least;
     const double side = std::sqrt(width * height) / CELLS_OF_LINES;
     const Cells cells = plane.cells(std::ceil(width / side), std::ceil(height / side));
     const bool behind = is_behind(plane, cells);

@@ -14,6 +14,7 @@
 #pragma once
 #include "lens/planes.hpp"
 #include "range.hpp"
+#include "sort.hpp"
 #include <tuple>
 
 namespace rastercov::lens {
@@ -50,12 +51,18 @@ struct Edge {
     const PlaneRecord *border = nullptr;
 };
 
+// Place where an edge is cut, 0 to 1.
+struct Cut {
+    double place;
+    CutKind kind;
+};
+
 // Scratch for one edge, and for the parts of all edges of a polygon: they have `ends` and `rules`,
 // and all nodes in x ... v; the last of a part is the first of the next.
 struct EdgeScratch {
     double U[NODE_ROOM], V[NODE_ROOM], spare[NODE_ROOM], stack[DEEPEST + 2][MOST + 1],
-        low[DEEPEST + 2][2], cuts[MOST_CUTS];
-    int64_t kinds[MOST_CUTS];
+        low[DEEPEST + 2][2];
+    Cut cuts[MOST_CUTS];
     double waiting[MOST_WAITING][2];
     double x[MOST_NODES + GROUP], y[MOST_NODES + GROUP], u[MOST_NODES + GROUP],
         v[MOST_NODES + GROUP];
@@ -208,10 +215,7 @@ inline double only_root(int64_t n, const double *row, double *spare) {
 inline int64_t roots(int64_t n, EdgeScratch &scratch, CutKind kind, int64_t count) {
     const auto &[stack, low] = std::tie(scratch.stack, scratch.low);
     const auto append = [&](double place) {
-        if (count >= MOST_CUTS - 1) return;
-        scratch.cuts[count] = place;
-        scratch.kinds[count] = kind;
-        count++;
+        if (count < MOST_CUTS - 1) scratch.cuts[count++] = {place, kind};
     };
     int64_t top = 1;
     low[0][0] = 0.0;
@@ -281,7 +285,7 @@ inline double crossing(const PlaneRecord &plane, const Edge &edge, double t, boo
 // values at its nodes are scratch.U and scratch.V. Returns their number.
 inline int64_t find_cuts(const PlaneRecord &plane, const Edge &edge, int64_t n, double stray,
                          EdgeScratch &scratch) {
-    const auto &[cuts, kinds] = std::tie(scratch.cuts, scratch.kinds);
+    Cut *const cuts = scratch.cuts;
     const double levels[4] = {0.0, plane.width, 0.0, plane.height};
     int64_t count = 0;
     for (int side = 0; side < 4; side++) {
@@ -292,25 +296,17 @@ inline int64_t find_cuts(const PlaneRecord &plane, const Edge &edge, int64_t n, 
         const int64_t found = count;
         count = roots(n, scratch, is_u ? LEVEL_U : LEVEL_V, count);
         for (int64_t i = found; i < count; i++)
-            cuts[i] = crossing(plane, edge, cuts[i], is_u, levels[side]);
+            cuts[i].place = crossing(plane, edge, cuts[i].place, is_u, levels[side]);
     }
-    for (int64_t i = 1; i < count; i++) {
-        const double cut = cuts[i];
-        const int64_t kind = kinds[i];
-        int64_t j = i - 1;
-        for (; j >= 0 && cuts[j] > cut; j--) {
-            cuts[j + 1] = cuts[j];
-            kinds[j + 1] = kinds[j];
-        }
-        cuts[j + 1] = cut;
-        kinds[j + 1] = kind;
-    }
+    sort_range(cuts, cuts + count, [](const Cut &a, const Cut &b) {
+        return std::tie(a.place, a.kind) < std::tie(b.place, b.kind);
+    });
     return count;
 }
 
 // Clamped v of an end of a part of an edge. A cut by v is on the border, to the error of its root:
 // the integral must end there, or that error would be multiplied by u.
-inline double clamped_end(double v, double height, int64_t kind) {
+inline double clamped_end(double v, double height, CutKind kind) {
     if (kind == LEVEL_V) v = v < 0.5 * height ? 0.0 : height;
     return std::min(std::max(v, 0.0), height);
 }
@@ -334,10 +330,9 @@ inline Integral clamped_edge(const PlaneRecord &plane, const Edge &edge, int64_t
     if (count == 0 && is_in) return {under_edge(n, U, V, 0.0), 1};
     double total = 0.0;
     double start = 0.0;
-    int64_t start_kind = NO_LEVEL;
+    CutKind start_kind = NO_LEVEL;
     for (int64_t i = 0; i <= count; i++) {
-        const double end = i < count ? cuts[i] : 1.0;
-        const int64_t end_kind = i < count ? scratch.kinds[i] : int64_t(NO_LEVEL);
+        const auto [end, end_kind] = i < count ? cuts[i] : Cut{1.0, NO_LEVEL};
         if (end > start) {
             const Edge part = part_of_edge(edge, start, end);
             Pixel<double> middle = {U[n / 2], V[n / 2]};

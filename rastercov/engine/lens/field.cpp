@@ -14,12 +14,10 @@
 //
 // Twin: tests/lenses/test_field.py, by points.
 #include "lens/field.hpp"
-#include "bind.hpp"
 #include "interrupt.hpp"
 #include "lens/polygons.hpp"
 #include "lens/proof.hpp"
 #include <memory>
-#include <nanobind/stl/pair.h>
 
 namespace rastercov {
 namespace {
@@ -60,12 +58,21 @@ struct Entry {
     int64_t n, owner, borders, level;
 };
 
+// An affine map u = a x + b y + c near a cell, by samples in it; what they differ from it by, and
+// the samples. Or of v.
+struct Fit {
+    Straight map;
+    Range rest, all;
+
+    double slope() const { return rounded::hypot(map.a, map.b); }
+};
+
 struct Work {
     std::unique_ptr<Entry[]> stack{new Entry[STACK_ROOM]};
     std::unique_ptr<bool[]> open; // of each entry, of the sides of the region and of the hole
     int64_t n_sides, n_hole;
     Cell cell, other, spare;
-    double fit[4][5];
+    Fit fit[2];
     EdgeScratch edges;
 
     bool *sides(int64_t entry) { return open.get() + entry * (n_sides + n_hole); }
@@ -124,11 +131,8 @@ int64_t keep_side(const Points &polygon, int64_t n, const Straight &line, double
     return keep_inside(polygon, n, {-a * c, -b * c, b, -a, 0.0}, out);
 }
 
-// Fills `fit` with an affine map u = a x + b y + c, and least and greatest u less that; and v.
-//
-// Rows are (a, b, c, least, greatest) of u and v, from samples in the polygon; then the least
-// u, width - u, v, height - v of the samples, and the greatest of each.
-void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, double (&fit)[4][5]) {
+// Sets the fits of u and v.
+void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, Fit (&fit)[2]) {
     double cx = 0.0;
     double cy = 0.0;
     double reach = 0.0;
@@ -139,19 +143,20 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
     for (int64_t p = 0; p < n; p++)
         reach = std::max(reach, rounded::hypot(polygon(p, 0) - cx, polygon(p, 1) - cy));
     const double step = 1e-3 * reach;
-    for (int axis = 0; axis < 2; axis++) {
-        const double dx = axis == 0 ? step : 0.0, dy = axis == 0 ? 0.0 : step;
-        const auto after = plane_value(plane, cx + dx, cy + dy);
-        const auto before = plane_value(plane, cx - dx, cy - dy);
-        fit[0][axis] = 0.5 * (after.u - before.u) / step;
-        fit[1][axis] = 0.5 * (after.v - before.v) / step;
+    const auto pixel = [&](double x, double y) {
+        const auto [u, v] = plane_value(plane, x, y);
+        return std::array<double, 2>{u, v};
+    };
+    const auto here = pixel(cx, cy), right = pixel(cx + step, cy), left = pixel(cx - step, cy),
+               below = pixel(cx, cy + step), above = pixel(cx, cy - step);
+    for (size_t k = 0; k < 2; k++) {
+        auto &[a, b, c] = fit[k].map;
+        a = 0.5 * (right[k] - left[k]) / step;
+        b = 0.5 * (below[k] - above[k]) / step;
+        c = here[k] - a * cx - b * cy;
+        fit[k].rest = {0.0, 0.0};
+        fit[k].all = {here[k], here[k]};
     }
-    auto [u, v] = plane_value(plane, cx, cy);
-    fit[0][2] = u - fit[0][0] * cx - fit[0][1] * cy;
-    fit[1][2] = v - fit[1][0] * cx - fit[1][1] * cy;
-    fit[0][3] = fit[1][3] = fit[0][4] = fit[1][4] = 0.0;
-    Range along_u = {u, u};
-    Range along_v = {v, v};
     for (int64_t p = 0; p < n; p++) {
         const int64_t q = p + 1 < n ? p + 1 : 0;
         for (int i = 0; i <= SAMPLES; i++)
@@ -160,27 +165,17 @@ void fit_borders(const PlaneRecord &plane, const Points &polygon, int64_t n, dou
                 const double s = double(i) / SAMPLES, t = double(j) / SAMPLES;
                 const double x = cx + s * (polygon(p, 0) - cx) + t * (polygon(q, 0) - cx);
                 const double y = cy + s * (polygon(p, 1) - cy) + t * (polygon(q, 1) - cy);
-                auto [su, sv] = plane_value(plane, x, y);
-                along_u.add(su);
-                along_v.add(sv);
-                su -= fit[0][0] * x + fit[0][1] * y + fit[0][2];
-                sv -= fit[1][0] * x + fit[1][1] * y + fit[1][2];
-                fit[0][3] = std::min(fit[0][3], su);
-                fit[0][4] = std::max(fit[0][4], su);
-                fit[1][3] = std::min(fit[1][3], sv);
-                fit[1][4] = std::max(fit[1][4], sv);
+                const auto sample = pixel(x, y);
+                for (size_t k = 0; k < 2; k++) {
+                    fit[k].all.add(sample[k]);
+                    fit[k].rest.add(sample[k] - fit[k].map.value(x, y));
+                }
             }
     }
-    const auto [low_u, high_u] = along_u;
-    const auto [low_v, high_v] = along_v;
-    fit[2][0] = low_u;
-    fit[2][1] = plane.width - high_u;
-    fit[2][2] = low_v;
-    fit[2][3] = plane.height - high_v;
-    fit[3][0] = high_u;
-    fit[3][1] = plane.width - low_u;
-    fit[3][2] = high_v;
-    fit[3][3] = plane.height - low_v;
+}
+
+double size_along(const PlaneRecord &plane, int64_t border) {
+    return border < 2 ? plane.width : plane.height;
 }
 
 // INSIDE where a cell is inside the image, OUTSIDE where it is outside, otherwise UNDECIDED; by its
@@ -196,14 +191,12 @@ Leaf side_of_image(const PlaneRecord &plane, const Points &polygon, int64_t n, d
 }
 
 // Line along border k of an affine fit, moved inwards by an offset, px.
-Straight line_of_border(const PlaneRecord &plane, const double (&fit)[4][5], int64_t k,
-                        double offset) {
-    const int64_t row = k / 2;
+Straight line_of_border(const PlaneRecord &plane, const Fit &fit, int64_t k, double offset) {
     const double sign = k % 2 == 0 ? 1.0 : -1.0;
-    const double at = k % 2 == 0 ? 0.0 : (row == 0 ? plane.width : plane.height);
-    const double size = rounded::hypot(fit[row][0], fit[row][1]);
-    return {sign * fit[row][0] / size, sign * fit[row][1] / size,
-            (sign * (fit[row][2] - at) - offset) / size};
+    const double at = k % 2 == 0 ? 0.0 : size_along(plane, k);
+    const double size = fit.slope();
+    return {sign * fit.map.a / size, sign * fit.map.b / size,
+            (sign * (fit.map.c - at) - offset) / size};
 }
 
 // Line across the longest extent of a polygon, through its middle.
@@ -223,19 +216,21 @@ struct Narrowest {
     double width;
 };
 Narrowest narrowest_border(const PlaneRecord &plane, const Points &cell, int64_t n, int64_t borders,
-                           double (&fit)[4][5]) {
+                           Fit (&fit)[2]) {
     fit_borders(plane, cell, n, fit);
     Narrowest best = {borders, ALL_INSIDE, INFINITE};
     for (int64_t k = 0; k < 4; k++) {
         if (!(best.borders >> k & 1)) continue;
-        if (fit[2][k] >= -MARGIN) {
+        const auto &[map, rest, all] = fit[k / 2];
+        // Of u, width - u, v, height - v.
+        const double size = size_along(plane, k);
+        if ((k % 2 == 0 ? all.least : size - all.most) >= -MARGIN) {
             best.borders -= int64_t(1) << k;
-        } else if (fit[3][k] <= MARGIN) {
+        } else if ((k % 2 == 0 ? all.most : size - all.least) <= MARGIN) {
             return {best.borders, ALL_OUTSIDE, 0.0};
         } else {
-            const auto &row = fit[k / 2];
-            double width = row[4] - row[3];
-            width = (width + 2.0 * (SAFETY * width + MARGIN)) / rounded::hypot(row[0], row[1]);
+            double width = rest.most - rest.least;
+            width = (width + 2.0 * (SAFETY * width + MARGIN)) / fit[k / 2].slope();
             if (width < best.width) {
                 best.border = k;
                 best.width = width;
@@ -266,6 +261,8 @@ int64_t append_node(const Straight &line, LineKind kind, int64_t owner, Growing 
     return node;
 }
 
+Straight line_of(const Lines &given, int64_t s) { return {given(s, 0), given(s, 1), given(s, 2)}; }
+
 // First of the open sides that cuts a polygon, NONE or BEYOND where it is beyond a side, and their
 // number. Sides that have all of the polygon inside are closed.
 struct Cutting {
@@ -275,7 +272,7 @@ Cutting first_cutting(const Lines &lines, bool *is_open, const Points &polygon, 
     Cutting found = {NONE, 0};
     for (int64_t s = 0; s < lines.rows(); s++) {
         if (!is_open[s]) continue;
-        const auto [least, most] = extremes({lines(s, 0), lines(s, 1), lines(s, 2)}, polygon, n);
+        const auto [least, most] = extremes(line_of(lines, s), polygon, n);
         if (most <= ON_LINE) return {BEYOND, 0};
         if (least >= -ON_LINE) {
             is_open[s] = false;
@@ -286,8 +283,6 @@ Cutting first_cutting(const Lines &lines, bool *is_open, const Points &polygon, 
     }
     return found;
 }
-
-Straight line_of(const Lines &given, int64_t s) { return {given(s, 0), given(s, 1), given(s, 2)}; }
 
 // The division of a plane: its tree, what waits, and the cell that is divided now, by its entry.
 struct Division {
@@ -367,12 +362,13 @@ struct Division {
 
     // Cuts off what is outside border k, and what is inside it, where the images say so.
     void cut_by_band(int64_t k, double slope) {
-        const auto &row = work.fit[k / 2];
-        const double spread = SAFETY * (row[4] - row[3]) + MARGIN;
+        const Fit &fit = work.fit[k / 2];
+        const auto &[low, high] = fit.rest;
+        const double spread = SAFETY * (high - low) + MARGIN;
         // u = fit + rest, rest from least to greatest; of width - u it is the other way round.
-        const double least = (k % 2 == 0 ? row[3] : -row[4]) - spread;
-        const double most = (k % 2 == 0 ? row[4] : -row[3]) + spread;
-        Straight line = line_of_border(plane, work.fit, k, -most);
+        const double least = (k % 2 == 0 ? low : -high) - spread;
+        const double most = (k % 2 == 0 ? high : -low) + spread;
+        Straight line = line_of_border(plane, fit, k, -most);
         int64_t m = 0;
         if (extremes(line, cell(), n).least < 0.0) m = keep_side(cell(), n, line, -1.0, other());
         if (m >= 3 && side_of_image(plane, other(), m, slope, work.edges) == OUTSIDE) {
@@ -382,7 +378,7 @@ struct Division {
             n = keep_side(cell(), n, line, 1.0, other());
             copy_polygon(other(), n, cell());
         }
-        line = line_of_border(plane, work.fit, k, -least);
+        line = line_of_border(plane, fit, k, -least);
         m = 0;
         if (n >= 3 && extremes(line, cell(), n).most > 0.0)
             m = keep_side(cell(), n, line, 1.0, other());
@@ -411,11 +407,9 @@ struct Division {
             return attach(UNDECIDED, owner, out);
         if (cut_by_region() || cut_by_hole()) return;
         const Narrowest narrowest = narrowest_border(plane, cell(), n, borders, work.fit);
-        const auto &fit = work.fit;
         const int64_t k = narrowest.border;
         borders = narrowest.borders;
-        const double slope = rounded::hypot(rounded::hypot(fit[0][0], fit[0][1]),
-                                            rounded::hypot(fit[1][0], fit[1][1]));
+        const double slope = rounded::hypot(work.fit[0].slope(), work.fit[1].slope());
         const auto is_band = [&] { return k >= 0 && narrowest.width <= 0.5 * size.extent; };
         if (k < 0) {
             // The samples have decided; the image of the cell must agree.
@@ -456,43 +450,4 @@ std::pair<int64_t, int64_t> lens::divide(const PlaneRecord &plane, Array<const d
     return {division.out.root, division.out.n_nodes};
 }
 
-namespace {
-using Pair = std::pair<double, double>;
-std::pair<Pair, std::pair<Pair, Pair>> bounds_in_box(const Slopes &slopes, double low_x,
-                                                     double high_x, double low_y, double high_y) {
-    const Bends bends = bounds_within(slopes, low_x, high_x, low_y, high_y);
-    return {{bends.second, bends.third},
-            {{bends.inverse_1, bends.inverse_2}, {bends.log_det_1, bends.log_det_2}}};
-}
-
-Pair sizes_in_box(const Slopes &slopes, double low_x, double high_x, double low_y, double high_y) {
-    const auto [least, most] = sizes_within(slopes, low_x, high_x, low_y, high_y);
-    return {least, most};
-}
-
-} // namespace
-
-void register_lens_field(nanobind::module_ &m) {
-    m.attr("CELLS") = CELLS;
-    m.attr("PARTS") = PARTS;
-    m.attr("INSIDE") = int(INSIDE);
-    m.attr("OUTSIDE") = int(OUTSIDE);
-    m.attr("UNDECIDED") = int(UNDECIDED);
-    m.attr("BAND") = int(BAND);
-    m.attr("ON_LINE") = ON_LINE;
-    def(m, "divide", divide,
-        "Fill a tree with the field of view of a plane within a box; its root, a node or a leaf, "
-        "and the number of nodes, which may be more than there is room for.\n\n"
-        "`box` has the corners, counter-clockwise; `region_lines` and `hole_lines`, (K, 3), are "
-        "sides of the region that cut the box, and of the hole, which is inside all of its own. "
-        "`tolerance` is the mean width of undecided cells, in units of the plane.",
-        "plane", "box", "region_lines", "hole_lines", "tolerance", "lines", "children", "kinds");
-    def(m, "bounds_within", bounds_in_box,
-        "Bounds of derivatives in the region within a box of a plane: second and third of pixels; "
-        "first and second of A^-1 near an axis, and of log |det A|, A the first of pixels.",
-        "slopes", "low_x", "high_x", "low_y", "high_y");
-    def(m, "sizes_within", sizes_in_box,
-        "Least and greatest `Slopes.sizes` in the region within a box of a plane.", "slopes",
-        "low_x", "high_x", "low_y", "high_y");
-}
 } // namespace rastercov

@@ -65,19 +65,6 @@ double central_focal(int64_t code, const Params &p) {
     return focal < LONGEST ? focal : LONGEST;
 }
 
-struct Box {
-    Point<double> low = {INFINITE, INFINITE}, high = {-INFINITE, -INFINITE};
-    void add(double x, double y) {
-        low = {std::min(low.x, x), std::min(low.y, y)};
-        high = {std::max(high.x, x), std::max(high.y, y)};
-    }
-};
-Box box_of(const Outline &polygon) {
-    Box box;
-    for (const auto &[x, y] : polygon) box.add(x, y);
-    return box;
-}
-
 Ideal one_plane(int64_t code, const Region &valid, double width, double height) {
     Ideal plane = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, {}, {}, {}, code, valid.params};
     // Corners of the cone: its sides are at the distance of its slope from the axis.
@@ -86,27 +73,28 @@ Ideal one_plane(int64_t code, const Region &valid, double width, double height) 
         const double turn = 2 * PI * double(k) / SECTORS;
         plane.region.push_back({far * rounded::cos(turn), far * rounded::sin(turn)});
     }
-    auto [low, high] = box_of(plane.region);
-    Box seen;
+    auto [x, y] = box_of(plane.region);
+    Rectangle seen;
     bool is_seen = true;
     for (const Ray &ray : border_rays(code, view_of(valid.params), width, height)) {
-        const double x = ray.X / ray.Z, y = ray.Y / ray.Z;
-        is_seen = is_seen && std::isfinite(x) && std::isfinite(y);
-        seen.add(x, y);
+        const double at_x = ray.X / ray.Z, at_y = ray.Y / ray.Z;
+        is_seen = is_seen && std::isfinite(at_x) && std::isfinite(at_y);
+        seen.add(at_x, at_y);
     }
-    if (is_seen) {
-        const double x = (MARGIN - 1) * (seen.high.x - seen.low.x);
-        const double y = (MARGIN - 1) * (seen.high.y - seen.low.y);
-        low = {std::max(low.x, seen.low.x - x), std::max(low.y, seen.low.y - y)};
-        high = {std::min(high.x, seen.high.x + x), std::min(high.y, seen.high.y + y)};
-    }
-    const double across = high.x - low.x, down = high.y - low.y;
+    const auto narrow = [&](Range &range, const Range &to) {
+        const double more = (MARGIN - 1) * (to.most - to.least);
+        if (is_seen)
+            range = {std::max(range.least, to.least - more), std::min(range.most, to.most + more)};
+    };
+    narrow(x, seen.x);
+    narrow(y, seen.y);
+    const double across = x.most - x.least, down = y.most - y.least;
     const double focal = std::min(central_focal(code, view_of(valid.params)),
                                   (MOST_SIDE - 1) / std::max(across, down));
     plane.pinhole = {focal,
                      focal,
-                     -focal * low.x,
-                     -focal * low.y,
+                     -focal * x.least,
+                     -focal * y.least,
                      std::max(1.0, std::ceil(focal * across)),
                      std::max(1.0, std::ceil(focal * down))};
     return plane;
@@ -220,13 +208,14 @@ bool Sides::meet(double x, double y, double half_x, double half_y) const {
 }
 
 Cells Ideal::cells(double n_x, double n_y) const {
-    const auto [low, high] = box_of(region);
-    Cells found = {{}, {}, (high.x - low.x) / (2 * n_x), (high.y - low.y) / (2 * n_y)};
+    const auto [along, down] = box_of(region);
+    Cells found = {
+        {}, {}, (along.most - along.least) / (2 * n_x), (down.most - down.least) / (2 * n_y)};
     const Sides around = sides();
     for (int64_t row = 0; double(row) < n_y; row++)
         for (int64_t column = 0; double(column) < n_x; column++) {
-            const double x = low.x + found.half_x * double(2 * column + 1);
-            const double y = low.y + found.half_y * double(2 * row + 1);
+            const double x = along.least + found.half_x * double(2 * column + 1);
+            const double y = down.least + found.half_y * double(2 * row + 1);
             if (!around.meet(x, y, found.half_x, found.half_y)) continue;
             found.x.push_back(x);
             found.y.push_back(y);
@@ -235,7 +224,7 @@ Cells Ideal::cells(double n_x, double n_y) const {
 }
 
 Pixel<double> Ideal::pixel(double x, double y) const {
-    const Ray ray = ray_in_plane({frame.data(), {}}, x, y);
+    const Ray ray = ray_in_plane(axes(), x, y);
     return project(code, view_of(params), ray.X, ray.Y, ray.Z);
 }
 

@@ -17,11 +17,26 @@ inline Pixel<double> project(int64_t code, const Params &p, double X, double Y, 
     return projected(code, p, X, Y, Z);
 }
 
-// Ray of the point (x, y, 1) of a plane.
+// Rays of points (x, y, 1) of a plane.
+struct RayLanes {
+    Lanes X, Y, Z;
+};
+template <class Rays, class N> INLINE Rays rays_in_plane(const Frame &f, N x, N y) {
+    return {f(0, 0) * x + f(0, 1) * y + f(0, 2), f(1, 0) * x + f(1, 1) * y + f(1, 2),
+            f(2, 0) * x + f(2, 1) * y + f(2, 2)};
+}
 inline Ray ray_in_plane(const Frame &frame, double x, double y) {
-    return {frame(0, 0) * x + frame(0, 1) * y + frame(0, 2),
-            frame(1, 0) * x + frame(1, 1) * y + frame(1, 2),
-            frame(2, 0) * x + frame(2, 1) * y + frame(2, 2)};
+    return rays_in_plane<Ray>(frame, x, y);
+}
+INLINE RayLanes lanes_in_plane(const Frame &frame, Lanes x, Lanes y) {
+    return rays_in_plane<RayLanes>(frame, x, y);
+}
+// A ray in the axes of a plane.
+inline Ray ray_from_plane(const Frame &f, const Ray &ray) {
+    const auto along = [&](int axis) {
+        return ray.X * f(0, axis) + ray.Y * f(1, axis) + ray.Z * f(2, axis);
+    };
+    return {along(0), along(1), along(2)};
 }
 
 // Derivative of the pixel by the ray.

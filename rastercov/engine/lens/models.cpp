@@ -1,6 +1,7 @@
 // Models of lenses: the parameters of the equations that their coefficients are.
 //
 // Twins: tests/lenses/test_against_others.py, tests/reference/test_lens_models.py.
+#include "lens/models.hpp"
 #include "lens/proof.hpp"
 #include <initializer_list>
 
@@ -10,39 +11,22 @@ constexpr double PI = std::numbers::pi;
 // Coefficients that are no parameters themselves; the greatest number of coefficients.
 enum : int { TAU_X = SIZE, TAU_Y, OMEGA, PLACES };
 
-// In the order of rastercov.core.camera.models.MODELS.
 struct Model {
     int64_t base;
     std::initializer_list<int> places;
 };
-const Model MODELS[] = {
-    {PINHOLE, {}},
-    {PINHOLE, {K1, K2, P1, P2, K3, D1, D2, D3, S1, S2, S3, S4, TAU_X, TAU_Y}},
-    {EQUIDISTANT, {K1, K2, K3, K4}},
-    {EQUIDISTANT, {K1, K2, P1, P2, K3, K4, S1, S3}},
-    {EQUIDISTANT, {K1, K2, K3, K4, K5, K6, P2, P1, S1, S2, S3, S4}},
-    {EQUIDISTANT, {K1, K2, K3, K4, K5, K6, P1, P2, S1, S2, S3, S4}},
-    {FOV, {OMEGA}},
-    {DIVISION, {B0}},
-    {UNIFIED, {B0, K1, K2, P1, P2}},
-    {UNIFIED, {B0, B2, K1, K2, P1, P2}},
-    {DOUBLE_SPHERE, {B0, B1, K1, K2, P1, P2}},
-    {PINHOLE, {K1, K2, K3, K4, P2, P1}},
-    {EQUIDISTANT, {K1, K2, K3, K4, P2, P1}},
-    {EQUISOLID, {K1, K2, K3, K4, P2, P1}},
-    {EQUIRECTANGULAR, {}},
-};
-enum : int64_t { LATE_FISHEYE = 4, OMNI = 8, EUCM = 9, N_MODELS = std::size(MODELS) };
+#define TERMS_OF(name, base, names, counts, ...) {base, {__VA_ARGS__}},
+const Model MODELS[] = {RASTERCOV_MODELS(TERMS_OF)};
 
 // Where the equations of a model are a lens.
 bool is_in_range(int64_t model, int place, double value) {
-    if (!(std::abs(value) <= 1e12)) return false;
+    if (!(std::abs(value) <= LARGEST_COEFFICIENT)) return false;
     if (place == TAU_X || place == TAU_Y) return std::abs(value) <= PI / 3;
     if (place == OMEGA) return value >= 0.0 && value < PI;
-    if (model == OMNI && place == B0) return value >= 0.0;
-    if (model == EUCM && place == B2) return value > 0.0;
+    if (model == MODEL_OMNI && place == B0) return value >= 0.0;
+    if (model == MODEL_EUCM && place == B2) return value > 0.0;
     if (place == B0 && MODELS[model].base == DOUBLE_SPHERE) return value > -1.0 && value <= 1.0;
-    if (place == B1 || (model == EUCM && place == B0)) return value >= 0.0 && value <= 1.0;
+    if (place == B1 || (model == MODEL_EUCM && place == B0)) return value >= 0.0 && value <= 1.0;
     return true;
 }
 } // namespace
@@ -80,14 +64,14 @@ Terms terms_of(int64_t model, const double *pixels, const double *coefficients, 
         given[B1] = given[B0] / omega;
     } else if (base == FOV) {
         found.code = PINHOLE;
-    } else if (model == OMNI) {
+    } else if (model == MODEL_OMNI) {
         given[B1] = given[B2] = 1.0;
-    } else if (model == EUCM) {
+    } else if (model == MODEL_EUCM) {
         given[B1] = 1.0 - given[B0];
     } else if (base == EQUIRECTANGULAR) {
         given[B1] = 1.0; // longitude around 0; its cosine and sine
     }
-    given[LATE] = model == LATE_FISHEYE;
+    given[LATE] = model == MODEL_RAD_TAN_THIN_PRISM_FISHEYE;
     std::copy_n(given, SIZE, found.params.begin());
     const auto is_zero = [](double value) { return value == 0.0; };
     found.has_closed_form =

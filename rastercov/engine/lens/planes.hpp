@@ -41,26 +41,16 @@ inline void require_plane(const PlaneRecord &plane) {
 enum { X, Y, U, V };
 constexpr int64_t GROUP = 8; // rays of a vector: lists have room for a multiple of it
 
-// Rays of points (x, y, 1) of a plane.
-struct RayLanes {
-    Lanes X, Y, Z;
-};
-INLINE RayLanes lanes_in_plane(const Frame &f, Lanes x, Lanes y) {
-    return {f(0, 0) * x + f(0, 1) * y + f(0, 2), f(1, 0) * x + f(1, 1) * y + f(1, 2),
-            f(2, 0) * x + f(2, 1) * y + f(2, 2)};
-}
-
 // Images of m points (x, y) of a plane, into u and v; all have room for a multiple of GROUP. By a
 // base that is a number all of them are one loop, of the least bytes.
 template <class Code>
 void project_group(Code code, const Params &given, const Frame &frame, const double *x,
                    const double *y, int64_t m, double *u, double *v) {
-    double own[SIZE]; // that no store to u and v can change
+    double own[SIZE], axes[9]; // that no store to u and v can change
     std::copy(given.begin(), given.end(), own);
+    std::copy(frame.begin(), frame.end(), axes);
     const Params p = {own, {}};
-    const double f00 = frame(0, 0), f01 = frame(0, 1), f02 = frame(0, 2), f10 = frame(1, 0),
-                 f11 = frame(1, 1), f12 = frame(1, 2), f20 = frame(2, 0), f21 = frame(2, 1),
-                 f22 = frame(2, 2);
+    const Frame f = {axes, {}};
     const auto project_each = [&](auto pixel_of) __attribute__((always_inline)) {
         for (int64_t i = 0; i < m; i += AT_A_TIME<Lanes>) {
             const Pixel<Lanes> pixel = pixel_of(Lanes::load(x + i), Lanes::load(y + i));
@@ -69,16 +59,15 @@ void project_group(Code code, const Params &given, const Frame &frame, const dou
         }
     };
     constexpr bool is_one_loop = std::is_same_v<Code, int64_t>;
-    if (!is_one_loop && code != EQUIRECTANGULAR && f00 == 1.0 && f11 == 1.0 &&
-        f22 == 1.0) { // the plane ahead
+    if (!is_one_loop && code != EQUIRECTANGULAR && f(0, 0) == 1.0 && f(1, 1) == 1.0 &&
+        f(2, 2) == 1.0) { // the plane ahead
         project_each([&](Lanes px, Lanes py) __attribute__((always_inline)) {
             return projected(code, p, px, py, One());
         });
         return;
     }
     project_each([&](Lanes px, Lanes py) __attribute__((always_inline)) {
-        const Lanes X = f00 * px + f01 * py + f02, Y = f10 * px + f11 * py + f12;
-        const Lanes Z = f20 * px + f21 * py + f22;
+        const auto [X, Y, Z] = lanes_in_plane(f, px, py);
         if (!is_planar(code)) return projected(code, p, X, Y, Z);
         const Lanes w = 1.0 / Z;
         return projected(code, p, X * w, Y * w, One());
@@ -105,12 +94,8 @@ inline void project_lanes(const PlaneRecord &plane, const double *x, const doubl
 
 // Point of a plane on the border of the valid region, at a turn around its axis.
 inline Point<double> border_point(const PlaneRecord &plane, double turn) {
-    const auto [X, Y, Z] = Cone(plane.params).on_border(turn);
-    const auto along = [&](int axis) {
-        return X * plane.frame(0, axis) + Y * plane.frame(1, axis) + Z * plane.frame(2, axis);
-    };
-    const double z = along(2);
-    return {along(0) / z, along(1) / z};
+    const auto [x, y, z] = ray_from_plane(plane.frame, Cone(plane.params).on_border(turn));
+    return {x / z, y / z};
 }
 
 // Pixel (u, v) of a point of a plane.

@@ -2,10 +2,8 @@
 //
 // Twin: tests/lenses/test_areas.py, by polygons of many corners.
 #include "lens/polygons.hpp"
-#include "bind.hpp"
 
-namespace rastercov {
-namespace lens {
+namespace rastercov::lens {
 
 // Corners of polygon i are rows starts[i] ... starts[i + 1] - 1. Without the first of three columns
 // of `out` the whole area is not found.
@@ -43,10 +41,7 @@ void bulges_by_parts(const PlaneRecord &plane, Int32Array edges, Array<const int
             lay_part(
                 part_of_edge(edge, double(part) / double(parts), double(part + 1) / double(parts)),
                 n, 0.0, listed, scratch);
-        for (int64_t k = listed.nodes; k < listed.nodes + GROUP; k++) {
-            scratch.x[k] = b[X];
-            scratch.y[k] = b[Y];
-        }
+        lay_end(listed, {b[X], b[Y]}, scratch);
         project_lanes(plane, scratch.x, scratch.y, listed.nodes + 1, u, v);
         double total = 0.0;
         for (int64_t at = 0; at < listed.nodes; at += n)
@@ -55,15 +50,4 @@ void bulges_by_parts(const PlaneRecord &plane, Int32Array edges, Array<const int
     }
 }
 
-} // namespace lens
-
-void register_lens_polygons(nanobind::module_ &m) {
-    def(m, "measure_polygons", lens::measure_polygons,
-        "Fill `out`, (M, 3), with the whole area, the area inside the image, px^2, and the edges "
-        "of "
-        "polygons of a plane.\n\n"
-        "The corners of polygon i are rows starts[i] ... starts[i + 1] - 1, in units of the plane "
-        "and within its region. Without the first column, (M, 2), the whole area is not found.",
-        "plane", "corners", "starts", "out");
-}
-} // namespace rastercov
+} // namespace rastercov::lens

@@ -30,14 +30,10 @@ struct Where {
 // Of an image of n + 1 nodes that leaves the chords between them by the stray at most.
 inline Where where_is(const PlaneRecord &plane, const double *u, const double *v, int64_t n,
                       double stray) {
-    Range along_u = {u[0], u[0]};
-    Range along_v = {v[0], v[0]};
-    for (int64_t k = 1; k <= n; k++) {
-        along_u.add(u[k]);
-        along_v.add(v[k]);
-    }
-    const auto [low_u, high_u] = along_u;
-    const auto [low_v, high_v] = along_v;
+    Rectangle all;
+    for (int64_t k = 0; k <= n; k++) all.add(u[k], v[k]);
+    const auto [low_u, high_u] = all.x;
+    const auto [low_v, high_v] = all.y;
     const double W = plane.width, H = plane.height;
     const bool is_in = low_u > stray && low_v > stray && high_u < W - stray && high_v < H - stray;
     const bool is_beside = high_u < -stray || high_v < -stray || low_v > H + stray;
@@ -93,6 +89,14 @@ inline void lay_part(const Edge &edge, int64_t n, double stray, Listed &listed,
     listed.stray = std::max(listed.stray, stray);
 }
 
+// Puts a point, the end of the last part, behind the nodes that are listed, up to a vector of them.
+inline void lay_end(const Listed &listed, const Point<double> &end, EdgeScratch &scratch) {
+    for (int64_t k = listed.nodes; k < listed.nodes + GROUP; k++) {
+        scratch.x[k] = end.x;
+        scratch.y[k] = end.y;
+    }
+}
+
 // Integrals along the parts of edges that are listed. `is_all` says that they are a whole polygon.
 // If not, they are a piece of its border, and the integral of u dv along it is a summand of both
 // areas.
@@ -100,11 +104,7 @@ inline Image sum_parts(const PlaneRecord &plane, const Listed &listed, bool is_a
                        bool is_whole_asked, EdgeScratch &scratch) {
     const auto [parts, nodes, stray] = listed;
     double *const u = scratch.u, *const v = scratch.v;
-    const Point<double> end = point_of(scratch.ends[parts - 1], 0.0, 1.0);
-    for (int64_t k = nodes; k < nodes + GROUP; k++) {
-        scratch.x[k] = end.x;
-        scratch.y[k] = end.y;
-    }
+    lay_end(listed, point_of(scratch.ends[parts - 1], 0.0, 1.0), scratch);
     project_lanes(plane, scratch.x, scratch.y, is_all ? nodes : nodes + 1, u, v);
     if (is_all) {
         u[nodes] = u[0];

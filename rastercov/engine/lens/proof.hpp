@@ -21,6 +21,12 @@ inline Corners view_of(const Outline &outline) {
     return {outline.empty() ? nullptr : &outline[0].x, {int64_t(outline.size())}};
 }
 
+inline Rectangle box_of(const Outline &polygon) {
+    Rectangle box;
+    for (const auto &[x, y] : polygon) box.add(x, y);
+    return box;
+}
+
 struct Straight { // line a x + b y + c >= 0
     double a, b, c;
     double value(double x, double y) const { return a * x + b * y + c; }
@@ -37,8 +43,7 @@ struct Terms {
     Numbers params; // up to LATE
     bool is_by_distance, has_closed_form;
 };
-// Of a model by its place in rastercov.core.camera.models.MODELS; `pixels` are fx, fy, cx, cy and
-// skew.
+// Of a model by its code; `pixels` are fx, fy, cx, cy and skew.
 Terms terms_of(int64_t model, const double *pixels, const double *coefficients, int64_t n);
 // True where the equations of a model with coefficient k are a lens.
 bool is_coefficient(int64_t model, int64_t k, double value);
@@ -100,6 +105,7 @@ struct Ideal {
 
     // Convex polygons that are the region without the hole.
     std::vector<Outline> parts() const;
+    Frame axes() const { return {frame.data(), {}}; }
     Sides sides() const { return {sides_of(region), sides_of(hole)}; }
     // Those of n_x times n_y cells of the box around the region that may have a point of it.
     Cells cells(double n_x, double n_y) const;

@@ -74,15 +74,11 @@ bool shows(const Ideal &plane, double width, double height, const Outline &windo
 
 // True where a pixel has a ray that is outside the region of a plane.
 bool is_elsewhere(const Ideal &plane, double u, double v) {
-    const Ray ray = unproject(plane.code, view_of(plane.params), u, v);
-    const auto along = [&](size_t axis) {
-        return ray.X * plane.frame[axis] + ray.Y * plane.frame[3 + axis] +
-               ray.Z * plane.frame[6 + axis];
-    };
-    const double x = along(0), y = along(1), z = along(2);
+    const auto [x, y, z] =
+        ray_from_plane(plane.axes(), unproject(plane.code, view_of(plane.params), u, v));
     if (!std::isfinite(z)) return false;
     const auto sides = sides_of(plane.region);
-    return z <= 0.0 || std::any_of(sides.begin(), sides.end(), [&](const Straight &side) {
+    return z <= 0.0 || std::any_of(sides.begin(), sides.end(), [&, x, y, z](const Straight &side) {
                return side.a * x + side.b * y + side.c * z < 0.0;
            });
 }
@@ -171,28 +167,22 @@ ArcRule arc_rule(const Proved &of) {
     // the region of the plane meets.
     const double step = rounded::sinh(PI / TURNS) * aside + beside;
     const double step_z = rounded::sinh(PI / TURNS) * ahead + beside;
-    Range range_x, range_y;
-    for (const auto &[x, y] : plane.region) {
-        range_x.add(x);
-        range_y.add(y);
-    }
+    const Rectangle box = box_of(plane.region);
     bool are_missed = true;
     double off = 0.0;
     std::vector<Place> places;
     for (int k = 0; k < TURNS; k++) {
         const double turn = 2 * PI * k / TURNS;
-        const double ray[] = {across * rounded::cos(turn), across * rounded::sin(turn),
-                              rounded::cos(angle)};
-        const auto along = [&](size_t axis) {
-            return ray[0] * f[axis] + ray[1] * f[3 + axis] + ray[2] * f[6 + axis];
-        };
-        const double z = along(2);
+        const Ray ray =
+            ray_from_plane(plane.axes(), {across * rounded::cos(turn), across * rounded::sin(turn),
+                                          rounded::cos(angle)});
+        const double z = ray.Z;
         const auto is_met = [&](double value, const Range &range) {
             return value - range.least * z >= -(step + std::abs(range.least) * step_z) &&
                    range.most * z - value >= -(step + std::abs(range.most) * step_z);
         };
-        if (!(z > step_z) || !is_met(along(0), range_x) || !is_met(along(1), range_y)) continue;
-        const double x = along(0) / z, y = along(1) / z;
+        if (!(z > step_z) || !is_met(ray.X, box.x) || !is_met(ray.Y, box.y)) continue;
+        const double x = ray.X / z, y = ray.Y / z;
         const double far = std::max(std::abs(x), std::abs(y));
         const double near = (step + far * step_z) / (z - step_z);
         const auto [u, v] = plane.pixel(x, y);
@@ -218,29 +208,27 @@ std::vector<Image> images_of(const Ideal &plane, const PlaneRecord &record) {
 } // namespace
 
 PlaneRecord Proved::record() const {
-    PlaneRecord found = {};
-    found.code = plane.code;
-    found.params = view_of(plane.params);
-    found.frame = {plane.frame.data(), {}};
-    found.fx = pinhole.fx;
-    found.fy = pinhole.fy;
-    found.cx = pinhole.cx;
-    found.cy = pinhole.cy;
-    found.region = view_of(plane.region);
-    found.hole = view_of(plane.hole);
-    found.window = view_of(window);
-    found.longest = {table.longest.data(), {}};
-    found.parts_of = table.parts_of;
-    found.is_graded = plane.has_pole;
-    found.width = width;
-    found.height = height;
-    found.bend = bend;
-    found.stretch = stretch;
-    found.speed = speed;
-    found.tolerance = table.tolerance;
-    found.arc_half = arc_half;
-    found.arc_bend = arc_bend;
-    return found;
+    return {plane.code,
+            view_of(plane.params),
+            plane.axes(),
+            pinhole.fx,
+            pinhole.fy,
+            pinhole.cx,
+            pinhole.cy,
+            view_of(plane.region),
+            view_of(plane.hole),
+            view_of(window),
+            {table.longest.data(), {}},
+            table.parts_of,
+            plane.has_pole,
+            width,
+            height,
+            bend,
+            stretch,
+            speed,
+            table.tolerance,
+            arc_half,
+            arc_bend};
 }
 
 Proved prove(const Ideal &plane, double width, double height, double tolerance) {
@@ -279,15 +267,13 @@ std::vector<Proved> prove_all(const std::vector<Ideal> &planes, double width, do
     // The pinholes end where the image of the lens does: those of one frame together, because they
     // are solved once.
     for (Proved &own : all) {
-        Range u, v;
+        Rectangle shown;
         const auto &[fx, fy, cx, cy, across, down] = own.plane.pinhole;
         for (const Proved &other : all) {
             if (other.plane.frame != own.plane.frame) continue;
-            for (const auto &[x, y] : other.window) {
-                u.add(x * fx + cx);
-                v.add(y * fy + cy);
-            }
+            for (const auto &[x, y] : other.window) shown.add(x * fx + cx, y * fy + cy);
         }
+        const auto &[u, v] = shown;
         if (!(u.least <= u.most)) continue;
         const double left = std::max(std::floor(u.least), 0.0);
         const double top = std::max(std::floor(v.least), 0.0);

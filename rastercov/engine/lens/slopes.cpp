@@ -107,9 +107,8 @@ std::pair<double, double> sharpened(const Ideal &plane, double x, double y, doub
     double at[3][3][4]; // derivatives of pixels by x and y
     for (int i = -1; i <= 1; i++)
         for (int j = -1; j <= 1; j++) {
-            const PlaneSlopes s =
-                plane_slopes(plane.code, view_of(plane.params), {plane.frame.data(), {}},
-                             x + APART * i, y + APART * j);
+            const PlaneSlopes s = plane_slopes(plane.code, view_of(plane.params), plane.axes(),
+                                               x + APART * i, y + APART * j);
             const double each[] = {s.u_x, s.u_y, s.v_x, s.v_y};
             std::copy_n(each, 4, at[i + 1][j + 1]);
         }
@@ -225,15 +224,10 @@ std::array<double, 4> near_axis(const Ideal &plane) {
 
 SlopeGrid slope_grid(const Ideal &plane) {
     constexpr size_t n = size_t(N * N), n_parts = size_t(ALL * ALL);
-    const Cells box = plane.cells(1, 1);
-    const double half_x = 2 * box.half_x / (2 * double(N)),
-                 half_y = 2 * box.half_y / (2 * double(N));
-    double low_x = INFINITE;
-    double low_y = INFINITE;
-    for (const auto &[x, y] : plane.region) {
-        low_x = std::min(low_x, x);
-        low_y = std::min(low_y, y);
-    }
+    const Rectangle box = box_of(plane.region);
+    const double low_x = box.x.least, low_y = box.y.least;
+    const double half_x = (box.x.most - low_x) / (2 * double(N));
+    const double half_y = (box.y.most - low_y) / (2 * double(N));
     SlopeGrid grid = {low_x,
                       low_y,
                       double(PARTS) / (2 * half_x),

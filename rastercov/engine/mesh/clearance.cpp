@@ -41,12 +41,12 @@ inline void moved(Pose pose, const double *p, double *out) {
 double box_distance(const double *one, const double *other, Pose pose) {
     if (one[0] == INF || other[0] == INF) return INF; // an empty box
     double half[2][3], middle[2][3], centre[3], way[3], total[2] = {0.0, 0.0};
-    for (int k = 0; k < 3; k++) {
-        middle[0][k] = 0.5 * (one[k] - one[3 + k]);
-        half[0][k] = -0.5 * (one[k] + one[3 + k]);
-        middle[1][k] = 0.5 * (other[k] - other[3 + k]);
-        half[1][k] = -0.5 * (other[k] + other[3 + k]);
-    }
+    const double *const boxes[] = {one, other};
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 3; k++) {
+            middle[i][k] = 0.5 * (boxes[i][k] - boxes[i][3 + k]);
+            half[i][k] = -0.5 * (boxes[i][k] + boxes[i][3 + k]);
+        }
     moved(pose, middle[1], centre);
     for (int k = 0; k < 3; k++) way[k] = centre[k] - middle[0][k];
     for (int k = 0; k < 3; k++) {
@@ -66,13 +66,11 @@ double box_distance(const double *one, const double *other, Pose pose) {
     return std::max(total[0], total[1]);
 }
 
-inline Vector vector_of(const double *p) { return {p[0], p[1], p[2]}; }
-inline Vector scaled(Vector a, double s) { return {a.x * s, a.y * s, a.z * s}; }
 inline double clamped(double s) { return std::min(std::max(s, 0.0), 1.0); }
 
 // True if a segment passes through a triangle; at its border rounding decides.
 bool pierces(Vector p, Vector q, const Triangle &t) {
-    const Vector normal = cross(t.edge(0), t.corner[2] - t.corner[0]);
+    const Vector normal = normal_of(t);
     const double above = dot(normal, p - t.corner[0]), below = dot(normal, q - t.corner[0]);
     if ((above > 0.0) == (below > 0.0) || above == below) return false;
     const Vector at = p + scaled(q - p, above / (above - below));
@@ -98,8 +96,7 @@ double segment_distance(Vector p, Vector u, Vector q, Vector v) {
 
 // Squared distance of two triangles of nine numbers each.
 double triangle_distance(const double *a, const double *b) {
-    const Triangle one = {{vector_of(a), vector_of(a + 3), vector_of(a + 6)}};
-    const Triangle other = {{vector_of(b), vector_of(b + 3), vector_of(b + 6)}};
+    const Triangle one = triangle_of(a), other = triangle_of(b);
     double best = INF, where[3];
     for (int i = 0; i < 3; i++) {
         if (pierces(one.corner[i], one.corner[(i + 1) % 3], other) ||
@@ -149,11 +146,10 @@ double distance_of(const Body &one, const Body &other, Pose pose, double reach) 
         for (int64_t j = other_start; j < std::min(other_start + LEAF, other.corners.rows()); j++) {
             double b[9];
             for (int k = 0; k < 3; k++) moved(pose, &other.corners(j, k, 0), b + 3 * k);
-            const Triangle turned = {{vector_of(b), vector_of(b + 3), vector_of(b + 6)}};
+            const Triangle turned = triangle_of(b);
             for (int64_t i = start; i < end; i++) {
                 const double *a = one.corners[i].data;
-                const Triangle face = {{vector_of(a), vector_of(a + 3), vector_of(a + 6)}};
-                if (are_apart(face, turned, std::sqrt(best))) continue;
+                if (are_apart(triangle_of(a), turned, std::sqrt(best))) continue;
                 best = std::min(best, triangle_distance(a, b));
                 if (!(best > 0.0)) return 0.0;
             }

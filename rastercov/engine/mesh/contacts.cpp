@@ -21,8 +21,7 @@ struct Body {
         for (int k = 0; k < 3; k++) {
             const int32_t v = faces(f, k);
             require(uint64_t(v) < uint64_t(points.rows()), "faces must hold rows of points");
-            const Vector away = Vector{points(v, 0), points(v, 1), points(v, 2)} - origin;
-            found.corner[k] = {away.x * scale, away.y * scale, away.z * scale};
+            found.corner[k] = scaled(vector_of(points[v].data) - origin, scale);
         }
         return found;
     }
@@ -72,7 +71,7 @@ int64_t list_between(const Body &one, const Body &other, double scale, double re
                 if ((is_full && marks[t] && other_marks[m]) ||
                     !near_by(one.boxes[t], other.boxes[m], far))
                     continue;
-                const Vector origin = {one.boxes(t, 0), one.boxes(t, 1), one.boxes(t, 2)};
+                const Vector origin = vector_of(one.boxes[t].data);
                 if (are_apart(one.face(t, origin, scale), other.face(m, origin, scale), reach))
                     continue;
                 marks[t] = other_marks[m] = true;

@@ -61,10 +61,7 @@ inline bool fold_touches(const Triangle &one, const Triangle &other, double reac
     const Vector edge = one.corner[1];
     const double length = dot(edge, edge);
     if (!(length > LEAST_AXIS_SQUARED)) return true;
-    const auto across = [&](Vector apex) -> Vector {
-        const double along = dot(apex, edge) / length;
-        return {apex.x - along * edge.x, apex.y - along * edge.y, apex.z - along * edge.z};
-    };
+    const auto across = [&](Vector apex) { return apex - scaled(edge, dot(apex, edge) / length); };
     const Vector p = across(one.corner[2]), q = across(other.corner[2]);
     const double pp = dot(p, p), qq = dot(q, q);
     if (std::min(pp, qq) <= reach * reach) return true;
@@ -81,7 +78,7 @@ template <class I> struct Surface {
 
     Vector vertex(I v) const {
         require(uint64_t(v) < uint64_t(vertices.rows()), "faces must hold rows of vertices");
-        return {vertices(v, 0), vertices(v, 1), vertices(v, 2)};
+        return vector_of(vertices[v].data);
     }
 
     // True if two faces come within `reach` of each other, except where they are joined.
@@ -108,10 +105,8 @@ template <class I> struct Surface {
         const Vector origin = vertex(one[first]);
         Triangle a, b;
         for (int i = 0; i < 3; i++) {
-            const Vector p = vertex(one[(first + i) % 3]) - origin;
-            const Vector q = vertex(other[(first_other + i) % 3]) - origin;
-            a.corner[i] = {p.x * scale, p.y * scale, p.z * scale};
-            b.corner[i] = {q.x * scale, q.y * scale, q.z * scale};
+            a.corner[i] = scaled(vertex(one[(first + i) % 3]) - origin, scale);
+            b.corner[i] = scaled(vertex(other[(first_other + i) % 3]) - origin, scale);
         }
         if (shared == 0) return !are_apart(a, b, reach);
         return shared == 1 ? fan_touches(a, b, reach) : fold_touches(a, b, reach);
@@ -138,7 +133,7 @@ struct Slab {
 };
 
 inline Slab slab_of(const Triangle &face) {
-    Vector normal = cross(face.corner[1] - face.corner[0], face.corner[2] - face.corner[0]);
+    Vector normal = normal_of(face);
     const double length = dot(normal, normal);
     if (!(length > LEAST_AXIS_SQUARED)) normal = {0.0, 0.0, 0.0};
     return {{normal.x, normal.y, normal.z}, std::sqrt(length), face.along(normal)};

@@ -79,13 +79,9 @@ template <class Counts> bool is_behind(Hits &hits, Vector p, Counts counts) {
     int backs = 0;
     for (int k = 0; k < N_DIRECTIONS; k++) {
         const Vector d = direction_of(k);
-        const Vector start = p + Vector{ON_SURFACE * d.x, ON_SURFACE * d.y, ON_SURFACE * d.z};
-        const int64_t hit = hits.first({start, d, 2.0}, -1);
+        const int64_t hit = hits.first({p + scaled(d, ON_SURFACE), d, 2.0}, -1);
         if (hit < 0 || !counts(hit)) continue;
-        const auto corner = [&](int c) -> Vector {
-            return {hits.corners(hit, c, 0), hits.corners(hit, c, 1), hits.corners(hit, c, 2)};
-        };
-        backs += dot(cross(corner(1) - corner(0), corner(2) - corner(0)), d) > 0.0;
+        backs += dot(normal_of(triangle_of(hits.corners[hit].data)), d) > 0.0;
     }
     return 2 * backs > N_DIRECTIONS;
 }

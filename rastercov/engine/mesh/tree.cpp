@@ -27,9 +27,7 @@ void first_hits(Points origins, Points directions, FloatArray reaches, IntArray 
         poll();
         hit[i] = -1;
         if (!(reaches[i] > 0.0)) continue;
-        hit[i] = hits.first({{origins(i, 0), origins(i, 1), origins(i, 2)},
-                             {directions(i, 0), directions(i, 1), directions(i, 2)},
-                             reaches[i]},
+        hit[i] = hits.first({vector_of(origins[i].data), vector_of(directions[i].data), reaches[i]},
                             own[i]);
     }
 }
@@ -62,8 +60,8 @@ void behind(Points points, BoolArray counts, Corners corners, Nodes nodes,
     Poll poll;
     for (int64_t i = 0; i < n; i++) {
         poll();
-        is_enclosed[i] = is_behind(hits, {points(i, 0), points(i, 1), points(i, 2)},
-                                   [&](int64_t t) { return counts[t]; });
+        is_enclosed[i] =
+            is_behind(hits, vector_of(points[i].data), [&](int64_t t) { return counts[t]; });
     }
 }
 
@@ -80,34 +78,24 @@ bool is_left(Points vertices, int64_t i, int64_t j, double x, double y) {
 
 template <class I>
 int64_t turns_about(double x, double y, double z, Points vertices, Faces<I> faces, Nodes nodes) {
-    const int64_t leaves = nodes.rows() / 2;
     int64_t total = 0;
-    int64_t stack[STACK_SIZE] = {1};
-    for (int64_t depth = 1; depth;) {
-        const int64_t node = stack[--depth];
+    const auto is_met = [&](int64_t node) {
         const auto box = nodes[node];
-        if (!(box[0] <= x && x <= -box[3] && box[1] <= y && y <= -box[4] && z <= -box[5])) continue;
-        if (node < leaves) {
-            stack[depth++] = 2 * node;
-            stack[depth++] = 2 * node + 1;
-            continue;
-        }
-        const int64_t start = (node - leaves) * LEAF;
-        for (int64_t t = start; t < std::min(start + LEAF, faces.rows()); t++) {
-            const int64_t i = faces(t, 0), j = faces(t, 1), k = faces(t, 2);
-            const bool side = is_left(vertices, i, j, x, y);
-            if (is_left(vertices, j, k, x, y) != side || is_left(vertices, k, i, x, y) != side)
-                continue;
-            const Point a = vertices[i], b = vertices[j], c = vertices[k];
-            const double ab[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-            const double ac[3] = {c[0] - a[0], c[1] - a[1], c[2] - a[2]};
-            const double above = (a[0] - x) * (ab[1] * ac[2] - ab[2] * ac[1]) +
-                                 (a[1] - y) * (ab[2] * ac[0] - ab[0] * ac[2]) +
-                                 (a[2] - z) * (ab[0] * ac[1] - ab[1] * ac[0]);
-            const int sign = side ? 1 : -1;
-            if (above * sign > 0.0) total += sign;
-        }
-    }
+        return box[0] <= x && x <= -box[3] && box[1] <= y && y <= -box[4] && z <= -box[5];
+    };
+    each_met(nodes, faces.rows(), is_met, [&](int64_t t) {
+        const int64_t i = faces(t, 0), j = faces(t, 1), k = faces(t, 2);
+        const bool side = is_left(vertices, i, j, x, y);
+        if (is_left(vertices, j, k, x, y) != side || is_left(vertices, k, i, x, y) != side)
+            return true;
+        const Vector a = vector_of(vertices[i].data);
+        const Vector normal =
+            cross(vector_of(vertices[j].data) - a, vector_of(vertices[k].data) - a);
+        const double above = dot(a - Vector{x, y, z}, normal);
+        const int sign = side ? 1 : -1;
+        if (above * sign > 0.0) total += sign;
+        return true;
+    });
     return total;
 }
 

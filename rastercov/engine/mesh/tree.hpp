@@ -77,21 +77,37 @@ inline double distance_to(Corners corners, int64_t t, const Segment &s) {
     return along;
 }
 
+// Calls with the triangles below nodes that `is_met`, one after another, until a call is false.
+template <class IsMet, class Each>
+void each_met(Nodes nodes, int64_t n_triangles, IsMet is_met, Each each) {
+    const int64_t leaves = nodes.rows() / 2;
+    int64_t stack[STACK_SIZE] = {1};
+    for (int64_t depth = 1; depth;) {
+        const int64_t node = stack[--depth];
+        if (!is_met(node)) continue;
+        if (node < leaves) {
+            stack[depth++] = 2 * node;
+            stack[depth++] = 2 * node + 1;
+            continue;
+        }
+        const int64_t begin = (node - leaves) * LEAF;
+        for (int64_t t = begin; t < std::min(begin + LEAF, n_triangles); t++)
+            if (!each(t)) return;
+    }
+}
+
 // Triangle that a segment meets, other than `own`: the nearest, which takes longer, or any; -1 for
 // none. In a scene of diagonal 1 about the origin.
 [[gnu::noinline]] inline int64_t hit_of(Segment s, int64_t own, bool is_nearest, Corners corners,
                                         Nodes nodes) {
-    const int64_t leaves = nodes.rows() / 2;
     const double margin = BOX_MARGIN * (1.0 + s.reach);
     // A direction along an axis has no reciprocal; boxes are grown by more than this moves a point.
     const auto inverse = [](double d) { return 1.0 / (std::abs(d) > LEAST_STEP ? d : LEAST_STEP); };
     const double start[3] = {s.start.x, s.start.y, s.start.z};
     const double inverses[3] = {inverse(s.along.x), inverse(s.along.y), inverse(s.along.z)};
     int64_t hit = -1;
-    int64_t stack[STACK_SIZE] = {1};
-    for (int64_t depth = 1; depth;) {
-        const int64_t node = stack[--depth];
-        if (nodes(node, 0) == INF) continue; // an empty box
+    const auto is_met = [&](int64_t node) {
+        if (nodes(node, 0) == INF) return false; // an empty box
         double first = -INF;
         double last = INF;
         for (int k = 0; k < 3; k++) {
@@ -100,22 +116,16 @@ inline double distance_to(Corners corners, int64_t t, const Segment &s) {
             first = std::max(first, std::min(low, high));
             last = std::min(last, std::max(low, high));
         }
-        if (first > last || first > s.reach || last < 0.0) continue;
-        if (node < leaves) {
-            stack[depth++] = 2 * node;
-            stack[depth++] = 2 * node + 1;
-            continue;
-        }
-        const int64_t begin = (node - leaves) * LEAF;
-        for (int64_t t = begin; t < std::min(begin + LEAF, corners.rows()); t++) {
-            if (t == own) continue;
-            const double along = distance_to(corners, t, s);
-            if (!(0.0 <= along && along <= s.reach)) continue;
-            hit = t;
-            if (!is_nearest) return hit;
-            s.reach = along;
-        }
-    }
+        return !(first > last || first > s.reach || last < 0.0);
+    };
+    each_met(nodes, corners.rows(), is_met, [&](int64_t t) {
+        if (t == own) return true;
+        const double along = distance_to(corners, t, s);
+        if (!(0.0 <= along && along <= s.reach)) return true;
+        hit = t;
+        s.reach = along;
+        return is_nearest;
+    });
     return hit;
 }
 

@@ -23,6 +23,9 @@ inline Vector cross(Vector a, Vector b) {
 inline Vector operator+(Vector a, Vector b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 inline Vector operator-(Vector a, Vector b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
 
+inline Vector scaled(Vector a, double s) { return {a.x * s, a.y * s, a.z * s}; }
+inline Vector vector_of(const double *p) { return {p[0], p[1], p[2]}; }
+
 struct Interval {
     double low, high;
 };
@@ -36,6 +39,14 @@ struct Triangle {
     }
     Vector edge(int k) const { return corner[k < 2 ? k + 1 : 0] - corner[k]; }
 };
+
+inline Vector normal_of(const Triangle &t) {
+    return cross(t.corner[1] - t.corner[0], t.corner[2] - t.corner[0]);
+}
+// Of nine numbers.
+inline Triangle triangle_of(const double *p) {
+    return {{vector_of(p), vector_of(p + 3), vector_of(p + 6)}};
+}
 
 // True if two triangles are more than `reach` away from each other along an axis.
 inline bool is_gap(const Triangle &one, const Triangle &other, Vector axis, double reach) {

@@ -129,6 +129,23 @@ void list_pairs(Words words, Rows rows, Mask mask, Int32Array column, Column<int
         }
 }
 
+void by_face(IntArray indptr, Int32Array face, Column<int64_t> starts, Column<int32_t> candidates) {
+    const int64_t n_faces = starts.rows() - 1, n = indptr.rows() - 1;
+    require(n_faces >= 0 && candidates.rows() == face.rows(),
+            "starts must have one row for each face, and one more, candidates one for each pair");
+    bool is_right = n >= 0 && indptr[0] == 0 && indptr[n] == face.rows();
+    for (int64_t c = 0; c < n; c++) is_right &= indptr[c] <= indptr[c + 1];
+    require(is_right, "indptr must rise from 0 to the number of pairs");
+    require_indices(face, n_faces, "face must hold faces");
+    std::fill(starts.begin(), starts.end(), 0);
+    for (const int32_t f : face) starts[f + 1]++;
+    for (int64_t f = 0; f < n_faces; f++) starts[f + 1] += starts[f];
+    std::vector<int64_t> at(starts.begin(), starts.end());
+    for (int64_t c = 0; c < n; c++)
+        for (int64_t j = indptr[c]; j < indptr[c + 1]; j++)
+            candidates[at[size_t(face[j])]++] = int32_t(c);
+}
+
 } // namespace
 } // namespace placement
 
@@ -152,6 +169,10 @@ void register_placement_bits(nanobind::module_ &m) {
     def(m, "list_pairs", list_pairs,
         "Set `out` to the columns of the faces of each row within a mask, row after row.", "words",
         "rows", "mask", "column", "out");
+    def(m, "by_face", by_face,
+        "Set the (F + 1,) row limits by face, and the candidate of each pair, (N,).\n\n"
+        "The pairs are given by candidate: (C + 1,) limits `indptr` of the (N,) faces.",
+        "indptr", "face", "starts", "candidates");
 }
 
 } // namespace rastercov

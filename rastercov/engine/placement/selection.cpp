@@ -402,20 +402,6 @@ void missing_directions(Limits starts, Indices cameras, Indices owner, BoolArray
     }
 }
 
-void open_weights(Limits indptr, Indices face, Indices owner, BoolArray is_open,
-                  Weights integer_weights, Array<int64_t, Any, 1> weight) {
-    require(indptr.rows() == owner.rows() + 1 && is_open.rows() == integer_weights.rows(),
-            "indptr must have one row for each camera, and one more");
-    require_indices(owner, weight.rows(), "owner must hold candidates");
-    require_indices(face, is_open.rows(), "face must hold faces");
-    std::fill(weight.begin(), weight.end(), 0);
-    for (int64_t row = 0; row < owner.rows(); row++) {
-        const Range range = row_of(indptr, row, face.rows());
-        for (int64_t j = range.first; j < range.last; j++)
-            if (is_open[face[j]]) add_to(weight(owner[row], 0), Worth(integer_weights[face[j]]));
-    }
-}
-
 } // namespace
 } // namespace placement
 
@@ -450,9 +436,6 @@ void register_placement_selection(nanobind::module_ &m) {
         "maximal set around the chosen ones of which no two cameras differ by the angle. Faces\n"
         "with fewer chosen cameras than their `views` are skipped.",
         "starts", "cameras", "owner", "is_chosen", "views", "rays", "ends", "found");
-    def(m, "open_weights", open_weights,
-        "Set `weight`, (C, 1), to the total weight of the open faces of each candidate.", "indptr",
-        "face", "owner", "is_open", "integer_weights", "weight");
 }
 
 } // namespace rastercov

@@ -28,6 +28,20 @@ nb::tuple read_mesh(int64_t format, Column<const uint8_t> data, int64_t budget) 
                           array_of(std::move(found.faces), 3), array_of(std::move(found.polygon)),
                           array_of(std::move(found.group)), names, found.notes);
 }
+
+std::vector<std::string> cut(FloatRows<3> vertices, Array<int64_t, Any, 3> faces,
+                             Column<const int64_t> polygon) {
+    require(have_rows(faces.rows(), polygon), "faces and polygon must have the same length");
+    return call_within_memory("Cut polygons", [&] {
+        return call_apart(
+            "Cut polygons",
+            [&] {
+                return readers::cut_concave(vertices.data, faces.data, polygon.data,
+                                            size_t(faces.rows()));
+            },
+            faces);
+    });
+}
 } // namespace
 
 void register_solver_readers(nb::module_ &m) {
@@ -43,6 +57,9 @@ void register_solver_readers(nb::module_ &m) {
     m.def("read", read_mesh, nb::arg("format"), nb::arg("data"), nb::arg("budget"),
           nb::sig("def read(format: int, data: object, budget: int) -> tuple[typing.Any, ...]"),
           "Mesh of the bytes of a file.");
+    m.def("cut_concave", cut, nb::arg("vertices"), nb::arg("faces"), nb::arg("polygon"),
+          nb::sig("def cut_concave(vertices: object, faces: object, polygon: object) -> list[str]"),
+          "Cut polygons whose fans fold over; notes.");
 }
 
 } // namespace rastercov

@@ -8,28 +8,8 @@
 
 namespace rastercov {
 
-namespace {
-// Poses of one camera with their errors.
-struct Mounts {
-    FloatRows<4, 4> world_from_camera;
-    FloatRows<3> errors;
-    double near;
-    Array<const double, 6> margins; // factors, see engine::Margins
-};
-// Regions in a table: pieces and pairs of pose and face, with the first of each pose.
-struct Source {
-    FloatRows<2> xy;
-    IntArray starts;
-    Int32Array face;
-    IntArray pieces;
-    Int32Array listed;
-    FloatArray bound;
-    IntArray pairs;
-};
-} // namespace
-
-RECORD(Mounts, world_from_camera, errors, near, margins);
-RECORD(Source, xy, starts, face, pieces, listed, bound, pairs);
+RECORD(engine::Mounts, world_from_camera, errors, near, margins);
+RECORD(engine::Source, xy, starts, face, pieces, listed, bound, pairs);
 
 namespace {
 constexpr auto FIND =
@@ -44,26 +24,12 @@ constexpr auto SWEEP =
     "tangent : of half the angle of the disc.\n"
     "(P F, 3) float64 is returned.";
 
-engine::Tolerance job_of(const SurfaceHandle &surface, const area::Planes &planes,
-                         const area::Criteria &criteria, const Mounts &mounts, const Source &source,
-                         bool is_sure) {
-    const auto &m = mounts.margins;
-    return {surface.surface, &planes,
-            criteria,        mounts.near,
-            is_sure,         mounts.world_from_camera,
-            mounts.errors,   {m[0], m[1], m[2], m[3], m[4], m[5]},
-            source.xy,       source.starts,
-            source.face,     source.pieces,
-            source.listed,   source.bound,
-            source.pairs};
-}
-
 nb::object sweep(const SurfaceHandle &surface, const area::Planes &planes,
-                 const area::Criteria &criteria, const Mounts &mounts, const Source &source,
-                 double tangent, int64_t n_threads) {
+                 const area::Criteria &criteria, const engine::Mounts &mounts,
+                 const engine::Source &source, double tangent, int64_t n_threads) {
     const auto work = [&] {
-        return engine::sweep_discs(job_of(surface, planes, criteria, mounts, source, false),
-                                   tangent, n_threads);
+        return engine::sweep_discs({surface.surface, planes, criteria, mounts, source}, tangent,
+                                   n_threads);
     };
     return call_within_memory(SWEEP, [&] {
         return array_of(call_apart(SWEEP, work, planes, criteria, mounts, source), 3);
@@ -71,10 +37,10 @@ nb::object sweep(const SurfaceHandle &surface, const area::Planes &planes,
 }
 
 nb::tuple find_tolerated(const SurfaceHandle &surface, const area::Planes &planes,
-                         const area::Criteria &criteria, const Mounts &mounts, const Source &source,
-                         bool is_sure, int64_t n_threads) {
+                         const area::Criteria &criteria, const engine::Mounts &mounts,
+                         const engine::Source &source, bool is_sure, int64_t n_threads) {
     const auto work = [&] {
-        return engine::tolerate(job_of(surface, planes, criteria, mounts, source, is_sure),
+        return engine::tolerate({surface.surface, planes, criteria, mounts, source}, is_sure,
                                 n_threads);
     };
     return call_within_memory(FIND, [&] {
@@ -113,6 +79,10 @@ void register_solver_tolerance(nb::module_ &m) {
                   "mounts: tuple[typing.Any, ...], source: tuple[typing.Any, ...], "
                   "tangent: float, n_threads: int) -> typing.Any"),
           SWEEP);
+    def(m, "find_unmet", engine::find_unmet,
+        "Set `reason` to the first criterion that some errors break at points that a pose covers, "
+        "in the planes of faces.",
+        "planes", "criteria", "mount", "points", "face", "reason");
 }
 
 } // namespace rastercov

@@ -47,7 +47,13 @@ struct TooLarge : Error {
 // The mesh of the bytes of a file; an Error says what is wrong about it.
 MeshFile read(Format format, std::string_view data, const Limits &limits);
 
-// Refuses coordinates that are not finite or too large, and polygons whose fans fold over.
-void check_surface(const MeshFile &mesh);
+// Refuses coordinates that are not finite or too large.
+void check_coordinates(const MeshFile &mesh);
+
+// Replaces, in place, fans that fold over by triangles that cover their polygon once: one that
+// crosses itself keeps its fan. A fan is consecutive triangles of a polygon that share their first
+// corner and an edge. `polygon` is of each of n faces; notes are on polygons that are not flat,
+// that cross or touch themselves, and that have too many corners.
+Strings cut_concave(const double *vertices, int64_t *faces, const int64_t *polygon, size_t n);
 
 } // namespace rastercov::readers

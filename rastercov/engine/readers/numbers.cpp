@@ -3,11 +3,11 @@
 // W. D. Clinger. How to Read Floating Point Numbers Accurately. 1990.
 //
 // Twin: tests/mesh/test_mesh_numbers.py, by Python's float.
+#include "readers/decimal.hpp"
 #include "readers/text.hpp"
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 
 namespace rastercov::readers {
@@ -20,12 +20,12 @@ constexpr int64_t MOST_TENS = 22;         // whose product is a double
 
 // The nearest double of any digits times a power of ten.
 double long_number(Text digits, int64_t power) {
-    String plain; // without the point, which depends on the locale
+    String plain;
     for (const char each : digits)
         if (each != '.') plain += each;
     const size_t point = std::min(digits.find('.'), digits.size() - 1);
     power -= int64_t(digits.size() - 1 - point);
-    return std::strtod(text(plain, "e", power).c_str(), nullptr);
+    return decimal(text(plain, "e", power).c_str());
 }
 
 // The nearest double of up to 19 digits times a power of ten.

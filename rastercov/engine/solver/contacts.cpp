@@ -16,6 +16,7 @@ using engine::BOX_MARGIN, mesh::INF, mesh::LEAF;
 
 constexpr double LEAST_TOLERANCE_REL = 1e-12; // diagonals: 200 times the rounding of a distance
 constexpr int64_t FRAME_SAMPLES = 4096;       // faces at most on which two frames are compared
+constexpr double LESS = 0.999;                // of the area of boxes, by which a frame is better
 
 using Point = std::array<double, 3>;
 using Matrix = std::array<Point, 3>;
@@ -150,7 +151,7 @@ Matrix frame_of(const Room<double> &points, const Room<int32_t> &faces) {
         }
     }
     const Matrix other = directions_of(sum);
-    return box_area(samples, other) < 0.5 * box_area(samples, none) ? other : none;
+    return box_area(samples, other) < LESS * box_area(samples, none) ? other : none;
 }
 
 // Corner of each face that more than `most` faces have, -1 for none.

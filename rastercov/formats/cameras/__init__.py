@@ -14,15 +14,26 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.arguments import check_choice, flag
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, ConfigError, PoseError, RastercovError
-from rastercov.base.files import PROJECTS, StrPath, printable, reason_of
-from rastercov.base.format import ReadByName, plural
-from rastercov.base.output import json_bytes, write_bytes
-from rastercov.core.camera.conventions import POSE_CONVENTIONS, Border, Conventions, lost
+from rastercov.base import (
+    CameraError,
+    ConfigError,
+    PoseError,
+    RastercovError,
+    ReadByName,
+    StrPath,
+    check_choice,
+    flag,
+    json_bytes,
+    plural,
+    printable,
+    shown,
+    write_bytes,
+)
+from rastercov.base.files import PROJECTS, reason_of
+from rastercov.core.camera import Border, Conventions, Views
+from rastercov.core.camera.conventions import POSE_CONVENTIONS, lost
 from rastercov.core.camera.pose_file import read_poses
-from rastercov.core.camera.rig import Views, check_central
+from rastercov.core.camera.rig import check_central
 from rastercov.formats.cameras import (
     alicevision,
     azure,
@@ -98,60 +109,47 @@ def _mvsnet(source: Source, border: Border) -> Views:
     return bundler.read_mvsnet([Source(path) for path in files], border)
 
 
-READERS: Mapping[str, Reader] = {
-    "rastercov": _own,
-    "colmap": lambda source, border: colmap.read(source.path, border),
-    "nerfstudio": transforms.read,
-    "opencv": opencv.read_source,
-    "ros": ros.read,
-    "kalibr": kalibr.read,
-    "euroc": euroc.read,
-    "camodocal": camodocal.read,
-    "orbslam": orbslam.read,
-    "basalt": basalt.read,
-    "open3d": open3d.read,
-    "azure": azure.read,
-    "realsense": realsense.read,
-    "zivid": zivid.read,
-    "bop": bop.read,
-    "llff": llff.read,
-    "pix4d": pix4d.read,
-    "tum": tum.read,
-    "kitti": kitti.read,
-    "okvis": okvis.read,
-    "metashape": lambda source, border: metashape.read(source.xml, border),
-    "opensfm": opensfm.read,
-    "odm": odm.read,
-    "openmvg": openmvg.read,
-    "alicevision": alicevision.read,
-    "bundler": lambda source, border: bundler.read_bundler(source.text, border),
-    "bal": lambda source, border: bundler.read_bal(source.text, border),
-    "gltf": gltf.read,
-    "mvsnet": _mvsnet,
-}
-"""Readers by the name of the format."""
-TABLES: ReadByName = {
+MODULES: ReadByName = {
+    "colmap": colmap,
     "nerfstudio": transforms,
-    "opensfm": opensfm,
-    "odm": odm,
-    "openmvg": openmvg,
-    "alicevision": alicevision,
-    "gltf": gltf,
+    "opencv": opencv,
+    "ros": ros,
     "kalibr": kalibr,
     "euroc": euroc,
     "camodocal": camodocal,
     "orbslam": orbslam,
-    "okvis": okvis,
     "basalt": basalt,
     "open3d": open3d,
     "azure": azure,
     "realsense": realsense,
     "zivid": zivid,
     "bop": bop,
-    "ros": ros,
-    "opencv": opencv,
-    "rastercov": own,
+    "llff": llff,
+    "pix4d": pix4d,
+    "tum": tum,
+    "kitti": kitti,
+    "okvis": okvis,
+    "metashape": metashape,
+    "opensfm": opensfm,
+    "odm": odm,
+    "openmvg": openmvg,
+    "alicevision": alicevision,
 }
+"""Modules of one format each, with a function `read`."""
+READERS: Mapping[str, Reader] = {
+    "rastercov": _own,
+    **{name: module.read for name, module in MODULES.items()},
+    "bundler": bundler.read_bundler,
+    "bal": bundler.read_bal,
+    "gltf": gltf.read,
+    "mvsnet": _mvsnet,
+}
+"""Readers by the name of the format."""
+TABLES = (
+    *("nerfstudio", "opensfm", "odm", "openmvg", "alicevision", "gltf", "kalibr", "euroc"),
+    *("camodocal", "orbslam", "okvis", "basalt", "open3d", "azure", "realsense", "zivid", "bop"),
+    *("ros", "opencv", "rastercov"),
+)
 """Formats of JSON and YAML, each recognised by `is_mine`, in this order."""
 WRITERS = ("rastercov", "colmap", "colmap-text", "nerfstudio", "opencv", "ros", "gltf")
 """Formats that are written."""
@@ -321,8 +319,9 @@ def _of_content(source: Source) -> str:
 
 def _of_table(source: Source) -> str:
     content = source.table
-    for name, module in TABLES.items():
-        if module.is_mine(content):
+    modules = {**MODULES, "gltf": gltf, "rastercov": own}
+    for name in TABLES:
+        if modules[name].is_mine(content):
             return name
     foreign.refuse(source.data)
     if "imu0" in keys_of(content):

@@ -14,19 +14,17 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
+from rastercov.base import CameraError, FloatArray, shown
+from rastercov.core.camera import (
     Border,
+    Camera,
+    Foreign,
+    Views,
     centred_camera,
     inverse_of,
-    motions,
     shared_frames,
 )
-from rastercov.core.camera.models import Foreign
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, checked, keys_of, number_of
 
 MODELS = {

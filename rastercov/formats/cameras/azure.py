@@ -12,10 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, inverse_of, lens_camera, motions
-from rastercov.core.camera.rig import Views
+from rastercov.base import FloatArray
+from rastercov.core.camera import Border, Camera, Views, inverse_of, lens_camera
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 PARAMETERS = (
@@ -51,7 +50,7 @@ def _place(motion: Entries) -> FloatArray:
 def _camera(entries: Entries) -> Camera:
     lens = entries.table("Intrinsics")
     lens.choice("ModelType", (MODEL,))
-    p = dict(zip(PARAMETERS, lens.array("ModelParameters", (14,)).tolist(), strict=True))
+    p = lens.named("ModelParameters", PARAMETERS)
     if p["codx"] or p["cody"]:
         raise lens.wrong(
             "ModelParameters", "without a center of distortion", [p["codx"], p["cody"]]

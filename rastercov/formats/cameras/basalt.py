@@ -10,10 +10,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera, from_quaternions
-from rastercov.core.camera.models import Foreign
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera
+from rastercov.core.camera.conventions import from_quaternions
 from rastercov.formats.cameras.source import Entries, Source, checked
 
 MODELS = {

@@ -11,10 +11,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rastercov.base.errors import CameraError, errors_as
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera, inverse_of, motions
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, errors_as
+from rastercov.core.camera import Border, Camera, Views, centred_camera, inverse_of
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 MATRIX, POSE = "cam_K", ("cam_R_w2c", "cam_t_w2c")

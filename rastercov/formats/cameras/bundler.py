@@ -13,20 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, errors_as
-from rastercov.base.files import printable
-from rastercov.base.format import plural
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.conventions import (
-    OPENGL_AXES,
-    Border,
-    from_vectors,
-    inverse_of,
-    lens_camera,
-    motions,
-)
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, FloatArray, errors_as, plural, printable, row_lengths, shown
+from rastercov.core.camera import Border, Views, from_vectors, inverse_of, lens_camera
+from rastercov.core.camera.conventions import OPENGL_AXES, motions
 from rastercov.formats.cameras.source import Source, checked, number_of
 
 HEADER = "# Bundle file"
@@ -45,9 +34,9 @@ def is_bal(text: str) -> bool:
     return len(words) > 6 and all(word.isdecimal() for word in words[:5])
 
 
-def read_bundler(text: str, border: Border) -> Views:
+def read_bundler(source: Source, border: Border) -> Views:
     """Cameras and poses of a bundle.out; cameras with focal length 0 were not found."""
-    (n_cameras, n_points), rest = _counts(text.partition("\n")[2], "cameras and points")
+    (n_cameras, n_points), rest = _counts(source.text.partition("\n")[2], "cameras and points")
     values = _numbers(rest, n_cameras, 15)
     n_lines = sum(bool(line.strip()) for line in rest.split("\n"))
     if n_lines != (wanted := 5 * n_cameras + 3 * n_points):
@@ -70,13 +59,13 @@ def read_bundler(text: str, border: Border) -> Views:
     return _views(values[rows, :3], poses, [f"image {row}" for row in rows], border)
 
 
-def read_bal(text: str, border: Border) -> Views:
+def read_bal(source: Source, border: Border) -> Views:
     """Cameras and poses of a problem of BAL.
 
     The documented radii are in units of the focal length; the observations of a file show where
     its coefficients are of radii in pixels, see `_by_focal_length`.
     """
-    counts, rest = _counts(text, "cameras, points and observations")
+    counts, rest = _counts(source.text, "cameras, points and observations")
     n_cameras, n_points, n_observations = counts
     lines = rest.split("\n", n_observations)
     if len(lines) <= n_observations:
@@ -129,7 +118,7 @@ def _by_focal_length(
         for scale in (np.ones_like(f), f):
             r2 = (p * p).sum(axis=1) * scale**2
             values = (f * (1 + k1 * r2 + k2 * r2 * r2))[:, None] * p
-            error = np.linalg.norm(values - seen, axis=1)[inside[:, 2] < 0]
+            error = row_lengths(values - seen)[inside[:, 2] < 0]
             errors.append(float(np.median(error)) if len(error) >= FEWEST_COMPARED else np.nan)
     documented, in_pixels = errors
     if not in_pixels < CLEARLY_LESS * documented:

@@ -10,12 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, FloatArray, shown
+from rastercov.core.camera import Border, Camera, Views, centred_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 MODELS = {

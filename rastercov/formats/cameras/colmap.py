@@ -23,25 +23,33 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from rastercov.base.checks import image_side, shown
-from rastercov.base.errors import CameraError, ConfigError, PoseError, errors_as
-from rastercov.base.files import UnreadableError, open_file, printable
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import named_folder, remove_file, remove_folder, writing
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
+from rastercov.base import (
+    CameraError,
+    ConfigError,
+    FloatArray,
+    PoseError,
+    UnreadableError,
+    errors_as,
+    image_side,
+    printable,
+    remove_folder,
+    shown,
+)
+from rastercov.base.files import open_file
+from rastercov.base.output import named_folder, remove_file, writing
+from rastercov.core.camera import (
+    PROGRAMS,
     Border,
-    from_quaternions,
+    Camera,
+    Views,
     inverse_of,
     lens_camera,
     model_in,
     shared_frames,
-    unique_names,
 )
-from rastercov.core.camera.models import PROGRAMS
+from rastercov.core.camera.conventions import from_quaternions, unique_names
 from rastercov.core.camera.pose import inverse
-from rastercov.core.camera.rig import Views
-from rastercov.formats.cameras.source import number_of
+from rastercov.formats.cameras.source import Source, number_of
 
 Record = tuple[str, Sequence[Any]]
 """Form of a record in `struct`, and its values."""
@@ -90,8 +98,9 @@ def model_folder(path: Path) -> Path | None:
     return None
 
 
-def read(path: Path, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras and poses of a folder; cameras alone of a file `cameras.bin` or `cameras.txt`."""
+    path = source.path
     if path.is_file():
         cameras, row_of = _ordered(_one_file(path, "cameras", border))
         return border.views(cameras, _names(row_of))

@@ -9,10 +9,8 @@ src/frontend/CameraParams.cpp. aslam_cv2, aslam_cv_cameras/src/ncamera.cc.
 
 from collections.abc import Mapping
 
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.conventions import Border
-from rastercov.core.camera.rig import Views
+from rastercov.base import ByName, CameraError, ReadByName
+from rastercov.core.camera import Border, Views
 from rastercov.formats.cameras import kalibr
 from rastercov.formats.cameras.source import Entries, Source, first_in, keys_of
 

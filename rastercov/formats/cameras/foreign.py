@@ -7,7 +7,7 @@ of each program; JakobEngel/dso, README; stereolabs, zed-open-capture; PX4, QGro
 
 import re
 
-from rastercov.base.errors import CameraError
+from rastercov.base import CameraError
 
 BEGINNING = 1 << 16
 """Bytes of a file that are searched."""

@@ -14,14 +14,18 @@ import math
 
 import numpy as np
 
-from rastercov.base.errors import CameraError, MeshError, errors_as
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.core.camera import parallel
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import OPENGL_AXES, Border
+from rastercov.base import (
+    ByName,
+    CameraError,
+    FloatArray,
+    IntArray,
+    MeshError,
+    errors_as,
+    row_lengths,
+)
+from rastercov.core.camera import Border, Camera, Views, parallel
+from rastercov.core.camera.conventions import OPENGL_AXES
 from rastercov.core.camera.projection import view_frame
-from rastercov.core.camera.rig import Views
 from rastercov.formats.cameras.source import Entries, Source
 from rastercov.formats.meshes.gltf import nodes_below, root_nodes
 from rastercov.formats.meshes.gltf_file import (
@@ -195,7 +199,7 @@ def _usual_length(centres: FloatArray) -> float:
     rows = np.linspace(0, len(centres) - 1, min(len(centres), MOST_NEIGHBOURS)).astype(np.int64)
     nearest = []
     for row in rows:  # 200 at most
-        distance = np.linalg.norm(centres - centres[row], axis=1)
+        distance = row_lengths(centres - centres[row])
         nearest.append(float(distance[distance > 0].min(initial=np.inf)))
     items = [each for each in nearest if math.isfinite(each)]
     return LENGTH_REL * float(np.median(items)) if items else LENGTH_ALONE

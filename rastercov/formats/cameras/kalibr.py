@@ -14,13 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera, inverse_of
-from rastercov.core.camera.models import PROGRAMS
-from rastercov.core.camera.rig import Views
+from rastercov.base import ByName, CameraError, ReadByName, shown
+from rastercov.core.camera import PROGRAMS, Border, Camera, Views, centred_camera, inverse_of
 from rastercov.formats.cameras.source import Entries, Source, checked, keys_of
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")

@@ -8,9 +8,9 @@ Source: A. Geiger et al. Are we ready for autonomous driving? The KITTI vision b
 
 import numpy as np
 
-from rastercov.base.errors import CameraError
-from rastercov.core.camera.conventions import Border, motions
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError
+from rastercov.core.camera import Border, Views
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Source, checked, number_of
 
 

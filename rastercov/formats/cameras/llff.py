@@ -9,11 +9,10 @@ Source: Fyusion/LLFF, README, "Using your own poses without running COLMAP".
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, PoseError, errors_as
-from rastercov.core.camera.conventions import Border, lens_camera, motions
+from rastercov.base import CameraError, PoseError, errors_as, shown
+from rastercov.core.camera import Border, Views, lens_camera
+from rastercov.core.camera.conventions import motions
 from rastercov.core.camera.pose_file import read_npy
-from rastercov.core.camera.rig import Views
 from rastercov.formats.cameras.source import Source
 
 NAME = "poses_bounds.npy"

@@ -14,21 +14,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.files import Vocabulary
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
-    Border,
-    lens_camera,
-    motions,
-    panorama,
-    shared_frames,
-)
-from rastercov.core.camera.models import PROGRAMS
-from rastercov.core.camera.rig import Views
-from rastercov.formats.cameras.source import Words
+from rastercov.base import CameraError, FloatArray, Vocabulary, shown
+from rastercov.core.camera import PROGRAMS, Border, Camera, Views, lens_camera, shared_frames
+from rastercov.core.camera.conventions import motions, panorama
+from rastercov.formats.cameras.source import Source, Words
 from rastercov.formats.meshes.xml_tree import children, local_name, look_at_names
 
 MODELS = PROGRAMS["metashape"]
@@ -57,8 +46,9 @@ def is_mine(root: Element) -> bool:
     return local_name(root) in ("document", "chunk", "calibration")
 
 
-def read(root: Element, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras and poses of the first chunk, or the camera of a calibration."""
+    root = source.xml
     look_at_names(root, NAMES, border.unknown)
     if local_name(root) == "calibration":
         kind = Words(root, "calibration").text("projection", "frame")

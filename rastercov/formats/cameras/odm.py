@@ -11,11 +11,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, from_vectors, inverse_of
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, shown
+from rastercov.core.camera import Border, Camera, Views, from_vectors, inverse_of
 from rastercov.core.mesh.groups import listed
 from rastercov.formats.cameras.opensfm import camera_of
 from rastercov.formats.cameras.source import Entries, Source, first_in, keys_of

@@ -7,10 +7,7 @@ Source: OKVIS, okvis_multisensor_processing/src/VioParametersReader.cpp.
 
 import numpy as np
 
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera
-from rastercov.core.camera.models import Foreign
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera
 from rastercov.formats.cameras.source import Entries, Source, first_in, keys_of
 
 MODELS = {
@@ -36,9 +33,7 @@ def read(source: Source, border: Border) -> Views:
 
 def _camera(entries: Entries) -> Camera:
     ours, order = MODELS[entries.choice("distortion_type", MODELS)]
-    names = order.split()
-    values = entries.array("distortion_coefficients", (len(names),))
-    p = dict(zip(names, values.tolist(), strict=True))
-    for name, both in (("focal_length", ("fx", "fy")), ("principal_point", ("cx", "cy"))):
-        p |= dict(zip(both, entries.array(name, (2,)).tolist(), strict=True))
+    p = entries.named("distortion_coefficients", order.split())
+    p |= entries.named("focal_length", ("fx", "fy"))
+    p |= entries.named("principal_point", ("cx", "cy"))
     return centred_camera(ours, entries.array("image_dimension", (2,)).tolist(), p)

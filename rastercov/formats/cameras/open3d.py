@@ -10,9 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, inverse_of
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Camera, Views, inverse_of
 from rastercov.formats.cameras.source import Entries, Source
 
 

@@ -18,20 +18,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName, ReadByName
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
-    Border,
-    from_vectors,
-    inverse_of,
-    model_in,
-    motions,
-    yaml_matrix,
-)
-from rastercov.core.camera.rig import Views
+from rastercov.base import ByName, CameraError, FloatArray, ReadByName, finite_number, shown
+from rastercov.core.camera import Border, Camera, Views, from_vectors, inverse_of, model_in
+from rastercov.core.camera.conventions import motions, yaml_matrix
 from rastercov.formats.cameras.source import Source, keys_of, number_of
 from rastercov.formats.meshes.xml_tree import local_name
 
@@ -97,7 +86,7 @@ def _xml_value(element: Element, depth: int) -> Any:
     return text.strip('"')
 
 
-def read(content: ReadByName, border: Border) -> Views:
+def _read(content: ReadByName, border: Border) -> Views:
     """Cameras of a storage, and the poses of its images where it has them."""
     arrays = _arrays(content)
     matrices = {name: value for name, value in arrays.items() if _is_camera_matrix(value)}
@@ -356,7 +345,7 @@ def _views(
     return border.views(cameras, names)
 
 
-def read_source(source: Source, border: Border) -> Views:
+def read(source: Source, border: Border) -> Views:
     """Cameras of a YAML, XML or JSON storage.
 
     OpenCV's stereo sample writes the matrices of a pair to `intrinsics.yml` and their places to
@@ -365,14 +354,14 @@ def read_source(source: Source, border: Border) -> Views:
     content = _content(source)
     other = source.path.with_name(source.path.name.replace("extrinsic", "intrinsic"))
     if other.name == source.path.name or any(map(_is_camera_matrix, _arrays(content).values())):
-        return read(content, border)
+        return _read(content, border)
     if not other.is_file():
         raise CameraError(
             "expected a camera matrix with the poses of cameras, got none; put it and "
             f"{shown(other.name)} into one file or folder"
         )
     border.note(f"camera matrices are those of {shown(other.name)} beside it")
-    return read({**_content(Source(other)), **content}, border)
+    return _read({**_content(Source(other)), **content}, border)
 
 
 def _content(source: Source) -> ReadByName:

@@ -12,12 +12,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera, inverse_of, motions
-from rastercov.core.camera.models import Foreign
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, shown
+from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera, inverse_of
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 MODELS = {
@@ -100,9 +97,9 @@ def _camera(own: Entries, kind: str) -> Camera:
     if ours == "equirectangular":
         f = max(width, height) / (2 * math.pi)
         return Camera(width=width, height=height, fx=f, fy=f, model=ours)
-    cx, cy = own.array("principal_point", (2,)).tolist()
-    p = {"f": own.positive("focal_length"), "cx": cx, "cy": cy}
+    p = own.named("principal_point", ("cx", "cy"))
+    p |= {"f": own.positive("focal_length")}
     if names := order.split():
         name = own.any_of(*COEFFICIENTS) or COEFFICIENTS[0]
-        p |= dict(zip(names, own.array(name, (len(names),)).tolist(), strict=True))
+        p |= own.named(name, names)
     return centred_camera(ours, (width, height), p)

@@ -11,19 +11,17 @@ opensfm/src/geometry/camera_distortions_functions.h.
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
+from rastercov.base import ByName, CameraError, FloatArray
+from rastercov.core.camera import (
+    PROGRAMS,
     Border,
+    Camera,
+    Views,
     from_vectors,
     inverse_of,
     lens_camera,
     shared_frames,
 )
-from rastercov.core.camera.models import PROGRAMS
-from rastercov.core.camera.rig import Views
 from rastercov.formats.cameras.source import Entries, Source
 
 MODELS = PROGRAMS["opensfm"]

@@ -10,9 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Camera, Views, centred_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 MODELS = {

@@ -21,14 +21,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError, PoseError, errors_as
-from rastercov.base.format import ByName, ReadByName, plural
-from rastercov.base.memory import AnyArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border
+from rastercov.base import (
+    AnyArray,
+    ByName,
+    CameraError,
+    PoseError,
+    ReadByName,
+    errors_as,
+    plural,
+    shown,
+)
+from rastercov.core.camera import Border, Camera, Views
 from rastercov.core.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
-from rastercov.core.camera.rig import Views, entries_of, entries_of_rig, rig_with
+from rastercov.core.camera.rig import entries_of, entries_of_rig, rig_with
 from rastercov.formats.cameras.source import Entries, keys_of
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})

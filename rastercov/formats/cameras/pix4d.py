@@ -9,10 +9,9 @@ Source: Pix4Dmapper manual, "How are the internal and external camera parameters
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.core.camera.conventions import Border, inverse_of, lens_camera, motions
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, shown
+from rastercov.core.camera import Border, Views, inverse_of, lens_camera
+from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Source, checked, number_of
 
 HEADER = "fileName imageWidth imageHeight"

@@ -7,9 +7,7 @@ Source: librealsense 2.56, tools/enumerate-devices; its documentation "Projectio
 
 import re
 
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, centred_camera
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Camera, Views, centred_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of, number_of
 
 BLOCK = re.compile(r'Intrinsic of "([^"\n]+)"[^\n]*\n((?:[ \t]*\w[\w ()]*:[^\n]*\n?)+)')

@@ -13,12 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.errors import CameraError
-from rastercov.base.files import printable
-from rastercov.base.format import ByName
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import Border, model_in, yaml_matrix
-from rastercov.core.camera.rig import Views
+from rastercov.base import ByName, CameraError, printable
+from rastercov.core.camera import Border, Camera, Views, model_in
+from rastercov.core.camera.conventions import yaml_matrix
 from rastercov.formats.cameras.source import Entries, Source, checked, keys_of, number_of
 
 BROWN = (0, 4, 5, 8, 12, 14)

@@ -1,7 +1,7 @@
 """Content of a file to be recognised and read: its bytes once, what they parse to, and look-ups."""
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Set
+from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -9,18 +9,21 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.checks import finite_number, image_side, shown
-from rastercov.base.errors import CameraError, MeshError, errors_as
-from rastercov.base.files import (
-    LARGEST_ARRAY,
+from rastercov.base import (
+    ByName,
+    CameraError,
+    FloatArray,
+    MeshError,
     UnparsedError,
+    errors_as,
     file_bytes,
-    not_utf_8,
+    finite_number,
+    image_side,
     parsed_json,
     read_toml,
+    shown,
 )
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
+from rastercov.base.files import LARGEST_ARRAY, not_utf_8
 from rastercov.formats.meshes.xml_tree import local_name, parsed
 
 XML_BUDGET = 8 << 30
@@ -205,6 +208,10 @@ class Entries:
     def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
         """Finite numbers of one of these shapes, as a list or a list of rows."""
         return checked(self.need(name), f"{self._start}{name}", *shapes)
+
+    def named(self, name: str, names: Sequence[str]) -> dict[str, float]:
+        """Numbers of a list, by their names in its order."""
+        return dict(zip(names, self.array(name, (len(names),)).tolist(), strict=True))
 
 
 class Words(Entries):

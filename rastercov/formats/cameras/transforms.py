@@ -14,20 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.errors import CameraError
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.conventions import (
-    OPENGL_AXES,
+from rastercov.base import ByName, CameraError, FloatArray
+from rastercov.core.camera import (
+    PROGRAMS,
     Border,
+    Camera,
+    Views,
     lens_camera,
     model_in,
-    panorama,
     shared_frames,
 )
-from rastercov.core.camera.models import PROGRAMS
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera.conventions import OPENGL_AXES, panorama
 from rastercov.formats.cameras.source import Entries, Source
 
 MODELS = PROGRAMS["nerfstudio"]
@@ -168,7 +165,7 @@ def _focal_lengths(entries: Entries, size: tuple[int, int]) -> tuple[float, floa
 def _coefficients(entries: Entries, ours: str, names: Sequence[str]) -> dict[str, float]:
     """Coefficients of the lens by our names, which are in the order of the file's."""
     if ours == "rad_tan_thin_prism_fisheye":
-        return dict(zip(names, entries.array(PARAMS, (12,)).tolist(), strict=True))
+        return entries.named(PARAMS, names)
     if PARAMS in entries:
         given = entries.array(PARAMS, (4,), (6,)).tolist()
     else:

@@ -6,10 +6,9 @@ benchmark has those of the optical center of the camera.
 Source: TUM RGB-D benchmark, "File Formats".
 """
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.core.camera.conventions import Border, from_quaternions
-from rastercov.core.camera.rig import Views
+from rastercov.base import CameraError, shown
+from rastercov.core.camera import Border, Views
+from rastercov.core.camera.conventions import from_quaternions
 from rastercov.formats.cameras.source import Source, checked, number_of
 
 

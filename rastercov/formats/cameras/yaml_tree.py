@@ -22,9 +22,7 @@ from yaml.events import (
     SequenceEndEvent,
 )
 
-from rastercov.base.checks import shown
-from rastercov.base.files import UnparsedError, one_line
-from rastercov.base.format import ByName
+from rastercov.base import ByName, UnparsedError, one_line, shown
 
 MOST_VALUES = 2_000_000
 """Values of a file, each alias counted as all that it repeats."""

@@ -5,8 +5,7 @@ Pixels are counted from their centres. There is no image size, and no pose.
 Source: Zivid SDK, CameraIntrinsics; its article "Camera Intrinsics".
 """
 
-from rastercov.core.camera.conventions import Border, centred_camera
-from rastercov.core.camera.rig import Views
+from rastercov.core.camera import Border, Views, centred_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 

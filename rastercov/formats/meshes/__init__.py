@@ -19,13 +19,21 @@ from typing import TypeVar
 
 import numpy as np
 
-from rastercov.base.errors import MeshError, ResourceError
-from rastercov.base.files import PROJECTS, StrPath, UnreadableError, file_bytes, printable
-from rastercov.base.format import ByName
+from rastercov.base import (
+    ByName,
+    MeshError,
+    ResourceError,
+    StrPath,
+    UnreadableError,
+    file_bytes,
+    printable,
+)
+from rastercov.base.files import PROJECTS
 from rastercov.core.mesh.arrays import check_coordinates, places_of, unusable_points
 from rastercov.core.mesh.files import LARGEST_FILE, Limits, MeshFiles
 from rastercov.core.mesh.groups import names_beside, stem_of
 from rastercov.core.mesh.site import Site
+from rastercov.engine.solver_readers import cut_concave
 from rastercov.formats.meshes import dae, gltf, ifc, plain, step, threemf
 from rastercov.formats.meshes.polygons import (
     LONGEST_NAME,
@@ -35,7 +43,6 @@ from rastercov.formats.meshes.polygons import (
     broken_files_refused,
     check,
     check_indices,
-    cut_concave,
 )
 
 Reader = Callable[..., Polygons]

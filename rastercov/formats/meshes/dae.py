@@ -15,9 +15,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.errors import MeshError
-from rastercov.base.files import UnknownNames, Vocabulary
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray, MeshError, UnknownNames, Vocabulary
 from rastercov.core.mesh.arrays import rotation_about
 from rastercov.formats.meshes.polygons import (
     Assembly,

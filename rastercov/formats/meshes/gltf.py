@@ -19,9 +19,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.format import ByName, plural
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, plural, row_lengths, shown
 from rastercov.core.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.formats.meshes.gltf_file import (
     INSTANCING,
@@ -304,14 +302,14 @@ def affine(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> 
 
     Quaternions were checked, see `check_rotations`; the rest is rounding.
     """
-    length = np.linalg.norm(rotation, axis=1)
+    length = row_lengths(rotation)
     turns = rotations_of_quaternions(rotation / length[:, None])
     return matrices_of(turns * scale[:, None, :], translation)
 
 
 def check_rotations(rotation: FloatArray, where: str, step: float = 0.0) -> None:
     """Error for quaternions (N, 4) that have not the length 1, of components `step` apart."""
-    length = np.linalg.norm(rotation, axis=1)
+    length = row_lengths(rotation)
     is_unit = np.abs(length - 1) <= max(QUATERNION_TOLERANCE, step)
     worst = is_unit.argmin() if len(is_unit) else 0
     check(

@@ -16,17 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError, RastercovError
-from rastercov.base.files import (
+from rastercov.base import (
+    AnyArray,
+    ByName,
+    FloatArray,
+    MeshError,
+    RastercovError,
     UnknownNames,
     UnparsedError,
     UnreadableError,
     Vocabulary,
     parsed_json,
+    shown,
 )
-from rastercov.base.format import ByName
-from rastercov.base.memory import AnyArray, FloatArray
 from rastercov.formats.meshes.polygons import broken, check, check_budget
 
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942

@@ -19,10 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base.errors import MeshError
-from rastercov.base.format import ByName, plural
-from rastercov.base.memory import FloatArray, IntArray
-from rastercov.base.threads import thread_count
+from rastercov.base import ByName, FloatArray, IntArray, MeshError, plural, thread_count
 from rastercov.core.mesh.arrays import MOST_FACES
 from rastercov.core.mesh.site import Site
 from rastercov.formats.meshes.polygons import (

@@ -5,7 +5,7 @@ The same code reads them for C and for pages, with the same messages.
 
 import numpy as np
 
-from rastercov.base.errors import MeshError
+from rastercov.base import MeshError
 from rastercov.engine import solver_readers as engine_readers
 from rastercov.formats.meshes.polygons import Polygons
 

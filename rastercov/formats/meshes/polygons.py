@@ -26,13 +26,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import OUT_OF_MEMORY, MeshError, RastercovError, ResourceError
-from rastercov.base.format import shortened
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, WholeArray, free_memory
+from rastercov.base import (
+    FloatArray,
+    IntArray,
+    MeshError,
+    RastercovError,
+    ResourceError,
+    WholeArray,
+    shortened,
+)
+from rastercov.base.errors import OUT_OF_MEMORY
+from rastercov.base.memory import free_memory
 from rastercov.base.threads import child_environment
 from rastercov.core.mesh.arrays import MOST_FACES
 from rastercov.core.mesh.site import NOWHERE, Site
-from rastercov.core.mesh.topology import first_equal_row
 
 AFFINE_ROW_TOLERANCE = 1e-6
 PEAK_BYTES_PER_FACE = 300
@@ -218,173 +225,6 @@ def fan_polygons(
     step = np.arange(len(polygon)) - (np.cumsum(n_triangles) - n_triangles)[polygon]
     faces = np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
     return Polygons(points, faces, polygon, np.zeros_like(polygon), notes=notes)
-
-
-FOLD_TOLERANCE_REL = 1e-9  # share of a triangle's area that may be wound against its polygon
-WHOLE_TURN = 2 * np.pi * (1 + 1e-9)
-MOST_CORNERS = 50_000  # of a polygon that is cut: 10 s if it is a comb across the axes
-FLATNESS_TOLERANCE_REL = 0.01  # of the size; beyond it the surface depends on the triangulation
-
-
-def cut_concave(vertices: FloatArray, faces: IntArray, source_face: IntArray) -> list[str]:
-    """Replace, in place, the fans in `faces` that fold over by triangles that do not.
-
-    A fan consists of consecutive triangles of one polygon that share their first corner and an
-    edge. Seen along its normal (Newell's: the sum of the cross products of its fan), a polygon that
-    does not cross itself is covered exactly once. A polygon that crosses itself keeps its fan,
-    unless its rings are joined by edges in both directions.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        Finite.
-    faces : (F, 3) int64
-        Valid indices.
-    source_face : (F,) int64
-        Polygon of each face.
-
-    Returns
-    -------
-    list of str
-        Notes on polygons that are not flat, that cross or touch themselves, or that keep their fan
-        because they have more than `MOST_CORNERS`.
-    """
-    is_first = np.ones(len(faces), dtype=bool)
-    is_first[1:] = source_face[1:] != source_face[:-1]
-    is_first[1:] |= (faces[1:, 1] != faces[:-1, 2]) | (faces[1:, 0] != faces[:-1, 0])
-    start = np.flatnonzero(is_first)
-    n_triangles = np.diff(start, append=len(faces))
-    is_polygon = n_triangles > 1
-    start, n_triangles = start[is_polygon], n_triangles[is_polygon]
-    if not len(start):
-        return []
-    first_row = np.cumsum(n_triangles) - n_triangles  # of each polygon, in the arrays below
-    polygon = np.repeat(np.arange(len(start)), n_triangles)
-    row = np.arange(len(polygon)) - first_row[polygon] + start[polygon]
-
-    sides = vertices[faces[row, 1:]] - vertices[faces[row, 0]][:, None]
-    size = np.maximum.reduceat(np.abs(sides).max(axis=(1, 2)), first_row)
-    sides /= np.where(size > 0, size, 1)[polygon, None, None]  # no square under- or overflows
-    cross = np.cross(sides[:, 0], sides[:, 1])
-    area = np.linalg.norm(cross, axis=1)
-    normal = np.add.reduceat(cross, first_row)
-    length, total = np.linalg.norm(normal, axis=1), np.add.reduceat(area, first_row)
-    is_without_plane = length <= FOLD_TOLERANCE_REL * total
-    largest = np.lexsort((area, polygon))[first_row + n_triangles - 1]
-    normal[is_without_plane] = cross[largest][is_without_plane]
-    length = np.linalg.norm(normal, axis=1)
-    normal /= np.where(length > 0, length, 1)[:, None]
-
-    is_folded = np.einsum("ij,ij->i", cross, normal[polygon]) < -FOLD_TOLERANCE_REL * area
-    is_crossing = is_without_plane & (total > 0)
-    # A polygon that does not cross itself subtends less than a whole turn at its first corner.
-    long = np.flatnonzero(n_triangles[polygon] > 2)
-    angle = np.arctan2(area[long], np.einsum("ij,ij->i", sides[long, 0], sides[long, 1]))
-    winds = np.bincount(polygon[long], angle, len(start)) > WHOLE_TURN
-    is_folded = np.logical_or.reduceat(is_folded, first_row)
-    is_crossing |= winds & ~is_folded
-    is_given_up = is_folded & ~is_crossing & (n_triangles > MOST_CORNERS - 2)
-    folded = np.flatnonzero(is_folded & ~is_crossing & ~is_given_up)
-    if len(folded):
-        is_simple = _cut(vertices, faces, start[folded], n_triangles[folded], normal[folded])
-        is_crossing[folded] = ~is_simple
-
-    height = np.einsum("ikj,ij->ik", sides, normal[polygon])
-    bend = np.maximum(np.maximum.reduceat(height.max(axis=1), first_row), 0)
-    bend -= np.minimum(np.minimum.reduceat(height.min(axis=1), first_row), 0)
-    is_bent = (bend > FLATNESS_TOLERANCE_REL) & ~is_without_plane
-    kinds = {
-        "are not flat": (is_bent, "other triangles would be another surface"),
-        "cross or touch themselves": (
-            is_crossing,
-            "their triangles may overlap, correct them in the modeller",
-        ),
-        f"are concave and have more than {MOST_CORNERS} corners": (
-            is_given_up,
-            "their triangles fold over, cut them in the modeller",
-        ),
-    }
-    return [
-        f"{is_so.sum()} polygons {what}, the first is {source_face[start[is_so.argmax()]]}; {then}"
-        for what, (is_so, then) in kinds.items()
-        if is_so.any()
-    ]
-
-
-def _cut(
-    vertices: FloatArray,
-    faces: IntArray,
-    start: IntArray,
-    n_triangles: IntArray,
-    normal: FloatArray,
-) -> BoolArray:
-    """Triangulate the fans that begin at rows `start`; True for polygons that are simple."""
-    import shapely  # late: few files need it
-
-    n_corners = n_triangles + 2
-    first = np.cumsum(n_corners) - n_corners
-    polygon = np.repeat(np.arange(len(start)), n_corners)
-    step = np.arange(len(polygon)) - first[polygon]
-    # corner 0, then the second corner of each triangle, then the third corner of the last one
-    row = start[polygon] + np.clip(step - 1, 0, n_triangles[polygon] - 1)
-    column = np.where(step == 0, 0, np.where(step > n_triangles[polygon], 2, 1))
-    corners = faces[row, column]
-
-    xy = _in_plane(vertices[corners], polygon, first, normal)
-    areas = shapely.polygons(shapely.linearrings(xy, indices=polygon))
-    is_simple: BoolArray = shapely.is_valid(areas)
-    for each in np.flatnonzero(~is_simple):  # 0.2 ms each
-        areas[each] = _without_bridges(xy[first[each] : first[each] + n_corners[each]])
-    parts, of = shapely.get_parts(shapely.constrained_delaunay_triangles(areas), return_index=True)
-    points = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, 2::-1].reshape(-1, 2)  # clockwise
-    keys = np.column_stack([np.append(polygon, np.repeat(of, 3)), np.concatenate([xy, points])])
-    values = first_equal_row((keys + 0.0).view(np.uint64))[len(xy) :].reshape(-1, 3)
-    # A corner that repeats the one before it has a triangle without area of its own.
-    before, after = np.arange(len(xy)) - 1, np.arange(len(xy)) + 1
-    before[first], after[first + n_corners - 1] = first + n_corners - 1, first
-    repeats = np.flatnonzero((xy == xy[before]).all(axis=1))
-    values = np.concatenate(
-        [values, np.stack([before, np.arange(len(xy)), after], axis=1)[repeats]]
-    )
-    of = np.append(of, polygon[repeats])
-    is_known = np.bincount(of, (values < len(xy)).all(axis=1), len(start)) == n_triangles
-    is_cut = is_known & (np.bincount(of, minlength=len(start)) == n_triangles)
-    values, of = values[is_cut[of]], of[is_cut[of]]
-    rows = np.repeat(start - (np.cumsum(n_triangles) - n_triangles), n_triangles)
-    rows += np.arange(len(rows))
-    faces[rows[np.repeat(is_cut, n_triangles)]] = corners[values[np.argsort(of, kind="stable")]]
-    return is_simple
-
-
-def _without_bridges(xy: FloatArray) -> Any:
-    """Area between the rings of a polygon that edges in both directions join; None if it has none.
-
-    So holes are joined to the border where a format has no holes.
-    """
-    import shapely
-
-    start = np.unique(xy, axis=0, return_inverse=True)[1].ravel()
-    end = np.roll(start, -1)
-    key, opposite = start * len(xy) + end, end * len(xy) + start
-    is_bridge = np.isin(key, opposite)
-    if not is_bridge.any() or len(np.unique(key)) < len(key):
-        return None
-    edges = np.stack([xy, np.roll(xy, -1, axis=0)], axis=1)[~is_bridge]
-    area = shapely.build_area(shapely.multilinestrings(edges))
-    return area if shapely.is_valid(area) else None
-
-
-def _in_plane(
-    points: FloatArray, polygon: IntArray, first: IntArray, normal: FloatArray
-) -> FloatArray:
-    """(N, 2) corners in their polygon's plane, counter-clockwise, within ±2."""
-    points = points - points[first][polygon]
-    size = np.maximum.reduceat(np.abs(points).max(axis=1), first)
-    points /= np.where(size > 0, size, 1)[polygon, None]
-    x_axis = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
-    x_axis /= np.linalg.norm(x_axis, axis=1)[:, None]
-    y_axis = np.cross(normal, x_axis)
-    return np.einsum("ij,ikj->ik", points, np.stack([x_axis, y_axis], axis=1)[polygon])
 
 
 BYTES_PER_INSTANCE = 1000

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, WholeArray
+from rastercov.base import BoolArray, FloatArray, WholeArray
 from rastercov.formats.meshes.polygons import check
 
 BYTES_PER_POINT, BYTES_PER_INFLUENCE, BYTES_PER_JOINT = 250, 60, 1000

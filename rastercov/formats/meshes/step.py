@@ -15,10 +15,16 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import MeshError
-from rastercov.base.format import ByName, first_of
-from rastercov.base.memory import TINY, FloatArray, WholeArray
+from rastercov.base import (
+    TINY,
+    ByName,
+    FloatArray,
+    MeshError,
+    WholeArray,
+    first_of,
+    row_lengths,
+    shown,
+)
 from rastercov.formats.meshes.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
 from rastercov.formats.meshes.gltf_file import Accessors, chunks, json_list, json_name, json_object
 from rastercov.formats.meshes.polygons import Polygons, converted
@@ -174,7 +180,7 @@ def _of_facets(
         Points and normals of the surface at the corners.
     """
     cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    size = np.linalg.norm(cross, axis=1)
+    size = row_lengths(cross)
     n = cross / np.maximum(size, TINY)[:, None]
     tilt = normals - np.einsum("fij,fj->fi", normals, n)[:, :, None] * n[:, None]
     tilt[np.linalg.norm(tilt, axis=2) > LARGEST_TILT] = 0

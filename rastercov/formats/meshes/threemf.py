@@ -19,10 +19,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base.errors import MeshError
-from rastercov.base.files import UnknownNames, Vocabulary, printable
-from rastercov.base.format import plural
-from rastercov.base.memory import FloatArray
+from rastercov.base import FloatArray, MeshError, UnknownNames, Vocabulary, plural, printable
 from rastercov.formats.meshes.polygons import (
     Assembly,
     PolygonElement,

@@ -13,8 +13,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from rastercov.base.files import UnknownNames, Vocabulary
-from rastercov.base.memory import AnyArray, FloatArray, IntArray
+from rastercov.base import AnyArray, FloatArray, IntArray, UnknownNames, Vocabulary
 from rastercov.formats.meshes.polygons import broken, check_budget
 
 BYTES_PER_XML_BYTE = 12

@@ -19,6 +19,11 @@ export class Refused extends Error {
   }
 }
 
+/** Says no to a request. */
+export function refuse(words) {
+  throw new Refused(words, 400);
+}
+
 /** No answer at all: the program has ended, or the network is down. */
 export class Gone extends Error {}
 
@@ -96,6 +101,13 @@ function frameOf(buffer) {
   return { json, payload: new Uint8Array(buffer, 4 + n) };
 }
 
+/** Base64 text of bytes. */
+export function base64Of(bytes) {
+  const [own, parts] = [Uint8Array.from(bytes), []];
+  for (let at = 0; at < own.length; at += 0x8000) parts.push(String.fromCharCode(...own.subarray(at, at + 0x8000)));
+  return btoa(parts.join(""));
+}
+
 /** Bytes of base64 text. */
 export function bytesOf(text) {
   const characters = atob(text);
@@ -131,7 +143,7 @@ export class Recorded {
   /** Frame of a mode: of a phase, "mode@at"; of the chosen camera where there is one, "mode:station". */
   async act({ mode, station, at, action }) {
     if (action.do !== "none")
-      throw new Refused("this file shows a result; open the plan with rastercov view to change it", 400);
+      refuse("this file shows a result; open the plan with rastercov view to change it");
     const { frames } = this.data;
     this.at = at;
     const frame = frames[`${mode}@${at.join("@")}`] ?? frames[`${mode}:${station}`] ?? frames[mode];

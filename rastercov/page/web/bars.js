@@ -22,9 +22,8 @@ export function topBar(session, { summary, help }) {
   show(session.state);
   return element(
     "header.top",
-    {},
-    element("h1", {}, "rastercov ", element("span.soft", {}, session.scene.title), unsaved),
-    session.canEdit ? element("div.group", {}, undo, redo, saveMenu(session)) : null,
+    element("h1", "rastercov ", element("span.soft", session.scene.title), unsaved),
+    session.canEdit ? element("div.group", undo, redo, saveMenu(session)) : null,
     summary,
     button("?", () => help.show(), { title: "keys and mouse (?)", "aria-label": "help" }),
   );
@@ -219,5 +218,5 @@ function sectionControls(session, view) {
     more.hidden = !isOn && !isPlan;
     apply();
   };
-  return { root: element("span.group", {}, main, more), setPlan };
+  return { root: element("span.group", main, more), setPlan };
 }

@@ -32,8 +32,8 @@ function stationMenu(session) {
     const choices = session.state.stations.map((station) => [station.id, station.name]);
     const menu = choices.length
       ? choice("Camera", choices, session.chosen, (id) => session.choose(id))
-      : element("span.soft", {}, "none");
-    keepingFocus(root, () => fill(root, element("span.field-label", {}, "Camera"), menu));
+      : element("span.soft", "none");
+    keepingFocus(root, () => fill(root, element("span.field-label", "Camera"), menu));
   };
   session.on("state chosen", show);
   show();
@@ -51,10 +51,10 @@ function coverageSection(session, view) {
       !station || !row
         ? []
         : [
-            element("dt", {}, "Covers"),
-            element("dd", {}, row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area${when(session)}`),
-            row.alone_percent === null ? null : element("dt", {}, "Lost without it"),
-            row.alone_percent === null ? null : element("dd", {}, `${percent(row.alone_percent)} of the area`),
+            element("dt", "Covers"),
+            element("dd", row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area${when(session)}`),
+            row.alone_percent === null ? null : element("dt", "Lost without it"),
+            row.alone_percent === null ? null : element("dd", `${percent(row.alone_percent)} of the area`),
           ],
     );
   };
@@ -65,7 +65,6 @@ function coverageSection(session, view) {
     modeList(session, "camera"),
     element(
       "div.buttons",
-      {},
       button("Look through", () => session.station() && view.lookThrough(session.station()), {
         title: "view the scene from this camera (L)",
       }),
@@ -97,7 +96,7 @@ function cameraImage(session, side) {
       caption.textContent = json.title;
       fill(
         keys,
-        json.legend.map((each) => element("li", {}, swatch(each), each.label)),
+        json.legend.map((each) => element("li", swatch(each), each.label)),
       );
       note.textContent = "";
     } catch (error) {
@@ -119,15 +118,14 @@ export function largeImage(session) {
     { "aria-label": "Image of the selected camera" },
     element(
       "header",
-      {},
       button("‹", () => session.chooseNext(-1), { title: "previous camera (←)", "aria-label": "previous camera" }),
       button("›", () => session.chooseNext(1), { title: "next camera (→)", "aria-label": "next camera" }),
       caption,
       own,
       button("Close", () => dialog.close()),
     ),
-    element("div.frame", {}, picture),
-    element("footer", {}, keys, note),
+    element("div.frame", picture),
+    element("footer", keys, note),
   );
   dialog.addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
@@ -174,16 +172,15 @@ export function cameraPanel(session, view, isVisible, large) {
   session.on("state chosen face poses", showBlur);
   const panel = element(
     "div",
-    {},
     stationMenu(session),
     section("Camera image", [
       isRecorded
-        ? element("p.soft", {}, "This file has no images.")
-        : [element("figure", {}, picture, caption), element("div.buttons", {}, enlarge)],
+        ? element("p.soft", "This file has no images.")
+        : [element("figure", picture, caption), element("div.buttons", enlarge)],
       keys,
       note,
       blur,
-      isRecorded ? null : element("p.soft", {}, "Click a face in the scene to see the diameter of the blur circle there."),
+      isRecorded ? null : element("p.soft", "Click a face in the scene to see the diameter of the blur circle there."),
     ]),
     coverageSection(session, view),
   );

@@ -13,7 +13,6 @@ export function camerasPanel(session, { view, tools, jobs }) {
   showList();
   const panel = element(
     "div",
-    {},
     section("Rig", [list, session.canEdit ? rigButtons(session, view, jobs) : null]),
     devicesSection(session),
   );
@@ -33,7 +32,7 @@ function devicesSection(session) {
     const options = { type: "button", "aria-current": String(isChosen), disabled: !device.pose };
     const name = element("button.link", { ...options, on: { click: () => session.choose(device.id) } }, device.name);
     const words = device.pose ? device.words : `${device.words}, on the rig`;
-    return element(isChosen ? "div.row.device.chosen" : "div.row.device", {}, element("span.who", {}, name), element("span.soft", {}, words));
+    return element(isChosen ? "div.row.device.chosen" : "div.row.device", element("span.who", name), element("span.soft", words));
   })));
   session.on("state chosen", show);
   show();
@@ -49,9 +48,8 @@ function stationRows(session) {
   const areFaces = [...shares.values()].some((row) => row.area_percent === null);
   const head = element(
     "div.row.head",
-    {},
     element("span"),
-    element("span", {}, "Name"),
+    element("span", "Name"),
     areFaces
       ? element("span", { title: "whole faces that this camera covers" }, "faces")
       : element("span", { title: `share of the area that this camera covers${when(session)}` }, "covers"),
@@ -81,14 +79,13 @@ function stationRows(session) {
     const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station), role: "img", "aria-label": placeWords(station) }, "⚠");
     return element(
       isChosen ? "div.row.chosen" : "div.row",
-      {},
       box,
-      element("span.who", {}, name, place),
-      element("span.figure", {}, covers(share)),
-      element("span.figure", {}, alone(share)),
+      element("span.who", name, place),
+      element("span.figure", covers(share)),
+      element("span.figure", alone(share)),
     );
   });
-  return rows.length ? [head, rows] : [element("p.soft.empty", {}, "No camera yet.")];
+  return rows.length ? [head, rows] : [element("p.soft.empty", "No camera yet.")];
 }
 
 const isAllowed = (station) => !station.place || station.place === "allowed";
@@ -130,7 +127,6 @@ function rigButtons(session, view, jobs) {
   show();
   return element(
     "div.buttons",
-    {},
     button("Add here", () => addHere(session, view), { title: "a camera with the pose of the current view" }),
     copy,
     remove,
@@ -176,28 +172,24 @@ function poseSection(session, { view, tools, jobs }) {
       box,
       root: element(
         "label.pose-field",
-        {},
-        element("span", {}, labelOf(key)),
+        element("span", labelOf(key)),
         box.input,
-        element("span.unit", {}, unit),
+        element("span.unit", unit),
       ),
     };
   });
   const warning = element("p.bad");
   const body = element(
     "div",
-    {},
     name,
     element(
       "div.pose",
-      {},
       fields.map((field) => field.root),
     ),
     fields.map((field) => field.box.fault),
     warning,
     element(
       "div.buttons",
-      {},
       button("Aim", () => tools.set("aim"), { title: "click it, then the point to look at (I)" }),
       button("Look through", () => view.lookThrough(session.station()), {
         title: "view the scene from this camera (L)",
@@ -209,7 +201,6 @@ function poseSection(session, { view, tools, jobs }) {
     ),
     element(
       "p.soft",
-      {},
       "Heading is counter-clockwise from +x (seen from above), tilt is down from level, roll is clockwise along the view. Drag the arrows and rings in the view, or press the arrow keys.",
     ),
   );
@@ -265,10 +256,10 @@ function typeSection(session) {
     const shared = session.state.stations.filter((each) => each.camera === type).length;
     fill(
       body,
-      element("label.field-head", {}, element("span.field-label", {}, station ? "Type" : "Type of the next camera"), menu),
+      element("label.field-head", element("span.field-label", station ? "Type" : "Type of the next camera"), menu),
       sold,
       focusWords(camera),
-      shared > 1 && station ? element("p.soft", {}, `${shared} cameras use this type; a change affects all of them.`) : null,
+      shared > 1 && station ? element("p.soft", `${shared} cameras use this type; a change affects all of them.`) : null,
       controls.map((each) => each.control.root),
       station ? button("Copy this type", () => copyType(session, type), { title: "copy the type for the selected camera only" }) : null,
     );
@@ -312,5 +303,5 @@ function focusWords(camera) {
   const words =
     `${camera.model}, ${camera.width} × ${camera.height} px` +
     (sharp ? `, in focus from ${metres(sharp[0])} to ${far}` : ", in focus everywhere");
-  return element("p.soft.focus-words", {}, words);
+  return element("p.soft.focus-words", words);
 }

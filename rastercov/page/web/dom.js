@@ -3,14 +3,18 @@
 import { formatted } from "rastercov/plain.js";
 import { area, distance, number, percent as percentOf } from "rastercov/texts.js";
 
+const flat = (children) => children.flat(Infinity).filter((child) => (child ?? null) !== null);
+
 /**
- * Element with properties and children.
+ * Element with properties, if any, and children.
  *
  * @param {string} tag name with optional classes, such as "div.card.wide"
- * @param {object} properties attributes; `on` maps names of events to listeners, and `value`,
- *   `checked`, `disabled`, `hidden`, `htmlFor` and `textContent` are set as properties
+ * @param {...*} given an object of attributes, which may be left out, before the children; `on` maps names of
+ *   events to listeners, and `value`, `checked`, `disabled`, `hidden`, `htmlFor` and `textContent` are set as
+ *   properties
  */
-export function element(tag, properties = {}, ...children) {
+export function element(tag, ...given) {
+  const properties = given[0]?.constructor === Object ? given.shift() : {};
   const [name, ...classes] = tag.split(".");
   const made = document.createElement(name);
   if (classes.length) made.className = classes.join(" ");
@@ -24,7 +28,7 @@ export function element(tag, properties = {}, ...children) {
       else made.setAttribute(key, value);
     }
   }
-  made.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
+  made.append(...flat(given));
   return made;
 }
 
@@ -50,7 +54,7 @@ export function toggle(text, isOn, onChange, { title = "" } = {}) {
 export function check(text, isOn, onChange, { title = "" } = {}) {
   const box = element("input", { type: "checkbox", checked: isOn });
   box.addEventListener("change", () => onChange(box.checked));
-  return element("label.check", { title }, box, element("span", {}, text));
+  return element("label.check", { title }, box, element("span", text));
 }
 
 /** Menu of choices [[value, text], ...] with a label. */
@@ -65,7 +69,7 @@ export function choice(label, choices, value, onChange, { title = "" } = {}) {
 
 /** Menu that opens below a button, and closes at Esc and at a press elsewhere; `root.open = false` closes it. */
 export function menu(text, title, items) {
-  const root = element("details.menu", {}, element("summary", { title }, text), element("div.items", {}, items));
+  const root = element("details.menu", element("summary", { title }, text), element("div.items", items));
   document.addEventListener("pointerdown", (event) => root.contains(event.target) || (root.open = false));
   root.addEventListener("keydown", (event) => {
     if (event.key !== "Escape" || !root.open) return;
@@ -102,7 +106,7 @@ export function section(title, children, { isOpen = true, name = title } = {}) {
   const made = element(
     "details.section",
     { open: name === null ? isOpen : remembered(`section ${name}`, isOpen) },
-    element("summary", {}, title),
+    element("summary", title),
     children,
   );
   if (name !== null) made.addEventListener("toggle", () => remember(`section ${name}`, made.open));
@@ -112,7 +116,7 @@ export function section(title, children, { isOpen = true, name = title } = {}) {
 /** Column at the side of the picture with a button that folds it, remembered by its name. */
 export function side(name, label, ...children) {
   const fold = button("", () => keep(!made.classList.contains("folded")), { kind: "fold" });
-  const made = element(`aside.${name}`, { "aria-label": label }, fold, element("div.inner", {}, children));
+  const made = element(`aside.${name}`, { "aria-label": label }, fold, element("div.inner", children));
   const show = (isFolded) => {
     made.classList.toggle("folded", isFolded);
     fold.textContent = isFolded === (name === "left") ? "›" : "‹";
@@ -131,7 +135,7 @@ export function side(name, label, ...children) {
 
 /** Replaces all children. */
 export function fill(parent, ...children) {
-  parent.replaceChildren(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
+  parent.replaceChildren(...flat(children));
   return parent;
 }
 

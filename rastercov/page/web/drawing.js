@@ -97,7 +97,7 @@ export class Drawing {
       file,
       button("Choose a PNG, JPEG or SVG…", () => file.click()),
       this.place,
-      element("label.check.opacity", {}, "Opacity", this.opacity),
+      element("label.check.opacity", "Opacity", this.opacity),
       this.remove,
     ]);
     this.menu.hidden = true;
@@ -105,7 +105,7 @@ export class Drawing {
     this.distance = numberBox({ label: "Distance", placeholder: "", value: null, low: 0, is_low_open: true, unit: inUnit("m") }, (value) =>
       this.#scaleTo(value),
     );
-    this.typed = element("label.group", {}, this.distance.input, element("span.unit", {}, inUnit("m")));
+    this.typed = element("label.group", this.distance.input, element("span.unit", inUnit("m")));
     this.hint = element(
       "div.hint",
       { role: "status", hidden: true },

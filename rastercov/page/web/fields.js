@@ -172,14 +172,13 @@ export function numberField(field, value, onValue) {
     { title: field.words ?? "" },
     element(
       "div.field-head",
-      {},
       optional,
-      element("span.field-label", {}, label),
+      element("span.field-label", label),
       box.input,
-      element("span.unit", {}, UNITS[unit] ?? unit),
+      element("span.unit", UNITS[unit] ?? unit),
     ),
     slider,
-    presets.length ? element("div.presets", {}, presets.map(({ chip }) => chip)) : null,
+    presets.length ? element("div.presets", presets.map(({ chip }) => chip)) : null,
     box.fault,
   );
   return { root, set, slider, input: box.input };
@@ -248,8 +247,7 @@ export function control(field, value, onValue) {
       { title: field.words ?? "" },
       element(
         "label.field-head",
-        {},
-        element("span.field-label", {}, field.label ?? labelOf(field.name)),
+        element("span.field-label", field.label ?? labelOf(field.name)),
         menu,
       ),
     );

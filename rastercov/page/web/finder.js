@@ -37,8 +37,8 @@ export function finder(label, rows, onPick) {
         element(
           "li",
           { role: "option", id: `${id}-${k}`, on: { mousedown: (event) => (event.preventDefault(), pick(name)) } },
-          element("strong", {}, name),
-          element("span.soft", {}, more),
+          element("strong", name),
+          element("span.soft", more),
         ),
       ),
     );
@@ -72,5 +72,5 @@ export function finder(label, rows, onPick) {
     event.preventDefault();
   });
   show();
-  return element("div.finder", {}, input, list, note);
+  return element("div.finder", input, list, note);
 }

@@ -59,22 +59,18 @@ export function helpOverlay(more, canEdit) {
   dialog.append(
     element(
       "header",
-      {},
-      element("h2", {}, "Keys and mouse"),
+      element("h2", "Keys and mouse"),
       button("Close", () => dialog.close()),
     ),
     element(
       "div.columns",
-      {},
       [...KEYS, ...more].map(([title, rows]) =>
         element(
           "section",
-          {},
-          element("h3", {}, title),
+          element("h3", title),
           element(
             "dl",
-            {},
-            rows.filter(([, , own = canEdit]) => own === canEdit).map(([key, words]) => [element("dt", {}, key), element("dd", {}, words)]),
+            rows.filter(([, , own = canEdit]) => own === canEdit).map(([key, words]) => [element("dt", key), element("dd", words)]),
           ),
         ),
       ),

@@ -30,5 +30,5 @@ function panel(session, { fields, frames }) {
   const show = () => controls.forEach((each, at) => each.set(now()[at] / inPage(at)));
   session.on("phase", show);
   const back = button("Reset to this frame", () => session.setFrame(session.frame), { title: "joint values of this frame, or the rest pose" });
-  return section("Joints", [...controls.map((each) => each.root), element("div.buttons", {}, back)]);
+  return section("Joints", [...controls.map((each) => each.root), element("div.buttons", back)]);
 }

@@ -43,7 +43,7 @@ export function legend(session, view) {
   const root = element(
     "section.legend",
     { "aria-label": "Legend" },
-    element("header", {}, element("label", {}, "Colour ", menu), folded),
+    element("header", element("label", "Colour ", menu), folded),
     ramp,
     ends,
     entries,
@@ -59,10 +59,9 @@ function legendEntry({ label, colour, hatch, percent: share, level }) {
   swatch.style.backgroundColor = cssColour(colour);
   return element(
     "li",
-    {},
     swatch,
-    element("span", {}, label),
-    share === null || share === undefined ? null : element("span.figure", {}, percent(share)),
+    element("span", label),
+    share === null || share === undefined ? null : element("span.figure", percent(share)),
   );
 }
 
@@ -85,7 +84,7 @@ function showScale(session, scale, ramp, ends) {
       figure(middle) + (scale.is_log ? " (log scale)" : ""),
       `${figure(scale.high)} ${UNITS[scale.unit] ?? scale.unit ?? ""}`,
     ].map((text) =>
-      element("span", {}, text),
+      element("span", text),
     ),
   );
 }
@@ -100,7 +99,7 @@ export function summary(session) {
   const root = element(
     "div.summary",
     { role: "status", "aria-label": "Coverage" },
-    element("span", {}, "Covered"),
+    element("span", "Covered"),
     main,
     rest,
     change,

@@ -6,20 +6,21 @@
  * answers what the engine cannot, by questions with the whole rig: see rastercov/page/live.py and session.py.
  */
 
-import { Refused, bytesOf } from "rastercov/api.js";
+import { Refused, base64Of, bytesOf, refuse } from "rastercov/api.js";
 import { metres, squareMetres } from "rastercov/dom.js";
-import { fragmentOf, rigOfFragment } from "rastercov/live_link.js";
-import { pageOf, planFile, rigFile, surfaceFiles } from "rastercov/live_files.js";
+import { fragmentOf, rigOfFragment, through } from "rastercov/live_link.js";
+import { pageOf, planFile, rigFile, surfaceFiles, taskFile } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
 import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, painted } from "rastercov/live_paint.js";
-import { isOfRigs, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
+import { labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
 import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
 import { zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
 
+const TWO_SIDED = 4; // of roles, as in rastercov.h
 /** Lenses that were changed and are kept. */
 const MOST_LENSES = 32;
 const CHANGED = "the rig has changed since; the page now shows the new rig";
@@ -29,16 +30,16 @@ const NO_ANSWER = "not available in an exported page: use rastercov view";
 export async function inflated(text) {
   if (ArrayBuffer.isView(text)) return text.buffer.slice(text.byteOffset, text.byteOffset + text.byteLength);
   try {
-    const stream = new Blob([bytesOf(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
-    return await new Response(stream).arrayBuffer();
+    return (await through(bytesOf(text), new DecompressionStream("deflate"))).buffer;
   } catch {
-    throw new Refused("expected the data of this file, got damaged bytes; get the file again", 400);
+    refuse("expected the data of this file, got damaged bytes; get the file again");
   }
 }
 
 export class Live {
   isRecorded = false;
   #variants = new Map(); // name -> [state, figures]
+  lenses = {}; // numbers of each, by its name
   borders = {}; // of the lenses that were proved here
   #frame = null; // the last one
   goal = ""; // that is shown, "" for the task
@@ -67,9 +68,9 @@ export class Live {
       this.#isDrawingSaved = false;
       return server.keepDrawing(changes);
     };
-    this.download = (what) => server.download(asked({ what }));
     this.save = async (what) => {
-      const done = await server.save(asked({ what }));
+      const texts = what === "rig" && this.history.state.stations.length ? this.texts() : {};
+      const done = await server.save(asked({ what, texts }));
       if (what === "rig") {
         this.history.saved();
         this.#isDrawingSaved = true;
@@ -120,12 +121,9 @@ export class Live {
     );
     const areas = await this.asking.ask("areas");
     const { colours } = this.data;
-    for (const each of Object.values(colours.scales)) each.palette = bytesOf(each.palette);
-    this.painting = {
-      n: this.n,
-      areas,
-      ...colours,
-    };
+    // The data stays as it was: a page that is exported has it, too.
+    const scales = Object.entries(colours.scales).map(([name, each]) => [name, { ...each, palette: bytesOf(each.palette) }]);
+    this.painting = { n: this.n, areas, ...colours, scales: Object.fromEntries(scales) };
     this.areas = areas;
   }
 
@@ -240,7 +238,7 @@ export class Live {
       if (!camera.lens || camera.lens in this.lenses) continue;
       const { prover } = this.data;
       if (!prover && this.server) continue;
-      if (!prover) throw new Refused(`expected a lens model that this page supports, got ${camera.model}; use rastercov view`, 400);
+      if (!prover) refuse(`expected a lens model that this page supports, got ${camera.model}; use rastercov view`);
       const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflated(prover)), opticsOf(camera));
       this.lenses[camera.lens] = row;
       this.borders[camera.lens] = Array.from({ length: border.length / 3 }, (_, k) => [...border.subarray(3 * k, 3 * k + 3)]);
@@ -377,7 +375,7 @@ export class Live {
   }
 
   async #acted({ revision, mode, options, station, is_drag: isDrag, at = [], action, goal = "" }) {
-    if (!this.server && !this.parts.has(goal)) throw new Refused(`there is no goal ${goal}; choose one from the list`, 400);
+    if (!this.server && !this.parts.has(goal)) refuse(`there is no goal ${goal}; choose one from the list`);
     this.goal = goal;
     await this.#show(at);
     const notice = await this.#edit(action, isDrag, revision);
@@ -455,7 +453,7 @@ export class Live {
     else if (action.do === "show_variant") this.#showVariant(action.name);
     else if (action.do === "constraints") this.#keep(action.is_kept);
     else if (!/_variant$/.test(action.do)) {
-      if (action.do === "task" && this.goal) throw new Refused("expected the task to be shown for new thresholds, got a goal; choose the task under Goals", 400);
+      if (action.do === "task" && this.goal) refuse("expected the task to be shown for new thresholds, got a goal; choose the task under Goals");
       if (action.do === "task" && !this.server) checkTask(action.changes, this.data);
       const [before, shown] = [history.state, this.shown(history.state)];
       const { action: settled, notice } = await this.#settled(action, shown);
@@ -471,7 +469,7 @@ export class Live {
   }
 
   #keep(isKept) {
-    if (isKept && !this.data.scene.constraints.is_kept) throw new Refused("expected constraints, got a scene without any; open a plan with some", 400);
+    if (isKept && !this.data.scene.constraints.is_kept) refuse("expected constraints, got a scene without any; open a plan with some");
     this.isKept = isKept;
   }
 
@@ -512,8 +510,8 @@ export class Live {
 
   /** The pieces of the present rig, kept until it changes. */
   #pieces() {
-    const of = `${this.history.revision} ${this.goal}`;
-    if (this.found?.of !== of) this.found = { of, pieces: this.asking.ask("pieces", this.#rig()) };
+    const { found, goal, history: { state } } = this; // revisions begin anew where a program has other steps
+    if (found?.state !== state || found.goal !== goal) this.found = { state, goal, pieces: this.asking.ask("pieces", this.#rig()) };
     return this.found.pieces;
   }
 
@@ -541,7 +539,8 @@ export class Live {
       const station = rig.stations[row];
       const name = names[each.reason];
       const ray = subtract(centreOf(station.pose), point);
-      const cosine = (ray[0] * normal[0] + ray[1] * normal[1] + ray[2] * normal[2]) / (length(ray) * length(normal) || 1);
+      const signed = dot(ray, normal) / (length(ray) * length(normal) || 1);
+      const cosine = this.part.roles[face] & TWO_SIDED ? Math.abs(signed) : signed;
       const own = { share: each.share, incidence: Math.acos(Math.min(1, Math.max(-1, cosine))), distance: distance(centreOf(station.pose), point) };
       const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
       const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
@@ -562,32 +561,33 @@ export class Live {
     return { ...found, isOfCentre: true, words: verdict(rig, failed, rig.need[face]) };
   }
 
+  /** Texts of a rig and its thresholds. */
+  texts(state = this.history.state) {
+    const { scene } = this.data;
+    return { rig: rigFile(state, scene.unit === "m"), task: taskFile(state, scene) };
+  }
+
   /** Texts of the files that `rastercov check` takes, by name. */
   #files() {
-    const { state } = this.history;
-    const { scene } = this.data;
-    if (!state.stations.length) throw new Refused("there is no camera to save; add one", 400);
-    if (state.gates && !(state.rule && isOfRigs(state))) {
-      throw new Refused("expected only complete rigs, got a camera that belongs to none; delete it, or use rastercov view", 400);
-    }
-    const surfaces = surfaceFiles(scene, this);
+    const { data, history } = this;
+    const surfaces = surfaceFiles(data.scene, this);
     return {
-      "rig.json": rigFile(state, scene.unit === "m"),
-      "plan.toml": planFile(state, surfaces, this.data),
+      "rig.json": this.texts().rig,
+      "plan.toml": planFile(history.state, surfaces, data),
       ...Object.fromEntries(surfaces.map(({ name, text }) => [name, text])),
     };
   }
 
   async download(what) {
-    if (what === "page") return pageOf(this.data, this, this.history.state);
-    const name = { rig: "rig.json", task: "plan.toml" }[what];
-    if (!name) throw new Refused(NO_ANSWER, 400);
-    return new Blob([this.#files()[name]], { type: "text/plain" });
+    const { data, history, server } = this;
+    if (what === "page") return server ? server.download({ ...this.asked(), what }) : pageOf(data, this, history.state);
+    const text = what === "task" && !server ? this.#files()["plan.toml"] : (this.texts()[what] ?? refuse(NO_ANSWER));
+    return new Blob([text], { type: "text/plain" });
   }
 
   /** Saves all files of the rig, as downloads. */
   async save(what) {
-    if (what !== "rig") throw new Refused(NO_ANSWER, 400);
+    if (what !== "rig") refuse(NO_ANSWER);
     const files = this.#files();
     for (const [name, text] of Object.entries(files)) offerFile(name, text, "text/plain");
     this.history.saved();
@@ -604,10 +604,10 @@ export class Live {
   job = async () => this.work.described();
   cancelJob = async () => this.work.cancel();
   resume = () => this.work.resume();
-  image = async () => this.#refuse();
+  image = async () => refuse(NO_ANSWER);
 
   async startJob(what) {
-    if (!["add", "place", "refine"].includes(what.kind)) this.#refuse();
+    if (!["add", "place", "refine"].includes(what.kind)) refuse(NO_ANSWER);
     this.work.start(what);
   }
 
@@ -631,10 +631,6 @@ export class Live {
     const own = this.data.candidates?.[camera];
     return (body && own?.map((pose) => multiply(body, pose))) ?? own ?? null;
   }
-
-  #refuse() {
-    refuse(NO_ANSWER);
-  }
 }
 
 /** {goal, status, words, asked} of a share {name, limit, ...} that is required or, where `is_most`, permitted,
@@ -649,10 +645,6 @@ function requirementOf(
   const words = outcome_line(`${name}: ${percent(share)} of the area covered, `, status, [limit, null], ...texts, isMost);
   return { goal, status, words, asked };
 }
-
-const refuse = (words) => {
-  throw new Refused(words, 400);
-};
 
 /** The task or a goal of the plan, of what the file says on it: roles of faces, and rows of its groups. */
 function partOf({ roles: ofGroups, unseeable, ...rest }, groupOf) {
@@ -678,7 +670,7 @@ function verdict({ rows, reasons }, failed, wanted) {
 function checkTask(changes, { ofFaces, defaults }) {
   for (const [name, value] of Object.entries(changes)) {
     const only = name in ofFaces ? defaults[name] : value;
-    if (value !== only) throw new Refused(`expected ${name} = ${only} for results by area, got ${value}: it ${ofFaces[name]}`, 400);
+    if (value !== only) refuse(`expected ${name} = ${only} for results by area, got ${value}: it ${ofFaces[name]}`);
   }
 }
 
@@ -696,5 +688,3 @@ function figuresOf({ share, incidence, distance: away, pixel_density: density, f
 /** What a camera of the catalogue is. */
 const wordsOf = ({ product, width, height, focal_length: f }) =>
   [product, `${width} × ${height} px`, f ? `${number(1e3 * f, 4)} mm` : ""].filter(Boolean).join(", ");
-
-const base64Of = (bytes) => btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));

@@ -35,6 +35,7 @@ export class Engine {
   static async of(bytes) {
     const engine = new Engine();
     const host = {
+      number: (text) => Number(engine.#text(text)),
       fail(status, text, got, remedy) {
         const words = engine.#text(text);
         throw new EngineError(remedy ? `expected ${words}, got ${got}; ${engine.#text(remedy)}` : words, status);

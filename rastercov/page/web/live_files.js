@@ -1,23 +1,46 @@
 /**
- * Files of a page that computes: the rig, the plan and its surfaces, which `rastercov check` takes, with the
- * figures of the page.
+ * Files of a page: the rig and its thresholds; and of one without a program the plan and its surfaces, which
+ * `rastercov check` takes, with the figures of the page.
  */
 
-/** The rig, as JSON. */
-export function rigFile({ stations, cameras, rule, ...state }, hasUnit) {
-  const [gate] = state.gates ?? [];
-  const names = [...new Set([...(gate?.names ?? []), ...Object.keys(cameras)])].filter((name) => stations.some((each) => each.camera === name));
+import { base64Of, refuse } from "rastercov/api.js";
+import { through } from "rastercov/live_link.js";
+
+const AT_RIG = [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => Number(row === column)));
+
+/** The rig, as JSON, without cameras that it does not use, which equipment may be on. */
+export function rigFile({ stations, cameras, devices = [], gates = [], rigs = [], fixed = [], rig_from_camera: places = {} }, hasUnit) {
+  if (!stations.length) refuse("expected a camera to save, got none; add one");
+  checkWhole(stations, gates);
+  const used = new Set(devices.length ? Object.keys(cameras) : stations.map((each) => each.camera));
+  const ofRigs = Object.keys(cameras).filter((name) => used.has(name)).map((name) => rigs.find((each) => each.cameras.includes(name)) ?? name);
+  const names = [...new Set(ofRigs.flatMap((each) => each.cameras ?? each))];
+  const [whole, held] = [[...new Set(ofRigs)].filter((each) => each.cameras), fixed.filter((name) => used.has(name))];
   const tasks = Object.fromEntries(names.filter((name) => cameras[name].task).map((name) => [name, cameras[name].task]));
+  const [{ cameras: together = [], ...rule } = {}] = whole;
   const content = {
     ...(hasUnit ? {} : { has_unit: false }),
     cameras: names.map((name) => ({ name, ...cameras[name].plain })),
-    ...(gate ? rule : {}),
+    ...(names.some((name) => name in places) ? { rig_from_camera: names.map((name) => places[name] ?? AT_RIG) } : {}),
+    ...(together.length === names.length ? rule : whole.length ? { rigs: whole } : {}),
     ...(Object.keys(tasks).length ? { tasks } : {}),
+    ...(held.length && held.length < names.length ? { fixed: held } : {}),
     world_from_camera: stations.map(({ pose }) => [0, 4, 8, 12].map((row) => pose.slice(row, row + 4))),
     camera: stations.map((each) => names.indexOf(each.camera)),
     images: stations.map((each) => each.name),
   };
   return `${JSON.stringify(content)}\n`;
+}
+
+/** Refuses stations that are not those of whole rigs where cameras have rules. */
+function checkWhole(stations, gates) {
+  for (let at = 0; at < stations.length; ) {
+    const names = gates.find((each) => each.names.includes(stations[at].camera))?.names ?? [stations[at].camera];
+    if (names.some((name, k) => stations[at + k]?.camera !== name)) {
+      refuse("expected all cameras of each rig with a rule, in its order, got others; complete the rig, or delete it");
+    }
+    at += names.length;
+  }
 }
 
 /** Surfaces as OBJ, [{name, text, role, groups, twoSided}]: the task with what hides, and targets. */
@@ -58,21 +81,24 @@ function objOf(vertices, faces, groupOf, groups, isIn) {
  * number.
  */
 export function planFile(state, surfaces, { defaults, scene, goals = [] }) {
-  const { task, needed } = state;
   const lines = [];
   for (const { name, role, groups, twoSided } of surfaces) {
     lines.push("[[meshes]]", `path = ${toml(name)}`, `role = ${toml(role)}`);
     if (groups.length) lines.push(`groups = ${toml(groups)}`);
     if (twoSided.length) lines.push(`two_sided = ${toml(twoSided)}`);
   }
-  lines.push(...placementOf(state, scene), "[task]");
-  for (const [name, value] of Object.entries(task)) {
-    if (value !== null && value !== defaults[name] && !(needed && name === "views")) lines.push(`${name} = ${toml(value)}`);
-  }
-  const views = Object.entries(needed ?? {}).map(([name, value]) => `${toml(name)} = ${value}`);
-  if (views.length) lines.push(`views = { ${views.join(", ")} }`);
+  lines.push(...placementOf(state, scene));
   for (const goal of goals) lines.push(...goalOf(goal, state, defaults));
-  return `${lines.join("\n")}\n`;
+  return `${lines.join("\n")}\n${taskFile(state, scene)}`;
+}
+
+/** Table `[task]` of a plan: thresholds of a state that are not the usual ones, as TOML. */
+export function taskFile({ task, needed }, { task_fields: fields }) {
+  const own = fields.filter(({ name, default: usual }) => task[name] !== null && task[name] !== usual && !(needed && name === "views"));
+  const lines = own.map(({ name }) => `${name} = ${toml(task[name])}`);
+  const views = Object.entries(needed ?? {}).map(([name, value]) => `${toml(name)} = ${value}`);
+  if (needed) lines.push(`views = { ${views.join(", ")} }`);
+  return `${["[task]", ...lines].join("\n")}\n`;
 }
 
 /** A goal of a plan: thresholds that are not those of the task or, of an upper limit, the usual ones. */
@@ -132,13 +158,7 @@ export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) 
 }
 
 /** Bytes of an array as base64 of zlib. */
-async function deflated(array) {
-  const stream = new Blob([array]).stream().pipeThrough(new CompressionStream("deflate"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const parts = [];
-  for (let at = 0; at < bytes.length; at += 0x8000) parts.push(String.fromCharCode(...bytes.subarray(at, at + 0x8000)));
-  return btoa(parts.join(""));
-}
+const deflated = async (array) => base64Of(await through(array, new CompressionStream("deflate")));
 
 /** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL and infinity apart. */
 function toml(value) {

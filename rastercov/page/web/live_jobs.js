@@ -6,7 +6,7 @@
  * the page can be used meanwhile; an edit ends the work. A plan that says how is carried out by rastercov.
  */
 
-import { Refused } from "rastercov/api.js";
+import { refuse } from "rastercov/api.js";
 import { edited, focusOf, stationOf } from "rastercov/live_rig.js";
 import { add, clamp, column, cross, dot, length, multiply, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
@@ -219,7 +219,7 @@ const EDITED = new Error("the rig was edited meanwhile; start again");
 function placed({ gates = [] }, camera, pose) {
   const gate = gates.find(({ names }) => names.includes(camera));
   if (!gate) return [{ camera, pose }];
-  if (!gate.places) throw new Refused("expected a rig whose cameras have fixed relative poses, got one without; place its cameras by hand", 400);
+  if (!gate.places) refuse("expected a rig whose cameras have fixed relative poses, got one without; place its cameras by hand");
   return gate.names.map((name, at) => ({ camera: name, pose: multiply(pose, gate.places[at]) }));
 }
 
@@ -251,8 +251,8 @@ const gained = (m2, { task, needed }, more = "more ") =>
 /** Middle, normal and area of each piece that is not covered; what is never seen is none. */
 function openParts({ counts, corners, areas, reasons }) {
   let at = 0;
-  return counts.flatMap((count, row) => {
-    const own = Array.from({ length: count }, (_, k) => corners.slice(at + 3 * k, at + 3 * k + 3));
+  return Array.from(counts).flatMap((count, row) => {
+    const own = Array.from({ length: count }, (_, k) => [...corners.subarray(at + 3 * k, at + 3 * k + 3)]);
     at += 3 * count;
     const normal = cross(subtract(own[1], own[0]), subtract(own[2], own[0]));
     const middle = scale(own.reduce(add), 1 / count);

@@ -3,7 +3,7 @@
  * as base64 of zlib. Ten cameras have less than 2 kB. Nothing is sent: a fragment stays in the browser.
  */
 
-import { bytesOf } from "rastercov/api.js";
+import { base64Of, bytesOf } from "rastercov/api.js";
 
 const MARK = "#rig=";
 
@@ -28,8 +28,7 @@ export async function fragmentOf({ stations, cameras, task, needed }, first) {
   stations.forEach(({ pose }, row) => {
     for (let k = 0; k < 12; k++) view.setFloat64(4 + text.length + 96 * row + 8 * k, pose[k], true);
   });
-  const packed = new Uint8Array(await through(bytes, new CompressionStream("deflate")));
-  return MARK + btoa(String.fromCharCode(...packed)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+  return MARK + base64Of(await through(bytes, new CompressionStream("deflate"))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
 }
 
 /** The rig of a fragment, as the edit "restore" takes it; null where there is none. */
@@ -37,9 +36,9 @@ export async function rigOfFragment(hash, first) {
   if (!hash.startsWith(MARK)) return null;
   const packed = bytesOf(hash.slice(MARK.length).replaceAll("-", "+").replaceAll("_", "/"));
   const bytes = await through(packed, new DecompressionStream("deflate"));
-  const view = new DataView(bytes);
+  const view = new DataView(bytes.buffer);
   const size = view.getUint32(0, true);
-  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, size)));
+  const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + size)));
   const stations = head.stations.map(([name, camera, isOn], row) => ({
     id: row,
     name: String(name),
@@ -51,4 +50,5 @@ export async function rigOfFragment(hash, first) {
   return { stations, cameras: { ...first.cameras, ...head.cameras }, task: { ...first.task, ...head.task }, needed: head.needed };
 }
 
-const through = (bytes, stream) => new Response(new Blob([bytes]).stream().pipeThrough(stream)).arrayBuffer();
+/** Bytes that a stream makes of others. */
+export const through = async (bytes, stream) => new Uint8Array(await new Response(new Blob([bytes]).stream().pipeThrough(stream)).arrayBuffer());

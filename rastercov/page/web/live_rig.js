@@ -5,7 +5,7 @@
  * `models` has the coefficients of each model of a lens, and `lens` of a camera names what is to be proved of it.
  */
 
-import { Refused } from "rastercov/api.js";
+import { refuse } from "rastercov/api.js";
 import { column, cross, dot, length, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { depths_in_focus } from "rastercov/texts.js";
 
@@ -13,10 +13,6 @@ const LONGEST_NAME = 120;
 const MOST_STATIONS = 5000;
 const RIGID = 1e-6;
 const RAYS_OF_BORDER = 32;
-
-const refuse = (words) => {
-  throw new Refused(words, 400);
-};
 
 export function stationOf(state, id) {
   return state.stations.find((each) => each.id === id) ?? refuse(`there is no camera ${id}; it may have been deleted`);

@@ -58,7 +58,7 @@ async function open() {
   const lines = messages(session);
   let isImageShown = () => false;
   const large = largeImage(session);
-  const over = element("div.over", {}, bar, drawing?.hint, jobs.root, card);
+  const over = element("div.over", bar, drawing?.hint, jobs.root, card);
   const colours = legend(session, view);
   view.keepFree(over, colours);
   const panels = tabs(
@@ -79,10 +79,8 @@ async function open() {
     connectionBanner(session),
     element(
       "main",
-      {},
       element(
         "div.stage",
-        {},
         canvas,
         overlay,
         colours,

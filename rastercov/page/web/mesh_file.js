@@ -1,12 +1,12 @@
 /**
  * Mesh files in the page: STL, OBJ, PLY and OFF are read by the engine, as for Python; GLB by mesh_glb.js.
  *
- * The page cuts no concave polygons, and takes no morph targets, sparse data or instances of GLB: each is a line.
+ * The page takes no morph targets, sparse data or instances of GLB: each is a line.
  */
 
-import { Refused } from "rastercov/api.js";
+import { refuse } from "rastercov/api.js";
 import { Engine } from "rastercov/live_engine.js";
-import { readGlb, refuse } from "rastercov/mesh_glb.js";
+import { readGlb } from "rastercov/mesh_glb.js";
 
 export const MOST_FACES = 300_000;
 export const MOST_BYTES = 200_000_000;
@@ -33,7 +33,7 @@ export async function readMesh(name, bytes, module) {
   } catch (error) {
     const shown = printable(name).slice(0, 60);
     const words = error.status ? error.message.replace("split it, or raise memory_budget", "or use rastercov view") : `expected a file that follows its format, got inconsistent data (${error.message}); export it again`;
-    throw new Refused(`${shown}: ${words}`.slice(0, 500), 400);
+    refuse(`${shown}: ${words}`.slice(0, 500));
   }
 }
 

@@ -1,6 +1,6 @@
 /** Scenes of GLB files; see rastercov/formats/meshes/gltf.py. One group a node, in the order of the tree. */
 
-import { Refused } from "rastercov/api.js";
+import { refuse } from "rastercov/api.js";
 
 const COMPONENTS = {
   5120: [1, "getInt8", 127],
@@ -25,11 +25,6 @@ const NAMES = {
   scene: "nodes name extras extensions",
   file: "accessors animations asset buffers bufferViews cameras extensions extensionsRequired extensionsUsed images materials meshes nodes samplers scene scenes skins textures extras",
 };
-
-/** Ends the reading of a file with one line. */
-export function refuse(words) {
-  throw new Refused(words, 400);
-}
 
 /** {vertices, faces, groupOf, names, notes} of a file of up to some faces. */
 export function readGlb(bytes, most) {
@@ -73,7 +68,7 @@ function chunksOf(bytes) {
   } catch {
     refuse("expected a readable JSON chunk, got damaged text; export it again");
   }
-  if (!isObject(header)) refuse("expected the JSON chunk to be an object, got another type; export it again");
+  if (!isObject(header)) refuse(`expected the JSON chunk to be an object, got ${typeOf(header)}; export it again`);
   const asset = header.asset ?? {};
   for (const [key, known] of [["version", "2."], ["minVersion", "2.0"]]) {
     const wanted = String(asset[key] ?? "2.0");
@@ -82,25 +77,29 @@ function chunksOf(bytes) {
   return { header, buffer: found.get(0x004e4942) ?? new Uint8Array() };
 }
 
+/** Type of a value, and the value, as Python names them. */
+const typeOf = (value) => (value === null ? "NoneType" : Array.isArray(value) ? "list" : ({ object: "dict", string: "str", boolean: "bool" }[typeof value] ?? (Number.isInteger(value) ? "int" : "float")));
+const shown = (value) => ({ null: "None", undefined: "None", true: "True", false: "False" }[value] ?? (typeof value === "string" ? `'${value}'` : JSON.stringify(value)).slice(0, 20));
+
 const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
 
 function listOf(owner, key) {
   const found = owner[key] ?? [];
-  if (!Array.isArray(found) || (key in owner && owner[key] === null)) refuse(`expected '${key}' to be a list, got another type; export it again`);
+  if (!Array.isArray(found) || (key in owner && owner[key] === null)) refuse(`expected '${key}' to be a list, got ${typeOf(owner[key])}; export it again`);
   return found;
 }
 
 function objectOf(header, key, index) {
   const items = listOf(header, key);
   if (!Number.isInteger(index) || !(index >= 0 && index < items.length) || !isObject(items[index])) {
-    refuse(`expected an index below ${items.length}, the objects of '${key}', got ${JSON.stringify(index)?.slice(0, 20)}; export it again`);
+    refuse(`expected an index below ${items.length}, the objects of '${key}', got ${shown(index)}; export it again`);
   }
   return items[index];
 }
 
 function countOf(owner, key, otherwise) {
   const value = key in owner ? owner[key] : otherwise;
-  if (!Number.isSafeInteger(value) || value < 0) refuse(`expected '${key}' to be a whole number from 0, got ${JSON.stringify(value)?.slice(0, 20)}; export it again`);
+  if (!Number.isSafeInteger(value) || value < 0) refuse(`expected '${key}' to be a whole number from 0, got ${shown(value)}; export it again`);
   return value;
 }
 
@@ -175,7 +174,7 @@ class Scene {
       if (!isObject(primitive)) refuse(`mesh ${node.mesh}: expected primitives, got something else; export it again`);
       checkNames("primitive", primitive);
       const mode = "mode" in primitive ? primitive.mode : TRIANGLES;
-      if (!Number.isInteger(mode) || mode < 0 || mode > FAN) refuse(`mesh ${node.mesh}: expected a mode from 0 to 6, got ${JSON.stringify(mode)?.slice(0, 20)}; export it again`);
+      if (!Number.isInteger(mode) || mode < 0 || mode > FAN) refuse(`mesh ${node.mesh}: expected a mode from 0 to 6, got ${shown(mode)}; export it again`);
       if (mode >= TRIANGLES) this.#triangles(node.mesh, primitive, mode, matrix, group);
       else made.notes.push("ignored points or lines");
     }
@@ -190,10 +189,11 @@ class Scene {
     const n = points.length / 3;
     let corners = Array.from({ length: n }, (_, row) => row);
     if ("indices" in primitive) {
-      const [, , most] = COMPONENTS[objectOf(this.header, "accessors", primitive.indices).componentType] ?? refuse("expected indices of a known type, got another type; export it again");
+      const [, , most] = COMPONENTS[objectOf(this.header, "accessors", primitive.indices).componentType] ?? [];
       corners = this.#read(primitive.indices, "SCALAR");
-      const beyond = corners.find((corner) => !(corner < Math.min(n, most)));
-      if (beyond !== undefined) refuse(`mesh ${mesh}: expected vertex indices in 0 ... ${Math.min(n, most) - 1}, got ${beyond}; export it again`);
+      const last = Math.min(n, most) - 1;
+      const high = corners.reduce((a, b) => Math.max(a, b), 0);
+      if (high > last) refuse(`mesh ${mesh}: expected vertex indices in 0 ... ${last}, got 0 ... ${high}; export it again`);
     }
     if (mode === TRIANGLES && corners.length % 3) refuse(`expected triangles of 3 corners each, got ${corners.length} corners; export it again`);
     if (mode !== TRIANGLES && [1, 2].includes(corners.length)) refuse(`expected a strip of 3 corners or more, got ${corners.length}; export it again`);
@@ -221,7 +221,7 @@ class Scene {
     const [size, get, most] = COMPONENTS[accessor.componentType] ?? [0];
     const isIndex = wanted === "SCALAR";
     const isRight = accessor.type === wanted && (isIndex ? get?.startsWith("getUint") : get !== "getUint32");
-    if (!size || !isRight) refuse(`expected ${where} to be ${wanted}, got ${JSON.stringify(accessor.type)?.slice(0, 20)} of ${JSON.stringify(accessor.componentType)?.slice(0, 20)}; export it again`);
+    if (!size || !isRight) refuse(`expected ${where} to be ${wanted}, got ${shown(accessor.type)} of ${shown(accessor.componentType)}; export it again`);
     const isNormalised = "normalized" in accessor ? accessor.normalized : false;
     if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) refuse(`${where}: expected 'normalized' of integers only, got it elsewhere; export it again`);
     const count = countOf(accessor, "count");
@@ -258,7 +258,7 @@ function checkCount({ most }, n) {
 
 function nameOf(owner) {
   const name = owner.name || "";
-  return typeof name === "string" ? name.slice(0, 1000) : refuse("expected a name to be a string, got another type; export it again");
+  return typeof name === "string" ? name.slice(0, 1000) : refuse(`expected a name to be a string, got ${typeOf(name)}; export it again`);
 }
 
 function matrixOf(index, node) {

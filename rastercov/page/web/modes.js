@@ -11,15 +11,14 @@ import { control } from "rastercov/fields.js";
  */
 export function modeList(session, panel) {
   const modes = session.scene.modes.filter((mode) => mode.panel === panel);
-  const root = element("fieldset.modes", {}, element("legend", {}, "Colour by"));
+  const root = element("fieldset.modes", element("legend", "Colour by"));
   const rows = modes.map((mode) => {
     const radio = element("input", { type: "radio", name: `mode-${panel}`, value: mode.id });
     radio.addEventListener("change", () => session.setMode(mode.id));
     const options = element("div.options");
     const row = element(
       "div.mode",
-      {},
-      element("label.check", { title: mode.words ?? "" }, radio, element("span", {}, mode.label)),
+      element("label.check", { title: mode.words ?? "" }, radio, element("span", mode.label)),
       options,
     );
     return { mode, radio, options, row };
@@ -40,7 +39,7 @@ export function modeList(session, panel) {
 
 /** Controls of the options of a mode; none in a static export, whose figures are fixed. */
 function optionControls(session, mode) {
-  const words = mode.words ? [element("p.soft", {}, mode.words)] : [];
+  const words = mode.words ? [element("p.soft", mode.words)] : [];
   if (session.server.isRecorded) return words;
   const fields = (mode.options ?? []).map((field) => {
     const value = session.options[mode.id][field.name];

@@ -8,7 +8,6 @@ export function networkPanel(session) {
   const modes = modeList(session, "network");
   return element(
     "div",
-    {},
     session.features.map((each) => each.network?.()),
     goals(session),
     section(session.canEdit || session.state.stations.length ? "Coverage by all cameras" : "Colours", [modes]),
@@ -23,15 +22,14 @@ function goals(session) {
   const row = ({ goal, status, words, asked }) =>
     element(
       `li.${status}`,
-      {},
-      element("strong", {}, status),
+      element("strong", status),
       button(words, () => session.setGoal(goal), {
         kind: "link",
         "aria-current": String(goal === (session.state.goal ?? "")),
         disabled: !session.canEdit,
         title: goal ? `show ${goal}` : "show the task",
       }),
-      element("span.soft", {}, asked),
+      element("span.soft", asked),
     );
   const show = () => {
     const required = session.figures?.summary.required ?? [];
@@ -64,6 +62,6 @@ function thresholds(session) {
   });
   const note = element("p.soft", { hidden: true });
   const rows = controls.map(({ control: made }) => made.root);
-  const root = section("What counts as covered", [note, element("div", {}, rows)]);
+  const root = section("What counts as covered", [note, element("div", rows)]);
   return root;
 }

@@ -11,29 +11,27 @@ export function objectPanel(session, view, shown) {
   const sides = [0, 1, 2].map((axis) => metres(scene.bounds[1][axis] - scene.bounds[0][axis]));
   const facts = element(
     "dl.facts",
-    {},
-    element("dt", {}, "Faces"),
-    element("dd", {}, count(scene.n_faces)),
-    element("dt", {}, "Vertices"),
-    element("dd", {}, count(scene.n_vertices)),
-    element("dt", {}, "Size"),
-    element("dd", {}, sizeOf(sides)),
-    scene.result ? [element("dt", {}, "Result"), element("dd", {}, scene.result.words)] : null,
+    element("dt", "Faces"),
+    element("dd", count(scene.n_faces)),
+    element("dt", "Vertices"),
+    element("dd", count(scene.n_vertices)),
+    element("dt", "Size"),
+    element("dd", sizeOf(sides)),
+    scene.result ? [element("dt", "Result"), element("dd", scene.result.words)] : null,
   );
   const groups = scene.groups.map((group, at) =>
     element(
       "li",
-      {},
       check(
         group.name || `group ${at}`,
         true,
         (isOn) => view.hideGroup(at, !isOn),
         { title: "show or hide" },
       ),
-      element("span.soft", {}, `${ROLES[group.role] ?? group.role}, ${count(group.faces)} faces`),
+      element("span.soft", `${ROLES[group.role] ?? group.role}, ${count(group.faces)} faces`),
     ),
   );
-  const listed = section("Groups", [element("ul.plain", {}, groups)]);
+  const listed = section("Groups", [element("ul.plain", groups)]);
   session.on("groups", () => {
     listed.open = true;
     groups.forEach((row, at) => (row.querySelector("input").checked = !view.hiddenGroups.has(at)));
@@ -41,7 +39,6 @@ export function objectPanel(session, view, shown) {
   const modes = modeList(session, "object");
   return element(
     "div",
-    {},
     section(scene.title, [facts], { name: "facts" }),
     listed,
     modes ? section("Segmentation", [modes]) : null,
@@ -79,8 +76,7 @@ function constraintControls(session, view, shown) {
     kept,
     element(
       "ul.plain.soft",
-      {},
-      words.map((text) => element("li", {}, text)),
+      words.map((text) => element("li", text)),
     ),
   ];
 }

@@ -53,14 +53,13 @@ function chosen(data) {
     document.body.replaceChildren(
       element(
         "main.begin",
-        {},
-        element("h1", {}, "rastercov ", element("span.soft", {}, "playground")),
-        element("p", {}, "Place cameras around a part or in a room, and see how much of the surface they cover, and why the rest is not covered."),
-        element("label.drop", { htmlFor: "mesh-file" }, element("strong", {}, "Open a mesh, or drop it here"), element("span.soft", {}, "STL, OBJ, PLY, OFF or GLB, up to 300,000 faces. The file stays on this device."), input),
+        element("h1", "rastercov ", element("span.soft", "playground")),
+        element("p", "Place cameras around a part or in a room, and see how much of the surface they cover, and why the rest is not covered."),
+        element("label.drop", { htmlFor: "mesh-file" }, element("strong", "Open a mesh, or drop it here"), element("span.soft", "STL, OBJ, PLY, OFF or GLB, up to 300,000 faces. The file stays on this device."), input),
         fault,
         more,
-        element("p", {}, "Or start from"),
-        element("div.buttons", {}, data.samples.map((sample) => button(sample.title, () => open(sample), { title: sample.words }))),
+        element("p", "Or start from"),
+        element("div.buttons", data.samples.map((sample) => button(sample.title, () => open(sample), { title: sample.words }))),
       ),
     );
   });
@@ -84,9 +83,8 @@ function unitForm(name, mesh, resolve) {
   };
   return element(
     "div.unit-form",
-    {},
-    element("p", {}, `${[`${name}: ${count(mesh.groupOf.length)} faces`, ...new Set(mesh.notes)].join("; ")}.`),
-    element("p", {}, element("label", {}, "The unit of the file is ", menu), ", so the object measures ", size, kind === "glb" ? "." : ". The file does not state its unit: check the size."),
+    element("p", `${[`${name}: ${count(mesh.groupOf.length)} faces`, ...new Set(mesh.notes)].join("; ")}.`),
+    element("p", element("label", "The unit of the file is ", menu), ", so the object measures ", size, kind === "glb" ? "." : ". The file does not state its unit: check the size."),
     button("Start", start, { kind: "primary" }),
   );
 }

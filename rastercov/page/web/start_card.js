@@ -28,12 +28,11 @@ export function startCard(session, view, jobs) {
   const root = element(
     "section.start",
     { "aria-label": "First cameras" },
-    element("h2", {}, "No camera yet"),
+    element("h2", "No camera yet"),
     way(
       placement &&
         element(
           "span.group",
-          {},
           button("Place", place, { kind: "primary" }),
           hasNumber ? number : null,
           hasNumber ? "cameras" : "cameras as the plan specifies",
@@ -57,4 +56,4 @@ export function startCard(session, view, jobs) {
   return root;
 }
 
-const way = (control, words) => element("div.way", {}, control, element("p.soft", {}, words));
+const way = (control, words) => element("div.way", control, element("p.soft", words));

@@ -13,7 +13,7 @@ export function messages(session) {
     const line = element(
       `div.message.${kind}`,
       { role: kind === "fault" ? "alert" : "status", "data-text": text },
-      element("span", {}, text),
+      element("span", text),
       more,
       button("×", () => line.remove(), { kind: "quiet", "aria-label": "close" }),
     );
@@ -82,7 +82,7 @@ export class Jobs {
     this.root = element(
       "div.job",
       { hidden: true, role: "status" },
-      element("div.what", {}, this.words, this.bar, this.times),
+      element("div.what", this.words, this.bar, this.times),
       button("Cancel", () => this.#cancel(), { title: "cancel and keep the rig unchanged" }),
     );
   }

@@ -48,7 +48,7 @@ export function tabs(panels, first) {
   show(Math.min(remembered("tab", first), panels.length - 1));
   return {
     onShow: (listener) => (onShow = listener),
-    root: element("div.tabbed", {}, list, bodies),
+    root: element("div.tabbed", list, bodies),
     show,
     isShown: (title) => panels[shown][0] === title,
   };

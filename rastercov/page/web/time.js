@@ -112,8 +112,8 @@ function timePanel(session) {
   };
   session.on("phase", show);
   show();
-  const soft = session.canEdit ? element("p.soft", {}, "Figures and cameras are those of this frame.") : null;
-  return section("Time", [element("div.time", {}, slider, element("div.buttons", {}, play, words), soft)]);
+  const soft = session.canEdit ? element("p.soft", "Figures and cameras are those of this frame.") : null;
+  return section("Time", [element("div.time", slider, element("div.buttons", play, words), soft)]);
 }
 
 const pause = (time) => new Promise((resolve) => setTimeout(resolve, time));

@@ -35,7 +35,7 @@ export function variantsSection(session) {
   };
   session.on("state frame", show);
   show();
-  return section("Variants", [table, note, element("div.buttons.keep", {}, name, keeping)]);
+  return section("Variants", [table, note, element("div.buttons.keep", name, keeping)]);
 }
 
 /** First letter that no variant has as its name. */
@@ -57,16 +57,14 @@ function tableOf(session, rows) {
   return [
     element(
       "thead",
-      {},
       element(
         "tr",
-        {},
         element("th", { scope: "col" }, "Variant"),
         columns.map(([text, title]) => element("th", { scope: "col", title }, text)),
         element("td"),
       ),
     ),
-    element("tbody", {}, rows.map((row) => rowOf(session, row, columns, best))),
+    element("tbody", rows.map((row) => rowOf(session, row, columns, best))),
   ];
 }
 
@@ -86,11 +84,10 @@ function rowOf(session, row, columns, best) {
   });
   return element(
     row.is_shown ?? true ? "tr.chosen" : "tr",
-    {},
     element("th", { scope: "row" }, name),
     columns.map(([text, , value]) =>
-      element(text === "covers" && coveredPercent(row) === best ? "td.best" : "td", {}, value(row)),
+      element(text === "covers" && coveredPercent(row) === best ? "td.best" : "td", value(row)),
     ),
-    element("td", {}, isKept ? drop : null),
+    element("td", isKept ? drop : null),
   );
 }

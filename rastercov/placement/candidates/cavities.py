@@ -38,15 +38,23 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import image_side
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record, percent, plural
-from rastercov.base.memory import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.base.threads import Closing
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    ByName,
+    ByteArray,
+    Closing,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    frozen_record,
+    image_side,
+    percent,
+    plural,
+)
 from rastercov.base.typed import typed
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.projection import box_corners
-from rastercov.core.camera.viewpoints import half_angles, look_at
+from rastercov.core.camera import Camera, box_corners, look_at
+from rastercov.core.camera.viewpoints import half_angles
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen, matrices_of
 from rastercov.core.mesh.contacts import TriangleTree

@@ -15,10 +15,17 @@ from annotated_types import Gt
 from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import TINY, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    finite_number,
+    frozen_record,
+    shown,
+)
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import TriangleTree

@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray
+from rastercov.base import ConfigError, FloatArray
 from rastercov.core.mesh import Mesh
 
 if TYPE_CHECKING:

@@ -16,14 +16,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, finite_points
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    finite_points,
+    shown,
+)
 from rastercov.base.typed import typed
 from rastercov.core.area.cells import cells
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.viewpoints import enclosing_distance, fibonacci_sphere, look_at
+from rastercov.core.camera import Camera, fibonacci_sphere, look_at
+from rastercov.core.camera.viewpoints import enclosing_distance
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import unit
 from rastercov.core.mesh.groups import listed

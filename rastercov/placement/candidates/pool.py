@@ -15,14 +15,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.errors import ConfigError, PoseError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base import ConfigError, FloatArray, Int32Array, IntArray, PoseError, frozen_record
 from rastercov.base.typed import check_fields, typed
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.viewpoints import depth_of_targets, half_angles, look_at
+from rastercov.core.camera import MODELS, Camera, Poses, look_at, valid_poses
+from rastercov.core.camera.viewpoints import depth_of_targets, half_angles
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen, matrices_of
 from rastercov.formats.cameras import read_views

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from rastercov.base.format import ByName, number, size_in_words
-from rastercov.base.memory import FloatArray
+from rastercov.base import ByName, FloatArray, size_in_words
+from rastercov.base.format import number
 
 MOST_REASONS = 6
 """Reasons that a line names."""

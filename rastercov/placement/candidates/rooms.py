@@ -11,10 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import finite_points
-from rastercov.base.errors import ConfigError, MeshError
-from rastercov.base.format import frozen_record, plural
-from rastercov.base.memory import TINY, BoolArray, FloatArray, IntArray
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    MeshError,
+    finite_points,
+    frozen_record,
+    plural,
+)
 from rastercov.base.typed import typed
 from rastercov.core.coverage.doubts import named_places
 from rastercov.core.mesh import Mesh

@@ -12,11 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    IntArray,
+    check_choice,
+    finite_number,
+    frozen_record,
+    shown,
+)
 from rastercov.base.typed import check_type
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen

@@ -14,14 +14,19 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray, Lists
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    Lists,
+    frozen_record,
+)
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.failures import CentrePass
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import eyes_of, led_by, rows_of_result
+from rastercov.core.camera import Poses, eyes_of, led_by, renumbered, rows_of_result
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.network import least_cosine
 from rastercov.core.coverage.observer import Observer
@@ -279,7 +284,7 @@ class Objective:
 
 def _read_only(*arrays: AnyArray) -> list[AnyArray]:
     """The arrays as the loops take them."""
-    from rastercov.base.memory import read_only
+    from rastercov.base import read_only
 
     return [read_only(array, array.dtype.type) for array in arrays]
 

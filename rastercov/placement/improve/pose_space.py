@@ -10,13 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray
+from rastercov.base import BoolArray, ByteArray, ConfigError, FloatArray, frozen_record, shown
 from rastercov.base.typed import check_fields
-from rastercov.core.camera.pose import valid_poses
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.camera import look_at, valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.candidates.clearance import (

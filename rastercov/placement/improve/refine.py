@@ -22,13 +22,19 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import LARGEST_COORDINATE, check_seed
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
+from rastercov.base import (
+    LARGEST_COORDINATE,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    Lists,
+    check_seed,
+    frozen_record,
+)
 from rastercov.base.interrupts import interrupts_held
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, Lists
 from rastercov.base.typed import typed
-from rastercov.core.camera.pose import Poses, renumbered
+from rastercov.core.camera import Poses, renumbered
 from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace

@@ -14,12 +14,17 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import check_seed
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, Lists
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    ConfigError,
+    FloatArray,
+    Lists,
+    check_seed,
+    frozen_record,
+)
 from rastercov.base.typed import typed
-from rastercov.core.camera.pose import Poses, valid_poses
+from rastercov.core.camera import Poses, valid_poses
 from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace

@@ -12,7 +12,7 @@ Problem. 1991.
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray
 
 MOST_EXACT = 9
 """Stops of which the best path is found."""

@@ -12,10 +12,22 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from rastercov.advice.headline import advice_line, with_parts
-from rastercov.base.checks import finite_number, shown
-from rastercov.base.errors import ConfigError, errors_as
-from rastercov.base.files import StrPath, UnreadableError, printable, read_json
-from rastercov.base.format import ByName, ReadByName, area, first_of, number, percent, plural
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    ReadByName,
+    StrPath,
+    UnreadableError,
+    errors_as,
+    finite_number,
+    first_of,
+    percent,
+    plural,
+    printable,
+    read_json,
+    shown,
+)
+from rastercov.base.format import area, number
 from rastercov.core.area.zones import LEAST_PERCENT, zone_line
 from rastercov.core.coverage.required import FAILS, status_of
 

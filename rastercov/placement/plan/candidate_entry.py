@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Union
 
 from pydantic import Field
 
-from rastercov.base.features import hooks_of
+from rastercov.base import hooks_of
 from rastercov.placement.plan.generator import CarriedGenerators, Generator
 from rastercov.placement.plan.generators import PerCavity, Reachable
 

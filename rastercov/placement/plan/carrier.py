@@ -6,12 +6,10 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base import BoolArray, ByName, FloatArray, hooks_of
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
+from rastercov.core.camera import Poses
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective

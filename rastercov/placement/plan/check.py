@@ -15,29 +15,30 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.advice.headline import by_reason, faces_gained, first_lines, other_lines
-from rastercov.base.checks import is_number, share_meant
-from rastercov.base.errors import ConfigError, MeshError, PoseError
-from rastercov.base.features import hooks_of
-from rastercov.base.files import parsed_json
-from rastercov.base.format import (
+from rastercov.base import (
     ByName,
+    ConfigError,
+    FloatArray,
     InNotebook,
     InOneLine,
+    MeshError,
+    PoseError,
     ReadByName,
     first_of,
     frozen_record,
+    hooks_of,
+    json_bytes,
+    parsed_json,
     plural,
 )
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import json_bytes
+from rastercov.base.checks import is_number, share_meant
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import Cameras, Rig, Views, gates_of, names_of_poses
+from rastercov.core.camera import Cameras, Poses, Rig, Views, gates_of, names_of_poses, renumbered
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.coverage.required import HOLDS

@@ -33,6 +33,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
 
+from rastercov.base import ByName, hooks_of, shown
 from rastercov.base.arguments import (
     MOST_POSES,
     Quantity,
@@ -41,9 +42,6 @@ from rastercov.base.arguments import (
     documented,
     reader_of,
 )
-from rastercov.base.checks import shown
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
 
 Value = TypeVar("Value")

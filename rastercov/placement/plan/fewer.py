@@ -10,7 +10,7 @@ Branch and bound: each further candidate adds at most what it adds to fewer.
 
 import numpy as np
 
-from rastercov.base.memory import Float32Array, FloatArray
+from rastercov.base import Float32Array, FloatArray
 from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.prepare import Prepared
 

@@ -19,23 +19,27 @@ from typing import Self, get_args
 import numpy as np
 from pydantic import BaseModel, PrivateAttr, ValidationError, ValidationInfo, model_validator
 
-from rastercov.base.checks import share_meant, shown
-from rastercov.base.errors import CameraError, ConfigError, RastercovError, errors_as
-from rastercov.base.features import hooks_of
-from rastercov.base.files import (
+from rastercov.base import (
+    ByName,
+    CameraError,
+    ConfigError,
+    RastercovError,
+    ReadByName,
     StrPath,
     UnparsedError,
     UnreadableError,
+    errors_as,
+    first_of,
+    hooks_of,
     printable,
     read_toml,
+    shown,
     suffix_of,
 )
-from rastercov.base.format import ByName, ReadByName, first_of
+from rastercov.base.checks import share_meant
 from rastercov.core.area.network import unit_of_result
-from rastercov.core.camera.camera import Camera
+from rastercov.core.camera import Camera, Poses, Rig, is_joint
 from rastercov.core.camera.equipment import Equipment
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, is_joint
 from rastercov.core.coverage.device import Device
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.task import Task

@@ -11,8 +11,8 @@ from typing import Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
-from rastercov.base.format import ByName
-from rastercov.core.camera.camera import Camera
+from rastercov.base import ByName
+from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.pool import Candidates, Framing

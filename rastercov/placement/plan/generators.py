@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from rastercov.base.features import hooks_of
+from rastercov.base import hooks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.mesh import faces_named
 from rastercov.formats.cameras import read_views

@@ -12,14 +12,20 @@ from functools import cached_property
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record, plural, verb
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    frozen_record,
+    plural,
+)
+from rastercov.base.format import verb
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.required import SHARE_TOLERANCE
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import FloatArray, IntArray, frozen_record
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.engine import mesh_clearance

@@ -18,17 +18,23 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record, percent, plural
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    frozen_record,
+    percent,
+    plural,
+)
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
 from rastercov.core.area.by_camera import ByCamera, cameras_apart
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import gated
+from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, renumbered, rows_of_result
 from rastercov.core.camera.conventions import centre_doubt
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import Rig, eyes_of, is_joint, rows_of_result
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batches
 from rastercov.core.coverage.doubts import doubts
 from rastercov.core.coverage.engine import Engine

@@ -13,9 +13,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 from rastercov.advice.headline import advice_line, with_parts
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import plural
-from rastercov.base.output import check_place, write_bytes, write_text
+from rastercov.base import ConfigError, check_place, plural, write_bytes, write_text
 from rastercov.core.area.zones import LEAST_PERCENT, n_unlisted, zone_line
 from rastercov.core.coverage.required import HOLDS
 from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words

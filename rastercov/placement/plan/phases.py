@@ -6,14 +6,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple, Protocol, Self
 
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import ByName, FloatArray, IntArray, hooks_of
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Cameras
+from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.phases import Phases
 from rastercov.core.coverage.task import Task

@@ -18,12 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.files import suffix_of
-from rastercov.base.format import ByName, distance, frozen_record, percent
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    ResourceError,
+    check_memory,
+    frozen_record,
+    named,
+    percent,
+    suffix_of,
+)
+from rastercov.base.format import distance
 from rastercov.base.locks import locked
-from rastercov.base.memory import BoolArray, FloatArray, IntArray, check_memory
-from rastercov.base.output import is_own_folder, named, own_place
+from rastercov.base.output import is_own_folder, own_place
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import unmet_lines
@@ -31,9 +41,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.area.zones import areas_by_reason, dead_zones
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import Rig, gates_of
+from rastercov.core.camera import Poses, Rig, gates_of, renumbered, unit_doubts
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.observer import Observer

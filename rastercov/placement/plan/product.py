@@ -3,9 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, Self
 
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName
-from rastercov.core.camera.pose import Poses
+from rastercov.base import ByName, hooks_of
+from rastercov.core.camera import Poses
 from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.file import Plan

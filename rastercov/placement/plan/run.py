@@ -18,16 +18,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, InNotebook, InOneLine, frozen_record
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    InNotebook,
+    InOneLine,
+    IntArray,
+    frozen_record,
+    hooks_of,
+)
 from rastercov.base.output import own_place
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera.doubts import unit_doubts
-from rastercov.core.camera.pose import Poses, renumbered
-from rastercov.core.camera.rig import is_joint, led_by, names_of_poses
+from rastercov.core.camera import Poses, is_joint, led_by, names_of_poses, renumbered, unit_doubts
 from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen

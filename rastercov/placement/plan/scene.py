@@ -15,9 +15,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rastercov.base.errors import MeshError, RastercovError
-from rastercov.base.format import ByName, frozen_record, plural
-from rastercov.base.memory import ByteArray, FloatArray
+from rastercov.base import (
+    ByName,
+    ByteArray,
+    FloatArray,
+    MeshError,
+    RastercovError,
+    frozen_record,
+    plural,
+)
 from rastercov.core.area.remedies import IsFree, Places, outside_of_matter
 from rastercov.core.camera.conventions import unique_names
 from rastercov.core.mesh import Mesh, shapes

@@ -29,15 +29,12 @@ from pydantic import (
     model_validator,
 )
 
-from rastercov.base.errors import CameraError, RastercovError
-from rastercov.base.features import hooks_of
-from rastercov.base.format import ByName, ReadByName
+from rastercov.base import ByName, CameraError, RastercovError, ReadByName, hooks_of
 from rastercov.core.area.regions import OF_A_FACE
-from rastercov.core.camera.camera import Camera, check_optics
+from rastercov.core.camera import Camera, Conventions, Rig, look_at
+from rastercov.core.camera.camera import check_optics
 from rastercov.core.camera.catalogue import price_of
-from rastercov.core.camera.conventions import Conventions
-from rastercov.core.camera.rig import Rig, entries_of_rig, preset_rig, rig_with
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.camera.rig import entries_of_rig, preset_rig, rig_with
 from rastercov.core.coverage.device import Device
 from rastercov.core.coverage.task import NEEDED, Task
 from rastercov.core.mesh import Mesh

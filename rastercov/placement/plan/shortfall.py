@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rastercov.advice.headline import advice_line, area_gained
-from rastercov.base.format import ByName, area, coordinates, first_of, percent, plural
+from rastercov.base import ByName, first_of, percent, plural
+from rastercov.base.format import area, coordinates
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import even_points
@@ -29,10 +30,7 @@ from rastercov.core.area.zones import (
     summary_of,
     zone_line,
 )
-from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import Rig, rows_of_result
-from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.camera import Camera, Poses, Rig, look_at, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
 from rastercov.core.coverage.required import FAILS, HOLDS

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from rastercov.base.format import ByName, plural
+from rastercov.base import ByName, plural
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.zones import MOST_LINES, DeadZones, points_of
-from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.rig import led_by
+from rastercov.core.camera import Poses, led_by
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Task
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words

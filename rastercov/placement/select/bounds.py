@@ -17,6 +17,7 @@ chosen, until nothing is gained. Such prices are rounded down to multiples of a 
 what each candidate earns is a sum of integers, equal in any order.
 
 J. E. Beasley. A Lagrangian heuristic for set-covering problems. 1990.
+G. B. Dantzig. Discrete-Variable Extremum Problems. 1957, for the fractional knapsack.
 M. L. Fisher. The Lagrangian relaxation method for solving integer programming problems. 1981.
 A. Caprara, M. Fischetti, P. Toth. A heuristic method for the set covering problem. 1999.
 P. Wentges. Weighted Dantzig-Wolfe decomposition for linear mixed-integer programming. 1997.
@@ -29,8 +30,7 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import AnyArray, FloatArray, Int32Array, IntArray
+from rastercov.base import AnyArray, FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.engine import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
@@ -43,6 +43,8 @@ PATIENCE = 15
 """Steps without a better bound after which the step length is halved."""
 LEAST_SCALE = 1e-4
 """Part of the first step length at which the search ends."""
+LEAST_COST = 1e-300
+"""Cost of a candidate, at least, in a quotient."""
 BEYOND = 1.02
 """Cost that steps aim at, relative to that of a selection."""
 BOUND_SAFETY_REL = 1e-9
@@ -178,8 +180,8 @@ def best_prices(
     else:
         sign, best, values, target = -1.0, 0.0, state.cost, BEYOND * state.cost
         if prices is None:
-            prices = np.empty(reduced.n_faces)
-            kernels.cheapest_share(*pairs, costs, prices)
+            sizes, prices = np.diff(reduced.indptr), np.full(reduced.n_faces, math.inf)
+            np.minimum.at(prices, reduced.face, np.repeat(costs / np.maximum(sizes, 1), sizes))
     u = kept = np.minimum(prices, most)
     earned, cover = np.empty(len(costs)), np.empty(len(u))
     scale, waited = 1.0, 0
@@ -258,17 +260,65 @@ class Relaxed:
         """
         among = self.among
         if isinstance(among.problem.goal, BestCoverage):
-            amounts = np.empty(len(earned))
-            income = kernels.most_earned(earned, among.costs, *limits_of(among), amounts)
+            income, amounts = most_earned(earned, among.costs, *limits_of(among))
             spare = self.weights - self.views * price
             return income + float(np.maximum(spare, 0.0).sum()), amounts, spare > 0
-        share, total = np.ones(len(price)), float(among.least_total)
+        share, total = np.ones(len(price)), among.least_total
         if total < self.weights.sum():
-            least, by_weight = among.least.astype(np.float64), self.views * price / self.weights
-            kernels.cheapest(by_weight, self.weights, self.kind, least, total, share)
+            by_weight = self.views * price / self.weights
+            share = cheapest(by_weight, self.weights, self.kind, among.least, total)
         saved = float(np.minimum(among.costs - earned, 0.0).sum())
         bound = saved + float((self.views * price * share).sum())
         return bound, (earned > among.costs).astype(np.float64), share
+
+
+def most_earned(
+    earned: FloatArray, costs: FloatArray, cameras: int, budget: float
+) -> tuple[float, FloatArray]:
+    """Most that any candidates within the limits earn, or more, and the part of each, (C,).
+
+    That of the `cameras` most valuable candidates; with a budget, also of the most valuable by
+    cost, the last one in part. Each is a bound under both limits; the lesser is taken.
+    """
+    amounts = np.zeros(len(earned))
+    amounts[np.argsort(-earned, kind="stable")[:cameras]] = 1.0
+    income = float((amounts * earned).sum())
+    if math.isinf(budget):
+        return income, amounts
+    order = np.argsort(-earned / np.maximum(costs, LEAST_COST), kind="stable")
+    own, parts = costs[order], np.ones(len(earned))
+    np.divide(_first(own, budget), own, parts, where=own > 0)
+    by_cost = float((parts * earned[order]).sum())
+    if by_cost >= income:
+        return income, amounts
+    amounts[order] = parts
+    return by_cost, amounts
+
+
+def _first(amounts: FloatArray, total: AnyArray | float) -> FloatArray:
+    """(N,) parts of successive amounts that add up to a total, or all; of N totals of runs."""
+    before = np.cumsum(amounts) - amounts
+    return np.clip(total - before, 0.0, amounts)
+
+
+def cheapest(
+    price: FloatArray, weights: FloatArray, kind: Int32Array, least: IntArray, total: int
+) -> FloatArray:
+    """(F,) fractions of faces that give the required weights at the least price.
+
+    `least`, (G,), is the weight wanted of each kind, `total` that of all faces.
+    """
+    order = np.lexsort((price, kind))
+    own, of_kind = weights[order], kind[order]
+    before = np.concatenate(([0.0], np.cumsum(own)))[
+        np.searchsorted(of_kind, np.arange(len(least)))
+    ]
+    share = np.empty(len(price))
+    share[order] = _first(own, (least + before)[of_kind]) / own
+    order = np.argsort(price, kind="stable")
+    rest = (weights * (1 - share))[order]
+    share[order] += _first(rest, total - float((share * weights).sum())) / weights[order]
+    return share
 
 
 def rounded_up(cost: float, costs: FloatArray) -> float:

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray
 from rastercov.engine import placement_selection as kernels
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import PROGRESS_BITS
@@ -186,12 +186,10 @@ class CoverState(Cover):
         kind_waits = self.done < reduced.least
         if self.covered < reduced.least_total or not (reduced.least_total or reduced.least.any()):
             kind_waits[:] = True
-        weight = np.empty((reduced.n_candidates, 1), np.int64)
         is_open = ~self.covered_faces & kind_waits[reduced.kind]
-        kernels.open_weights(
-            reduced.camera_indptr, reduced.face, reduced.owner, is_open, reduced.integer_weights,
-            weight,
-        )  # fmt: skip
+        of_pair = np.where(is_open, reduced.integer_weights, 0)[reduced.face]
+        sums = np.concatenate(([0], np.cumsum(of_pair)))[reduced.indptr]
+        weight = np.diff(sums)[:, None]
         self.work += len(reduced.face)
         return self._best(weight, np.zeros(1, np.int64), NO_LIMIT, most_cost, True)
 

@@ -20,8 +20,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from rastercov.base.arguments import check_seed
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError, check_seed
 from rastercov.base.typed import typed
 from rastercov.placement.select import weighting
 from rastercov.placement.select.bounds import (

@@ -29,11 +29,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rastercov.base.arguments import check_seed
-from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.base.format import ByName
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    ResourceError,
+    check_seed,
+)
 from rastercov.base.limits import limited
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
 from rastercov.base.streams import no_printing
 from rastercov.base.typed import typed
 from rastercov.engine import placement_selection as kernels

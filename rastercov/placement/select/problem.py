@@ -21,14 +21,23 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 from typing_extensions import Doc
 
-from rastercov.base.arguments import check_choice, check_limits
-from rastercov.base.checks import shown
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record, percents_apart
-from rastercov.base.memory import TINY, BoolArray, FloatArray, Int32Array, IntArray
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    check_choice,
+    check_limits,
+    frozen_record,
+    shown,
+)
+from rastercov.base.format import percents_apart
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.area.cells import Cells
-from rastercov.core.camera.rig import eyes_of
+from rastercov.core.camera import eyes_of
 from rastercov.core.coverage.network import ViewSpread, least_cosine
 from rastercov.core.coverage.required import SHARE_TOLERANCE
 from rastercov.core.mesh import Mesh

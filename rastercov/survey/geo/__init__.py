@@ -6,8 +6,7 @@ A format is a module with `content`, and its line in `FORMATS` here, or in `flig
 from collections.abc import Callable
 from pathlib import Path
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.output import check_place, write_bytes
+from rastercov.base import check_choice, check_place, write_bytes
 from rastercov.core.area.footprints import Footprints
 from rastercov.formats.georeference import GeoReference
 from rastercov.survey.geo import dxf, geojson, gpkg, kml

@@ -5,7 +5,7 @@ from typing import Any
 
 import shapely
 
-from rastercov.base.errors import ConfigError
+from rastercov.base import ConfigError
 from rastercov.survey.geo.layer import Layer, rings_of
 
 LAYERS = {"FOOTPRINTS": 5, "FOOTPRINT_HOLES": 1, "FOOTPRINT_NAMES": 7}

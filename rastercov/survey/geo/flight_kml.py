@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray
+from rastercov.base import FloatArray
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.survey.flight import Flight
 from rastercov.survey.geo.kml import bytes_of, coordinates, document_of

@@ -6,8 +6,7 @@ Specification of 2008: no CRS can be assumed.
 
 import numpy as np
 
-from rastercov.base.format import ByName
-from rastercov.base.output import json_bytes
+from rastercov.base import ByName, json_bytes
 from rastercov.survey.geo.layer import Layer, rings_of
 
 DEGREES, METRES = 9, 9

@@ -5,8 +5,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import FloatArray
+from rastercov.base import ConfigError, FloatArray
 from rastercov.survey.geo.layer import Layer, rings_of
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"

@@ -10,9 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from rastercov.base.errors import ConfigError
-from rastercov.base.format import ByName, frozen_record
-from rastercov.base.memory import FloatArray
+from rastercov.base import ByName, ConfigError, FloatArray, frozen_record
 from rastercov.core.area.footprints import Footprints
 from rastercov.core.mesh.sections import polygons_in
 from rastercov.formats.georeference import GeoReference

@@ -17,10 +17,15 @@ import shapely
 from numpy.typing import NDArray
 from PIL import Image, TiffImagePlugin
 
-from rastercov.base.arguments import check_choice
-from rastercov.base.errors import ConfigError
-from rastercov.base.memory import AnyArray, FloatArray, IntArray
-from rastercov.base.output import check_place, write_bytes
+from rastercov.base import (
+    AnyArray,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    check_choice,
+    check_place,
+    write_bytes,
+)
 from rastercov.formats.georeference import GeoReference
 from rastercov.survey.geo.layer import Layer
 

@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base.format import ByName
-from rastercov.base.memory import FloatArray
-from rastercov.base.output import json_bytes
+from rastercov.base import ByName, FloatArray, json_bytes
 from rastercov.survey.flight import Flight
 
 WAYPOINT, LAND, TAKE_OFF, SPEED = 16, 21, 22, 178

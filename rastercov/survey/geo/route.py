@@ -6,8 +6,8 @@ from itertools import count
 import numpy as np
 import shapely
 
-from rastercov.base.format import ByName, length, plural
-from rastercov.base.memory import FloatArray
+from rastercov.base import ByName, FloatArray, plural, row_lengths
+from rastercov.base.format import length
 from rastercov.report.drawing import SheetFrame, scale_bar
 from rastercov.report.plan_geometry import edges_between, seen_from_above
 from rastercov.survey.flight import Flight
@@ -51,7 +51,7 @@ def route_of(flight: Flight) -> ByName:
     north = _north(flight)
     turn = np.radians(90.0 if north is None else north)
     some = f", every {every}{'nd' if every == 2 else 'th'} numbered" if every > 1 else ""
-    step = float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum()) / n
+    step = float(row_lengths(np.diff(at, axis=0)).sum()) / n
     return {
         "dot": min(max(step / 4, LEAST_DOT), DOT),
         "size": frame.size,

@@ -39,6 +39,8 @@ Pool<rc_solver> solvers;
 Pool<rc_regions> results;
 Pool<rc_union> unions;
 Pool<rc_lens> lenses;
+Pool<rc_network> networks;
+Pool<rc_zones> zones;
 
 rc_status make_surface() {
     const int64_t n_vertices = 1 + below(12), n_faces = 1 + below(20);
@@ -239,36 +241,120 @@ rc_status judge() {
     return rc_judge_faces(solvers.any(), &by, &task, poses.data(), 1 + below(21), &out);
 }
 
+// A rule of some devices.
+struct Rule {
+    std::vector<uint8_t> needs, stripes;
+    std::vector<double> noise;
+    rc_gate gate;
+
+    explicit Rule(size_t count) : needs(count), stripes(count), noise(count) {
+        for (size_t d = 0; d < count; d++) {
+            needs[d] = uint8_t(below(4) == 0);
+            stripes[d] = uint8_t(below(2));
+            noise[d] = rarely() ? real() : 1e-3;
+        }
+        const double least = below(2) ? 0.0 : double(below(60));
+        gate = {int32_t(1 + below(below(9) ? int64_t(count) : 99)),
+                below(2) ? needs.data() : nullptr,
+                least,
+                below(2) ? 180.0 : least + double(below(90)),
+                below(2) ? 0.0 : double(below(9)) / 16,
+                noise.data(),
+                below(2) ? stripes.data() : nullptr};
+        if (rarely()) (&gate.least_deg)[below(3)] = real();
+        if (rarely()) gate.noise = nullptr;
+    }
+};
+
 // A rule of some results, mostly of one pose each.
 rc_status together() {
     const int64_t n = below(30) ? 2 + below(3) : below(70) - 1;
     const auto count = size_t(std::max<int64_t>(n, 1));
-    std::vector<uint8_t> needs(count), stripes(count);
-    std::vector<double> noise(count);
+    const Rule rule(count);
     std::vector<const rc_regions *> own(count);
-    for (size_t d = 0; d < count; d++) {
-        needs[d] = uint8_t(below(4) == 0);
-        stripes[d] = uint8_t(below(2));
-        noise[d] = rarely() ? real() : 1e-3;
-        own[d] = d > 0 && below(2) ? own[0] : results.any();
-    }
-    const double least = below(2) ? 0.0 : double(below(60));
-    rc_gate gate = {int32_t(1 + below(below(9) ? int64_t(count) : 99)),
-                    below(2) ? needs.data() : nullptr,
-                    least,
-                    below(2) ? 180.0 : least + double(below(90)),
-                    below(2) ? 0.0 : double(below(9)) / 16,
-                    noise.data(),
-                    below(2) ? stripes.data() : nullptr};
-    if (rarely()) (&gate.least_deg)[below(3)] = real();
-    if (rarely()) gate.noise = nullptr;
+    for (size_t d = 0; d < count; d++) own[d] = d > 0 && below(2) ? own[0] : results.any();
     const auto poses = poses_of(n);
     rc_regions *made = nullptr;
     const rc_status status =
-        rc_regions_together(rarely() && rarely() ? nullptr : &gate, own.data(),
+        rc_regions_together(rarely() && rarely() ? nullptr : &rule.gate, own.data(),
                             rarely() && rarely() ? nullptr : poses.data(), n, &made);
     if (made) results.keep(made);
     return status;
+}
+
+rc_status read_zones(rc_zones *from) {
+    int64_t n_zones = 0, n = 0, n_corners = 0;
+    if (const rc_status status = rc_zones_size(from, &n_zones, &n, &n_corners)) return status;
+    std::vector<int32_t> numbers_of(size_t(5 * n + 1));
+    std::vector<double> areas(size_t(n + 1)), corners(size_t(3 * n_corners + 1));
+    int32_t *const at = numbers_of.data();
+    rc_parts parts = {at, at + n, at + 2 * n, at + 3 * n, at + 4 * n, areas.data(), corners.data()};
+    if (below(3) == 0) {
+        double points[12];
+        int32_t faces[4], found[4], reasons[4];
+        for (double &each : points) each = real();
+        for (int32_t &each : faces) each = int32_t(below(21)) - (rarely() ? 1 : 0);
+        return rc_reason_at(from, below(6) - 1 > 4 ? -1 : below(5), points, faces, found,
+                            rarely() ? nullptr : reasons);
+    }
+    if (rarely()) (rarely() ? parts.faces : parts.reasons) = nullptr;
+    return rc_zones_read(from, n + (rarely() ? 1 : 0), n_corners, rarely() ? nullptr : &parts);
+}
+
+rc_status find_zones(rc_network *of) {
+    const int64_t n = 1 + below(21);
+    std::vector<int32_t> views(size_t(n), 1), groups(size_t(n), 0);
+    std::vector<double> unseeable(size_t(n), 0.0);
+    for (size_t f = 0; f < size_t(n); f++) {
+        views[f] += int32_t(below(3)) - (below(300) == 0);
+        groups[f] = int32_t(below(3)) - 1;
+        if (rarely()) unseeable[f] = rarely() ? real() : 0.01;
+    }
+    rc_zones *made = nullptr;
+    const rc_status status =
+        rc_find_zones(of, n, views.data(), below(2) ? groups.data() : nullptr,
+                      below(2) ? unseeable.data() : nullptr, rarely() ? nullptr : &made);
+    if (made) zones.keep(made);
+    return status;
+}
+
+rc_status network() {
+    rc_network *const of = networks.any();
+    const int64_t n = 2 + below(2);
+    const rc_camera by = camera();
+    rc_task task = rc_task_default();
+    if (below(2)) task.max_incidence_deg = double(below(92));
+    if (below(3) == 0) task.min_pixel_density = double(below(20));
+    const Rule rule(static_cast<size_t>(n));
+    rc_network *made = nullptr;
+    rc_regions *regions = nullptr;
+    rc_union *all = nullptr;
+    rc_status status = RC_OK;
+    switch (below(10)) {
+    case 0:
+        status = rc_network_create(surfaces.any(), below(30) ? 1 : int32_t(below(3000)), &made);
+        if (made) networks.keep(made);
+        return status;
+    case 1:
+        return rc_network_clear(of);
+    case 2:
+        status = rc_network_regions(of, below(4) - 1, &regions);
+        if (regions) results.keep(regions);
+        return status;
+    case 3:
+        status = rc_network_unite(of, int32_t(below(5)), &all);
+        if (all) unions.keep(all);
+        return status;
+    case 4:
+    case 5:
+        return find_zones(of);
+    case 6:
+        return read_zones(zones.any());
+    case 7:
+        return rc_network_join(of, &rule.gate, n);
+    default:
+        return rc_network_add(of, &by, rarely() ? nullptr : &task, poses_of(1).data());
+    }
 }
 
 rc_status unite() {
@@ -278,25 +364,18 @@ rc_status unite() {
     if (below(3)) return rc_union_add(unions.any(), results.any());
     rc_union *made = nullptr;
     rc_status status = RC_OK;
-    switch (below(4)) {
-    case 0:
-        status = rc_union_complete(unions.any(), &made);
-        break;
-    case 1:
-        status = rc_union_create_sets(surfaces.any(), &made);
-        break;
-    case 2:
-        return rc_union_add_set(unions.any(), unions.any(), int32_t(below(5)) - 2,
-                                int32_t(below(33)) - 1);
-    default:
-        status = rc_union_create(surfaces.any(), int32_t(below(5)), &made);
-    }
+    if (below(3)) status = rc_union_create(surfaces.any(), int32_t(below(5)), &made);
+    else status = rc_union_complete(unions.any(), &made);
     if (made) unions.keep(made);
     return status;
 }
 
 rc_status release() {
-    switch (below(5)) {
+    switch (below(7)) {
+    case 5:
+        return rc_network_free(below(4) ? nullptr : networks.any());
+    case 6:
+        return rc_zones_free(zones.any());
     case 4:
         return rc_lens_free(lenses.any());
     case 0:
@@ -311,7 +390,12 @@ rc_status release() {
 }
 
 rc_status call() {
-    switch (below(14)) {
+    switch (below(18)) {
+    case 14:
+    case 15:
+    case 16:
+    case 17:
+        return network();
     case 13:
         return together();
     case 10:

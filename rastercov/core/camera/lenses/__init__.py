@@ -4,7 +4,6 @@
 """
 
 from rastercov.core.camera.lenses.of_camera import LensModel
-from rastercov.core.camera.lenses.planes import IdealPlane
 from rastercov.core.camera.models import BASES
 
-__all__ = ["BASES", "IdealPlane", "LensModel"]
+__all__ = ["BASES", "LensModel"]

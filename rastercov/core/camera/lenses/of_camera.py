@@ -1,11 +1,11 @@
 """Lens of a camera: pixels of rays, rays of pixels, and all that loops over its images need.
 
 What an image shows of an ideal plane is bounded by curves. Each plane is divided once for a
-camera, so that loops over surfaces cut by straight lines only (`native.lens_field`).
+camera, so that loops over surfaces cut by straight lines only (`engine/lens/field.cpp`).
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, wraps
@@ -14,18 +14,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.arguments import checked_array
-from rastercov.base.checks import shown
-from rastercov.base.errors import CameraError
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import FloatArray, read_only
+from rastercov.base import CameraError, FloatArray, checked_array, read_only, shown
 from rastercov.core.camera.camera import Camera, border_of
-from rastercov.core.camera.lenses.planes import IdealPlane, Proved, planes_in
-from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens
+from rastercov.core.camera.lenses.planes import Proved, planes_in
+from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord
 from rastercov.core.camera.models import MODELS, coefficients_by_name
 from rastercov.core.camera.parallel import MODEL
 from rastercov.engine import lens_rays, solver_lens
-from rastercov.engine.lens_polygons import measure_polygons
 
 
 @contextmanager
@@ -135,9 +130,9 @@ class LensModel:
         return planes_in(self.row)
 
     @property
-    def planes(self) -> tuple[IdealPlane, ...]:
+    def planes(self) -> tuple[PlaneRecord, ...]:
         """The planes alone."""
-        return tuple(each.plane for each in self.proved)
+        return tuple(each.record for each in self.proved)
 
     def _each(
         self,
@@ -301,44 +296,6 @@ def curved_lens(camera: Camera) -> CurvedLens:
         records[0].tolerance,
         unit_of(camera),
     )
-
-
-@frozen_record
-class PolygonAreas:
-    """Signed areas of polygons of an ideal plane in the image of a lens, px^2.
-
-    Attributes
-    ----------
-    whole : (N,) float64
-        Of the whole image of each polygon; positive where it runs from x to y.
-    inside : (N,) float64
-        Of the part within 0 <= u <= width and 0 <= v <= height.
-    bound : (N,) float64
-        Bound of the error of the quadrature of both. It leaves out rounding, about 1e-15 of the
-        image size times the extent, and the error of the places where `inside` is cut at the
-        border of the image.
-    """
-
-    whole: FloatArray
-    inside: FloatArray
-    bound: FloatArray
-
-
-def polygon_areas(proved: Proved, polygons: Sequence[FloatArray]) -> PolygonAreas:
-    """Areas of polygons in the image of a lens.
-
-    Parameters
-    ----------
-    proved : Proved
-        An ideal plane of the lens.
-    polygons : sequence of (K, 2) float64
-        Corners in units of the plane, within its region and outside its hole.
-    """
-    starts = np.cumsum([0, *map(len, polygons)])
-    corners = np.concatenate([np.empty((0, 2)), *polygons])
-    out = np.empty((len(polygons), 3))
-    measure_polygons(proved.record, corners, starts, out)
-    return PolygonAreas(out[:, 0], out[:, 1], out[:, 2] * proved.record.tolerance)
 
 
 def blind_area(lens: LensModel) -> float:

@@ -4,57 +4,19 @@ Straight edges of a mesh are straight in an ideal plane, so visibility is comput
 then moves the pieces to pixels.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from rastercov.base.format import frozen_record
-from rastercov.base.memory import BoolArray, FloatArray, read_only
+from rastercov.base import FloatArray, frozen_record, read_only
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.lenses.records import PlaneRecord, Slopes, Tree
 from rastercov.engine import solver_lens
-from rastercov.engine.lens_edges import MOST
-from rastercov.engine.lens_field import CELLS, PARTS
 from rastercov.engine.lens_rays import jacobian_many
+from rastercov.engine.solver_lens import CELLS, MOST, PARTS
 
 ALMOST_NOTHING = 1e-300
 """Slope of the cone around -z that a lens is not evaluated in."""
 BEFORE_PLANES = 3 + solver_lens.SIZE
 """Numbers of a row after that of its planes: size of the image, blind area, parameters."""
-
-
-class IdealPlane(NamedTuple):
-    """The part of the plane of a pinhole camera, at the place of a lens, that the lens maps.
-
-    Attributes
-    ----------
-    code : int
-    params : (32,) float64
-        The lens for the kernels, with longitudes that are continuous on this plane.
-    frame : (3, 3) float64
-        Axes of the pinhole camera, as columns, in axes of the lens: lens_from_plane.
-    region : (K, 2) float64
-        Convex polygon in units of the plane, (X / Z, Y / Z); nothing beyond it has a pixel.
-    hole : (K, 2) float64
-        Convex polygon to be taken out of the region, as by a face in front of everything; it may
-        reach beyond the region, and has no corner where the region is whole.
-    has_pole : bool
-        True where (0, 0) is a pole of an equirectangular image, at the border of the region.
-    """
-
-    code: int
-    params: FloatArray
-    frame: FloatArray
-    region: FloatArray
-    hole: FloatArray
-    has_pole: bool
-
-    def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> BoolArray:
-        """True for cells that may have a point of the region, by centres and half their sides."""
-        mask = np.empty(len(x), np.bool_)
-        x, y = (np.ascontiguousarray(each) for each in (x, y))
-        solver_lens.find_met(self, x, y, *half, mask)
-        return mask
 
 
 @frozen_record
@@ -67,7 +29,6 @@ class Proved:
         The pinhole; its image ends where that of the lens does.
     """
 
-    plane: IdealPlane
     camera: Camera
     record: PlaneRecord
     field: Tree
@@ -98,7 +59,6 @@ class _Reader:
         longest, (parts_of, is_graded) = self.take(MOST + 1), self.counts(2)
         rules, figures = (longest, parts_of, bool(is_graded)), self.floats(8)
         record = PlaneRecord._make([code, params, frame, *pinhole, *polygons, *rules, *figures])
-        plane = IdealPlane(code, params, frame, polygons[0], polygons[1], bool(is_graded))
         fx, fy, cx, cy, width, height = self.floats(6)
         camera = Camera(width=int(width), height=int(height), fx=fx, fy=fy, cx=cx, cy=cy)
         n, root = self.counts(2)
@@ -107,7 +67,7 @@ class _Reader:
         tree = Tree(lines, *own, root)
         grid, side = self.floats(4), CELLS * PARTS
         bounds = self.take(side, side), self.take(side, side), self.take(2, CELLS, CELLS)
-        return Proved(plane, camera, record, tree, Slopes._make([*grid, *bounds, self.take(4)]))
+        return Proved(camera, record, tree, Slopes._make([*grid, *bounds, self.take(4)]))
 
 
 def planes_in(row: FloatArray) -> tuple[Proved, ...]:
@@ -118,7 +78,7 @@ def planes_in(row: FloatArray) -> tuple[Proved, ...]:
     return tuple(reader.plane() for _ in range(n))
 
 
-def first_derivatives(plane: IdealPlane, points: FloatArray) -> FloatArray:
+def first_derivatives(plane: PlaneRecord, points: FloatArray) -> FloatArray:
     """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
     everywhere = plane.params.copy()
     everywhere[solver_lens.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region

@@ -5,29 +5,37 @@ Their fields are in the order of the structs of `engine/camera` and `engine/lens
 
 from typing import NamedTuple
 
-from rastercov.base.memory import AnyArray, BoolArray, FloatArray, IntArray
+import numpy as np
+
+from rastercov.base import AnyArray, BoolArray, FloatArray, IntArray
+from rastercov.engine import solver_lens
 
 MOST_SIDES = 132
 """Room for the sides of a region: a polygon of 128 sides around a cone, cut by a square."""
 
 
 class PlaneRecord(NamedTuple):
-    """An ideal plane.
+    """An ideal plane: the part of that of a pinhole, at the place of a lens, that the lens maps.
 
     Attributes
     ----------
     code, params : int, (32,) float64
-        The lens, see `engine/lens/formulas.hpp`.
+        The lens, see `engine/lens/formulas.hpp`, with longitudes that are continuous on this plane.
     frame : (3, 3) float64
-        lens_from_plane.
+        Axes of the pinhole camera, as columns, in axes of the lens: lens_from_plane.
     fx, fy, cx, cy : float
         Of the pinhole, px.
     region, hole : (K, 2) float64
-        Convex polygons in units of the plane, counter-clockwise in (x, y); `hole` may be empty.
+        Convex polygons in units of the plane, (X / Z, Y / Z), counter-clockwise in (x, y). Nothing
+        beyond the region has a pixel. The hole is to be taken out of it, as by a face in front of
+        everything; it may reach beyond, and is empty where the region is whole.
     window : (K, 2) float64
-        The same, with few sides: all of the region whose pixels are in the image, and perhaps more.
-    longest, parts_of, is_graded
+        The region with few sides: all of it whose pixels are in the image, and perhaps more.
+    longest, parts_of : (12,) float64, int
         Rules by the length of an edge, see `engine/lens/edge_bounds.cpp`.
+    is_graded : bool
+        True where (0, 0) is a pole of an equirectangular image, at the border of the region: rules
+        are of lengths relative to the distance from it.
     width, height : float
         Size of the image of the lens, px.
     bend : float
@@ -66,6 +74,13 @@ class PlaneRecord(NamedTuple):
     tolerance: float
     arc_half: float
     arc_bend: float
+
+    def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> BoolArray:
+        """True for cells that may have a point of the region, by centres and half their sides."""
+        mask = np.empty(len(x), np.bool_)
+        x, y = (np.ascontiguousarray(each) for each in (x, y))
+        solver_lens.find_met(self.region, self.hole, x, y, np.array(half), mask)
+        return mask
 
 
 class CurvedLens(NamedTuple):

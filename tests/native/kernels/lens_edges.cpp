@@ -1,8 +1,8 @@
 // Parts of the integrals along edges, for tests and for the bounds of their errors; see edges.hpp.
 //
 // Twin: tests/lenses/test_quadrature.py.
-#include "lens/edges.hpp"
 #include "bind.hpp"
+#include "lens/edges.hpp"
 #include <nanobind/stl/pair.h>
 
 namespace rastercov {
@@ -56,7 +56,7 @@ int64_t roots_of(Values coefficients, Array<double, MOST_CUTS> places) {
     EdgeScratch scratch;
     std::copy(coefficients.begin(), coefficients.end(), scratch.stack[0]);
     const int64_t count = roots(n, scratch, LEVEL_U, 0);
-    std::copy(scratch.cuts, scratch.cuts + count, places.begin());
+    for (int64_t k = 0; k < count; k++) places[k] = scratch.cuts[k].place;
     return count;
 }
 

@@ -1,0 +1,81 @@
+// Reasons of parts that no camera covers.
+//
+// Twin: tests/area/test_stages.py, by rastercov.reference.regions.
+#include "area/reason.hpp"
+#include "bind.hpp"
+#include <algorithm>
+#include <bit>
+#include <vector>
+
+namespace rastercov {
+namespace area {
+namespace {
+
+uint32_t code_of(uint32_t bits, Column<const uint8_t> rows) {
+    if (std::has_single_bit(bits)) return rows[std::countr_zero(bits)];
+    return bits < coverage::N_SETS ? coverage::REASON_OF[bits] : SEVERAL | bits;
+}
+
+// Of what no set covers, the surface may fail a criterion itself; where nothing fails, a coincident
+// surface is in front, or it is rounding.
+uint32_t reason_of(int64_t tag, uint32_t own, bool in_front, Column<const uint32_t> sets,
+                   Column<const uint8_t> rows) {
+    const auto in_sets = uint64_t(tag) >> 1;
+    if (in_sets == 0 && own == 0) return in_front ? coverage::OUTSIDE : coverage::BACK_FACING;
+    uint32_t bits = in_sets == 0 ? 0 : sets[std::countr_zero(in_sets)];
+    if (own != 0 && bits == coverage::IS_OUTSIDE) bits = 0; // nothing else has a value there
+    bits |= own;
+    return bits == 0 ? uint32_t(coverage::OCCLUDED) : code_of(bits, rows);
+}
+
+// Gives reasons of parts of one face, [first, last), that are too small that of most of it.
+void without_slivers(int64_t first, int64_t last, FloatArray area, double doubt,
+                     Column<uint32_t> reason) {
+    std::vector<std::pair<uint32_t, double>> sizes;
+    for (int64_t p = first; p < last; p++) {
+        const auto at = std::find_if(sizes.begin(), sizes.end(),
+                                     [&](const auto &each) { return each.first == reason[p]; });
+        if (at != sizes.end()) at->second += area[p];
+        else sizes.emplace_back(reason[p], area[p]);
+    }
+    std::pair<uint32_t, double> most = sizes[0];
+    for (const auto &each : sizes)
+        if (each.second > most.second || (each.second == most.second && each.first > most.first))
+            most = each;
+    for (int64_t p = first; p < last; p++)
+        for (const auto &[code, size] : sizes)
+            if (code == reason[p]) {
+                if (!(size > doubt)) reason[p] = most.first;
+                break;
+            }
+}
+
+} // namespace
+
+void name_parts(const TaggedParts &parts, Column<const uint32_t> sets, Column<const uint8_t> rows,
+                const FaceFacts &faces, Column<uint32_t> reason) {
+    const auto &[face, tag, area] = parts;
+    const int64_t n = face.rows();
+    require(have_rows(n, tag, area, reason), "parts must have one row of each array");
+    require(have_rows(faces.doubt.rows(), faces.in_front, faces.own),
+            "faces must have one row of each array");
+    require_indices(face, faces.doubt.rows(), "face must hold faces");
+    for (int64_t first = 0, p = 0; p < n; p++) {
+        const int32_t f = face[p];
+        require(uint64_t(tag[p]) >> 1 < uint64_t(1) << std::min<int64_t>(sets.rows(), 62),
+                "tags must be of the sets");
+        reason[p] = reason_of(tag[p], faces.own[f], faces.in_front[f], sets, rows);
+        if (p + 1 < n && face[p + 1] == f) continue;
+        without_slivers(first, p + 1, area, faces.doubt[f], reason);
+        first = p + 1;
+    }
+}
+
+} // namespace area
+
+void register_area_reason(nanobind::module_ &m) {
+    def(m, "name_parts", area::name_parts, "Reasons of parts that no camera covers.", "parts",
+        "sets", "rows", "faces", "reason");
+}
+
+} // namespace rastercov
