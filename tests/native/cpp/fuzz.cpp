@@ -69,7 +69,7 @@ std::vector<double> poses_of(int64_t n) {
                                  sa, ca * cb,  -ca * sb, double(below(9)) / 2 - 2,
                                  0,  sb,       cb,       double(below(9)) / 2 - 2,
                                  0,  0,        0,        1};
-        poses.insert(poses.end(), pose, pose + 16);
+        for (const double value : pose) poses.push_back(value);
     }
     if (n > 0 && rarely()) poses[size_t(below(16 * n))] = real();
     return poses;
