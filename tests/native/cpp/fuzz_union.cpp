@@ -27,8 +27,9 @@ void *operator new(size_t size) {
     if (!memory) throw std::bad_alloc();
     return memory;
 }
-void operator delete(void *memory) noexcept { std::free(memory); }
-void operator delete(void *memory, size_t) noexcept { std::free(memory); }
+// Not inlined, where a compiler would hold them against another operator new.
+[[gnu::noinline]] void operator delete(void *memory) noexcept { std::free(memory); }
+[[gnu::noinline]] void operator delete(void *memory, size_t) noexcept { std::free(memory); }
 
 void rastercov::look_at_signals() { // in place of that of the library
     if (is_at_end(looks)) throw Interrupted();
