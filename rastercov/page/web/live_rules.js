@@ -23,10 +23,6 @@ export function rowsOf({ stations, cameras, gates = [] }) {
   });
 }
 
-/** Whether the stations are those of whole rigs of one rule, which files of cameras have. */
-export const isOfRigs = ({ stations, gates: [{ names }] }) =>
-  stations.length % names.length === 0 && stations.every(({ camera }, at) => camera === names[at % names.length]);
-
 /** Noise of the cameras of a gate, radians; null where it does not matter. */
 function noiseOf({ names, most_deviation: limit, image_noise: pixels }, cameras) {
   const scaleOf = ({ plain: { fx, fy } }) => Math.min(fx, fy);
