@@ -19,15 +19,15 @@ int64_t allocations = -1, looks = -1;
 bool is_at_end(int64_t &left) { return left >= 0 && left-- == 0; }
 } // namespace
 
-void *operator new(size_t size, const std::nothrow_t &) noexcept {
+// None is inlined, where a compiler would hold malloc and free against one another's operators.
+[[gnu::noinline]] void *operator new(size_t size, const std::nothrow_t &) noexcept {
     return is_at_end(allocations) ? nullptr : std::malloc(size ? size : 1);
 }
-void *operator new(size_t size) {
+[[gnu::noinline]] void *operator new(size_t size) {
     void *memory = operator new(size, std::nothrow);
     if (!memory) throw std::bad_alloc();
     return memory;
 }
-// Not inlined, where a compiler would hold them against another operator new.
 [[gnu::noinline]] void operator delete(void *memory) noexcept { std::free(memory); }
 [[gnu::noinline]] void operator delete(void *memory, size_t) noexcept { std::free(memory); }
 
