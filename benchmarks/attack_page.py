@@ -23,10 +23,10 @@ import rastercov as rc
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage.reasons import NAMES
-from rastercov.page.live import opened, why_recorded
+from rastercov.page.live import open_live, record_cause
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
-from rastercov.page.session import unframed
+from rastercov.page.session import remove_head
 
 RIGS = 500
 EDITS = 2
@@ -42,8 +42,8 @@ class Own(Session):
 
     def __init__(self, of_scene: Scene) -> None:
         super().__init__(of_scene)
-        self.is_own = not why_recorded(self, of_scene.start)
-        self.more = {"engine": opened(self).get("engine", "")} if self.is_own else {}
+        self.is_own = not record_cause(self, of_scene.start)
+        self.more = {"engine": open_live(self).get("engine", "")} if self.is_own else {}
 
 
 def attack(report: Report, effort: float) -> None:
@@ -92,7 +92,7 @@ def _session(rng: np.random.Generator, folder: Path) -> Own:
     rig = camera if isinstance(camera, Rig) else Rig([camera], ["eye"])
     if rng.random() < 0.1 and not rig.gates:
         lamps = rc.Lamps([rc.Lamp.spot(12, intensity=float(rng.uniform(20, 200)))], poses[:1])
-        rig = rig._equipped("lamps", lamps)
+        rig = rig._equip("lamps", lamps)
         task = rc.Task(min_illuminance=float(rng.uniform(1, 20)))
     return Own(Scene("scene", mesh, RigState.of(rig, placed_by(camera, poses), task=task)))
 
@@ -121,7 +121,7 @@ def _differences(session: Own, rng: np.random.Generator, seen: Counter[str]) -> 
     head, _ = acted(session)
     summary, answers = head["summary"], session.now()
     told = answers.answer("frame", mode="reason", options={}, station=None)
-    expected = unframed(told)[0]["summary"]
+    expected = remove_head(told)[0]["summary"]
     found, total = set(), float(np.asarray(session.scene.mesh.areas).sum())
     # Sines of two libraries differ in the last digit, and with them what a lens leaves undecided.
     doubt = expected["covered_area"]["bound_percent"]

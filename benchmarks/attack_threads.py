@@ -186,7 +186,7 @@ def models(runs: int) -> Iterator[Run]:
 
     def answer(mesh: rc.Mesh, sight: LineOfSight, caller: int) -> Answer:
         pose = poses[caller : caller + 1]
-        hidden = sight.hidden(mesh.vertices, pose[0], 1e-3, CAMERA)
+        hidden = sight.find_hidden(mesh.vertices, pose[0], 1e-3, CAMERA)
         return [
             hidden,
             zhang.coverage(mesh, CAMERA, pose),

@@ -28,7 +28,7 @@ from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import shapes
 from rastercov.engine.solver_visibility import Solver
 from rastercov.reference import rational
-from rastercov.reference.criteria import measured_geometry as face_geometry
+from rastercov.reference.criteria import measure_geometry as face_geometry
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
 THREADS = 2

@@ -26,7 +26,7 @@ from rastercov.placement.bits import CoveredBits, n_words, spread_out
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select import bounds
 from rastercov.placement.select.cover import CoverState, LazyCover
-from rastercov.placement.select.greedy import EFFORT, constructed, improve, select_greedy
+from rastercov.placement.select.greedy import EFFORT, construct_cover, improve, select_greedy
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import (
     BestCoverage,
@@ -139,7 +139,7 @@ def _problem(bits: CoveredBits, weights: np.ndarray, goal: Goal) -> Problem:
 
 def _steps(problem: Problem) -> dict[str, object]:
     """Figures of `select_greedy`, step by step."""
-    seconds, passes, priced = {}, 0, bounds._priced
+    seconds, passes, priced = {}, 0, bounds._prices_of
 
     def counted(*arguments):
         nonlocal passes
@@ -155,16 +155,16 @@ def _steps(problem: Problem) -> dict[str, object]:
 
     step("reachable faces, 1 pass", lambda: problem.reachable)
     large = step("presolve, 2 passes", lambda: presolve(problem))
-    state = step("greedy rule", lambda: constructed(lambda: LazyCover(large)))
+    state = step("greedy rule", lambda: construct_cover(lambda: LazyCover(large)))
     n_gains = state.n_gains
-    bounds._priced = counted
+    bounds._prices_of = counted
     core, rows, bound = step("bound", lambda: bounds.core_and_bound(large, state))
-    bounds._priced = priced
+    bounds._prices_of = priced
     better = CoverState(core)
     better.become(np.flatnonzero(np.isin(rows, list(state.chosen))).tolist())
     better = step("local search", lambda: improve(better, bound, EFFORT, 0))
-    plain = large.candidates[state.ranked()]
-    chosen = core.candidates[better.ranked()]
+    plain = large.candidates[state.rank()]
+    chosen = core.candidates[better.rank()]
     plain, result = (finish("greedy", problem, each, bound, 0.0) for each in (plain, chosen))
     is_best = isinstance(problem.goal, BestCoverage)
     return seconds | {
@@ -270,7 +270,7 @@ def _passes(folder: Path, held_as: str) -> float:
         return 0.0
     matrix = VisibilityMatrix.load(next(folder.iterdir()))
     problem = problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
-    state = constructed(lambda: LazyCover(presolve(problem)))
+    state = construct_cover(lambda: LazyCover(presolve(problem)))
     return (state.n_gains / state.large.n_candidates - 1) / max(1, len(state.chosen))
 
 

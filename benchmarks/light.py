@@ -12,7 +12,7 @@ from swept_arm import CAMERAS, cell, frames, sweep
 
 import rastercov as rc
 from rastercov.light.lamps import points_of
-from rastercov.motion.regions import Sights
+from rastercov.motion.regions import ViewKeys
 
 LAMPS = rc.Lamps(
     [rc.Lamp.point(intensity=100), rc.Lamp.spot(30, intensity=60)],
@@ -44,7 +44,7 @@ def lit(report: Report, name: str, mesh: rc.Mesh, n: int) -> None:
         find()  # fields of view of the lamps are made once in a process
         size = f"{name} ({mesh.n_faces:,} faces)"
         report.add(f"{size}: a frame of 2 cameras {what}", 1e3 * seconds(find) / n, "ms")
-    points, sights = points_of(LAMPS, np.ones(len(LAMPS), np.bool_)), Sights(motion)
+    points, sights = points_of(LAMPS, np.ones(len(LAMPS), np.bool_)), ViewKeys(motion)
     axes = np.zeros((len(points), 3))  # no lamp has parallel rays
     near = np.full(len(points), 1e-5)
     keys = {key for row in range(n) for key in sights.of(row, points, near, axes)}

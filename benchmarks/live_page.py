@@ -23,7 +23,7 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov.core.camera.rig import Cameras
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.report.live import Asked, engine, view_of, why_recorded
+from rastercov.report.live import Asked, engine, record_cause, view_of
 
 CAMERA = rc.Camera(width=1280, height=720, fx=640, fy=640)
 FINE = 3
@@ -113,7 +113,7 @@ def main() -> None:
             report.add(name, paths[name].stat().st_size / 1e6, "MB")
         report.add("engine", len(engine() or b"") / 1e3, "kB")
         large = shapes.torus(1000, 500)
-        why = why_recorded(large, CAMERA, 6, rc.Task(), {})
+        why = record_cause(large, CAMERA, 6, rc.Task(), {})
         report.check(f"a page of {large.n_faces:,} faces is recorded", bool(why))
         browsers = {"Chromium": in_chromium} if CHROMIUM else {}
         if FIREFOX and XVFB:

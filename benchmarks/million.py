@@ -23,7 +23,7 @@ import numpy as np
 from rows import Report, arguments, resident_mib
 
 import rastercov as rc
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 
@@ -135,7 +135,7 @@ def _count_in(folder: Path, n_poses: int, threads: int) -> None:
             continue
         items = list(job.batches(part))  # an interrupt ends it here
         fingerprints, totals = zip(*items, strict=True)
-        with interrupts_held():
+        with hold_interrupts():
             unfinished = folder / f".{path.name}"
             with unfinished.open("wb") as file:
                 np.savez(

@@ -15,9 +15,9 @@ from swept_arm import CAMERAS, cell, frames, sweep
 
 import rastercov as rc
 from rastercov.core.area.frames import frames_of
-from rastercov.core.area.table import joined
+from rastercov.core.area.table import join
 from rastercov.core.exact.surface import surface_of
-from rastercov.motion.regions import Sights
+from rastercov.motion.regions import ViewKeys
 
 CAMERA = rc.Camera(width=1920, height=1200, fx=1500, fy=1500)
 MOST_MS = {20_000: 5.0, 200_000: 20.0}
@@ -71,7 +71,7 @@ def layers(report: Report, mesh: rc.Mesh, n: int) -> None:
         motion = rc.Motion(mesh, moves, absent)
         parts.append(rc.regions(mesh, CAMERA, CAMERAS, motion=motion, threads=1))
     rows = np.tile(np.arange(4 * n), len(parts))
-    both = joined(parts).at_least(len(parts), rows, one_side=False)
+    both = join(parts).at_least(len(parts), rows, one_side=False)
     own = mesh.task_mask
     gap = np.abs(both.areas() - whole.areas())[:, own]
     allowed = (both.bounds() + whole.bounds())[:, own] + 1e-12
@@ -95,7 +95,7 @@ def measure(report: Report, name: str, mesh: rc.Mesh, n: int) -> None:
     report.add(f"{size}: the first frame, with the rest pose", 1e3 * times[0], "ms")
     whole = seconds(lambda: rc.regions(mesh, CAMERA, CAMERAS, task, motion=motion, threads=1))
     report.add(f"{size}: {n} frames of 4 cameras", whole, "s")
-    sights, placed = Sights(motion), rc.Poses.of(CAMERAS)
+    sights, placed = ViewKeys(motion), rc.Poses.of(CAMERAS)
     axes = np.zeros((4, 3))  # no camera has parallel rays
     near = np.full(4, 1e-5)
     keys = {key for row in range(n) for key in sights.of(row, placed, near, axes)}

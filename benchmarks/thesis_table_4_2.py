@@ -34,7 +34,7 @@ from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.criteria import in_focus
-from rastercov.reference.criteria import measured_geometry as face_geometry
+from rastercov.reference.criteria import measure_geometry as face_geometry
 from rastercov.reference.models import MODELS, zhang
 
 FloatArray = NDArray[np.float64]

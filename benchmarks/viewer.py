@@ -20,7 +20,7 @@ from rastercov.core.camera.rig import Rig
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import shapes
 from rastercov.page.rig_state import RigState
-from rastercov.page.scene import Scene, described_state
+from rastercov.page.scene import Scene, describe_state
 from rastercov.page.session import Session
 
 MUST = {10_000: 30.0, 100_000: 100.0}
@@ -78,7 +78,7 @@ def measured(asked, cameras, drags):
 
 def sent(session, mode, pose):
     """CPU and wall milliseconds of a drag, and the bytes of the answer."""
-    rig = described_state(session.scene, session.scene.start)
+    rig = describe_state(session.scene, session.scene.start)
     rig["stations"][0]["pose"] = pose.ravel().tolist()
     entries = {"question": "frame", "rig": rig, "mode": mode, "is_drag": True}
     cpu, wall = time.process_time(), time.perf_counter()

@@ -91,7 +91,7 @@ def occlusion(
     triangles = image_triangles(mesh, camera, matrix, clip=clip)
     is_back = self_occluding(mesh, matrix, self_occlusion)
     depths = to_camera(mesh.vertices, matrix)[mesh.faces][..., 2].mean(axis=1)
-    lists = _sorted_overlaps(triangles, depths)
+    lists = _sort_overlaps(triangles, depths)
     if reading == "charitable":
         return _each_once(triangles, lists, is_back)
     if reading in ("literal", "semi"):
@@ -155,7 +155,7 @@ def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool =
     return triangles
 
 
-def _sorted_overlaps(triangles: Polygons, depths: FloatArray) -> list[IntArray]:
+def _sort_overlaps(triangles: Polygons, depths: FloatArray) -> list[IntArray]:
     """Lines 9 and 10: for each face all that overlap it, itself too, nearest centroid first."""
     of, other = shapely.STRtree(triangles).query(triangles, predicate="intersects")
     meet = shapely.relate_pattern(triangles[of], triangles[other], "T********")

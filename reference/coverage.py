@@ -64,7 +64,7 @@ def figures_of_pose(
         "incidence": geometry.incidence,
     }
     per_m2 = {"pixels_per_m2": pixels_per_m2(mesh, camera, pose, geometry)}
-    coverage, reason = judge(task, camera, own_reasons(mesh, task), geometry, figures | per_m2)
+    coverage, reason = classify(task, camera, own_reasons(mesh, task), geometry, figures | per_m2)
     return figures | {"coverage": coverage, "reason": reason}
 
 
@@ -108,12 +108,12 @@ def visible_fraction(
     # A face seen from behind is not seen, by definition, and one outside the image neither.
     nothing = ~geometry.is_front | ((geometry.in_view_fraction == 0) & ~geometry.in_view)
     value[nothing], bound[nothing] = 0.0, 0.0
-    doubt, unseen = in_doubt(mesh, camera, pose, geometry, seen, row)
+    doubt, unseen = is_uncertain(mesh, camera, pose, geometry, seen, row)
     bound[doubt], bound[unseen] = 1.0, 0.0
     return value, np.minimum(bound, 1.0), np.where(nothing, BoundKind.EXACT, kind).astype(np.uint8)
 
 
-def in_doubt(
+def is_uncertain(
     mesh: Mesh,
     camera: Camera,
     pose: FloatArray,
@@ -186,7 +186,7 @@ def _reach_image(points: FloatArray, camera: Camera, near: float) -> BoolArray:
     return clip_to_image(image, counts, camera)[1] > 0
 
 
-def judge(
+def classify(
     task: Task,
     camera: Camera,
     own: ByteArray,

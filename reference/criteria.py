@@ -68,10 +68,10 @@ MEASURED = (
     "incidence",
     "reason",
 )
-"""Figures that `measured_geometry` asks of the compiled loops."""
+"""Figures that `measure_geometry` asks of the compiled loops."""
 
 
-def measured_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
+def measure_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, by the loops of `evaluate`, through any lens.
 
     Without outlines, which are NaN.
@@ -94,7 +94,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     """Geometry of every face for one pose, world_from_camera (4, 4)."""
     camera.check_pinhole("expected a pinhole for a reference")
     near = float(near_limit(camera, mesh.opaque.bounds, pose[None])[0])
-    points = _turned(mesh.vertices - pose[:3, 3], pose)
+    points = _rotate(mesh.vertices - pose[:3, 3], pose)
     ahead_points = points[:, 2] >= near
     safe = np.where(ahead_points[:, None], points, (0.0, 0.0, 1.0))
     u, v = to_image(safe, camera).T
@@ -130,7 +130,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
 
     # In camera axes the ray from the centroid to the centre is minus the centroid itself, and three
     # times the centroid has its direction.
-    normals = _turned(mesh.normals, pose)
+    normals = _rotate(mesh.normals, pose)
     x, y, z = (_sum3(column[corners]) for column in points.T)
     against = -(normals[:, 0] * x + normals[:, 1] * y + normals[:, 2] * z)
     reach = np.sqrt(x * x + y * y + z * z)
@@ -155,7 +155,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
     )
 
 
-def _turned(vectors: FloatArray, pose: FloatArray) -> FloatArray:
+def _rotate(vectors: FloatArray, pose: FloatArray) -> FloatArray:
     """World vectors (N, 3) in camera axes; a product of matrices would add in another order."""
     a, b, c = vectors.T
     return np.stack([a * r[0] + b * r[1] + c * r[2] for r in pose[:3, :3].T], axis=1)

@@ -10,7 +10,7 @@ from rastercov.light.lamps import Lamps
 from rastercov.reference.regions import PointTwin, covers_points
 
 
-def lit_points(
+def light_points(
     mesh: Mesh, lamps: Lamps, points: FloatArray, face: IntArray, world_from_rig: FloatArray
 ) -> BoolArray:
     """Mask of the points of faces that lamps light from the front, and from the rear, (2, N).
@@ -38,7 +38,7 @@ class LampTwin(PointTwin):
         self, mesh: Mesh, own: Lamps, points: FloatArray, face: IntArray, world_from_rig: FloatArray
     ) -> BoolArray:
         """See `PointTwin`."""
-        return lit_points(mesh, own, points, face, world_from_rig)
+        return light_points(mesh, own, points, face, world_from_rig)
 
 
 HOOKS = LampTwin()

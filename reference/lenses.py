@@ -78,7 +78,7 @@ sqrt = np.sqrt
 atan2 = np.arctan2
 
 
-def based(code: int, p: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArray) -> Plane:
+def image_of_base(code: int, p: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArray) -> Plane:
     """Base of the lens: point (x, y) of its plane."""
     if code == EQUIDISTANT:
         g = angle_over_r(X * X + Y * Y, Z)
@@ -114,7 +114,7 @@ def radial_factor(p: FloatArray, q: FloatArray) -> FloatArray:
     return factor
 
 
-def distorted(p: FloatArray, x: FloatArray, y: FloatArray) -> Plane:
+def distort(p: FloatArray, x: FloatArray, y: FloatArray) -> Plane:
     """Radial, tangential and thin-prism distortion of a point of the plane of the base."""
     radial = radial_factor(p, x * x + y * y)
     a = x * radial
@@ -130,7 +130,7 @@ def distorted(p: FloatArray, x: FloatArray, y: FloatArray) -> Plane:
     return a, b
 
 
-def imaged(p: FloatArray, a: FloatArray, b: FloatArray) -> Plane:
+def image_of(p: FloatArray, a: FloatArray, b: FloatArray) -> Plane:
     """Tilt and pixels of a distorted point."""
     if p[T20] != 0.0 or p[T21] != 0.0:
         w = 1.0 / (p[T20] * a + p[T21] * b + p[T22])
@@ -145,12 +145,12 @@ def project(code: int, p: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArra
         a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2])
         b = atan2(Y, sqrt(X * X + Z * Z))
     else:
-        x, y = based(code, p, X, Y, Z)
-        a, b = distorted(p, x, y)
-    return imaged(p, a, b)
+        x, y = image_of_base(code, p, X, Y, Z)
+        a, b = distort(p, x, y)
+    return image_of(p, a, b)
 
 
-EQUATIONS = (based, radial_factor, distorted, imaged, project)
+EQUATIONS = (image_of_base, radial_factor, distort, image_of, project)
 """In the order in which they call one another."""
 
 

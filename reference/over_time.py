@@ -27,7 +27,7 @@ def reasons_over_time(
     """
     motion, placed = asked.motion, np.asarray(world_from_camera)
     carrier, body = motion.poses_of(str(asked.body)), motion.body[face]
-    needed, frames = motion._needed(asked.over)[face], []
+    needed, frames = motion._rows_for(asked.over)[face], []
     for row, is_there in enumerate(motion.present[:, body]):
         mesh, kept = motion.frame(row)
         pose = motion.world_from_body[row, body[is_there]]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from PIL import Image
 
 from rastercov.base import ConfigError, write_bytes, write_json, write_text
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.report import theme as pages
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import png
@@ -153,7 +153,9 @@ def picture_of(alt: str, light: "Figure", dark: "Figure") -> Picture:
     return Picture(alt, light_png, dark_png)
 
 
-def opened(out: Path | ReportFolder, kind: ReportKind) -> AbstractContextManager[ReportFolder]:
+def open_browser(
+    out: Path | ReportFolder, kind: ReportKind
+) -> AbstractContextManager[ReportFolder]:
     """Context manager of a folder: of one that is open already, that one.
 
     Raises
@@ -177,7 +179,7 @@ def publish(
     path is returned. Pictures are given by the names of their files without ".png".
     """
     name = Path(folder.kind.last).stem
-    with interrupts_held():
+    with hold_interrupts():
         for stem, picture in (pictures or {}).items():
             write_bytes(folder.file(f"{stem}.png"), picture.light)
         write_text(folder.file(f"{name}.html"), page)

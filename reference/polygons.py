@@ -106,7 +106,9 @@ def image_area(
 ) -> FloatArray:
     """Area of each face that would be visible were it alone, (N,) px^2; see `visible_area`."""
     images = images_of(mesh, camera, pose, cull=cull, near=near)
-    return np.asarray(shapely.area(images.polygons[_asked(faces, mesh)]), dtype=np.float64)
+    return np.asarray(
+        shapely.area(images.polygons[_faces_to_evaluate(faces, mesh)]), dtype=np.float64
+    )
 
 
 def visible_polygons(
@@ -124,7 +126,7 @@ def visible_polygons(
     faces that are not seen.
     """
     images = images_of(mesh, camera, pose, cull=cull, near=near)
-    asked = _asked(faces, mesh)
+    asked = _faces_to_evaluate(faces, mesh)
     tree = shapely.STRtree(images.polygons)
     visible: list[BaseGeometry] = []
     for start in range(0, len(asked), BLOCK):
@@ -181,7 +183,7 @@ class Images:
         return near, far
 
 
-def seen_from(
+def visible_from(
     mesh: Mesh, camera: Camera, pose: ArrayLike, near: float | None
 ) -> tuple[FloatArray, float]:
     """Pose of a pinhole as a matrix, and the depth below which nothing is seen, metres."""
@@ -225,7 +227,7 @@ def images_of(
 
     Parallel rays are those of a pinhole to points in other places, see `as_central`.
     """
-    matrix, near = seen_from(mesh, camera, pose, near)
+    matrix, near = visible_from(mesh, camera, pose, near)
     points = (mesh.vertices - matrix[:3, 3]) @ matrix[:3, :3]
     if camera.is_parallel:
         farthest = farthest_of(mesh, matrix, near)
@@ -355,7 +357,7 @@ def _intersection(images: Images, one: IntArray, other: IntArray) -> Geometries:
 
 def _intersection_of_pair(images: Images, i: int, j: int) -> BaseGeometry:
     reason: object = None
-    for a, b in _and_repaired(images, list(images.polygons[[i, j]]), [i, j]):
+    for a, b in _repair(images, list(images.polygons[[i, j]]), [i, j]):
         try:
             common = shapely.intersection(a, b, grid_size=images.grid)
             either = shapely.union(a, b, grid_size=images.grid)
@@ -382,7 +384,7 @@ def _minus(
     if len(pieces) == 0:
         return whole
     reason: object = None
-    for body, *parts in _and_repaired(images, [whole, *pieces], faces):
+    for body, *parts in _repair(images, [whole, *pieces], faces):
         try:
             hidden = shapely.union_all(parts, grid_size=images.grid)
             left = shapely.difference(body, hidden, grid_size=images.grid)
@@ -393,7 +395,7 @@ def _minus(
         if not abs(excess) <= images.tolerance:
             reason = f"parts add up to {excess:.3g} px^2 too much"
             continue
-        for again in _left_again(body, parts, images):
+        for again in _cover_again(body, parts, images):
             apart = left.area - again
             if abs(apart) <= images.tolerance:
                 return left
@@ -403,7 +405,9 @@ def _minus(
     )
 
 
-def _left_again(whole: BaseGeometry, pieces: list[BaseGeometry], images: Images) -> Iterator[float]:
+def _cover_again(
+    whole: BaseGeometry, pieces: list[BaseGeometry], images: Images
+) -> Iterator[float]:
     """Area of a polygon without pieces of it, px^2, by other ways than a union of GEOS.
 
     Clipper2 rounds corners to whole numbers, on several grids in turn.
@@ -423,7 +427,7 @@ def _left_again(whole: BaseGeometry, pieces: list[BaseGeometry], images: Images)
         job.add_subject(body)
         job.add_clip([ring for rings in parts for ring in rings])
         rings, _ = job.execute(clipper2.ClipType.DIFFERENCE, clipper2.FillRule.NON_ZERO)
-        yield sum(_signed_area(np.asarray(ring)) for ring in rings) / scale**2
+        yield sum(_area_with_sign(np.asarray(ring)) for ring in rings) / scale**2
 
 
 def _rings(polygon: BaseGeometry) -> list[FloatArray]:
@@ -436,12 +440,12 @@ def _whole_ring(ring: FloatArray, scale: float) -> IntArray:
     return np.rint(ring * scale).astype(np.int64)
 
 
-def _signed_area(ring: IntArray) -> float:
+def _area_with_sign(ring: IntArray) -> float:
     u, v = (ring - ring[0]).T.astype(np.float64)
     return float(u @ np.roll(v, -1) - v @ np.roll(u, -1)) / 2
 
 
-def _and_repaired(
+def _repair(
     images: Images, polygons: list[BaseGeometry], faces: Sequence[int]
 ) -> Iterator[list[BaseGeometry]]:
     """Yield the polygons as they are, then, for whom that was not good enough, made valid.
@@ -460,7 +464,7 @@ def _and_repaired(
     yield repaired
 
 
-def _asked(faces: ArrayLike | None, mesh: Mesh) -> IntArray:
+def _faces_to_evaluate(faces: ArrayLike | None, mesh: Mesh) -> IntArray:
     """Face indices as an array; IndexError for one that is not there."""
     if faces is None:
         return np.arange(mesh.n_faces)

@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike
 from rastercov.base import AnyArray, FloatArray
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
-from rastercov.reference.polygons import farthest_of, seen_from
+from rastercov.reference.polygons import farthest_of, visible_from
 
 try:
     from gmpy2 import gcd, mpq, mpz
@@ -92,7 +92,7 @@ def visible_area(
     areas as they are, (N,) object of `Fraction`, and not the floats nearest to them.
     """
     view = RationalView(mesh, camera, pose, cull, near)
-    return _array([view.visible(face) for face in view.asked(faces)], exact)
+    return _array([view.visible(face) for face in view.rows_to_evaluate(faces)], exact)
 
 
 def image_area(
@@ -107,7 +107,7 @@ def image_area(
 ) -> AnyArray:
     """Area of each face that would be visible were it alone, (N,) px^2; see `visible_area`."""
     view = RationalView(mesh, camera, pose, cull, near)
-    images = [view.face(face) for face in view.asked(faces)]
+    images = [view.face(face) for face in view.rows_to_evaluate(faces)]
     return _array([area_of([face.image] if face else []) for face in images], exact)
 
 
@@ -139,7 +139,7 @@ class RationalView:
     def __init__(
         self, mesh: Mesh, camera: Camera, pose: ArrayLike, cull: bool, near: float | None
     ) -> None:
-        matrix, near = seen_from(mesh, camera, pose, near)
+        matrix, near = visible_from(mesh, camera, pose, near)
         self.mesh = mesh
         self.cull = cull
         self.faces: dict[int, Face | None] = {}
@@ -171,7 +171,7 @@ class RationalView:
                 tuple(K[i][i] * int(R) for R in _whole(matrix[:3, i], 1 << turns)) for i in range(3)
             ]
 
-    def asked(self, faces: ArrayLike | None) -> Sequence[int]:
+    def rows_to_evaluate(self, faces: ArrayLike | None) -> Sequence[int]:
         """Face indices as plain integers."""
         if faces is None:
             return range(self.mesh.n_faces)
@@ -189,7 +189,7 @@ class RationalView:
         return self.faces[index]
 
     def _face(self, index: int) -> Face | None:
-        a, b, c = (self._projected(vertex) for vertex in self.mesh.faces[index])
+        a, b, c = (self._project(vertex) for vertex in self.mesh.faces[index])
         if self.camera.is_parallel:
             (a, b, c), w = zip(*map(self._along_rays, (a, b, c)), strict=True)
             sums = zip(*map(times, w, (cross(b, c), cross(c, a), cross(a, b))), strict=True)
@@ -212,11 +212,11 @@ class RationalView:
         elif min(a[2], b[2], c[2]) < self.near:
             top, bottom = self.near.numerator, self.near.denominator
             half_planes.append(difference((0, 0, bottom * d), times(top, n)))
-        half_planes = [reduced(line) for line in half_planes]
-        image = clipped(self.rectangle, half_planes)
+        half_planes = [reduce_line(line) for line in half_planes]
+        image = clip(self.rectangle, half_planes)
         return Face(half_planes, n, d, image) if image else None
 
-    def _projected(self, vertex: int) -> Vector:
+    def _project(self, vertex: int) -> Vector:
         p = difference(_whole(self.mesh.vertices[vertex], self.length_scale), self.eye)
         u, v, w = (dot(axis, p) for axis in self.axes)
         return u, v, w
@@ -248,7 +248,7 @@ class RationalView:
     def _hides(self, index: int, hidden: int, face: Face) -> list[Vector] | None:
         """Half-planes that bound what face `index` hides of face `hidden`; None for nothing."""
         other = self.face(index)
-        if other is None or (common := clipped(face.image, other.half_planes)) is None:
+        if other is None or (common := clip(face.image, other.half_planes)) is None:
             return None
         # 1/depth of the other over that of this face, times d d'
         theirs = [face.d * dot(other.n, corner) for corner in common.corners]
@@ -261,7 +261,7 @@ class RationalView:
             return other.half_planes
         if all(m <= t for m, t in pairs):
             return None
-        is_nearer = reduced(difference(times(face.d, other.n), times(other.d, face.n)))
+        is_nearer = reduce_line(difference(times(face.d, other.n), times(other.d, face.n)))
         return [*other.half_planes, is_nearer]
 
 
@@ -297,7 +297,7 @@ def _part(polygon: Polygon, line: Vector, values: list[Any]) -> Polygon:
     return Polygon([*lines, line], corners)
 
 
-def clipped(polygon: Polygon | None, half_planes: Iterable[Vector]) -> Polygon | None:
+def clip(polygon: Polygon | None, half_planes: Iterable[Vector]) -> Polygon | None:
     """Intersection of a polygon with all half-planes; None when that has no area."""
     for line in half_planes:
         if polygon is None:
@@ -356,7 +356,7 @@ def times(s: object, a: Vector) -> Vector:
     return s * a[0], s * a[1], s * a[2]
 
 
-def reduced(line: Vector) -> Vector:
+def reduce_line(line: Vector) -> Vector:
     """Return the same half-plane in the smallest whole numbers."""
     divisor = gcd(gcd(line[0], line[1]), line[2])
     return line[0] // divisor, line[1] // divisor, line[2] // divisor

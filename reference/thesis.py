@@ -29,7 +29,7 @@ def select_thesis(problem: Problem, mean_coverage: ArrayLike) -> Selection:
     began = time.perf_counter()
     n = problem.n_candidates
     mean = finite_points("mean_coverage", mean_coverage, (n,), f"{n} numbers")
-    goal, reduced = problem.goal, presolve(problem).listed()
+    goal, reduced = problem.goal, presolve(problem).list_rows()
     chosen: list[int] = []
     cost = 0.0
     _, least, total = problem.required

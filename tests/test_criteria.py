@@ -16,7 +16,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.engine.coverage_figures import incidence_angle
 from rastercov.reference import criteria
 from rastercov.reference.criteria import clip_near, in_focus, polygon_area
-from rastercov.reference.criteria import measured_geometry as face_geometry
+from rastercov.reference.criteria import measure_geometry as face_geometry
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)

@@ -24,8 +24,8 @@ from rastercov.core.area import remedies
 from rastercov.core.area.cells import cells
 from rastercov.core.area.failures import CentrePass, failures_of_rows
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.rows import gated
-from rastercov.core.area.table import joined as joined_regions
+from rastercov.core.area.rows import with_rule
+from rastercov.core.area.table import join as joined_regions
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage import shards, surface
 from rastercov.core.coverage.reasons import Reason
@@ -37,7 +37,7 @@ from rastercov.page.scene import Scene
 from rastercov.page.session import Session
 from rastercov.placement.plan.file import Plan, plan_of
 from rastercov.placement.plan.phases import PlanPhases, phases_of
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import name_scene
 from rastercov.reference.regions import points_on, rig_covers_points
 from rastercov.shards import Staff
 
@@ -152,7 +152,7 @@ def case_of(rng, folder, *kinds):
     places = rc.look_at(eyes, rng.uniform(-0.2, 0.2, (2, 3)), up=(0.1, 0.2, 1))
     rc.write_poses(folder / "rig.json", places)
     plan = plan_of(table_of(rng, *kinds), folder / "plan.toml")
-    mesh, plan, _ = named_scene(plan)
+    mesh, plan, _ = name_scene(plan)
     return Case(plan, mesh, places, phases_of(plan, mesh))
 
 
@@ -179,7 +179,7 @@ def in_shards(case, folder):
     with open_for(case.mesh, rig, task, wanted) as observer:
         evaluation_shards = EvaluationShards(folder, observer, poses, task, wanted)
         for batch in evaluation_shards.parts(Staff()):
-            parts.append(gated(batch.regions, rig, batch.poses))
+            parts.append(with_rule(batch.regions, rig, batch.poses))
             areas.add(parts[-1])
     assert len(parts) == len(case.places)
     return joined_regions(parts), areas

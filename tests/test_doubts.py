@@ -6,7 +6,7 @@ import pytest
 import rastercov as rc
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.doubts import BEYOND, dead_pixels, doubts
+from rastercov.core.coverage.doubts import BEYOND, dead_pixels, find_warnings
 from rastercov.core.coverage.network import Network
 from rastercov.core.mesh import Mesh, shapes
 
@@ -17,7 +17,7 @@ FOCUSED = rc.Camera(width=200, height=200, fx=200, fy=200, focus_range=(0.1, 0.5
 def lines(mesh, poses, camera=CAMERA):
     network = Network(mesh, rc.Task())
     network.add(rc.evaluate(mesh, camera, poses, network.task, by="face"))
-    return doubts(network, camera, poses)
+    return find_warnings(network, camera, poses)
 
 
 def turned(mesh):
@@ -135,7 +135,7 @@ def test_a_range_of_a_camera_that_carries_a_lamp_has_no_line(tmp_path):
 
 def test_no_poses_no_lines():
     mesh = shapes.by_name("box")
-    assert doubts(Network(mesh, rc.Task()), CAMERA, np.empty((0, 4, 4))) == []
+    assert find_warnings(Network(mesh, rc.Task()), CAMERA, np.empty((0, 4, 4))) == []
 
 
 def test_a_lens_that_gives_no_rays_for_a_part_of_its_image_has_a_line():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_poses
-from rastercov.base.memory import CACHE_LINE, aligned_array, read_only
+from rastercov.base.memory import CACHE_LINE, align_array, read_only
 from rastercov.core.camera.pose import Poses
 from rastercov.core.coverage.coverage import FIGURES, LEAST_ALIGNED, arrays_for, measurements
 from rastercov.core.coverage.face_pass import FacePass
@@ -142,7 +142,7 @@ def test_figures_are_the_same_in_any_place(skew):
         judge, expected = FacePass(mesh, CAMERA, 1), evaluate(mesh, CAMERA, poses, by="face")
         shape = len(poses), mesh.n_faces
         figures = {
-            name: aligned_array((8 + shape[0] * shape[1],), kind)[skew : skew - 8].reshape(shape)
+            name: align_array((8 + shape[0] * shape[1],), kind)[skew : skew - 8].reshape(shape)
             for name, kind in FIGURES.items()
         }
         judge.fill(seen, poses, figures)

@@ -21,7 +21,7 @@ from rastercov.base.files import (
     file_bytes,
     read_json,
     read_toml,
-    written_file,
+    write_file,
 )
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose_file import read_poses, write_poses
@@ -248,7 +248,7 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "link.json").symlink_to("/dev/full")
     with pytest.raises(PoseError, match="expected a file, got a symb"):
         write_poses(tmp_path / "link.json", np.eye(4))
-    with pytest.raises(UnwritableError, match="no space left"), written_file("/dev/full") as file:
+    with pytest.raises(UnwritableError, match="no space left"), write_file("/dev/full") as file:
         file.write(bytes(1 << 20))
 
 

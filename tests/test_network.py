@@ -20,7 +20,7 @@ from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.shards import EvaluationShards, Wanted, judged_parts
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.plan.network import Measured, with_areas
@@ -234,7 +234,7 @@ def test_poses_added_in_threads_or_by_shards_make_the_network_of_their_coverage(
         accepted, wanted = Poses.of(poses, skip_bad=True), Wanted(Engine.of(method), False, "seen")
         stored = Network(mesh, task)  # one shard of several batches
         shards = EvaluationShards(tmp_path, observer, accepted, task, wanted)
-        for batch in judged_parts(stored, observer, accepted, wanted, shards, ALONE):
+        for batch in classify_parts(stored, observer, accepted, wanted, shards, ALONE):
             stored.add(batch)
     for network in (result, stored):
         assert state(network) == state(expected)

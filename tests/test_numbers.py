@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
-from rastercov.base.files import LARGEST_NUMBER, UnreadableError, parsed_json
+from rastercov.base.files import LARGEST_NUMBER, UnreadableError, parse_json
 
 
 @pytest.mark.parametrize("name", ["a.gltf", "a.json"])
@@ -50,10 +50,10 @@ def test_a_file_is_read_exactly_if_no_finite_number_is_beyond_the_limit(tree):
     ]  # fmt: skip
     if too_large:
         with pytest.raises(UnreadableError, match="a number within") as caught:
-            parsed_json(data)
+            parse_json(data)
         assert str(caught.value).isprintable()
     else:
-        assert json.dumps(parsed_json(data)) == data.decode()
+        assert json.dumps(parse_json(data)) == data.decode()
 
 
 ORDERS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)

@@ -11,7 +11,7 @@ from nightly import examples
 import rastercov as rc
 from rastercov.advice.before import Changed
 from rastercov.base import format
-from rastercov.core.coverage.doubts import named_places
+from rastercov.core.coverage.doubts import name_places
 from rastercov.report.tables import camera_words, lens_text
 from rastercov.sensors.sensor_limits import _metres
 
@@ -59,7 +59,7 @@ def test_coordinates_have_two_digits_of_the_largest(point, least):
     numbers = [float(each) for each in format.coordinates(point, least).split(", ")]
     largest = int(np.argmax(point))
     assert numbers[largest] == pytest.approx(point[largest], rel=0.05)
-    (line,) = named_places("there", np.array([point]), np.ones(1, bool))
+    (line,) = name_places("there", np.array([point]), np.ones(1, bool))
     shown = [float(each) for each in re.search(r"\((.*)\)", line)[1].split(", ")]
     assert shown[largest] == pytest.approx(point[largest], rel=0.05)
     assert "(0.00, 0.00, 0.00)" not in Changed(None, 0, point).in_words

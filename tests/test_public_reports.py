@@ -19,7 +19,7 @@ from surface_cases import in_regions
 from view_files import has_note, refused, same
 
 import rastercov as rc
-from rastercov.core.coverage.doubts import doubts
+from rastercov.core.coverage.doubts import find_warnings
 from rastercov.formats.cameras import read_views
 from rastercov.placement import FewestCameras, problem_of_matrix, select_greedy, select_integer
 from rastercov.reference.regions import points_on
@@ -477,7 +477,7 @@ def test_poses_in_mm_lists_and_columns_are_named(tmp_path):
     views = read_views(tmp_path / "mm.npy", conventions=rc.Conventions(pose_unit="mm"))
     assert rc.evaluate(mesh, camera, views.poses, fields=()).covered.share() == wanted
     result = rc.evaluate(mesh, camera, far, by="face")
-    assert any("--pose-unit" in line for line in doubts(result.network, camera, far))
+    assert any("--pose-unit" in line for line in find_warnings(result.network, camera, far))
     written(tmp_path, "list.json", json.dumps(poses.tolist()))
     same(read_views(tmp_path / "list.json").poses.world_from_camera, poses)
     np.save(tmp_path / "columns.npy", poses.transpose(0, 2, 1))
@@ -486,7 +486,7 @@ def test_poses_in_mm_lists_and_columns_are_named(tmp_path):
                                          (False, True)}.items():  # fmt: skip
         given = np.linalg.inv(poses) if is_inverse else poses
         given = given @ np.diag([1.0, -1, -1, 1]) if has_axes else given
-        lines = doubts(rc.evaluate(mesh, camera, given, by="face").network, camera, given)
+        lines = find_warnings(rc.evaluate(mesh, camera, given, by="face").network, camera, given)
         assert any(f"--pose-convention {name}" in line for line in lines)
 
 

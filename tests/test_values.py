@@ -117,7 +117,7 @@ def test_defaults_are_plain_values_within_the_limits(kind):
     """So that they need no check."""
     rules = [rule for rule in _rules_of(kind) if rule.default is not dataclasses.MISSING]
     for rule in rules:
-        checked = rule.checked(rule.default)
+        checked = rule.check(rule.default)
         assert checked == rule.default
         assert type(checked) is type(rule.default)
     assert rules
@@ -153,7 +153,7 @@ def test_a_new_threshold_is_an_option_of_the_command_line(monkeypatch):
     def command(task: Stricter) -> None:
         items.append(task)
 
-    wrapped = options.expanded(command)
+    wrapped = options.expand_options(command)
     assert "max_distance" in inspect.signature(wrapped).parameters
     defaults = {n: p.default for n, p in inspect.signature(wrapped).parameters.items()}
     wrapped(**(defaults | {"max_distance": 3.0}))

@@ -17,14 +17,14 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import coordinates, distance
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.union import Covered, RegionUnion, with_rest
 from rastercov.core.area.zones import (
     MOST_LINES,
     DeadZones,
     Divide,
     division,
-    explained,
+    explain_zones,
     zone_line,
     zones_of,
 )
@@ -65,7 +65,7 @@ def check(now: Placed, before: Placed, task: Task) -> None:
         unit_of_result("area", task, Engine(), camera, len(poses))
 
 
-def compared(
+def compare(
     mesh: Mesh,
     now: Placed,
     before: Placed,
@@ -90,11 +90,11 @@ def compared(
         done += n
         progress(done, total)
 
-    first, second = (_covered(mesh, each, task, step) for each in (before, now))
+    first, second = (_coverage_of(mesh, each, task, step) for each in (before, now))
     return {
-        "cameras": [each._asdict() for each in changed_cameras(now, before)],
-        "lost": _told(first, second, now, task),
-        "gained": _told(second, first, before, task),
+        "cameras": [each._asdict() for each in compare_cameras(now, before)],
+        "lost": _tell_changes(first, second, now, task),
+        "gained": _tell_changes(second, first, before, task),
     }
 
 
@@ -134,7 +134,7 @@ class Changed(NamedTuple):
         return f"camera {1 + (row or 0)} at ({at}) m: {', '.join(filter(None, done))}"
 
 
-def changed_cameras(now: Placed, before: Placed) -> list[Changed]:
+def compare_cameras(now: Placed, before: Placed) -> list[Changed]:
     """Cameras that were moved, turned, exchanged, added or removed.
 
     Those of equal rows are compared if there are as many. Else a camera that is where one was is
@@ -176,18 +176,18 @@ def _key(pose: FloatArray) -> bytes:
     return bytes(np.rint(pose / STILL).astype(np.int64).tobytes())
 
 
-def _covered(mesh: Mesh, rig: Placed, task: Task, step: Callable[[int], None]) -> Covered:
+def _coverage_of(mesh: Mesh, rig: Placed, task: Task, step: Callable[[int], None]) -> Covered:
     """Area that cameras cover."""
     (camera, poses), areas = rig, AreaNetwork(mesh, task)
     rows = rows_of_result(camera, poses)
     with closing(RegionPass(mesh, camera, task)) as finder:
         for part in in_batches(poses, mesh.n_faces, finder.threads, rows):
-            areas.add(gated(finder.find(part, closed=areas.closed), camera, part))
+            areas.add(with_rule(finder.find(part, closed=areas.closed), camera, part))
             step(len(part))
     return areas.covered
 
 
-def _told(before: Covered, now: Covered, rig: Placed, task: Task) -> ByName:
+def _tell_changes(before: Covered, now: Covered, rig: Placed, task: Task) -> ByName:
     """Area and zones of what is covered before and not by a rig now."""
     mesh, k, (camera, poses) = now.mesh, len(now.area), rig
     divide = division(mesh, camera, task, poses) if k == 1 else None
@@ -201,7 +201,7 @@ def _told(before: Covered, now: Covered, rig: Placed, task: Task) -> ByName:
         "bound_m2": float(before.bound[scored].sum() + now.bound[scored].sum()),
         "percent": 100 * m2 / total if total > 0 else 0.0,
         "n_zones": n,
-        "zones": explained(zones, camera, poses, task, min(n, MOST_LISTED)),
+        "zones": explain_zones(zones, camera, poses, task, min(n, MOST_LISTED)),
     }
 
 

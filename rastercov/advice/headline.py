@@ -12,7 +12,7 @@ from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.figures import in_words
 from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.area.zones import LEAST_PERCENT, MOST_LINES, n_unlisted, zone_line
-from rastercov.core.coverage.phases import said_of
+from rastercov.core.coverage.phases import question_in
 from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.mesh.groups import at_level
 
@@ -110,7 +110,7 @@ def other_lines(
     elif "covered_area" not in summary:
         ranked = sorted(why, key=lambda name: -int(why[name]["faces"]))[1:]
         each = [
-            f"{why[name]['faces']:,} ({REASONS[name].label}{faces_gained(why[name])})"
+            f"{why[name]['faces']:,} ({REASONS[name].label}{gain_in_faces(why[name])})"
             for name in ranked
         ]
         if each and has_reasons:
@@ -124,7 +124,7 @@ def other_lines(
 
 def _lines(summary: Summary) -> list[str]:
     """Lines on a result over phases of the scene."""
-    return list(said_of(summary).get("lines", ()))
+    return list(question_in(summary).get("lines", ()))
 
 
 def _zones(summary: Summary) -> list[Summary]:
@@ -137,17 +137,17 @@ def by_reason(why: Mapping[str, ReadByName]) -> str:
     m2 = {name: each["m2"] for name, each in why.items()}
     whole, ranked = sum(m2.values()), sorted(m2, key=m2.__getitem__, reverse=True)
     return ", ".join(
-        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}{area_gained(why[name])}"
+        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}{gain_in_area(why[name])}"
         for name in ranked
         if m2[name] > SLIVER_REL * whole
     )
 
 
-def area_gained(entry: ReadByName) -> str:
+def gain_in_area(entry: ReadByName) -> str:
     """Words in brackets on the gain by one criterion alone, m^2; "" for several."""
     return f" (gain by this alone: {area(entry['gain_m2'])})" if "gain_m2" in entry else ""
 
 
-def faces_gained(entry: ReadByName) -> str:
+def gain_in_faces(entry: ReadByName) -> str:
     """The same of faces."""
     return f", gain by this alone: {entry['gain']['faces']:,}" if "gain" in entry else ""

@@ -103,11 +103,11 @@ def finite_points(
 
     Anything else is an error; `wanted` says what they must be.
     """
-    array = checked_array(name, values, "iuf", wanted, error)
+    array = check_array(name, values, "iuf", wanted, error)
     sides = zip(array.shape, shape, strict=False)
     if array.ndim != len(shape) or any(side not in (got, -1) for got, side in sides):
         raise error(f"expected {name} to be {wanted}, got shape {array.shape}")
-    points = owned(name, array, np.float64)
+    points = own_array(name, array, np.float64)
     if not (np.abs(points) <= LARGEST_COORDINATE).all():
         limit = f"within ±{LARGEST_COORDINATE:g}"
         raise error(f"expected {name} to be {wanted}, {limit}, got {shown(values)}")
@@ -127,7 +127,7 @@ def as_array(values: Any) -> AnyArray:
     return np.from_dlpack(values, device="cpu")
 
 
-def checked_array(
+def check_array(
     name: str, values: ArrayLike, kinds: str, wanted: str, error: type[RastercovError]
 ) -> AnyArray:
     """Array of `values` if its dtype is one of `kinds` (or it is empty), else `error`.
@@ -163,7 +163,7 @@ def check_room(name: str, values: object) -> None:
         check_memory(name, 8 * values.size, "pass fewer")
 
 
-def owned(name: str, array: AnyArray, kind: type) -> AnyArray:
+def own_array(name: str, array: AnyArray, kind: type) -> AnyArray:
     """Copy of an array as numbers of that kind, in C order.
 
     Raises
@@ -218,7 +218,7 @@ def check_limits(value: object) -> None:
     # mypy takes a type for unhashable, which the cache asks for.
     for rule in _rules_of(type(value)):  # type: ignore[arg-type]
         if (given := getattr(value, rule.name)) is not rule.default:
-            object.__setattr__(value, rule.name, rule.checked(given))
+            object.__setattr__(value, rule.name, rule.check(given))
 
 
 @functools.cache
@@ -241,7 +241,7 @@ def reader_of(hint: object) -> Reads | None:
     return next((each for each in metadata_of(hint) if isinstance(each, Reads)), None)
 
 
-def documented(kind: type) -> dict[str, str]:
+def document_fields(kind: type) -> dict[str, str]:
     """Description of each field of a dataclass that has a `Doc`."""
     return {
         name: each.documentation
@@ -278,7 +278,7 @@ class _Rule:
         kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
         return cls(name, default, is_optional, kind, reader_of(hint), _limits(hint))
 
-    def checked(self, value: object) -> Any:
+    def check(self, value: object) -> Any:
         """The plain value; ConfigError for one that is not allowed."""
         if value is None and self.is_optional:
             return None

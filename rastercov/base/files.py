@@ -47,7 +47,7 @@ READING = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_BIN
 """Flags, as far as the system has them, to read bytes without waiting."""
 
 
-def seen_from(out: Path, folder: Path) -> str:
+def path_from(out: Path, folder: Path) -> str:
     """A folder as it is written into files of another: relative, so that both may move together."""
     with suppress(ValueError):  # on another drive
         return os.path.relpath(os.path.realpath(folder), os.path.realpath(out))
@@ -151,7 +151,7 @@ def file_bytes(path: StrPath, most: int, advice: str = "check the path") -> byte
 
 
 @contextmanager
-def written_file(path: StrPath) -> Iterator[BinaryIO]:
+def write_file(path: StrPath) -> Iterator[BinaryIO]:
     """File to write to; UnwritableError where it cannot be opened, or the disk fails or is full."""
     path = _as_path(path)
     try:
@@ -165,18 +165,18 @@ def written_file(path: StrPath) -> Iterator[BinaryIO]:
 
 def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
     """Content of a JSON file; UnreadableError for anything else, and where a name comes twice."""
-    return parsed_json(file_bytes(path, most))
+    return parse_json(file_bytes(path, most))
 
 
-def parsed_json(data: bytes, constant: Callable[[str], Any] | None = None) -> Any:
+def parse_json(data: bytes, constant: Callable[[str], Any] | None = None) -> Any:
     """Content of JSON, as `read_json` reads it; `constant` takes NaN and Infinity, if given."""
     parse = partial(json.loads, parse_constant=constant, object_pairs_hook=unique_names)
-    return _parsed("JSON", parse, data)
+    return _parse_data("JSON", parse, data)
 
 
 def read_toml(path: StrPath) -> ByName:
     """Table of a TOML file; UnreadableError for anything else."""
-    return _parsed("TOML", tomllib.loads, file_bytes(path, LARGEST_TEXT))
+    return _parse_data("TOML", tomllib.loads, file_bytes(path, LARGEST_TEXT))
 
 
 def one_line(error: Exception) -> str:
@@ -190,7 +190,7 @@ def not_utf_8(error: UnicodeDecodeError) -> str:
     return f"byte {error.object[error.start]:#04x} at {error.start:,}; save it as UTF-8"
 
 
-def _parsed(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
+def _parse_data(form: str, parse: Callable[[str], Any], data: bytes) -> Any:
     try:
         content = parse(data.decode("utf-8-sig"))  # some editors put a byte order mark first
         check_numbers(content)

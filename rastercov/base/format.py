@@ -60,7 +60,7 @@ def _in_short(value: object) -> str:
         return f"{value.shape} {value.dtype}"
     if isinstance(value, Mapping | tuple | list) and len(value) > MOST_SHOWN:
         return f"{len(value)} entries"
-    return shortened(" ".join(repr(value).split()), MOST_LETTERS)
+    return shorten(" ".join(repr(value).split()), MOST_LETTERS)
 
 
 def to_install(what: str, packages: str, elsewhere: str) -> str:
@@ -92,7 +92,7 @@ def percent(share: float) -> str:
     return "99.999999 %" if share > 0.5 else "0.000001 %"
 
 
-def percents_apart(*shares: float) -> list[str]:
+def distinct_percents(*shares: float) -> list[str]:
     """Shares in percent, with the digits that tell shares apart that differ by 1e-8 or more."""
     percents, n = [percent(share) for share in shares], len({round(share, 8) for share in shares})
     for digits in (2, 3, 6):
@@ -118,7 +118,7 @@ def with_bound(value: float, bound: float) -> str:
     return f"{shown:.{digits}f} ± {max(1, steps) * unit:.{digits}f} %"
 
 
-def bounded(value: float, bound: float, digits: int = 4) -> str:
+def text_with_bound(value: float, bound: float, digits: int = 4) -> str:
     """A number in the decimals that its bound leaves, and in some digits at most: "6.8", "0.00"."""
     decimals = digits - 1 - exponent(max(abs(value), bound, 1e-12))
     if bound > 0:
@@ -128,7 +128,7 @@ def bounded(value: float, bound: float, digits: int = 4) -> str:
 
 def length(metres: float) -> str:
     """A coordinate to a tenth of a millimetre, or in eight digits from 100 m on."""
-    return signed(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"
+    return text_with_sign(metres, 4) if abs(metres) < 100 else f"{metres:.8g}"
 
 
 def area(square_metres: float, unit: str = "m", whole: float = 0.0) -> str:
@@ -183,7 +183,7 @@ def decimals_of(largest: float) -> int:
     return min(9, max(0, 2 - exponent(max(largest, 1e-9))))
 
 
-def signed(value: float, digits: int = 2) -> str:
+def text_with_sign(value: float, digits: int = 2) -> str:
     """A number with a fixed count of decimals, without the sign of -0.00."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
@@ -192,10 +192,10 @@ def coordinates(point: Iterable[float], least: int) -> str:
     """Coordinates in at least some decimals, and in two digits of the largest."""
     values = [float(value) for value in point]
     digits = max(least, decimals_of(max(map(abs, values))) - 1)
-    return ", ".join(signed(value, digits) for value in values)
+    return ", ".join(text_with_sign(value, digits) for value in values)
 
 
-def shortened(text: str, most: int) -> str:
+def shorten(text: str, most: int) -> str:
     """A text of at most `most` characters: begin and end, with "..." for what is between."""
     if len(text) <= most:
         return text
@@ -205,7 +205,7 @@ def shortened(text: str, most: int) -> str:
 
 def shown(value: object) -> str:
     """`value` in at most `LONGEST_SHOWN` characters on one line, whatever it is."""
-    return shortened(" ".join(reprlib.repr(value).split()), LONGEST_SHOWN)
+    return shorten(" ".join(reprlib.repr(value).split()), LONGEST_SHOWN)
 
 
 def first_of(names: Sequence[str], most: int = 5) -> str:

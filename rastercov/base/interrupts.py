@@ -114,12 +114,12 @@ def _send(number: int) -> None:
 
 
 @contextmanager
-def end_held() -> Iterator[None]:
+def hold_end() -> Iterator[None]:
     """Complete the block, a swap of files, before an interrupt is raised or ends the process."""
     for watch in _watch:
         watch.hold()
     try:
-        with interrupts_held():
+        with hold_interrupts():
             yield
     finally:
         for watch in _watch:
@@ -131,7 +131,7 @@ ABANDONED = "rastercov-abandoned"
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
+def hold_interrupts() -> Iterator[None]:
     """Hold Ctrl-C back until the block has ended; SIGTERM too, where it does the same."""
     held: list[int] = []
     before: dict[signal.Signals, Any] = {}

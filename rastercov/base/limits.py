@@ -9,7 +9,7 @@ _LIMITED: list[tuple[str, float]] = []
 
 
 @contextmanager
-def limited(what: str, seconds: float) -> Iterator[None]:
+def limit_time(what: str, seconds: float) -> Iterator[None]:
     """Note that the work in the block ends within some seconds."""
     entry = what, time.monotonic() + seconds
     _LIMITED.append(entry)

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rastercov.base.errors import ConfigError
-from rastercov.base.output import named_folder, remove_folder
+from rastercov.base.output import name_folder, remove_folder
 
 if sys.platform == "win32":
     # It opens no folder, so a file in it is locked. The system deletes the file when it is closed.
@@ -31,14 +31,14 @@ else:
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[Path]:
+def lock(path: Path) -> Iterator[Path]:
     """The folder, made when it is missing, for this process alone; a killed one leaves no lock.
 
     A folder that was made, and in which there is nothing at the end, is removed.
     """
     made = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     try:
-        named_folder(path)
+        name_folder(path)
         descriptor = os.open(path / LOCK, _FLAGS)
     except (FileExistsError, NotADirectoryError):
         raise ConfigError(f"{path}: expected a folder, got a file; name another") from None

@@ -45,7 +45,7 @@ _CONTAINER_LIMITS = (
 )
 
 
-def aligned_array(shape: tuple[int, ...], dtype: DTypeLike) -> AnyArray:
+def align_array(shape: tuple[int, ...], dtype: DTypeLike) -> AnyArray:
     """Array of any values that starts at a cache line: a row of one line is then in one."""
     n_bytes = math.prod(shape) * np.dtype(dtype).itemsize
     memory = np.empty(n_bytes + CACHE_LINE, np.uint8)

@@ -42,7 +42,7 @@ def json_text(data: object) -> str:
 def json_bytes(data: object, indent: int | None = None, *, width: int = 0) -> bytes:
     """Content that `write_json` writes, without the line end; parts of that width on one line."""
     plain = _plain(data)
-    text = _line(plain) if indent is None else _indented(plain, indent, width)
+    text = _line(plain) if indent is None else _indent(plain, indent, width)
     # File names need not be Unicode; an undecodable byte becomes \udcXX, which is valid JSON.
     return text.encode("utf-8", errors="backslashreplace")
 
@@ -93,7 +93,7 @@ def own_folder(path: Path) -> Path:
     return own_place(path)
 
 
-def named_folder(path: Path, *, parents: bool = True) -> Path:
+def name_folder(path: Path, *, parents: bool = True) -> Path:
     """The folder that a person named, perhaps as a link, made when it is missing."""
     path.mkdir(parents=parents, exist_ok=True)
     return path
@@ -125,7 +125,7 @@ def check_place(path: Path) -> None:
 @contextmanager
 def writing(path: Path) -> Iterator[Path]:
     """Yield as `replacing` does; an error of the disk names `path`. For blocks that only write."""
-    with named(path), replacing(path) as part:
+    with name_file(path), replacing(path) as part:
         yield part
 
 
@@ -139,7 +139,7 @@ def replacing(path: Path) -> Iterator[Path]:
     check_place(path)
     is_open = str(path.absolute().parent) in OF_SYSTEM
     if not is_open:
-        path = _followed(path)
+        path = _follow_links(path)
     if is_open or (path.exists() and not path.is_file()):
         yield path
         return
@@ -155,7 +155,7 @@ OF_SYSTEM = ("/dev", "/dev/fd", "/proc/self/fd")
 """Folders of the system, whose links lead to devices and to what this process has open."""
 
 
-def _followed(path: Path) -> Path:
+def _follow_links(path: Path) -> Path:
     """Path of a file, whole, after links within its folder."""
     folder, name = Path(os.path.realpath(path.parent)), path.name
     if not path.is_symlink():
@@ -185,7 +185,7 @@ def sync(path: Path) -> None:
 
 
 @contextmanager
-def named(path: Path) -> Iterator[None]:
+def name_file(path: Path) -> Iterator[None]:
     """Raise errors of the disk again with the name of a file."""
     try:
         yield
@@ -197,7 +197,7 @@ SCALARS, NUMBERS = {str, int, bool, type(None)}, {int, float}
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 
-def _indented(plain: object, indent: int, width: int = 0, depth: int = 0) -> str:
+def _indent(plain: object, indent: int, width: int = 0, depth: int = 0) -> str:
     """JSON over several lines, but a list of numbers, and what fits into the width, on one.
 
     The encoder of the standard library that indents is written in Python, and a report has as many
@@ -209,14 +209,12 @@ def _indented(plain: object, indent: int, width: int = 0, depth: int = 0) -> str
         return line
     if isinstance(plain, dict) and plain:
         brackets = "{}"
-        lines = [
-            f"{_line(key)}: {_indented(plain[key], indent, width, depth + 1)}" for key in plain
-        ]
+        lines = [f"{_line(key)}: {_indent(plain[key], indent, width, depth + 1)}" for key in plain]
     elif isinstance(plain, list):
         if {*map(type, plain)} <= NUMBERS:
             return f"[{', '.join(map(repr, plain))}]"
         brackets = "[]"
-        lines = [_indented(value, indent, width, depth + 1) for value in plain]
+        lines = [_indent(value, indent, width, depth + 1) for value in plain]
     else:
         return _line(plain)
     start = "\n" + " " * (indent * (depth + 1))

@@ -17,7 +17,7 @@ from weakref import WeakKeyDictionary
 
 from rastercov.base.checks import finite_number, shown
 from rastercov.base.errors import ConfigError
-from rastercov.base.typed import guarded_class
+from rastercov.base.typed import guard_class
 from rastercov.engine import base_interrupt
 
 POSES_A_TURN = 16
@@ -196,7 +196,7 @@ class Closing(Unique, ABC):
     """Closed at the end of a `with` block, whatever ends it."""
 
     def __init_subclass__(cls) -> None:
-        guarded_class(cls)  # callers have its instances for an Observer or a Rasterizer
+        guard_class(cls)  # callers have its instances for an Observer or a Rasterizer
 
     @abstractmethod
     def close(self) -> None:

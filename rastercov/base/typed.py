@@ -48,11 +48,11 @@ def typed(function: Callable[Given, Result]) -> Callable[Given, Result]:
     """Check the types of all arguments, by their annotations, before the function runs."""
 
     @functools.wraps(function)
-    def checked(*arguments: Given.args, **named: Given.kwargs) -> Result:
+    def check(*arguments: Given.args, **named: Given.kwargs) -> Result:
         _check_arguments(function, arguments, named)
         return function(*arguments, **named)
 
-    return checked
+    return check
 
 
 def guard(package: str) -> None:
@@ -66,10 +66,10 @@ def guarded_name(module: ModuleType, name: str) -> Any:
     """Function or class of a module that refuses wrong arguments, as `guard` makes of each."""
     thing = getattr(module, name)
     if inspect.isfunction(thing):
-        thing = _guarded(thing)
+        thing = _guard_arguments(thing)
         setattr(sys.modules[thing.__module__], name, thing)  # where a pickle looks for it
     elif inspect.isclass(thing):
-        guarded_class(thing)
+        guard_class(thing)
     return thing
 
 
@@ -83,7 +83,7 @@ def public_names(module: ModuleType) -> list[str]:
     return list(getattr(module, "__all__", own))
 
 
-def guarded_class(kind: Kind) -> Kind:
+def guard_class(kind: Kind) -> Kind:
     """The class, whose constructor and methods refuse wrong arguments by an error of ours."""
     if issubclass(kind, Enum):
         kind._missing_ = classmethod(_no_member)  # type: ignore[assignment] # as documented
@@ -94,18 +94,18 @@ def guarded_class(kind: Kind) -> Kind:
             is_made = name == "__init__" and not getattr(owner, "_is_protocol", False)
             if is_made or not name.startswith("_"):
                 if isinstance(value, classmethod | staticmethod):
-                    setattr(owner, name, type(value)(_guarded(value.__func__)))
+                    setattr(owner, name, type(value)(_guard_arguments(value.__func__)))
                 elif inspect.isfunction(value):
-                    setattr(owner, name, _guarded(value))
+                    setattr(owner, name, _guard_arguments(value))
     return kind
 
 
-def _guarded(function: Callable[Given, Result]) -> Callable[Given, Result]:
+def _guard_arguments(function: Callable[Given, Result]) -> Callable[Given, Result]:
     if hasattr(function, "is_guarded"):
         return function
 
     @functools.wraps(function)
-    def called(*arguments: Given.args, **named: Given.kwargs) -> Result:
+    def call(*arguments: Given.args, **named: Given.kwargs) -> Result:
         try:
             return function(*arguments, **named)
         except (RastercovError, Warning, OSError):
@@ -117,13 +117,13 @@ def _guarded(function: Callable[Given, Result]) -> Callable[Given, Result]:
                 raise wrong from error
             raise
 
-    called.is_guarded = True  # type: ignore[attr-defined] # a mark of our own
-    return called
+    call.is_guarded = True  # type: ignore[attr-defined] # a mark of our own
+    return call
 
 
 def _no_member(kind: type[Enum], value: object) -> Enum | None:
-    """A member that the class makes itself, by `_combined`, or an error."""
-    member: Enum | None = getattr(kind, "_combined", lambda _: None)(value)
+    """A member that the class makes itself, by `_combine`, or an error."""
+    member: Enum | None = getattr(kind, "_combine", lambda _: None)(value)
     if member is not None:
         return member
     names = ", ".join(kind.__members__)
@@ -188,7 +188,7 @@ def check_type(name: str, value: object, hint: object) -> None:
     if not fits(value, hint):
         kinds = [kind.__name__ for kind in (hint, *get_args(hint)) if hasattr(kind, "__name__")]
         error = next((ERRORS[kind] for kind in kinds if kind in ERRORS), ConfigError)
-        raise error(f"expected {name} to be {_wanted(hint)}, got {shown(value)}")
+        raise error(f"expected {name} to be {_expected_text(hint)}, got {shown(value)}")
 
 
 class _Names(ByName):
@@ -269,18 +269,20 @@ def _is_row(value: object) -> bool:
     )
 
 
-def _wanted(hint: Any) -> str:
+def _expected_text(hint: Any) -> str:
     """Words for the values that an annotation asks for."""
     kinds, origin = get_args(hint), get_origin(hint) or hint
     if _is_array_like(hint):
-        others = [_wanted(kind) for kind in kinds if kind not in ARRAY and origin not in ARRAYS]
+        others = [
+            _expected_text(kind) for kind in kinds if kind not in ARRAY and origin not in ARRAYS
+        ]
         return " or ".join(["real numbers", *others])
     if origin in (Union, UnionType):
-        return " or ".join(dict.fromkeys(map(_wanted, kinds)))
+        return " or ".join(dict.fromkeys(map(_expected_text, kinds)))
     if origin is Literal:
         return " or ".join(map(str, kinds))
     if origin is tuple:
-        each = [_wanted(kind) for kind in kinds if kind is not ...]
+        each = [_expected_text(kind) for kind in kinds if kind is not ...]
         return f"a tuple ({', '.join(each)}{', ...' if kinds[-1] is ... else ''})"
     if hint is NoneType:
         return "None"
@@ -290,5 +292,5 @@ def _wanted(hint: Any) -> str:
     if name == "Callable":
         return "a function"
     if kinds and not issubclass(origin, Mapping):
-        return f"a sequence, each {_wanted(kinds[0])}"
+        return f"a sequence, each {_expected_text(kinds[0])}"
     return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"

@@ -36,10 +36,10 @@ def untested_versions() -> list[str]:
 
     Packages that rastercov itself asks for, those of its extras included.
     """
-    return sorted(_untested())
+    return sorted(_untested_names())
 
 
-def _untested() -> Iterator[str]:
+def _untested_names() -> Iterator[str]:
     newest = tested_versions()
     for requirement in set(requires("rastercov") or ()):
         result = REQUIREMENT.match(requirement)

@@ -31,11 +31,11 @@ from rastercov.base import (
     check_place,
     percent,
     plural,
-    shortened,
+    shorten,
     shown,
     write_bytes,
 )
-from rastercov.base.format import area, signed
+from rastercov.base.format import area, text_with_sign
 from rastercov.base.versions import version_of
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.figures import in_words
@@ -47,14 +47,14 @@ from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.sections import polygons_in, section, solid
 from rastercov.report.drawing import GAP, MARGIN, PANEL, PAPERS, SheetFrame, scale_bar
-from rastercov.report.pages import rendered
+from rastercov.report.pages import render
 from rastercov.report.plan_geometry import (
     distances_to_walls,
     edges_between,
     is_foliage,
-    planned,
+    plan_lines,
     scene_of_plan,
-    seen_on_plan,
+    views_on_plan,
 )
 from rastercov.report.tables import camera_words, mounting_angles
 from rastercov.report.theme import DORI as BANDS
@@ -128,7 +128,7 @@ def frame_of(
     floor: float | None = None,
     cut: float | None = None,
 ) -> SheetFrame:
-    """Paper with what is planned in the middle of its window; see `plan_geometry.planned`.
+    """Paper with what is planned in the middle of its window; see `plan_geometry.plan_lines`.
 
     `scale` is auto or 1:N; the floor is that of `floor_of`, and the cut `CUT` above it, unless
     given.
@@ -147,7 +147,7 @@ def frame_of(
         raise ConfigError(
             f"{option}: expected a height within the mesh, {bottom:g} to {top:g} m, got {given:g}"
         )
-    low, high = planned(mesh, poses, cut)
+    low, high = plan_lines(mesh, poses, cut)
     check_choice("paper", paper, tuple(PAPERS))
     window = np.array(PAPERS[paper]) - (PANEL, 0)
     least = max(float(((high - low) * 1e3 / (window - 2 * MARGIN - 2 * GAP)).max()), 1e-3)
@@ -214,7 +214,7 @@ def plan_sheet(
     paths = _paths(evaluation, frame, walls, solids, progress)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
-    paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_crossed(v)) for v in volumes)
+    paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_cross(v)) for v in volumes)
     paths = {name: path or NOTHING for name, path in paths.items()}
     devices = list(islice(_devices(evaluation), MOST_MEASURED))
     marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
@@ -222,7 +222,7 @@ def plan_sheet(
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(evaluation, frame, walls)
     entries = _symbols(evaluation, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
-    return rendered(
+    return render(
         "plan_sheet.svg",
         "rastercov.building",
         width=width,
@@ -252,7 +252,7 @@ def plan_sheet(
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
         title_rows=_title_rows(evaluation, frame, title, views),
-        project=shortened(title["project"], 44),
+        project=shorten(title["project"], 44),
     )
 
 
@@ -269,7 +269,7 @@ def _paths(
     scene, seen = scene_of_plan(segments, frame.box, frame.cut, evaluation.poses), {}
     for row, level in enumerate(LEVELS):
         cameras = cameras_of(evaluation.camera)
-        seen[level] = seen_on_plan(scene, cameras, evaluation.poses, DORI[level])
+        seen[level] = views_on_plan(scene, cameras, evaluation.poses, DORI[level])
         progress(2 + row, N_LAYERS)
     paths = {level.upper(): frame.path(shapely.union_all(seen[level])) for level in LEVELS}
     lines = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(walls))).simplify(0)
@@ -306,12 +306,8 @@ def _title_rows(
     storey = "".join(f"{each}, " for each in storeys)
     own = {"date": datetime.date.today().isoformat(), **title}
     return [
-        *(
-            (name.capitalize(), shortened(own[name], LETTERS - 6))
-            for name in TITLE
-            if own.get(name)
-        ),
-        ("Mesh", shortened(", ".join(each.name for each in mesh.sources or mesh.groups), 60)),
+        *((name.capitalize(), shorten(own[name], LETTERS - 6)) for name in TITLE if own.get(name)),
+        ("Mesh", shorten(", ".join(each.name for each in mesh.sources or mesh.groups), 60)),
         (
             "Covered",
             words if evaluation.areas is None else in_words(evaluation.areas.summary(views)),
@@ -359,7 +355,7 @@ def _volume(entry: Mapping[str, Any], frame: SheetFrame) -> Any:
     return shapely.Point(entry["centre"][:2]).buffer(max(entry["radius"], _pen(frame)))
 
 
-def _crossed(shape: shapely.Geometry) -> shapely.Geometry:
+def _cross(shape: shapely.Geometry) -> shapely.Geometry:
     """Diagonals of the box around a shape, within it."""
     x0, y0, x1, y1 = shape.bounds
     return shape.intersection(shapely.MultiLineString([((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))]))
@@ -374,8 +370,8 @@ def _label(point: shapely.Point, text: str, frame: SheetFrame) -> ByName:
 def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> list[ByName]:
     """Name and number of each room that the drawing has, in its widest place."""
     return [
-        _label(shapely.get_point(circle, 0), shortened(name, 24), frame)
-        | {"number": shortened(number, 24)}
+        _label(shapely.get_point(circle, 0), shorten(name, 24), frame)
+        | {"number": shorten(number, 24)}
         for name, number, outline in rooms
         for circle in shapely.maximum_inscribed_circle(_widest(outline, frame), tolerance=0.05)
     ]
@@ -406,7 +402,7 @@ def _dimensions(evaluation: Evaluation, frame: SheetFrame, walls: FloatArray) ->
                     "y": middle[1] - 0.6 if is_level else middle[1] + 0.7,
                     "half": 2.5,
                     "anchor": "middle" if is_level else "start",
-                    "text": signed(float(np.linalg.norm(ends[1] - ends[0]))),
+                    "text": text_with_sign(float(np.linalg.norm(ends[1] - ends[0]))),
                 }
             )
     return entries
@@ -460,7 +456,7 @@ def _symbols(
         at, turn = pose[:2, 3], math.radians(mounting_angles(pose)[0])
         ahead = np.array((math.cos(turn), math.sin(turn)))
         outline = at + SYMBOL @ np.array((ahead, (-ahead[1], ahead[0]))) / metre
-        text = shortened(name, 24)
+        text = shorten(name, 24)
         half = 0.5 + 0.85 * max(len(text), 6)
         x, y = frame.on_paper(at) + ahead * (-5.5 - half, 8.0)
         x = float(np.clip(x, window[0, 0] + half, window[1, 0] - half))
@@ -475,7 +471,7 @@ def _symbols(
             if y > window[0, 1] - 4:  # on in the next column
                 y, x = window[1, 1] + 3, x + half
                 x = x if x < window[1, 0] - half else window[0, 0] + half
-        height = f"h {signed(pose[2, 3] - frame.floor)} m"
+        height = f"h {text_with_sign(pose[2, 3] - frame.floor)} m"
         symbol = frame.path(shapely.Polygon(outline))
         entry = {"symbol": symbol, "x": x, "y": y, "half": half, "name": text, "height": height}
         entries.append(entry)
@@ -533,7 +529,7 @@ def _symbol(device: SheetDevice, frame: SheetFrame) -> ByName:
     )
     circle = "L".join(near)
     rays = "".join(f"M{one}L{other}" for one, other in zip(start, end, strict=True))
-    return {"x": x, "y": y, "name": shortened(device.name, 24), "symbol": f"M{circle}Z{rays}"}
+    return {"x": x, "y": y, "name": shorten(device.name, 24), "symbol": f"M{circle}Z{rays}"}
 
 
 def _convention(north: float | None) -> ByName:
@@ -573,23 +569,26 @@ def _tables(
     heads = ("camera", "type", "x, m", "y, m", "height, m", "heading", "tilt", "roll")
     lines = [_cells(heads, ends, True)]
 
-    def placed(name: str, kind: str, pose: FloatArray) -> list[Cell]:
+    def place_cells(name: str, kind: str, pose: FloatArray) -> list[Cell]:
         at, angles = pose[:3, 3] - base, mounting_angles(pose, north)
-        words = [*map(signed, at.tolist()), *(f"{signed(each, 1)}°" for each in angles)]
-        return _cells([shortened(name, 20), kind, *words], ends, False)
+        words = [
+            *map(text_with_sign, at.tolist()),
+            *(f"{text_with_sign(each, 1)}°" for each in angles),
+        ]
+        return _cells([shorten(name, 20), kind, *words], ends, False)
 
     for name, pose, index in zip(
         names, evaluation.poses.world_from_camera, evaluation.poses.camera.tolist(), strict=True
     ):
-        lines.append(placed(name, kinds[index], pose))
+        lines.append(place_cells(name, kinds[index], pose))
     others: list[list[Cell]] = []
     for index, kind in kinds.items():
         camera = cameras[index]
         name = camera.product or (names_of(evaluation.camera)[index] if cameras[1:] else "camera")
         reach = [min(camera.fx, camera.fy) / DORI[level] for level in LEVELS]
-        depths = " / ".join(signed(each, 0 if each >= 9.95 else 1) for each in reach)
+        depths = " / ".join(text_with_sign(each, 0 if each >= 9.95 else 1) for each in reach)
         ir = "" if camera.ir_range is None else f", IR {camera.ir_range:g} m"
-        others.append(_cells([kind, shortened(name, 72)], ((2, "start"), (8, "start")), True))
+        others.append(_cells([kind, shorten(name, 72)], ((2, "start"), (8, "start")), True))
         words = f"{camera_words(replace(camera, product=''))}, I / R / O / D {depths} m{ir}"
         others.append([(8, "start", words, False)])
     riding = Counter[tuple[str, str, str]]()
@@ -598,12 +597,12 @@ def _tables(
         if each.rides:
             riding[each.name, f"{word} on", each.words] += 1
         else:
-            line = placed(each.name, word, each.pose)
+            line = place_cells(each.name, word, each.pose)
             others.append(line if each.has_position else [*line[:2], *line[5:]])
             others.append([(8, "start", each.words, False)])
     for (name, on, words), count in riding.items():
         text = f"{on} {plural(count, 'camera')}, {words}"
-        others.append([(2, "start", shortened(name, 20), False), (40, "start", text, False)])
+        others.append([(2, "start", shorten(name, 20), False), (40, "start", text, False)])
     return lines, others
 
 

@@ -39,7 +39,7 @@ def main() -> None:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        code = _refused_for_memory() or command(sys.argv[1:])
+        code = _refuse_for_memory() or command(sys.argv[1:])
     except BaseException as error:
         # An interrupt before a command began, of which an import may have made another error, or a
         # second one while the first is reported.
@@ -56,7 +56,7 @@ def main() -> None:
     leave(code)
 
 
-def _refused_for_memory() -> int:
+def _refuse_for_memory() -> int:
     """Exit code for a limit of memory that is too low, 0 for another; before numpy is imported.
 
     OpenBLAS has one thread: others only wait at products of matrices with three columns. It ends
@@ -86,7 +86,7 @@ def _refused_for_memory() -> int:
 
 def command(arguments: Sequence[str]) -> int:
     """Exit code of the command; see `console.exit_code`."""
-    from rastercov.cli.console import exit_code, group, notices_shown
+    from rastercov.cli.console import exit_code, group, show_notices
 
-    with notices_shown():
+    with show_notices():
         return exit_code(group(), arguments)

@@ -13,12 +13,12 @@ from rastercov.cli.console import (
     print_lines,
     print_network,
     progress_bar,
-    report_skipped,
+    report_skips,
     say,
     warn,
 )
-from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, left_out, read_sheet
-from rastercov.core.camera import Border, Conventions, Views, unit_doubts
+from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, lines_of_lost_poses, read_sheet
+from rastercov.core.camera import Border, Conventions, Views, unit_warnings
 from rastercov.core.coverage.task import Task
 from rastercov.formats.cameras import read_through
 from rastercov.shards import Staff, Tally
@@ -107,11 +107,11 @@ class FootprintOptions(NamedTuple):
                         f"expected --footprints or --overlap-map with {option}, got none; give one"
                     )
             return None
-        from rastercov.formats.georeference import given, reference_of
+        from rastercov.formats.georeference import given_reference, reference_of
         from rastercov.survey import geo
         from rastercov.survey.geo import overlap_map
 
-        place = given(self.crs, self.origin) or reference_of(source)
+        place = given_reference(self.crs, self.origin) or reference_of(source)
         if self.footprints is not None:
             geo.check(self.footprints, place)
         if self.overlap_map is not None:
@@ -143,7 +143,7 @@ class FootprintOptions(NamedTuple):
             overlap_map.write(counted, reconstruction.place, self.overlap_map)
 
 
-@options.expanded
+@options.expand_options
 def audit(
     source: Annotated[
         Path,
@@ -187,8 +187,14 @@ def audit(
     border = Border(conventions)
     views = _read(source, border, conventions.pose_unit is not None or scene.unit != UNIT)
     assert views.rig is not None
-    notes = [*views.notes, *left_out(views.poses), *([] if views.has_unit else [NO_SCALE])]
-    warn(*mesh.warnings, *notes, *border.unused(), *unit_doubts(mesh, views.rig, views.poses))
+    notes = [
+        *views.notes,
+        *lines_of_lost_poses(views.poses),
+        *([] if views.has_unit else [NO_SCALE]),
+    ]
+    warn(
+        *mesh.warnings, *notes, *border.unused_keys(), *unit_warnings(mesh, views.rig, views.poses)
+    )
     with progress_bar(then="report") as progress:
         asked: ByName = result._asdict()
         made = partial(
@@ -213,7 +219,7 @@ def audit(
         print(json_text(summary))
     else:
         _print(summary, out, level, answer.unit, tally)
-    report_skipped(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
+    report_skips(summary["quarantined"], is_accepted=conventions.skip_bad_poses)
 
 
 def _read(source: Path, border: Border, is_metric: bool) -> Views:
@@ -235,14 +241,14 @@ def _print(summary: ByName, out: Path, level: int | None, unit: str, tally: Tall
     import numpy as np
 
     from rastercov.advice.headline import advice_line
-    from rastercov.core.area.remedies import rounded
+    from rastercov.core.area.remedies import round_point
     from rastercov.placement.reconstruction import KINDS
     from rastercov.report.modes import WEAK_LABELS
 
     weak = [text for text in summary["sentences"] if " of the area is weak" in text]
     lines = [summary["answer"], *weak]
     for zone in summary["weak"]["zones"][:1]:
-        at = rounded(np.array(zone["centroid"]), zone["m2"] ** 0.5)[1].removesuffix("m")
+        at = round_point(np.array(zone["centroid"]), zone["m2"] ** 0.5)[1].removesuffix("m")
         at += "m" if unit == "m" else "units"
         lines.append(
             f"weak zone {area(zone['m2'], unit)} around {at}: "

@@ -25,7 +25,7 @@ from rastercov.cli.console import (
 )
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
-from rastercov.core.camera import Camera, Conventions, Poses, unit_doubts
+from rastercov.core.camera import Camera, Conventions, Poses, unit_warnings
 from rastercov.core.camera.rig import check_central
 from rastercov.core.mesh import Mesh
 from rastercov.report.folder import ReportFolder
@@ -59,7 +59,7 @@ class ComparisonOptions(NamedTuple):
     ] = False
 
 
-@options.expanded
+@options.expand_options
 def compare(
     meshes: options.Meshes,
     poses: options.PosesOption,
@@ -85,7 +85,7 @@ def compare(
         raise ConfigError("expected --models alone, got --method or --against; leave them out")
     if asked.models:
         check_central(eyes.cameras(), "coverage models")
-    warn(*eyes.notes, *unit_doubts(*viewed[:2], Poses.of(viewed[2])), *mesh.warnings)
+    warn(*eyes.notes, *unit_warnings(*viewed[:2], Poses.of(viewed[2])), *mesh.warnings)
     if asked.models:
         _compare_models(*viewed, out, as_json)
         return
@@ -112,9 +112,9 @@ def _compare_models(
 ) -> None:
     """Compare all coverage models, leave the page, and print a table or the JSON."""
     from rastercov.reference.models import report
-    from rastercov.reference.models.comparison import compare_models, left_out
+    from rastercov.reference.models.comparison import compare_models, names_without_model
 
-    for name, reason in left_out(camera).items():
+    for name, reason in names_without_model(camera).items():
         warn(f"{name} skipped: it needs a pinhole camera, because {reason}")
     with ReportFolder(out, report.MODEL_COMPARISON) as folder:
         with progress_bar() as progress:
@@ -175,5 +175,5 @@ def markers(
             *report.verdict_lines(experiments),
             path,
         )
-    if not report.passed(experiments):
+    if not report.do_all_pass(experiments):
         raise typer.Exit(1)

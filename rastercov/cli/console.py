@@ -24,7 +24,7 @@ from rich.console import RenderableType
 from rich.segment import Segment
 
 import rastercov
-from rastercov.base import ByName, RastercovError, ReadByName, plural, shortened
+from rastercov.base import ByName, RastercovError, ReadByName, plural, shorten
 from rastercov.base.errors import is_out_of_memory
 from rastercov.base.interrupts import (
     ABANDONED,
@@ -90,7 +90,7 @@ def _is_unread() -> bool:
 
 
 @contextmanager
-def broken_pipes_told_apart() -> Iterator[None]:
+def separate_broken_pipes() -> Iterator[None]:
     """Standard output without a reader is `NoReaderError`, any other broken pipe an `OSError`.
 
     Typer would take each for the first, and end without a word.
@@ -127,7 +127,7 @@ def exit_code(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     return code
 
 
-def _interrupted() -> int:
+def _report_interrupt() -> int:
     announce_end()
     return say("interrupted", code_of_interrupt())
 
@@ -139,7 +139,7 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             return int(code or 0)
         raise KeyboardInterrupt  # which newer versions of Typer turn into this code
     except (KeyboardInterrupt, typer.Abort):
-        return _interrupted()
+        return _report_interrupt()
     except NoReaderError:
         return NO_READER
     except RastercovError as error:
@@ -167,7 +167,7 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
             short = f"{error if isinstance(error, MemoryError) else ''}" or "too little"
             return say(f"error: expected enough memory, got {short}; close programs")
         if was_interrupted():  # a compiler, for one, makes another error of it
-            return _interrupted()
+            return _report_interrupt()
         return say(
             f"error: {type(error).__name__}: {error} (a defect of rastercov; report it with the "
             "output of RASTERCOV_TRACEBACK=1)"
@@ -243,7 +243,7 @@ class _Notices(logging.Handler):
 
 
 @contextmanager
-def notices_shown() -> Iterator[None]:
+def show_notices() -> Iterator[None]:
     """Show notices of the library on standard error in the block."""
     log, handler = logging.getLogger("rastercov"), _Notices(logging.WARNING)
     log.addHandler(handler)
@@ -270,8 +270,8 @@ def say(text: str, code: int = 2) -> int:
 
     A long word is shortened in its middle wherever it comes, and so is the line.
     """
-    words = (shortened(word, LONGEST_WORD) for word in plain(text).split(" "))
-    line = shortened(" ".join(words), LONGEST_LINE)
+    words = (shorten(word, LONGEST_WORD) for word in plain(text).split(" "))
+    line = shorten(" ".join(words), LONGEST_LINE)
     with suppress(OSError):  # there is no stream left to report it
         print(line, file=sys.stderr, flush=True)
     return code
@@ -308,7 +308,7 @@ def warn(*lines: str) -> None:
         say(f"warning: {line}")
 
 
-def report_skipped(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
+def report_skips(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
     """Warn of each pose that crashed its worker; without `is_accepted`, end with 1 for any."""
     warn(*(f"pose {pose} (from 0) skipped: its process {end}" for pose, end in skipped.items()))
     if skipped and not is_accepted:
@@ -414,7 +414,7 @@ _STEPS: list[ProgressLines | None] = []
 
 
 @contextmanager
-def shown(lines: ProgressLines | None) -> Iterator[None]:
+def show_lines(lines: ProgressLines | None) -> Iterator[None]:
     """Show lines of a step in place of the one around it; nothing for None."""
     _STEPS.append(lines)
     try:
@@ -435,7 +435,7 @@ def _is_importing(thread: int) -> bool:
 
 
 @contextmanager
-def waits_shown(command: str) -> Iterator[None]:
+def show_waits(command: str) -> Iterator[None]:
     """Say from time to time what a command does, where standard error is no terminal.
 
     The time that modules take to load does not count.
@@ -452,7 +452,7 @@ def waits_shown(command: str) -> Iterator[None]:
                 lines.tell()
 
     thread = threading.Thread(target=watch, daemon=True)
-    with shown(ProgressLines(command)):
+    with show_lines(ProgressLines(command)):
         if sys.stderr is not None and not sys.stderr.isatty():
             with suppress(RuntimeError):  # no memory for a thread
                 thread.start()
@@ -475,7 +475,7 @@ def progress_bar(what: str = "poses", then: str = "") -> Iterator[Callable[[int,
     console = Console(stderr=True)
     if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
         lines = ProgressLines(what, then)
-        with shown(lines):
+        with show_lines(lines):
             yield lines
         return
     from rich.progress import (
@@ -531,7 +531,7 @@ class _Help:
                 formatter.write_text(paragraph)
 
     def format_options(self: Any, ctx: "Context", formatter: "HelpFormatter") -> None:
-        """Write commands, arguments and options, a panel for those that `expanded` made."""
+        """Write commands, arguments and options, a panel for those that `expand_options` made."""
         rows: dict[str, list[tuple[str, str]]] = {"Commands": [], "Options": []}
         for name in getattr(self, "commands", ()):
             rows["Commands"].append((name, self.get_command(ctx, name).help.split("\n\n")[0]))
@@ -551,7 +551,7 @@ class Command(_Help, TyperCommand):
     def invoke(self, ctx: "Context") -> Any:
         """Run it."""
         watch_signals()
-        with waits_shown(str(self.name)):
+        with show_waits(str(self.name)):
             return super().invoke(ctx)
 
 
@@ -560,7 +560,7 @@ class CommandGroup(_Help, TyperGroup):
 
     def invoke(self, ctx: "Context") -> Any:
         """Run the command of the group."""
-        with broken_pipes_told_apart():
+        with separate_broken_pipes():
             return super().invoke(ctx)
 
 
@@ -612,7 +612,7 @@ IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "valida
 """Modules of commands that have another name."""
 
 
-def _processed(process: Callable[["Context", Any], Any], context: "Context", value: Any) -> Any:
+def _process_value(process: Callable[["Context", Any], Any], context: "Context", value: Any) -> Any:
     """Value of an option; for one that is not given, Typer would make a reader first, 1 ms."""
     return None if value is None else process(context, value)
 
@@ -633,7 +633,7 @@ class LazyCommand(TyperCommand):
         value.name = self.name
         for option in value.params:
             if not (option.required or option.multiple or option.callback) and option.nargs == 1:
-                option.process_value = partial(_processed, option.process_value)
+                option.process_value = partial(_process_value, option.process_value)
         return value
 
     def make_context(self, *args: object, **options: object) -> Any:

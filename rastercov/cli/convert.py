@@ -10,12 +10,12 @@ from typer import Argument, Option
 from rastercov.base import ConfigError, plural
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, warn
-from rastercov.cli.inputs import left_out
+from rastercov.cli.inputs import lines_of_lost_poses
 from rastercov.core.camera import Conventions
 from rastercov.formats.cameras import READERS, WRITERS, format_of, read_views, write_views
 
 
-@options.expanded
+@options.expand_options
 def convert(
     source: Annotated[
         Path,
@@ -63,7 +63,7 @@ def convert(
         views = views.of_camera(camera_name)
     if os.path.realpath(source) == os.path.realpath(target):
         raise ConfigError(f"{target}: expected another file than IN, got the same; change its name")
-    notes = [*views.notes, *left_out(views.poses)]
+    notes = [*views.notes, *lines_of_lost_poses(views.poses)]
     warn(*(f"{source}: {note}" for note in notes))
     lost = write_views(target, views, format=write_as, overwrite=overwrite)
     warn(*(f"{target}: {note}" for note in lost))

@@ -14,7 +14,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from rastercov.base import ByName, shortened
+from rastercov.base import ByName, shorten
 from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
 
@@ -40,7 +40,7 @@ def print_report(report: Report, console: Console) -> None:
     listed = {row["device"]["kind"] for row in report["reports"]}
     absent = [(kind, why) for kind, why in report["kinds"].items() if kind not in listed]
     _section(console, "Missing devices, needed only for OpenGL", absent)
-    settings = [(f"{k}={shortened(v, 80)}",) for k, v in report["environment"].items()]
+    settings = [(f"{k}={shorten(v, 80)}",) for k, v in report["environment"].items()]
     _section(console, "Environment", settings)
     _section(console, "Versions that were not tested", [(line,) for line in report["untested"]])
     _section(
@@ -120,7 +120,7 @@ def doctor(
         return
     from rastercov.core.raster import drawer
 
-    report = drawer().examined()
+    report = drawer().examine()
     if as_json:
         print(json.dumps(report, indent=2))
     else:

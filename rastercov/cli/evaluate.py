@@ -34,14 +34,14 @@ from rastercov.cli.console import (
     print_lines,
     print_network,
     progress_bar,
-    report_skipped,
+    report_skips,
     say,
     warn,
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
 from rastercov.cli.scene_files import SceneFiles
-from rastercov.core.area.features import narrowed
-from rastercov.core.camera import Camera, Cameras, Conventions, Poses, names_of_poses, unit_doubts
+from rastercov.core.area.features import narrow
+from rastercov.core.camera import Camera, Cameras, Conventions, Poses, names_of_poses, unit_warnings
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
@@ -110,7 +110,7 @@ class ReportOptions(NamedTuple):
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
 
 
-@options.expanded
+@options.expand_options
 def evaluate(
     meshes: options.Meshes,
     poses: options.PosesOption,
@@ -151,9 +151,9 @@ def evaluate(
     )
     assert eyes.rig is not None
     rig = with_equipment(eyes.rig, equipment, mesh)
-    task = narrowed(rig, task)
+    task = narrow(rig, task)
     phases = files.phases(mesh, report.method)
-    lost: Callable[[], ByName] | None = None
+    find_losses: Callable[[], ByName] | None = None
     if before is not None:
         if phases is not None or report.by == "face":
             got = "--by face" if phases is None else "a moving scene"
@@ -166,9 +166,9 @@ def evaluate(
         with errors_as(ConfigError, "--before"):
             differences.check(*rigs, task)
 
-        def lost() -> ByName:
+        def find_losses() -> ByName:
             with progress_bar("comparison") as progress:
-                return {"poses": before, **differences.compared(mesh, *rigs, task, progress)}
+                return {"poses": before, **differences.compare(mesh, *rigs, task, progress)}
 
     run_and_print(
         (mesh if phases is None else phases.mesh, rig, eyes.poses),
@@ -176,7 +176,7 @@ def evaluate(
         out,
         settings,
         as_json,
-        lost,
+        find_losses,
         workers,
         None if phases is None else phases.asked,
     )
@@ -194,7 +194,7 @@ def run_and_print(
 ) -> None:
     """Evaluate all poses, leave the report, and print a summary or the JSON.
 
-    `lost` gives differences from other poses, as of `before.compared`.
+    `lost` gives differences from other poses, as of `before.compare`.
     """
     from rastercov.advice.headline import first_lines
     from rastercov.report.coverage import run
@@ -230,7 +230,7 @@ def run_and_print(
         total = plural(len(accepted), "pose")
         warn(f"interrupted: the report has {summary['poses']} of {total}, and may lack pictures")
         raise KeyboardInterrupt
-    report_skipped(summary["quarantined"], is_accepted=settings.skip_bad_poses)
+    report_skips(summary["quarantined"], is_accepted=settings.skip_bad_poses)
 
 
 def _print_rest(summary: ByName, level: int | None, out: Path) -> None:
@@ -284,19 +284,19 @@ def _save(
 ) -> None:
     """Write the files of a pose."""
     from rastercov.report import images
-    from rastercov.report.panorama import neutral, paint, scene_keys, seen
+    from rastercov.report.panorama import draw_scene, neutral, paint, scene_keys
     from rastercov.report.theme import COVERED
 
-    drawn = seen(mesh, eye, pose, buffer)
+    drawn = draw_scene(mesh, eye, pose, buffer)
     keys = [images.Key.of("front faces", COVERED), *scene_keys([drawn])]
-    picture = images.framed(paint(drawn, neutral(mesh, drawn.setting)), title, keys)
+    picture = images.add_frame(paint(drawn, neutral(mesh, drawn.setting)), title, keys)
     pictures = picture, images.face_index_picture(buffer), images.depth_picture(buffer)
     for name, each in zip(RENDERED, pictures, strict=False):
         images.save_picture(each, folder.file(name))
     write_npz(folder.file(RENDERED[-1]), face=buffer.face, depth=buffer.depth)
 
 
-@options.expanded
+@options.expand_options
 def render(
     meshes: options.Meshes,
     poses: options.PosesOption,
@@ -325,7 +325,7 @@ def render(
         )
     files_of_it = re.compile(r"(picture|faces|depth)\.png|buffers\.npz")
     with ReportFolder(out, ReportKind("render", files_of_it, last=RENDERED[-1])) as folder:
-        warn(*mesh.warnings, *eyes.notes, *unit_doubts(mesh, eye, Poses.of(matrices)))
+        warn(*mesh.warnings, *eyes.notes, *unit_warnings(mesh, eye, Poses.of(matrices)))
         with open_rasterizer(mesh, eye, **Engine(device=device).rasterizer_options) as rasterizer:
             buffer = rasterizer.render(matrices[pose])
             info = rasterizer.info

@@ -27,11 +27,11 @@ from rastercov.base import (
     plural,
     printable,
     read_toml,
-    shortened,
+    shorten,
     shown,
 )
 from rastercov.base.arguments import MOST_POSES
-from rastercov.base.files import is_file, is_same_file, seen_from
+from rastercov.base.files import is_file, is_same_file, path_from
 from rastercov.base.typed import fits
 from rastercov.cli import options
 from rastercov.cli.scene_files import SceneFiles, scene_files
@@ -49,7 +49,7 @@ from rastercov.core.camera import (
 from rastercov.core.camera.catalogue import is_head, is_name
 from rastercov.core.camera.viewpoints import enclosing_distance, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.mesh.groups import by_file, files_named, named
+from rastercov.core.mesh.groups import by_file, files_of_group, names_of_groups
 from rastercov.core.mesh.mesh import names_of
 from rastercov.formats.cameras import read_through, read_with_optics
 
@@ -120,8 +120,8 @@ class SceneOptions(NamedTuple):
         roles = {"--occluder": self.occluders, "--target": self.targets}
         further = [name for names in roles.values() for name in names if _is_further(name, meshes)]
         paths = [*meshes, *dict.fromkeys(map(Path, further))]
-        transforms = by_file("--transform", _named(self.transform), paths, "")
-        units = by_file("--unit", _named(self.unit), paths, "m")
+        transforms = by_file("--transform", _split_names(self.transform), paths, "")
+        units = by_file("--unit", _split_names(self.unit), paths, "m")
         mesh = Mesh.load(
             paths,
             list(map(options.number_or_name, units)),
@@ -130,8 +130,12 @@ class SceneOptions(NamedTuple):
             deflection_mm=self.deflection_mm,
         )
         names = names_of(mesh, paths)
-        both = "all" if "all" in self.two_sided else named("--two-sided", self.two_sided, names)
-        hiding, transparent = (named(role, given, names) for role, given in roles.items())
+        both = (
+            "all"
+            if "all" in self.two_sided
+            else names_of_groups("--two-sided", self.two_sided, names)
+        )
+        hiding, transparent = (names_of_groups(role, given, names) for role, given in roles.items())
         mesh = mesh.with_groups(hiding, both, transparent)
         if not mesh.task_mask.any():
             raise MeshError(
@@ -147,7 +151,7 @@ class SceneOptions(NamedTuple):
         files = {name: str(path) for name, path in others.items() if path is not None}
         given = {name: value for name, value in self._asdict().items() if value is not None}
         own = {"meshes": list(map(str, meshes)), **files, **given}
-        return {"folder": seen_from(out, Path()), **own}
+        return {"folder": path_from(out, Path()), **own}
 
 
 def further_files() -> list[str]:
@@ -196,13 +200,13 @@ def read_again(
             )
         now[file] = str(near.resolve())
 
-    def moved(entry: str) -> str:
+    def move(entry: str) -> str:
         name, colon, value = entry.rpartition(":")
         return now[name] + colon + value if name in now else now.get(entry, entry)
 
     for name, entries in kept.items():
         if isinstance(entries, list):
-            kept[name] = [moved(entry) for entry in entries]
+            kept[name] = [move(entry) for entry in entries]
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
     mesh = SceneOptions(**kept).read(meshes)
     read = SceneFiles({name: Path(now[file]) for name, file in others.items()})
@@ -238,14 +242,14 @@ def _is_further(name: str, meshes: list[Path]) -> bool:
     """
     if not is_file(name) or any(path.exists() and path.samefile(name) for path in meshes):
         return False
-    if Path(name).name == name and (rows := files_named(name, meshes)[0]):
+    if Path(name).name == name and (rows := files_of_group(name, meshes)[0]):
         raise ConfigError(
             f"expected one file {name}, got {meshes[rows[0]]} and ./{name}; give the path"
         )
     return True
 
 
-def _named(values: list[str]) -> list[tuple[str | None, str]]:
+def _split_names(values: list[str]) -> list[tuple[str | None, str]]:
     """Names and values of entries NAME:VALUE; None for VALUE alone."""
     parts = (entry.rpartition(":") for entry in values)
     return [(name if colon else None, value) for name, colon, value in parts]
@@ -318,7 +322,7 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     return look_at(centre + distance * np.column_stack((flat, np.sin(above))), centre)
 
 
-def left_out(poses: Poses) -> list[str]:
+def lines_of_lost_poses(poses: Poses) -> list[str]:
     """Lines on poses that are not rigid transforms and were left out."""
     rejected = sorted(poses.rejected.items())
     lines = [f"pose {row} (from 0) skipped: it {text}" for row, text in rejected[:MOST_WARNINGS]]
@@ -363,7 +367,7 @@ def read_eyes(
     if poses.startswith(AROUND):
         if cameras is None:
             raise CameraError(f"--poses {poses}: expected a camera, got none; give --camera")
-        cameras = with_unused(cameras, border)
+        cameras = add_unused(cameras, border)
         if several and camera_name is None and cameras.rig is not None and cameras.rig.is_one:
             moving = cameras.rig.cameras[int(np.argmin(cameras.rig.is_fixed))]
             around = Poses.of(poses_around(poses, mesh, moving))
@@ -378,13 +382,13 @@ def read_eyes(
     _check_poses(views, poses)
     if cameras is None and views.rig is None:
         raise CameraError(f"{poses}: expected a camera with the poses, got none; give --camera")
-    bad = left_out(in_metres(views, poses).poses)
+    bad = lines_of_lost_poses(in_metres(views, poses).poses)
     if cameras is not None and cameras is not views:
         views = views.through(cameras, camera_name, by_name=several and _by_name(cameras, camera))
         camera_name = None
     if camera_name is not None or not several or views.n_used == 1:
         views = views.of_camera(camera_name)
-    notes = list(dict.fromkeys([*views.notes, *bad, *border.unused()]))
+    notes = list(dict.fromkeys([*views.notes, *bad, *border.unused_keys()]))
     return replace(views, notes=tuple(notes))
 
 
@@ -399,18 +403,18 @@ def read_rig(given: options.CameraOptions, poses: Path, conventions: Conventions
     _check_source(str(poses), "a pose file, such as rig.json of evaluate --out")
     views = in_metres(read_through(poses, border), poses)
     _check_poses(views, poses)
-    bad = left_out(views.poses)
+    bad = lines_of_lost_poses(views.poses)
     if cameras is not None:
         views = views.through(cameras, camera_name, by_name=_by_name(cameras, camera))
         views = views.of_camera() if views.n_used == 1 else views
     elif camera_name is not None:
         views = views.of_camera(camera_name)
-    return with_unused(replace(views, notes=(*views.notes, *bad)), border)
+    return add_unused(replace(views, notes=(*views.notes, *bad)), border)
 
 
-def with_unused(views: Views, border: Border) -> Views:
+def add_unused(views: Views, border: Border) -> Views:
     """The views with a note on each answer that no file asked for."""
-    return replace(views, notes=(*views.notes, *border.unused()))
+    return replace(views, notes=(*views.notes, *border.unused_keys()))
 
 
 def _check_source(poses: str, forms: str) -> None:
@@ -437,7 +441,7 @@ def in_metres(views: Views, source: str | Path) -> Views:
 
 def _by_name(cameras: Views, given: Sequence[str]) -> bool:
     """True where poses name their cameras: there are several, or one with a name."""
-    return len(cameras.cameras()) > 1 or _named_camera(given[0]) is not None
+    return len(cameras.cameras()) > 1 or _name_camera(given[0]) is not None
 
 
 def read_cameras(given: Sequence[str], border: Border) -> Views | None:
@@ -450,11 +454,11 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
     """
     if not given:
         return None
-    if len(given) == 1 and _named_camera(given[0]) is None:
+    if len(given) == 1 and _name_camera(given[0]) is None:
         return _cameras(given[0], border)
     cameras: dict[str, Camera] = {}
     for text in given:
-        if (pair := _named_camera(text)) is None:
+        if (pair := _name_camera(text)) is None:
             raise CameraError(
                 f"--camera: expected NAME=FILE for each of several cameras, got {shown(text)}; "
                 "write left=left.yaml"
@@ -470,7 +474,7 @@ def read_cameras(given: Sequence[str], border: Border) -> Views | None:
     return _without_poses(Rig(list(cameras.values()), list(cameras)))
 
 
-def _named_camera(text: str) -> tuple[str, str] | None:
+def _name_camera(text: str) -> tuple[str, str] | None:
     """Name and file, preset or {entries} of NAME=FILE; None for anything else."""
     name, equals, source = text.partition("=")
     is_missing = re.fullmatch(r"\S+\.[a-z]+", source) is not None  # a file, by its ending
@@ -503,7 +507,7 @@ def _of_entries(text: str, border: Border) -> Views:
             return read_with_optics(Path(), entries, border)
         return _without_poses(Rig([Camera.from_dict(entries)], ["camera"]))
     except CameraError as error:
-        raise CameraError(f"--camera {shortened(text, 40)}: {error}") from None
+        raise CameraError(f"--camera {shorten(text, 40)}: {error}") from None
     except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
         raise CameraError(
             '--camera: expected a file, a preset, or entries such as \'preset = "khepra", '

@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_
 from typer import Argument, Option
 
 from rastercov.base import ByName, ConfigError, hooks_of
-from rastercov.base.arguments import annotations_of, documented, reader_of
+from rastercov.base.arguments import annotations_of, document_fields, reader_of
 from rastercov.cli.console import out_option
 from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
 from rastercov.core.camera import Conventions, EquipmentKind
@@ -152,7 +152,7 @@ CONVENTIONS = {
 """Types and words of the options of `Conventions`."""
 
 
-def expanded(command: Callable[..., None]) -> Callable[..., None]:
+def expand_options(command: Callable[..., None]) -> Callable[..., None]:
     """Replace parameters of a command that are several options together by these options.
 
     They are of type `Conventions`, `Task`, `SceneFiles`, `EquipmentOptions`, or a named tuple. With
@@ -253,7 +253,7 @@ def _of_task() -> list[inspect.Parameter]:
     numbers = {name for name, hint in hints.items() if _plain(hint) in (int, float, float | None)}
     parameters = [
         _parameter(name, defaults[name], _option(hints[name], text))
-        for name, text in documented(Task).items()
+        for name, text in document_fields(Task).items()
         if name in numbers
     ]
     return [*parameters, _parameter("thesis", False, Thesis)]

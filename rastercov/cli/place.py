@@ -38,10 +38,10 @@ from rastercov.cli.options import (
     Level,
     Pdf,
     ProcessOptions,
-    expanded,
+    expand_options,
 )
 from rastercov.core.camera import Conventions
-from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.groups import list_names
 
 if TYPE_CHECKING:
     from rastercov.placement.plan.check import Checked
@@ -64,7 +64,7 @@ def _print_schema(wanted: bool | str | None) -> None:
     if isinstance(wanted, str):
         whole = values.pop("$defs")
         if wanted not in (sections := values["properties"]):
-            known = listed(list(sections), wanted)
+            known = list_names(list(sections), wanted)
             raise ConfigError(
                 f"--schema-of: expected one of {known}, got {shown(wanted)}; correct it"
             )
@@ -75,7 +75,7 @@ def _print_schema(wanted: bool | str | None) -> None:
     raise typer.Exit
 
 
-@expanded
+@expand_options
 def place(
     plan: PlanFile,
     processes: ProcessOptions,
@@ -131,7 +131,7 @@ def place(
     if as_json:
         print(json_text(report.summary(placed)))
     else:
-        _print_placed(placed, folder, level)
+        _print_placement(placed, folder, level)
     if placed.interrupted:
         raise KeyboardInterrupt
     left_out = {} if skip_bad_poses else prepared.quarantined
@@ -142,7 +142,7 @@ def place(
         raise typer.Exit(1)
 
 
-def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
+def _print_placement(placed: "Placement", folder: Path, level: int | None) -> None:
     """Print the answer, tables of cameras and parts, and what no table has."""
     from rastercov.core.area.zones import ZONES
     from rastercov.report import plan as report
@@ -156,7 +156,7 @@ def _print_placed(placed: "Placement", folder: Path, level: int | None) -> None:
     network = summary["network"] | {name: summary[name] for name in ZONES if name in summary}
     network["goal_of_groups"] = placed.prepared.plan.goal_of_groups
     print_network(network, level)
-    lines = [*report.lines(placed, level), *report.left_lines(placed)]
+    lines = [*report.lines(placed, level), *report.lines_of_uncovered(placed)]
     print_lines(*lines, f"scene: {size_line(placed.prepared.mesh)}")
     for line in placed.prepared.tally.lines():
         say(line)
@@ -216,7 +216,7 @@ class OutcomeOptions(NamedTuple):
     ] = None
 
 
-@expanded
+@expand_options
 def check(
     plan: PlanFile,
     poses: Annotated[

@@ -34,7 +34,7 @@ class TitleOptions(NamedTuple):
     date: Annotated[str | None, Option(help="Date on the sheet.", show_default="today")] = None
 
 
-@options.expanded
+@options.expand_options
 def sheet(
     sources: Sources,
     files: SceneOptions,
@@ -84,7 +84,9 @@ def sheet(
         raise ConfigError("expected a camera to draw, got none; give --poses")
     title = {"project": scene.title} | scene.sheet.model_dump(exclude_none=True)
     title |= {} if north is None else {"north": north}
-    turn, *_ = scene.mesh.site.known({"north_deg": title.pop("north", None)}, "north of the sheet")
+    turn, *_ = scene.mesh.site.known_values(
+        {"north_deg": title.pop("north", None)}, "north of the sheet"
+    )
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
     warn(*mesh.warnings, *scene.notes)
     if scene.plan_file:
@@ -98,14 +100,14 @@ def sheet(
     )
     names = [each.name for each in start.on]
     with progress_bar(then="sheet") as progress:
-        measures = _measured(start, mesh, progress)
+        measures = _evaluate_rig(start, mesh, progress)
         text = report.plan_sheet(measures, names, frame, title, site, start.needed, progress)
         report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print_lines(out)
 
 
-def _measured(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":
+def _evaluate_rig(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":
     """Coverage by the cameras of a scene, as `evaluate` measures it."""
     from rastercov.core.coverage.evaluation import Query
     from rastercov.core.coverage.job import answer

@@ -8,13 +8,13 @@ import numpy as np
 import typer
 from typer import Option
 
-from rastercov.base import ByName, CameraError, ConfigError, shortened, shown
+from rastercov.base import ByName, CameraError, ConfigError, shorten, shown
 from rastercov.base.checks import positive
-from rastercov.base.format import bounded, coordinates
+from rastercov.base.format import coordinates, text_with_bound
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
-from rastercov.core.mesh.groups import named
+from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import Mesh, names_of
 from rastercov.light.sun import NORTH_DEG, angle, sun_directions
 
@@ -107,7 +107,7 @@ class SurfaceOptions(NamedTuple):
     ] = None
 
 
-@options.expanded
+@options.expand_options
 def sun(
     meshes: options.Meshes,
     site: SiteOptions,
@@ -132,7 +132,7 @@ def sun(
     period.times(0.0)  # errors before the mesh is read
     mesh = scene.read(meshes)
     given = {"north_deg": period.north, **site._asdict()}
-    north, latitude, longitude = mesh.site.known(given, "--north")
+    north, latitude, longitude = mesh.site.known_values(given, "--north")
     if latitude is None or longitude is None:
         raise ConfigError(
             "expected --latitude and --longitude, got one or none, and none of a file; give both"
@@ -140,7 +140,7 @@ def sun(
     words, step, times = period.times(longitude)
     north = NORTH_DEG if north is None else north
     towards = sun_directions(latitude, longitude, times, north)
-    mesh = _evaluated(mesh, surface.of, surface.resolution)
+    mesh = _select_targets(mesh, surface.of, surface.resolution)
     lowest = max(angle("min_elevation", period.min_elevation, 90.0), 0.0)
     is_up = towards[:, 2] > np.sin(np.radians(lowest))
     if not is_up.any():
@@ -151,7 +151,7 @@ def sun(
     how: ByName = {"irradiance": period.irradiance, "step": step / 60, "starts": starts}
     with progress_bar("sunlight", then="report") as progress:
 
-        def made() -> Study:
+        def make_study() -> Study:
             ways = {
                 way: sunlit(mesh, towards, hours, **how, lit_by=way, progress=progress)
                 for way in (LIT_BY if period.penumbra else ["middle"])
@@ -161,7 +161,7 @@ def sun(
         given = {"latitude": latitude, "longitude": longitude, **period._asdict()}
         given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
-        study, summary = write(made, out, given, pdf=pdf)
+        study, summary = write(make_study, out, given, pdf=pdf)
     if len(mesh.groups) == 1 == study.ways["middle"].n_pieces[0]:
         warn(
             "one group in one piece cannot shade its silhouette: its hours are about those of the "
@@ -175,16 +175,16 @@ def sun(
         raise typer.Exit(1)
 
 
-def _evaluated(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
+def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
     """The mesh of which some groups are evaluated, or all if none are named, in small faces."""
-    from rastercov.light.sunlight import divided
+    from rastercov.light.sunlight import divide_targets
 
     if of:
-        kept = named("--of", of, names_of(mesh)) or set()
+        kept = names_of_groups("--of", of, names_of(mesh)) or set()
         mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
     warn(*mesh.warnings)  # before it is divided, where sides of different faces do not match
     if resolution is not None:
-        mesh = divided(mesh, resolution)
+        mesh = divide_targets(mesh, resolution)
     return mesh
 
 
@@ -205,20 +205,20 @@ def _print(summary: ByName, out: Path) -> None:
     groups = [each for each in summary["parts"] if each["is_group"]]
     print_lines(summary["answer"])
     for each in groups[:MOST_LINES]:
-        hours = f"{bounded(each['hours'], each['bound_hours'])} h"
-        energy = f"{bounded(each['energy_kwh'], each['bound_kwh'])} kWh"
+        hours = f"{text_with_bound(each['hours'], each['bound_hours'])} h"
+        energy = f"{text_with_bound(each['energy_kwh'], each['bound_kwh'])} kWh"
         if "hours_lit_by_all" in each:
             disc = [
-                bounded(each[f"hours_lit_by_{way}"], each[f"bound_hours_lit_by_{way}"])
+                text_with_bound(each[f"hours_lit_by_{way}"], each[f"bound_hours_lit_by_{way}"])
                 for way in ("all", "some")
             ]
             hours += f" (whole disc {disc[0]} h, at least part {disc[1]} h)"
         least = ""
         if each["pieces"] > 1:
             at = coordinates(each["least_piece_at"], 2)
-            worst = bounded(each["least_piece_hours"], each["least_piece_bound_hours"])
+            worst = text_with_bound(each["least_piece_hours"], each["least_piece_bound_hours"])
             least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
-        print_lines(f"{hours}, {energy}: {shortened(each['name'], 60)}{least}")
+        print_lines(f"{hours}, {energy}: {shorten(each['name'], 60)}{least}")
     if groups[MOST_LINES:]:
         print_lines(
             f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more"

@@ -15,18 +15,18 @@ from typer import Argument, Option
 
 from rastercov.base import CameraError, ConfigError, MeshError, first_of, plural
 from rastercov.cli import options
-from rastercov.cli.console import print_lines, say, shown, size_line, warn
+from rastercov.cli.console import print_lines, say, show_lines, size_line, warn
 from rastercov.cli.inputs import (
     AROUND,
     SceneOptions,
+    add_unused,
     are_arguments,
     read_again,
     read_cameras,
     read_eyes,
     read_rig,
-    with_unused,
 )
-from rastercov.core.camera import Border, Conventions, Poses, Views, unit_doubts
+from rastercov.core.camera import Border, Conventions, Poses, Views, unit_warnings
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 
@@ -54,7 +54,7 @@ DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 """Variables of a desktop; without one, Python would open a browser in the terminal."""
 
 
-@options.expanded
+@options.expand_options
 def view(
     sources: Sources,
     files: SceneOptions,
@@ -89,7 +89,7 @@ def view(
 
     A page to share: rastercov view teapot -c khepra -p sphere:8 --export page.html
     """
-    from rastercov.page.live import why_recorded
+    from rastercov.page.live import record_cause
     from rastercov.page.saving import check_name, export_page, with_drawing
     from rastercov.page.server import serve
     from rastercov.page.session import Session
@@ -102,7 +102,7 @@ def view(
 
     scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
     start = scene.start
-    doubts = unit_doubts(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
+    doubts = unit_warnings(scene.mesh, start.rig(), start.poses()) if start.unit == "m" else []
     warn(*scene.mesh.warnings, *scene.notes, *doubts)
     session = Session(scene, method)
     size = size_line(scene.mesh)
@@ -111,7 +111,7 @@ def view(
     print_lines(f"{scene.title}: {size}, {plural(len(start.stations), 'camera')}")
     if export is not None:
         page = export_page(session, export, is_still=still)
-        if not still and (why := why_recorded(session, start)):
+        if not still and (why := record_cause(session, start)):
             say(why)
         print_lines(page)
         return
@@ -120,15 +120,15 @@ def view(
         say(live.BY_PYTHON)
     with_drawing(session, [out, sources[0], *([Path(poses).parent] if poses else [])])
     with ExitStack() as serving, ExitStack() as redirecting:
-        started = partial(_started, serving, redirecting, not no_browser)
+        started = partial(_start_page, serving, redirecting, not no_browser)
         serve(session, port, out, started, arrived=redirecting.close)
 
 
-def _started(serving: ExitStack, redirecting: ExitStack, opens: bool, url: str) -> None:
+def _start_page(serving: ExitStack, redirecting: ExitStack, opens: bool, url: str) -> None:
     """Print the address of the page, and open it in a browser."""
     from rastercov.page.server import redirect
 
-    serving.enter_context(shown(None))  # no wait, but until it is stopped
+    serving.enter_context(show_lines(None))  # no wait, but until it is stopped
     print_lines(url)
     say("press Ctrl-C to stop")
     if not opens:
@@ -175,7 +175,7 @@ def open_scene(
         if poses is not None:
             rig = read_rig(camera, Path(poses), conventions)
         elif rig is not None:
-            rig = with_unused(rig, border)
+            rig = add_unused(rig, border)
     if is_plan:
         if sources[1:]:
             raise ConfigError(
@@ -188,7 +188,7 @@ def open_scene(
         rig, scene = None, _of_meshes(sources, files, camera, poses, conventions, task)
     if rig is not None:
         scene = replace(scene, notes=(*scene.notes, *rig.notes))
-    return scene.equipped(equipment) if any(equipment.values()) else scene
+    return scene.equip(equipment) if any(equipment.values()) else scene
 
 
 def _of_result(folder: Path, meshes: list[Path], given: SceneOptions, rig: Views | None) -> "Scene":
@@ -238,5 +238,5 @@ def _of_meshes(
         cameras = read_cameras(camera.camera, border := Border(conventions))
         if cameras is None:
             raise CameraError("expected a camera, got none; give --camera, a file or a preset")
-        views = with_unused(replace(cameras, poses=Poses.of(()), images=()), border)
+        views = add_unused(replace(cameras, poses=Poses.of(()), images=()), border)
     return open_mesh(mesh, views, task, first_of([path.name for path in sources], 3))

@@ -101,7 +101,7 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
-def _distributed() -> Any:
+def _import_distributed() -> Any:
     """The package `distributed`; it has no types worth checking."""
     try:
         return import_module("distributed")
@@ -114,13 +114,13 @@ def _distributed() -> Any:
 @contextmanager
 def pool_of(address: str) -> Iterator[OfScheduler]:
     """Processes of a scheduler; ConfigError where it cannot be reached, or has no certificates."""
-    with _quiet_log(), _connected(address) as client:
+    with _quiet_log(), _connect(address) as client:
         yield OfScheduler(client)
 
 
 @contextmanager
-def _connected(address: str) -> Iterator[Any]:
-    distributed = _distributed()
+def _connect(address: str) -> Iterator[Any]:
+    distributed = _import_distributed()
     security = distributed.Security()
     if address.startswith("tls://") and not (
         security.tls_ca_file and security.tls_client_cert and security.tls_client_key
@@ -161,7 +161,7 @@ class _Elsewhere(Elsewhere):
     def check(self, address: str) -> None:
         """Accept an address; ConfigError where Dask is not installed."""
         check_address(address)
-        _distributed()
+        _import_distributed()
 
     def risk(self, address: str) -> str:
         """Line on the users of this machine, empty for TLS."""

@@ -18,7 +18,7 @@ FOLDER = Path(os.environ.get("RASTERCOV_MODULES") or Path(__file__).parent)
 REMEDY = "run `make native` in the clone, or install a wheel"
 
 
-def built() -> list[str]:
+def built_modules() -> list[str]:
     """Levels whose modules are here, the lowest first."""
     return [level for level in (*LEVELS, "generic") if _file(f"_{level}")]
 
@@ -51,7 +51,7 @@ def _file(name: str) -> Path | None:
 
 
 def _choose() -> str:
-    wanted, here = os.environ.get("RASTERCOV_LEVEL"), built()
+    wanted, here = os.environ.get("RASTERCOV_LEVEL"), built_modules()
     can_run = [level for level in here if level in runnable()]
     if wanted and wanted not in can_run:
         raise ImportError(

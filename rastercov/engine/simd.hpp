@@ -227,7 +227,7 @@ template <int k, class R> INLINE auto half_of(R whole) {
         return __builtin_shufflevector(whole, whole, (k * N + i)...);
     }(std::make_integer_sequence<int, N>());
 }
-template <class R> INLINE auto joined(R low, R high) {
+template <class R> INLINE auto join_halves(R low, R high) {
     return [&]<int... i>(std::integer_sequence<int, i...>) __attribute__((always_inline)) {
         return __builtin_shufflevector(low, high, i...);
     }(std::make_integer_sequence<int, 2 * sizeof low / sizeof low[0]>());
@@ -246,8 +246,8 @@ template <class U, class T> INLINE Vec<U> to(Vec<T> v) {
     } else {
         return V::make(EACH(k) {
             using Half = Register<U, REGISTER / 2>;
-            return joined(__builtin_convertvector(v.r[2 * k], Half),
-                          __builtin_convertvector(v.r[2 * k + 1], Half));
+            return join_halves(__builtin_convertvector(v.r[2 * k], Half),
+                               __builtin_convertvector(v.r[2 * k + 1], Half));
         });
     }
 }
@@ -421,7 +421,7 @@ template <bool IS_SHORT, int k> INLINE Double find(const double *table, const in
 
 #if defined(__AVX512F__)
 // The lanes whose bits are set, in order, and then 0.
-INLINE Int compressed(int64_t bits, Int v) {
+INLINE Int compress(int64_t bits, Int v) {
     return Int::make(
         EACH(k) { return (Int::R)_mm512_maskz_compress_epi32(__mmask16(bits), (__m512i)v.r[k]); });
 }

@@ -2,7 +2,7 @@
 
 Local coordinates are metres with z up. In a projected CRS they are eastings and northings from the
 origin; in a geographic one they are east, north and up of a tangent frame at the origin. Those of
-`is_geocentric` are earth-centred, and `levelled` turns a scene into such a tangent frame.
+`is_geocentric` are earth-centred, and `level` turns a scene into such a tangent frame.
 
 Files of photogrammetry programs that state their CRS have a function in `FINDERS`. Sources: ODM,
 stages/run_opensfm.py; OpenSfM, opensfm/geo.py; PROJ documentation, "Geocentric to topocentric
@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base import ConfigError, FloatArray, parsed_json, shown
+from rastercov.base import ConfigError, FloatArray, parse_json, shown
 from rastercov.core.camera import Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
@@ -218,7 +218,7 @@ class GeoReference:
                 f"{longitude[row]:.4g}, latitude {latitude[row]:.4g}; correct the origin"
             )
 
-    def levelled(self, mesh: Mesh, poses: Poses) -> tuple["GeoReference", Mesh, Poses]:
+    def level(self, mesh: Mesh, poses: Poses) -> tuple["GeoReference", Mesh, Poses]:
         """Scene of earth-centred coordinates in the tangent frame at the middle of the mesh."""
         if not self.is_geocentric:
             return self, mesh, poses
@@ -238,7 +238,7 @@ class GeoReference:
         return place, turned, result
 
 
-def given(crs: str | None, origin: str | None) -> GeoReference | None:
+def given_reference(crs: str | None, origin: str | None) -> GeoReference | None:
     """Georeference of options: a CRS, and an origin as "x,y" or "x,y,z"; None without a CRS."""
     if crs is None:
         if origin is not None:
@@ -303,8 +303,8 @@ def of_opensfm(path: Path) -> GeoReference | None:
         return _utm_of(coords)
     own = folder / "reference_lla.json"
     if own.is_file():
-        return _of_reference_lla(parsed_json(own.read_bytes()))
-    content = parsed_json(file.read_bytes())
+        return _of_reference_lla(parse_json(own.read_bytes()))
+    content = parse_json(file.read_bytes())
     first = content[0] if isinstance(content, list) and content else content
     return _of_reference_lla(first.get("reference_lla") if isinstance(first, dict) else None)
 

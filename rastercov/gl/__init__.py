@@ -46,12 +46,12 @@ def __getattr__(name: str) -> Any:
 
 
 class _Drawer(Drawer):
-    def opened(self, mesh: Mesh, camera: Camera, options: ReadByName) -> Rasterizer:
+    def open_rasterizer(self, mesh: Mesh, camera: Camera, options: ReadByName) -> Rasterizer:
         """The rasteriser of OpenGL."""
         drawn: Rasterizer = __getattr__("GLRasterizer")(mesh, camera, **options)
         return drawn
 
-    def examined(self) -> ByName:
+    def examine(self) -> ByName:
         """See `rastercov.gl.diagnose`."""
         from rastercov.gl.diagnose import examine
 

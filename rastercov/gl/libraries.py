@@ -37,7 +37,7 @@ def find_library(names: tuple[str, ...]) -> ctypes.CDLL | None:
     return None
 
 
-def _required_library(names: tuple[str, ...], remedy: str) -> ctypes.CDLL:
+def _require_library(names: tuple[str, ...], remedy: str) -> ctypes.CDLL:
     if library := find_library(names):
         return library
     raise DeviceError(f"expected the library {names[0]}, got none; {remedy}")
@@ -127,11 +127,11 @@ class Egl(Library):
 @cache
 def egl_library() -> Egl:
     """EGL, loaded once; DeviceError with the command that installs it."""
-    return Egl(_required_library(EGL_LIBRARIES, INSTALL_EGL))
+    return Egl(_require_library(EGL_LIBRARIES, INSTALL_EGL))
 
 
 @cache
 def osmesa_library() -> Library:
     """OSMesa, loaded once; DeviceError with the command that installs it."""
-    library = _required_library(OSMESA_LIBRARIES, INSTALL_OSMESA)
+    library = _require_library(OSMESA_LIBRARIES, INSTALL_OSMESA)
     return Library("OSMesa", partial(_address, library))

@@ -87,7 +87,7 @@ class Pipeline(Strategy):
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         self._draw_faces(scene, prepared, rows, tile)
         visible, background = self._count_ids_in(scene, tile, prepared.boxes[rows[0]])
-        return visible, background, self._count_drawn(scene, tile) if drawn else None
+        return visible, background, self._count_pixels(scene, tile) if drawn else None
 
     def image(
         self, scene: DeviceScene, prepared: PreparedPoses, tile: Box
@@ -141,12 +141,12 @@ class Pipeline(Strategy):
         lengths = np.diff(starts, append=ids.size)
         values = ids[starts].astype(np.int64)
         if values.max() > scene.mesh.n_faces:
-            raise self._resources.untrusted(f"drew face {values.max() - 1} of {scene.mesh.n_faces}")
+            raise self._resources.distrust(f"drew face {values.max() - 1} of {scene.mesh.n_faces}")
         # Exact: sums of integers in float64 stay far below 2^53.
         counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
         return counts.astype(np.int64)
 
-    def _count_drawn(self, scene: DeviceScene, tile: Box) -> Counts:
+    def _count_pixels(self, scene: DeviceScene, tile: Box) -> Counts:
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
         frame = self._target.frame
         frame.color_mask = (False,) * 4  # the shader writes no id

@@ -88,13 +88,13 @@ class GLRasterizer(Rasterizer):
         self._context = device if isinstance(device, HeadlessContext) else open_context(device)
         self._resources = Resources(self._context)
         try:
-            self._prepare(self._chosen(plan))
+            self._prepare(self._choose_plan(plan))
             self._run_self_test()
         except BaseException:
             self.close()
             raise
 
-    def _chosen(self, plan: str) -> str:
+    def _choose_plan(self, plan: str) -> str:
         """Plan to run; ConfigError when it cannot run."""
         camera, info, what = self.camera, self._context.info, "fx, fy, cx and cy"
         reach = max(camera.fx, camera.fy, abs(camera.cx), abs(camera.cy))
@@ -139,7 +139,7 @@ class GLRasterizer(Rasterizer):
 
     # --- the contract ---------------------------------------------------------------------------
 
-    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+    def _count_faces(self, poses: FloatArray, drawn: bool) -> FaceCounts:
         n_bytes = np.dtype(self._scene.grid.count_type).itemsize
         check_counts(len(poses), self.mesh.n_faces, n_bytes * (1 + drawn))
         with self._current():
@@ -149,7 +149,7 @@ class GLRasterizer(Rasterizer):
             count_targets = self._strategy.count_targets(self._scene, self._targets, poses)
             return self._with_targets(counts, *count_targets)
 
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
+    def _draw_faces(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         grid = self._pixels
         shape = grid.height, grid.width
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
@@ -206,7 +206,7 @@ class GLRasterizer(Rasterizer):
         wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
         if wrong.size:
             row = int(wrong[0])
-            raise self._resources.untrusted(
+            raise self._resources.distrust(
                 f"counted {visible[row].sum() + background[row]} samples of {grid.n_samples}"
             )
         return self._result(visible, drawn, background, prepared.clipped)
@@ -230,7 +230,7 @@ class GLRasterizer(Rasterizer):
             self._self_test_view = 1 - view
             counts = self._count(self._self_test_scene, self_test.POSES[[view]], with_drawn=True)
         if not np.array_equal(counts.visible[0], self_test.VISIBLE[view]):
-            raise self._resources.untrusted("drew a known scene wrongly")
+            raise self._resources.distrust("drew a known scene wrongly")
         assert counts.drawn is not None
         if not np.array_equal(counts.drawn, self_test.DRAWN[[view]]):
-            raise self._resources.untrusted("counted a known scene wrongly")
+            raise self._resources.distrust("counted a known scene wrongly")

@@ -272,7 +272,7 @@ class Resources:
             self._staging = Staging(self, max(size, LEAST_STAGED))
         return self._staging
 
-    def untrusted(self, what: str) -> DeviceError:
+    def distrust(self, what: str) -> DeviceError:
         """Error to raise when the device has given a wrong result."""
         renderer = self.context.info.renderer
         return DeviceError(

@@ -66,7 +66,7 @@ class DeviceScene:
         self.outline: FloatArray = mesh.vertices if has_few_vertices else box_corners(mesh.bounds)
         self._programs = programs
         faces = in_one_order(mesh)
-        corners, indices = _numbered_by_last_corner(faces, mesh.n_vertices)
+        corners, indices = _number_by_last_corner(faces, mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
         positions = np.concatenate((high, low), axis=1)
         vertices = resources.buffer("vertices", positions[corners]), *POSITIONS
@@ -90,7 +90,7 @@ class DeviceScene:
         self.has_overlaps = bool(overlapping.any())
         plain, coplanar = np.flatnonzero(~overlapping), np.flatnonzero(overlapping)
         if self.has_overlaps:
-            sent, numbered = _numbered_by_last_corner(faces[coplanar], mesh.n_vertices)
+            sent, numbered = _number_by_last_corner(faces[coplanar], mesh.n_vertices)
             self._drawables["coplanar"] = drawable(
                 "coplanar",
                 resources.buffer("coplanar faces", numbered),
@@ -262,9 +262,7 @@ def split_floats(values: FloatArray) -> tuple[Float32Array, Float32Array]:
     return high, (values - high).astype(np.float32)
 
 
-def _numbered_by_last_corner(
-    faces: IntArray, n_vertices: int
-) -> tuple[IntArray, NDArray[np.uint32]]:
+def _number_by_last_corner(faces: IntArray, n_vertices: int) -> tuple[IntArray, NDArray[np.uint32]]:
     """Vertices to upload, (N,), and faces that index them, (F, 3): vertex f is f's last corner.
 
     The other two corners of a face may be any vertex uploaded for the same position; vertices that

@@ -168,7 +168,7 @@ class Illuminance(InOneLine):
             knots,
             starts.astype(np.int64),
             *of_webs,
-            _joined([Web(*map(np.asarray, web)) for web in self.webs]),
+            _join_webs([Web(*map(np.asarray, web)) for web in self.webs]),
         )
         return [Cut("light", (lamps, sign, sign * self.limit))]
 
@@ -265,7 +265,7 @@ def _rises(knots: FloatArray, over: float) -> bool:
     )
 
 
-def _joined(webs: Sequence[Web]) -> tuple[Any, ...]:
+def _join_webs(webs: Sequence[Web]) -> tuple[Any, ...]:
     """Angles and turns of webs, radians, their shares, and where those of each start."""
     sizes = [(len(web.angles), len(web.turns), web.shares.size) for web in webs]
     starts = np.cumsum([(0, 0, 0), *sizes], axis=0).astype(np.int64)

@@ -9,7 +9,7 @@ import numpy as np
 from rastercov.base import ByName, ReadByName, percent, with_bound
 from rastercov.base.format import number
 from rastercov.core.area.figures import Alone, Areas, Figures, most_off
-from rastercov.core.area.rows import gated
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Cameras, Poses, led_by, names_of
 from rastercov.core.coverage.task import Task
@@ -50,8 +50,8 @@ class LightFigures(Figures):
         rest = tuple(each for each in regions.conditions if each is not light)
         kept = [rest, *((*rest, each) for each in self._lights)]
         for areas, conditions in zip(self._seen, kept, strict=True):
-            areas.add(gated(replace(regions, conditions=conditions), camera, poses))
-        for name, own in self._lights[0].carried(poses[led_by(camera, poses)]):
+            areas.add(with_rule(replace(regions, conditions=conditions), camera, poses))
+        for name, own in self._lights[0].carry(poses[led_by(camera, poses)]):
             self._carried[name].add(own)
 
     def summary(self, alone: Alone) -> ByName:
@@ -82,7 +82,7 @@ class LightFigures(Figures):
         ]
         named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
         figures: ByName = named | {"lamps": lamps}
-        if (lux := light.sampled()) is not None:
+        if (lux := light.sample()) is not None:
             low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
             own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}
             figures["illuminance"] = own

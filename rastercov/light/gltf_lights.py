@@ -34,7 +34,7 @@ from rastercov.formats.meshes.gltf_file import (
     unknown_names,
     world_node,
 )
-from rastercov.formats.meshes.polygons import broken_files_refused
+from rastercov.formats.meshes.polygons import refuse_broken_files
 
 EXTENSION = "KHR_lights_punctual"
 FORWARDS = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -71,7 +71,7 @@ class GltfLight(NamedTuple):
 
 def read_lights(data: bytes) -> tuple[list[GltfLight], list[str]]:
     """Lights of a scene, and notes; CameraError for a file without any."""
-    with errors_as(CameraError, caught=MeshError), broken_files_refused():
+    with errors_as(CameraError, caught=MeshError), refuse_broken_files():
         header = header_of(data)
         unknown_names(header, CameraError)  # an error for a slip
         slips = UnknownNames(CameraError)

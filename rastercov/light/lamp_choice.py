@@ -28,13 +28,13 @@ from rastercov.base import (
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated
-from rastercov.core.area.table import Regions, any_of, joined, taken
+from rastercov.core.area.rows import with_rule
+from rastercov.core.area.table import Regions, any_of, join, take_rows
 from rastercov.core.camera import Poses, Rig
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.light.lamp_plan import built_lamps, lamp_entries, lit_as
+from rastercov.light.lamp_plan import build_lamps, lamp_entries, plan_with_lamps
 from rastercov.light.lamps import MOST_LAMPS, Lamps
 from rastercov.light.regions import Light, check_light
 from rastercov.placement.bits import CoveredBits
@@ -42,8 +42,8 @@ from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import open_objectives
 from rastercov.placement.plan.network import (
+    classify_areas,
     goal_of,
-    judge_areas,
     limits_of,
     most_views,
     seeable_areas,
@@ -57,8 +57,8 @@ from rastercov.placement.plan.run import (
     Chooser,
     Placement,
     Run,
-    measured_by_face,
-    placed_at,
+    measure_by_face,
+    place_at,
 )
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
 from rastercov.placement.plan.sections import CameraType, SelectionSection
@@ -68,7 +68,7 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     Problem,
     finish,
-    grouped,
+    group_goal,
     views_of,
     weights_of,
 )
@@ -194,7 +194,7 @@ class LampFrame:
             self._seen = cameras.find(placed)
         eyes = [lamp.eye for lamp in self._kinds]
         with closing(RegionPass(mesh, eyes, method=method, only_task=True)) as self._finder:
-            self._reached(
+            self._reach(
                 np.concatenate([each.point_places for each in lamps]),
                 [
                     self._kinds.index(lamp)
@@ -208,26 +208,26 @@ class LampFrame:
     def regions(self, lamps: Lamps | None, task: Task) -> Regions:
         """Rows of the result, in the light of lamps, or in any light."""
         light: tuple[Light, ...] = ()
-        rig = self._rig._equipped("lamps", lamps)
+        rig = self._rig._equip("lamps", lamps)
         if lamps is not None:
             lamps = lamps._around(self._bounds)
             kind = np.array([self._kinds.index(lamp) for lamp in lamps.lamps])
 
             def find(points: Poses) -> Regions:
-                return self._reached(points.world_from_camera, kind[points.camera])
+                return self._reach(points.world_from_camera, kind[points.camera])
 
             light = (Light(lamps, task, self._rig, find),)
-        return self._at_rest(gated(replace(self._seen, conditions=light), rig, self._placed))
+        return self._at_rest(with_rule(replace(self._seen, conditions=light), rig, self._placed))
 
-    def _reached(self, places: FloatArray, kinds: Sequence[int] | IntArray) -> Regions:
+    def _reach(self, places: FloatArray, kinds: Sequence[int] | IntArray) -> Regions:
         """Regions of points of lamps, which are known, or of the open pass."""
         keys = [place.tobytes() + bytes([kind]) for place, kind in zip(places, kinds, strict=True)]
         if new := {key: row for row, key in enumerate(keys) if key not in self._known}:
             rows = [*new.values()]
             result = self._finder.find(Poses.of(places[rows], camera=np.asarray(kinds)[rows]))
-            self._table = [joined([*self._table, result])]
+            self._table = [join([*self._table, result])]
             self._known |= {key: len(self._known) + row for row, key in enumerate(new)}
-        return taken(self._table[0], np.array([self._known[key] for key in keys], np.int64))
+        return take_rows(self._table[0], np.array([self._known[key] for key in keys], np.int64))
 
 
 class Lighting:
@@ -256,12 +256,12 @@ class Lighting:
         phases: PlanPhases | None = None,
         reachable: AreaNetwork | None = None,
     ) -> None:
-        every = built_lamps(plan, plan.folder)
+        every = build_lamps(plan, plan.folder)
         assert every is not None
         assert plan.selection is not None
         self.plan, self.mesh, self.cells, self.phases = plan, mesh, cells, phases
         self.selection: SelectionSection = plan.selection
-        self.task, dark = plan.build_task(), lit_as(plan, None)
+        self.task, dark = plan.build_task(), plan_with_lamps(plan, None)
         check_light(self.task, every)
         kinds = list(dict.fromkeys(str(entry.lamp) for entry in lamp_entries(plan)))
         self._every, self._kinds = every, [every.names.index(name) for name in kinds]
@@ -311,7 +311,7 @@ class Lighting:
 
     def regions(self, lamps: Lamps | None, task: Task | None = None) -> Regions:
         """Rows of the result, of each phase of the scene, in the light of lamps, or in any."""
-        return joined([frame.regions(lamps, task or self.task) for frame in self._frames])
+        return join([frame.regions(lamps, task or self.task) for frame in self._frames])
 
     def areas(self, regions: Regions) -> AreaNetwork:
         """Exact covered area, as of the network."""
@@ -319,7 +319,7 @@ class Lighting:
             return self.phases.areas(self._camera, self._placed, self.task, regions)
         areas = AreaNetwork(self.mesh, self.plan.build_task(most_views(self.plan)))
         for row in range(len(regions.pose_ids)):
-            areas.add(taken(regions, np.array([row])))
+            areas.add(take_rows(regions, np.array([row])))
         return areas
 
     def alone(self, rows: Rows) -> ByName:
@@ -349,7 +349,7 @@ class Lighting:
             share = self.figures(areas)["percent"] / 100
             wanted = self.limits, self.plan.task.views, self.reachable
             seeable = seeable_areas(self.plan, Network(areas.mesh, self.task), areas)
-            lack = sum(e.lack for e in judge_areas(areas, *wanted, seeable=seeable))
+            lack = sum(e.lack for e in classify_areas(areas, *wanted, seeable=seeable))
         rank = (-lack, -cost, share) if self.limits else (share, -cost)
         return tuple(round(value, DIGITS) for value in rank)
 
@@ -410,11 +410,11 @@ class Lighting:
         """
         goal = goal_of(self.selection, "lamps")
         if isinstance(goal, BestCoverage):
-            return grouped(problem, goal)
+            return group_goal(problem, goal)
         try:
-            return grouped(problem, replace(goal, of_reachable=False))
+            return group_goal(problem, replace(goal, of_reachable=False))
         except ConfigError:
-            return grouped(problem, FewestCameras(FALLBACK_SHARE, of_reachable=True))
+            return group_goal(problem, FewestCameras(FALLBACK_SHARE, of_reachable=True))
 
     def _start(self, problem: Problem, seconds: float) -> Rows:
         """Lamps chosen on cells, as many as are allowed."""
@@ -424,7 +424,7 @@ class Lighting:
             chosen.pop()  # the last of greedy order
         return tuple(sorted(chosen))
 
-    def exchanged(self, best: Rows, until: float) -> Rows:
+    def exchange(self, best: Rows, until: float) -> Rows:
         """A set of lamps after changes of one lamp that gain, until none does or time is up."""
         while True:
             near = filter(self.is_allowed, self._near(best))
@@ -465,7 +465,7 @@ class Lighting:
                     starts.append(self._start(self.problem(together), until - began))
                     progress(together, len(TOGETHER))
             allowed = filter(self.is_allowed, starts)
-            best = self.exchanged(max(allowed, key=self.worth, default=()), until)
+            best = self.exchange(max(allowed, key=self.worth, default=()), until)
         problem, is_fewest = self._for_goal(first), bool(self.limits)
         bound = (np.inf if is_best else 0.0) if is_fewest else (0.0 if is_best else 1.0)
         seconds = time.perf_counter() - began
@@ -477,12 +477,12 @@ class Lighting:
                 f"{plural(n, 'candidate')}; relax thresholds of light, or add candidates"
             )
         both = self.alone(best), self.figures(self.areas(self.regions(lamps)))
-        lit = lit_as(self.plan, self._camera._equipped("lamps", lamps))
+        lit = plan_with_lamps(self.plan, self._camera._equip("lamps", lamps))
         items = lit, self.pool, problem, selection, lamps
         return LampChoice(*items, *both, n_tried=len(self._worth), is_best=is_best)
 
 
-def lit(
+def place_lamps(
     job: Run, plan: Plan, eyes: Placement | Poses, reachable: AreaNetwork | None = None
 ) -> Placement:
     """Lamps chosen for cameras that are placed, or there, and these in the light of all."""
@@ -518,12 +518,12 @@ def lit(
                 phases=phases,
                 **changes,
             )
-            cameras, required = measured_by_face(prepared, placed, objectives)
+            cameras, required = measure_by_face(prepared, placed, objectives)
             origin = tuple(f"existing {row}" for row in range(len(placed)))
             eyes = Placement(prepared, choice.selection, cameras, origin, required)
             eyes = replace(eyes, steps=job.clock.seconds)
         copy = replace(eyes, prepared=replace(eyes.prepared, **changes), choices={"lamps": choice})
-        return placed_at(copy, objectives, copy.cameras.mounted, copy.origin)
+        return place_at(copy, objectives, copy.cameras.mounted, copy.origin)
 
 
 def _in_turns(job: Run, plan: Plan) -> Placement:
@@ -534,11 +534,11 @@ def _in_turns(job: Run, plan: Plan) -> Placement:
     placement: Placement | None = None
     for _ in range(TURNS):
         choice = None if placement is None else placement.choices["lamps"]
-        own = lit_as(plan, None) if choice is None else choice.plan
+        own = plan_with_lamps(plan, None) if choice is None else choice.plan
         eyes = job.cameras(own, STEPS)
         if eyes.interrupted:
             return eyes if placement is None else replace(placement, interrupted=eyes.interrupted)
-        now = lit(job, plan, eyes, (placement or eyes).prepared.reachable)
+        now = place_lamps(job, plan, eyes, (placement or eyes).prepared.reachable)
         placement = now if placement is None else max(placement, now, key=_rank)
     assert placement is not None
     return placement
@@ -559,9 +559,9 @@ class LampParts(Chooser):
 
     word = "lamps"
 
-    def chosen(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
+    def choose(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
         """See `Chooser`."""
-        return _in_turns(job, plan) if eyes is None else lit(job, plan, eyes)
+        return _in_turns(job, plan) if eyes is None else place_lamps(job, plan, eyes)
 
 
 HOOKS = LampParts()

@@ -267,7 +267,7 @@ def _sun(entries: ReadByName, site: Site | None) -> tuple[list[Lamp], FloatArray
     known = {
         name: number(name, entries[name]) for name in ("north_deg", *MOMENT[:2]) if name in entries
     }
-    north, *place = (site or NOWHERE).known(known, "north_deg")
+    north, *place = (site or NOWHERE).known_values(known, "north_deg")
     north = angle("north_deg", NORTH_DEG if north is None else north, 360)
     if "time" in entries:
         at = [0.0 if each is None and site is None else each for each in place]

@@ -10,7 +10,7 @@ from rastercov.core.coverage.task import Task
 from rastercov.light.lamp_file import lamps_of
 from rastercov.light.lamp_rig import lamps_of as lamps_of_rig
 from rastercov.light.lamps import SUN, Lamps
-from rastercov.light.regions import OF_LIGHT, narrowed_by
+from rastercov.light.regions import OF_LIGHT, narrow_to_lamps
 from rastercov.placement.plan.candidate_entry import CandidateEntry
 from rastercov.placement.plan.file import Plan, PlanFeature
 from rastercov.placement.plan.generators import PerCavity
@@ -22,7 +22,7 @@ def lamp_entries(plan: Plan) -> list[CandidateEntry]:
     return [entry for entry in plan.candidates if entry.lamp is not None]
 
 
-def built_lamps(plan: Plan, folder: Path) -> Lamps | None:
+def build_lamps(plan: Plan, folder: Path) -> Lamps | None:
     """The lamps, with files of a folder, those of candidates at the origin; None for none."""
     if not plan.lamps:
         return None
@@ -32,7 +32,7 @@ def built_lamps(plan: Plan, folder: Path) -> Lamps | None:
     return lamps_of({"ambient": plan.ambient, "lamps": own} | more, folder, plan.site)
 
 
-def lit_as(plan: Plan, rig: Rig | None) -> Plan:
+def plan_with_lamps(plan: Plan, rig: Rig | None) -> Plan:
     """The same plan in the light of the lamps of a rig; None for any light, without lamps."""
     lamps = None if rig is None else lamps_of_rig(rig)
     changes: ByName = {}
@@ -42,7 +42,7 @@ def lit_as(plan: Plan, rig: Rig | None) -> Plan:
         changes["task"] = plan.task.model_copy(update=dark)
         changes["candidates"] = [entry for entry in plan.candidates if entry.lamp is None]
     other = plan.model_copy(update=changes)
-    other._mounts = replace(plan.mounts, rig=plan.rig._equipped("lamps", lamps))
+    other._mounts = replace(plan.mounts, rig=plan.rig._equip("lamps", lamps))
     return other
 
 
@@ -62,7 +62,7 @@ class PlanLamps(PlanFeature):
         elif getattr(plan.selection, "lamps", None) is not None:
             raise ValueError("selection.lamps: expected candidates for lamps, got none; give them")
         with errors_as(ValueError, caught=RastercovError):
-            lamps = built_lamps(plan, folder)
+            lamps = build_lamps(plan, folder)
         if lamps is None:
             given = {name: getattr(task, name) for name in OF_LIGHT}
             given |= {"ambient": plan.ambient, "exposure": plan.exposure}
@@ -71,31 +71,31 @@ class PlanLamps(PlanFeature):
 
     def equipment(self, plan: Plan, folder: Path) -> Lamps | None:
         """See `PlanFeature`."""
-        return built_lamps(plan, folder)
+        return build_lamps(plan, folder)
 
     def task(self, plan: Plan, task: Task) -> Task:
         """See `PlanFeature`: gloss as an angle, and what the lamps ask for."""
         if plan.task.gloss is not None:
             task = replace(task, max_highlight_deg=GLOSSES[plan.task.gloss])
-        return narrowed_by(task, built_lamps(plan, plan.folder))
+        return narrow_to_lamps(task, build_lamps(plan, plan.folder))
 
-    def sited(self, plan: Plan, rig: Rig) -> Rig:
+    def site(self, plan: Plan, rig: Rig) -> Rig:
         """See `PlanFeature`."""
-        lamps, built = lamps_of_rig(rig), built_lamps(plan, plan.folder)
+        lamps, built = lamps_of_rig(rig), build_lamps(plan, plan.folder)
         if lamps is None or built is None:
             return rig
         for row, name in enumerate(lamps.names):
             if name in plan.lamps and plan.lamps[name].kind == SUN:
                 lamps = lamps.at(row, built.places[built.names.index(name)])
-        return rig._equipped("lamps", lamps)
+        return rig._equip("lamps", lamps)
 
     def is_chosen(self, plan: Plan) -> bool:
         """See `PlanFeature`."""
         return bool(lamp_entries(plan))
 
-    def with_chosen(self, plan: Plan, rig: Rig | None) -> Plan:
+    def add_choice(self, plan: Plan, rig: Rig | None) -> Plan:
         """See `PlanFeature`."""
-        return lit_as(plan, rig)
+        return plan_with_lamps(plan, rig)
 
 
 HOOKS = PlanLamps()

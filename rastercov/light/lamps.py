@@ -216,7 +216,7 @@ class Lamp:
                 f"expected size of a lamp of kind {self.kind}, {SIZES.get(self.kind, 'none')}, "
                 f"got {shown(self.size)}"
             )
-        self.__dict__.update(size=(width, height), profile=_checked(self.profile))
+        self.__dict__.update(size=(width, height), profile=_check_profile(self.profile))
         if self.profile and self.exponent:
             raise CameraError("expected a profile or an exponent of a lamp, got both; remove one")
         if (inner := self.inner_angle_deg) is not None and (
@@ -229,7 +229,7 @@ class Lamp:
                 "expected inner_angle_deg of a spot without profile or exponent to be from 0 to "
                 f"half_angle_deg, at most 90, got {shown(inner)}"
             )
-        self.__dict__["planes"] = _checked_planes(self.planes, len(self.profile))
+        self.__dict__["planes"] = _check_planes(self.planes, len(self.profile))
         if not is_one_of(self.web, WEBS) or (self.web in ("A", "B") and not self.planes):
             raise CameraError(
                 f"expected web of a lamp to be {', '.join(WEBS)}, A and B with planes, got "
@@ -247,7 +247,9 @@ class Lamp:
         own = luminaire._asdict()
         tilt = finite_number(tilt_deg) if tilt_deg is not None else None
         del own["tilt"]
-        return cls(kind="spot", **own | {"intensity": luminaire.intensity * luminaire.tilted(tilt)})
+        return cls(
+            kind="spot", **own | {"intensity": luminaire.intensity * luminaire.tilt_of(tilt)}
+        )
 
     @classmethod
     def point(cls, intensity: float | None = None, power_w_sr: float | None = None) -> "Lamp":
@@ -618,7 +620,7 @@ class Lamps(InOneLine):
         """Units of thresholds of light."""
         return dict.fromkeys(("min_illuminance", "max_illuminance"), self.unit)
 
-    def _described(self, row: int) -> ByName:
+    def _describe(self, row: int) -> ByName:
         """A lamp, ready for JSON: words, points in its frame, and the half angle of its cone."""
         lamp = self.lamps[row]
         return {
@@ -824,7 +826,7 @@ def lamps_of_json(entries: ReadByName) -> Lamps:
         raise CameraError(f"expected {shape}, got {shown(entries)}; save them again") from None
 
 
-def _checked(profile: object) -> Profile:
+def _check_profile(profile: object) -> Profile:
     """Profile as pairs of numbers."""
     pairs = members("profile", profile, (tuple, list), "pairs of angle and share", CameraError)
     result = tuple(
@@ -840,7 +842,7 @@ def _checked(profile: object) -> Profile:
     return result
 
 
-def _checked_planes(planes: object, n_angles: int) -> Planes:
+def _check_planes(planes: object, n_angles: int) -> Planes:
     """Planes as numbers."""
     words = "an angle and shares each"
     rows = members("planes", planes, (tuple, list), words, CameraError)

@@ -48,7 +48,7 @@ class Luminaire(NamedTuple):
     web: str = "C"
     tilt: Profile = ()
 
-    def tilted(self, degrees: float | None) -> float:
+    def tilt_of(self, degrees: float | None) -> float:
         """Factor of the intensity at a tilt; CameraError for one that is not known, None."""
         factors = [factor for _, factor in self.tilt]
         if degrees is None and len(set(factors)) > 1:

@@ -38,7 +38,7 @@ from rastercov.light.regions import (
     Light,
     check_light,
     failing_lamp,
-    narrowed_by,
+    narrow_to_lamps,
 )
 
 
@@ -64,7 +64,7 @@ class LightOfPoints:
         self._dazzled = [own.max_highlight_deg for own in tasks_of(rig, task)]
         self._carried = lamps.carried_by(rig.names)
         self._rides = np.asarray(self._carried.any(axis=1))
-        self._fixed = self._reached(points_of(lamps, ~self._rides))
+        self._fixed = self._reach(points_of(lamps, ~self._rides))
 
     def of_cell(self) -> FloatArray:
         """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
@@ -87,7 +87,7 @@ class LightOfPoints:
         poses, reached = self._fixed
         if self._rides.any():
             world = own.world_from_camera[:1] @ self._camera_from_rig[own.camera[:1]]
-            on_rig = self._reached(points_of(self.lamps, self._rides, world))
+            on_rig = self._reach(points_of(self.lamps, self._rides, world))
             is_there = self._carried[on_rig[0].camera, own.camera[0]]
             reached = np.concatenate([reached, on_rig[1] & is_there[:, None]])
             camera = np.concatenate([poses.camera, on_rig[0].camera])
@@ -134,7 +134,7 @@ class LightOfPoints:
             zip(eyes_of(self._rig, own), own.camera, strict=True)
         ):
             if degrees := self._dazzled[index]:
-                dazzled[row] = self._mirrored(centre, eyes, sees, degrees)
+                dazzled[row] = self._mirror(centre, eyes, sees, degrees)
         is_lost = dazzled.any(axis=0)
         if together is not None:
             holds, covers = together
@@ -147,7 +147,7 @@ class LightOfPoints:
         on_side[~are_lit(self.lamps, sees, poses.camera)] = UNLIT
         return on_side
 
-    def _mirrored(
+    def _mirror(
         self, centre: FloatArray, eyes: FloatArray, sees: BoolArray, degrees: float
     ) -> BoolArray:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
@@ -162,7 +162,7 @@ class LightOfPoints:
             mask |= own & (along > math.cos(math.radians(degrees)) * row_lengths(half))
         return mask
 
-    def _reached(self, poses: Poses) -> tuple[Poses, BoolArray]:
+    def _reach(self, poses: Poses) -> tuple[Poses, BoolArray]:
         """Points of lamps by their poses, and (K, N) the points of faces that each reaches."""
         return poses, self._judge.covers(poses)
 
@@ -181,9 +181,9 @@ class PointLamps(Feature):
 
     figures = LightFigures
 
-    def narrowed(self, camera: Cameras, task: Task) -> Task:
+    def narrow(self, camera: Cameras, task: Task) -> Task:
         """See `Feature`: within what the lamps ask for."""
-        return narrowed_by(task, lamps_of(camera))
+        return narrow_to_lamps(task, lamps_of(camera))
 
     def check(self, camera: Cameras, task: Task) -> None:
         """See `Feature`."""
@@ -224,7 +224,7 @@ class PointLamps(Feature):
             yield TOO_BRIGHT, camera, task._without(["max_illuminance"])
         if task.min_illuminance > 0:
             yield TOO_DARK, camera, task._without(["min_illuminance"])
-        yield UNLIT, camera._equipped("lamps", None), task._without(OF_LIGHT)
+        yield UNLIT, camera._equip("lamps", None), task._without(OF_LIGHT)
 
     def at_points(
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
@@ -243,7 +243,7 @@ class PointLamps(Feature):
             return None
         return failing_lamp(camera, lead, point, normal, reason)
 
-    def measured(
+    def measure(
         self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
     ) -> tuple[str, ByName]:
         """See `Feature`: least and greatest illuminance."""

@@ -29,9 +29,9 @@ from rastercov.base import (
 from rastercov.base.arguments import Quantity
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.frames import frames_of, in_front, rows_at
-from rastercov.core.area.polygons import chosen, even_points, polygon_areas
+from rastercov.core.area.polygons import choose_polygons, even_points, polygon_areas
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, joined, taken
+from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, join, take_rows
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
 from rastercov.core.camera.light_units import check_unit
 from rastercov.core.coverage.reasons import NAMES
@@ -89,7 +89,7 @@ class Lit(NamedTuple):
         for row in range(n):  # a batch of poses
             pairs = np.flatnonzero(own == self.row[row])
             wanted = row * n_faces + lit.pair_face[pairs].astype(np.int64)
-            at, is_there = _found(keys, wanted)
+            at, is_there = _find_keys(keys, wanted)
             every.append((pairs[is_there], at[is_there], number[pairs[is_there]] * n + row))
         pairs, seen, group = map(np.concatenate, zip(*every, strict=True))
         order = np.lexsort((lit.pair_face[pairs], group))
@@ -99,7 +99,7 @@ class Lit(NamedTuple):
         # Sets have nothing in common, so that the bounds of each pair count once in their union.
         first = _is_first(seen)
         parts = [
-            _gathered(source, at, group, ids, eyes)
+            _gather_regions(source, at, group, ids, eyes)
             for source, at in ((regions, seen), (lit, pairs))
         ]
         parts = [
@@ -109,7 +109,7 @@ class Lit(NamedTuple):
             for each in parts
         ]
         groups = np.tile(np.arange(len(rows)), 2)
-        both = joined([replace(each, devices=None) for each in parts])
+        both = join([replace(each, devices=None) for each in parts])
         both = both.at_least(2, groups, one_side=False)
         both = replace(both, devices=sets[both.pose // n])
         cut = both.where(Highlight(eyes, self.positions[self.row][rows], degrees))
@@ -118,7 +118,7 @@ class Lit(NamedTuple):
     def _gate(self, lit: Regions, regions: Regions) -> Regions:
         row = np.tile(np.arange(len(self.row)), 2)
         own = replace(_spread(lit, regions, self.row), devices=None)
-        return joined([regions, own]).at_least(2, row, one_side=False)
+        return join([regions, own]).at_least(2, row, one_side=False)
 
 
 class Light(Condition):
@@ -162,7 +162,7 @@ class Light(Condition):
             self._finder.set_mesh(mesh)
         return Light(self.lamps, self.task, self._rig, self._find, self._finder)
 
-    def found_by(self, find: Callable[[Finder, Poses], Regions]) -> "Light":
+    def find_by(self, find: Callable[[Finder, Poses], Regions]) -> "Light":
         """See `Condition`."""
         assert self._finder is not None
         return Light(self.lamps, self.task, self._rig, partial(find, self._finder), self._finder)
@@ -217,15 +217,17 @@ class Light(Condition):
             lambda part, is_rear: lit.without_highlights(part, limit, is_rear=is_rear)
         )
         cut = replace(cut, eyes=some.eyes, columns=some.columns)
-        both = joined([cut, regions.of_poses(~is_asked)])
+        both = join([cut, regions.of_poses(~is_asked)])
         order = np.argsort(np.concatenate([np.flatnonzero(is_asked), np.flatnonzero(~is_asked)]))
-        return taken(both, order)
+        return take_rows(both, order)
 
     def _rows(self, leads: Poses) -> list[Lit]:
         n, rides, still = len(leads), self._rides, ~self._rides
         rows = []
         if still.any() and not (asks_for_light(self.task) and rides.any()):
-            fixed = self._fixed.get(lambda: self._lit(self._of_fixed(), self._poses(still), 1))
+            fixed = self._fixed.get(
+                lambda: self._light(self._regions_of_fixed(), self._poses(still), 1)
+            )
             rows.append(fixed._replace(row=np.zeros(n, np.int64)))
         if rides.any() and n:
             world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
@@ -235,8 +237,8 @@ class Light(Condition):
             if not is_there.all():
                 regions = _only(regions, is_there[regions.pose])
             if asks_for_light(self.task) and still.any():
-                poses, regions = self._with_fixed(poses, regions, n)
-            rows.append(self._lit(regions, poses, n))
+                poses, regions = self._add_fixed(poses, regions, n)
+            rows.append(self._light(regions, poses, n))
         return rows
 
     def shares(self) -> FloatArray:
@@ -247,14 +249,14 @@ class Light(Condition):
         result = np.full((len(self.lamps), 2), np.nan)
         for lamp in np.flatnonzero(~self._rides).tolist():
             poses = self._poses(np.arange(len(self.lamps)) == lamp)
-            own = self._reached(self._find(poses), poses.camera, np.zeros(len(poses), np.int64))
+            own = self._reach(self._find(poses), poses.camera, np.zeros(len(poses), np.int64))
             areas = frames_of(own.mesh).areas
             total = float(areas[own.mesh.task_mask].sum())
             sums = np.array((own.area.sum(), own.bound.sum()))
             result[lamp] = np.minimum(sums / total, 1.0) if total > 0 else 0.0
         return result
 
-    def carried(self, leads: Poses) -> Iterator[tuple[str, Regions]]:
+    def carry(self, leads: Poses) -> Iterator[tuple[str, Regions]]:
         """Parts that each lamp on the rig reaches from rows of a result, by its name."""
         world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
         n = len(leads)
@@ -264,16 +266,16 @@ class Light(Condition):
             row = np.repeat(np.arange(n), len(poses) // n)
             is_there = self._carried[poses.camera, leads.camera[row]]
             regions = _only(regions, is_there[regions.pose])
-            yield self.lamps.names[lamp], self._reached(regions, poses.camera, row)
+            yield self.lamps.names[lamp], self._reach(regions, poses.camera, row)
 
-    def sampled(self) -> FloatArray | None:
+    def sample(self) -> FloatArray | None:
         """Illuminance by the fixed lamps of up to 1024 points at equal steps of the evaluated area.
 
         On the side that gets more; None without fixed lamps or area.
         """
         if self._rides.all():
             return None
-        own, poses = self._of_fixed(), self._poses(~self._rides)
+        own, poses = self._regions_of_fixed(), self._poses(~self._rides)
         mesh, n = own.mesh, 1024
         sums = np.cumsum(frames_of(mesh).areas * mesh.task_mask)
         if not sums[-1] > 0:
@@ -291,14 +293,14 @@ class Light(Condition):
     def _poses(self, lamps: BoolArray, world: FloatArray | None = None) -> Poses:
         return points_of(self.lamps, lamps, world)
 
-    def _of_fixed(self) -> Regions:
+    def _regions_of_fixed(self) -> Regions:
         return self._fixed_regions.get(lambda: self._find(self._poses(~self._rides)))
 
-    def _with_fixed(self, poses: Poses, regions: Regions, n_rows: int) -> tuple[Poses, Regions]:
+    def _add_fixed(self, poses: Poses, regions: Regions, n_rows: int) -> tuple[Poses, Regions]:
         """Points of lamps on the rig, of a number of rows, each with those that are fixed."""
-        fixed, still = self._of_fixed(), self._poses(~self._rides)
+        fixed, still = self._regions_of_fixed(), self._poses(~self._rides)
         of_row, of_cell = len(poses) // n_rows, len(still)
-        both = joined([fixed, regions])
+        both = join([fixed, regions])
         at = np.arange(n_rows)[:, None]
         rows = np.concatenate(
             [np.tile(np.arange(of_cell), (n_rows, 1)), of_cell + at * of_row + np.arange(of_row)],
@@ -306,22 +308,22 @@ class Light(Condition):
         ).ravel()
         matrices = np.concatenate([still.world_from_camera, poses.world_from_camera])[rows]
         camera = np.concatenate([still.camera, poses.camera])[rows]
-        return Poses.of(matrices, camera=camera), taken(both, rows)
+        return Poses.of(matrices, camera=camera), take_rows(both, rows)
 
-    def _lit(self, regions: Regions, poses: Poses, n_rows: int) -> Lit:
+    def _light(self, regions: Regions, poses: Poses, n_rows: int) -> Lit:
         """Lit parts of rows by poses of the points of their lamps, the same number for each."""
         row = np.repeat(np.arange(n_rows), len(poses) // n_rows)
-        make = self._lit_enough if asks_for_light(self.task) else self._reached_by
+        make = self._light_enough if asks_for_light(self.task) else self._reach_by
         sides = [make(side, poses, row) for side in regions._sides()]
         if len(sides) == 1:
             sides.append(_only(sides[0], np.zeros(len(sides[0]), np.bool_)))
         positions = eyes_of(self.lamps.eyes, poses).reshape(n_rows, -1, 3)
         return Lit((sides[0], sides[1]), np.arange(n_rows), positions)
 
-    def _reached_by(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
-        return self._reached(regions, poses.camera, row)
+    def _reach_by(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
+        return self._reach(regions, poses.camera, row)
 
-    def _lit_enough(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
+    def _light_enough(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
         """Parts of rows with as much light as the task asks for, with their sets of points."""
         by_devices = regions.by_devices(row)
         assert by_devices.devices is not None
@@ -361,7 +363,7 @@ class Light(Condition):
                     frames=frames,
                 )
 
-    def _reached(self, regions: Regions, lamp: Int32Array, row: IntArray) -> Regions:
+    def _reach(self, regions: Regions, lamp: Int32Array, row: IntArray) -> Regions:
         """Parts of rows that one lamp or more reaches, from regions of points of lamps."""
         needed = np.array([each.points_needed for each in self.lamps.lamps])
         if (needed == 1).all():
@@ -372,10 +374,10 @@ class Light(Condition):
             own = np.where(k_of == k, of, -1)
             parts.append(regions.at_least(k, own, one_side=False))
             rows.append(np.unique(own[own >= 0]) // len(needed))
-        return joined(parts).at_least(1, np.concatenate(rows))
+        return join(parts).at_least(1, np.concatenate(rows))
 
 
-def narrowed_by(task: Task, lamps: Lamps | None) -> Task:
+def narrow_to_lamps(task: Task, lamps: Lamps | None) -> Task:
     """The task within what lamps ask for: the band of their exposure, the light at their range."""
     if lamps is None:
         return task
@@ -434,7 +436,7 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
 def _only(regions: Regions, kept: BoolArray) -> Regions:
     """Some of the pieces of regions, (N,) bool, of all rows; bounds stay."""
     rows = np.flatnonzero(kept)
-    xy, starts = chosen(regions.xy, regions.starts, rows)
+    xy, starts = choose_polygons(regions.xy, regions.starts, rows)
     undecided = np.zeros(len(regions))
     return regions._with_parts(Kept(xy, starts, rows, polygon_areas(xy, starts), undecided))
 
@@ -456,7 +458,7 @@ def _by_sets(lit: Regions) -> tuple[IntArray, Regions]:
     of_pieces = pose[order] * n_faces + some.face
     keys, of = np.unique(np.concatenate([of_pieces, own[is_bare]]), return_inverse=True)
     areas = polygon_areas(some.xy, some.starts)
-    at, _ = _found(own, keys % (n * n_faces))
+    at, _ = _find_keys(own, keys % (n * n_faces))
     return sets, replace(
         some,
         pose=pose[order].astype(np.int32),
@@ -471,7 +473,7 @@ def _by_sets(lit: Regions) -> tuple[IntArray, Regions]:
     )
 
 
-def _found(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
+def _find_keys(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
     """Rows of ascending keys that are wanted, and whether they are there."""
     at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
     return at, keys[at] == wanted if len(keys) else np.zeros(len(wanted), np.bool_)
@@ -488,12 +490,12 @@ def _spread(lit: Regions, regions: Regions, row: IntArray) -> Regions:
     """Pieces of `lit` of a row (R,) each, on the faces where R rows of regions have something."""
     n_faces = lit.mesh.n_faces
     keys = lit.pair_pose.astype(np.int64) * n_faces + lit.pair_face
-    at, is_lit = _found(keys, row[regions.pair_pose] * n_faces + regions.pair_face)
+    at, is_lit = _find_keys(keys, row[regions.pair_pose] * n_faces + regions.pair_face)
     pose = regions.pair_pose[is_lit]
-    return _gathered(lit, at[is_lit], pose, regions.pose_ids, regions.eyes)
+    return _gather_regions(lit, at[is_lit], pose, regions.pose_ids, regions.eyes)
 
 
-def _gathered(
+def _gather_regions(
     regions: Regions, pairs: IntArray, pose: Int32Array, pose_ids: IntArray, eyes: FloatArray
 ) -> Regions:
     """Pieces of some pairs of pose and face, (M,), in other rows of a result, (M,) ascending."""

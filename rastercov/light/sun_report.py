@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rastercov.base import ByName, ReadByName, plural, write_bytes, write_json, write_text
-from rastercov.base.format import bounded
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.format import text_with_bound
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.output import write_npz
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.provenance import provenance_of
@@ -28,7 +28,7 @@ from rastercov.light.sun import views_from
 from rastercov.light.sunlight import Sunlight
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import mode_picture
-from rastercov.report.pages import Picture, rendered, view_page
+from rastercov.report.pages import Picture, render, view_page
 from rastercov.report.printing import browser, write_page
 
 SUN = ReportKind("sun", re.compile(r"sun\.(html|pdf|png|npz|csv|json)|view\.html"), last="sun.json")
@@ -100,7 +100,7 @@ class Study(NamedTuple):
         words = plural(len(groups), "group")
         ends = (chosen(groups, key=lambda each: each["hours"]) for chosen in (min, max))
         span = " to ".join(
-            dict.fromkeys(bounded(each["hours"], each["bound_hours"]) for each in ends)
+            dict.fromkeys(text_with_bound(each["hours"], each["bound_hours"]) for each in ends)
         )
         answer = f"{span} h of sun (lit share of the silhouette, over time) for {words}"
         passed: bool | None = None
@@ -157,19 +157,19 @@ def write(
         camera, poses = views_from(directions.directions[:0], mesh.bounds)
         title = f"Sunlight, {study.period}"
         view = view_page(title, mesh, camera, Poses.of(poses), [], {"sun": hours}, summary)
-        text = rendered(
+        text = render(
             "sunlight.html",
             "rastercov.light",
             title=title,
             heading=title,
             summary=summary,
-            bounded=bounded,
+            bounded=text_with_bound,
             picture=picture,
             view=view,
         )
         arrays = {f"hours_lit_by_{name}": each.hours for name, each in study.ways.items()}
         arrays |= {name: getattr(directions, name) for name in ARRAYS} | {"area_m2": mesh.areas}
-        with interrupts_held():
+        with hold_interrupts():
             write_bytes(folder.file("sun.png"), picture.light)
             write_page(folder, "sun", text, pdf=pdf)
             if view is not None:

@@ -29,8 +29,8 @@ from rastercov.base import (
     FloatArray,
     InOneLine,
     IntArray,
+    check_array,
     check_choice,
-    checked_array,
     finite_number,
     finite_points,
     frozen_record,
@@ -208,7 +208,7 @@ def sunlit(
     step, is_first = float(_each("step", step, 1)[0]), np.zeros(n, np.bool_)
     if starts is not None:
         wanted = f"{n} of True or False"
-        is_first = checked_array("starts", starts, "b", wanted, ConfigError)
+        is_first = check_array("starts", starts, "b", wanted, ConfigError)
         if is_first.shape != (n,):
             raise ConfigError(f"expected starts to be {wanted}, got shape {is_first.shape}")
     piece = pieces_of(mesh)
@@ -220,7 +220,7 @@ def sunlit(
     last, change = np.zeros((2, 2, mesh.n_faces))
     of_piece = np.zeros((2, n, int(piece.max()) + 1))
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
-    observation = _observed(mesh, towards, left_out, threads)
+    observation = _observe_sun(mesh, towards, left_out, threads)
     if lit_by != "middle":
         observation = _of_disc(mesh, towards, lit_by, threads)
     row = 0
@@ -314,7 +314,7 @@ def pieces_of(mesh: Mesh) -> IntArray:
         own = np.flatnonzero(group == row)
         if len(own) > MOST_COMPONENTS or mesh.groups[row].is_occluder:
             continue
-        cluster = _apart(boxes[own], margin)
+        cluster = _separate(boxes[own], margin)
         if 1 < (k := int(cluster.max()) + 1) <= MOST_PIECES:
             number[own] = n + cluster
             n += k
@@ -334,7 +334,7 @@ def _least_by(label: IntArray, values: FloatArray) -> FloatArray:
     return least
 
 
-def _apart(boxes: FloatArray, margin: float) -> IntArray:
+def _separate(boxes: FloatArray, margin: float) -> IntArray:
     """(C,) number of the cluster of each of `_boxes`, so that those around clusters are apart."""
     cluster = np.arange(len(boxes))
     while True:
@@ -353,7 +353,7 @@ def _totals(areas: FloatArray, piece: IntArray) -> FloatArray:
     return sums.reshape(-1, n).astype(np.float64, copy=False)
 
 
-def divided(mesh: Mesh, size: float) -> Mesh:
+def divide_targets(mesh: Mesh, size: float) -> Mesh:
     """The mesh with faces to evaluate whose sides are up to a size, m, and its occluders."""
     pieces, others = cells(mesh, size), np.flatnonzero(~mesh.task_mask)
     corners = [pieces.vertices, mesh.vertices[mesh.faces[others]].reshape(-1, 3)]
@@ -392,7 +392,7 @@ def _facing(mesh: Mesh, directions: FloatArray, some: SunlitAreas) -> SunlitArea
     return SunlitAreas(lit, whole, np.where((facing > 0) & ~is_lit, facing * mesh.areas, bound))
 
 
-def _observed(
+def _observe_sun(
     mesh: Mesh, directions: FloatArray, left_out: BoolArray | None, threads: int | None
 ) -> Iterator[SunlitAreas]:
     """Lit and whole areas of faces, some directions after the others."""
@@ -479,7 +479,7 @@ def _shares(
     used, corners = np.unique(mesh.faces[faces], return_inverse=True)
     if whole is None:
         alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
-        every = _observed(alone, directions[rows], None, threads)
+        every = _observe_sun(alone, directions[rows], None, threads)
         sums = [(some.lit.sum(axis=1), some.bound.sum(axis=1)) for some in every]
         whole = np.zeros((2, len(directions)))
         if sums:

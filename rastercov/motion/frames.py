@@ -5,13 +5,13 @@ import numpy as np
 from rastercov.base import TINY, ByName, FloatArray
 from rastercov.core.mesh.arrays import quaternions_of
 from rastercov.formats.meshes.gltf_file import GlbBuffer
-from rastercov.motion.motion import Motion, described_motion
+from rastercov.motion.motion import Motion, describe_motion
 from rastercov.motion.over_time import OverTime, time_words
 from rastercov.report.coverage_files import Addition
 from rastercov.report.feature import MOST_LEVELS, InPhases
 
 
-def animated(motion: Motion) -> Addition:
+def animate_motion(motion: Motion) -> Addition:
     """Animation of the nodes of groups that move, about the centre; what is absent has no size.
 
     The end of the last frame has the values of it again: players stop there.
@@ -49,11 +49,11 @@ def animated(motion: Motion) -> Addition:
     return add_to
 
 
-def shown(over_time: OverTime) -> InPhases:
+def show_phases(over_time: OverTime) -> InPhases:
     """Frames of coverage over time as a page shows them, unless they are too many."""
     mesh = over_time.motion.mesh
     entries = {
-        "motion": described_motion(over_time.motion),
+        "motion": describe_motion(over_time.motion),
         "when": time_words(over_time.asked.over),
     }
     if len(over_time.motion) * mesh.n_faces > MOST_LEVELS:

@@ -17,7 +17,7 @@ from rastercov.base import BoolArray, ByName, FloatArray, shown
 from rastercov.formats.meshes.gltf import (
     affine,
     check_rotations,
-    named_meshes,
+    name_meshes,
     nodes_below,
     roots_of_scene,
 )
@@ -82,7 +82,7 @@ def read_animation(
     times = np.linspace(min(starts), max(ends), steps) if steps > 1 else np.array(starts[:1])
     matrices: list[FloatArray] = []
     there: list[BoolArray] = []
-    used, names, paths = named_meshes(header, rows)
+    used, names, paths = name_meshes(header, rows)
     for row, name in zip(used, names, strict=True):
         check("skin" not in rows[row][0], f"expected nodes without a skin, got {shown(name)}")
     for node, _, _, parent in rows:

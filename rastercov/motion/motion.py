@@ -24,7 +24,7 @@ from rastercov.base import (
     IntArray,
     MeshError,
     Once,
-    checked_array,
+    check_array,
     finite_number,
     finite_points,
     frozen_record,
@@ -32,10 +32,10 @@ from rastercov.base import (
     shown,
 )
 from rastercov.base.format import base64_of
-from rastercov.core.mesh.arrays import checked_poses, frozen, rotation_about, unit
+from rastercov.core.mesh.arrays import check_poses, frozen, rotation_about, unit
 from rastercov.core.mesh.bodies import Rest, diagonal_of
 from rastercov.core.mesh.columns import MOST_FRAMES
-from rastercov.core.mesh.groups import named
+from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import Mesh, names_of
 
 MOST_UNITS = 10_000
@@ -116,10 +116,12 @@ class Motion(InOneLine):
                 f"expected bodies to be poses by names of groups, got {shown(bodies)}"
             )
         of_group = np.zeros(len(mesh.groups), np.int64)
-        tables = [checked_poses(f"poses of {shown(name)}", given) for name, given in bodies.items()]
+        tables = [check_poses(f"poses of {shown(name)}", given) for name, given in bodies.items()]
         n = max(len(table) for table in tables)
         for row, (name, table) in enumerate(zip(bodies, tables, strict=True), start=1):
-            own = named("bodies", (groups or {}).get(name, [name]), names_of(mesh)) or set()
+            own = (
+                names_of_groups("bodies", (groups or {}).get(name, [name]), names_of(mesh)) or set()
+            )
             members = np.array([group.name in own for group in mesh.groups])
             if (taken := of_group[members]).any():
                 other = list(bodies)[taken.max() - 1]
@@ -146,7 +148,7 @@ class Motion(InOneLine):
                 raise ConfigError(
                     f"expected present to name bodies, {', '.join(bodies)}, got {shown(name)}"
                 )
-            mask = checked_array("present", given, "b", f"({n},) True or False", ConfigError)
+            mask = check_array("present", given, "b", f"({n},) True or False", ConfigError)
             if mask.shape != (n,) or mask.dtype != np.bool_:
                 raise ConfigError(
                     f"expected present to be ({n},) True or False, got shape {mask.shape}"
@@ -170,10 +172,10 @@ class Motion(InOneLine):
     def _of_frames(self, rows: BoolArray) -> "Motion":
         """Some of the frames, (T,) bool, of the same bodies."""
         tables = (self.world_from_body[rows], self.present[rows], self.durations[rows])
-        return Motion._made(self.mesh, self.names, self.body, *tables)
+        return Motion._make(self.mesh, self.names, self.body, *tables)
 
     @classmethod
-    def _made(cls, mesh: Mesh, names: Sequence[str], *tables: AnyArray) -> "Motion":
+    def _make(cls, mesh: Mesh, names: Sequence[str], *tables: AnyArray) -> "Motion":
         """Motion of arrays of another one: the attributes `body` to `durations`."""
         other = object.__new__(cls)
         columns = zip(("body", "world_from_body", "present", "durations"), tables, strict=True)
@@ -186,7 +188,7 @@ class Motion(InOneLine):
         """(T,) durations as multiples of their greatest common unit."""
         return frozen(_units(self.durations))
 
-    def _needed(self, over: str | float) -> IntArray:
+    def _rows_for(self, over: str | float) -> IntArray:
         """(F,) units of time in which a point is covered, of those in which its body is there.
 
         `over` is "some", "all", or a share of these, (0, 1]; ConfigError for another.
@@ -237,9 +239,9 @@ class Motion(InOneLine):
         if self._is_still:
             return self.mesh, np.arange(self.mesh.n_faces)
         poses, is_there = self.world_from_body[row], self.present[row]
-        return self._placed(poses, is_there, of_occluders=of_occluders)
+        return self._place(poses, is_there, of_occluders=of_occluders)
 
-    def _placed(
+    def _place(
         self, poses: FloatArray, is_there: BoolArray, *, of_occluders: bool = True
     ) -> tuple[Mesh, IntArray]:
         """See `frame`, by poses (B, 4, 4) of bodies, of which (B,) are there."""
@@ -275,7 +277,7 @@ class Motion(InOneLine):
 def _durations(given: ArrayLike, n: int) -> FloatArray:
     wanted = f"({n},) numbers above 0, {LARGEST_COORDINATE:g} at most"
     with np.errstate(over="ignore"):
-        values = checked_array("durations", given, "iuf", wanted, ConfigError).astype(np.float64)
+        values = check_array("durations", given, "iuf", wanted, ConfigError).astype(np.float64)
     if values.shape != (n,) or not ((values > 0) & (values <= LARGEST_COORDINATE)).all():
         raise ConfigError(f"expected durations to be {wanted}, got {shown(given)}")
     _units(values)
@@ -363,7 +365,7 @@ def conveyor(steps: int, *, direction: ArrayLike, distance: float) -> FloatArray
     return poses
 
 
-def checked_steps(steps: int) -> int:
+def check_steps(steps: int) -> int:
     """Number of frames; ConfigError for what is none."""
     number = finite_number(steps)
     if not number.is_integer() or not 1 <= number <= MOST_FRAMES:
@@ -374,7 +376,7 @@ def checked_steps(steps: int) -> int:
 
 
 def _still(steps: int) -> FloatArray:
-    return np.tile(np.eye(4), (checked_steps(steps), 1, 1))
+    return np.tile(np.eye(4), (check_steps(steps), 1, 1))
 
 
 def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
@@ -385,7 +387,7 @@ def _steps(total: float, n: int, *, is_closed: bool) -> FloatArray:
     return np.linspace(0.0, whole, n, endpoint=not is_closed)
 
 
-def described_motion(motion: Motion) -> ByName:
+def describe_motion(motion: Motion) -> ByName:
     """Poses of the bodies of a mesh in each frame, ready for JSON; see `time.js`."""
     groups, first = np.unique(motion.mesh.face_group, return_index=True)
     bodies = np.zeros(len(motion.mesh.groups), np.int64)

@@ -36,7 +36,7 @@ from rastercov.core.mesh.files import metres_per
 from rastercov.core.mesh.mesh import Mesh
 from rastercov.formats.meshes import of_gltf
 from rastercov.motion.gltf_animation import read_animation
-from rastercov.motion.motion import Motion, checked_steps
+from rastercov.motion.motion import Motion, check_steps
 
 PLACE, TURN = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 COLUMNS = (*PLACE, *TURN, "present")
@@ -113,7 +113,7 @@ def read_gltf_motion(
     `world_from_file`, (4, 4), is where the mesh has the file, in metres; groups that move alike are
     one body.
     """
-    count = checked_steps(steps)
+    count = check_steps(steps)
     result = of_gltf(path, partial(read_animation, name=animation, steps=count))
     name, stem = printable(Path(path).name), printable(Path(path).stem)
     poses = result.poses.copy()

@@ -32,9 +32,9 @@ class OfFrames:
         query_of(self.asked, mesh)
         carriers(self.asked, camera, poses[:0])  # refuses bodies
 
-    def check_held(self, placed: Poses) -> None:
+    def check_motion(self, placed: Poses) -> None:
         """See `Phases`."""
-        self.asked._check_held(placed)
+        self.asked._check_motion(placed)
 
     def images(self, placed: Poses) -> int:
         """See `Phases`."""
@@ -64,7 +64,7 @@ class OfMotion(Phased):
     word = "motion"
     key = "over_time"
 
-    def asked(self, mesh: Mesh, value: object) -> OfFrames:
+    def phases_of(self, mesh: Mesh, value: object) -> OfFrames:
         """See `Phased`."""
         return OfFrames(query_of(value, mesh))
 

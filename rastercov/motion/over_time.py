@@ -42,10 +42,10 @@ from rastercov.core.area.stages import (
     ReasonPieces,
     Stage,
     any_in_front,
-    divided,
+    divide_by_reason,
     stages_of,
 )
-from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
 from rastercov.core.camera import Cameras, Poses, led_by, names_of, rows_of_result
@@ -59,32 +59,32 @@ from rastercov.core.coverage.reasons import (
     nearness,
     rows_in,
 )
-from rastercov.core.coverage.shard_inputs import POSES, Inputs, opened_once, read_npz
+from rastercov.core.coverage.shard_inputs import POSES, Inputs, open_once, read_npz
 from rastercov.core.coverage.shards import (
     PAIRS_A_SHARD,
     Wanted,
     arrays_of_regions,
-    asked_of,
     header_of,
     open_for,
-    packed,
+    pack_rows,
+    question_of,
     store_in,
-    unpacked,
+    unpack_rows,
 )
 from rastercov.core.coverage.surface import CRITERIA, own_reasons
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
-from rastercov.core.mesh.unseeable import unseeable_areas, where_seen
+from rastercov.core.mesh.unseeable import areas_in_view, unseeable_areas
 from rastercov.motion.motion import Motion
 from rastercov.motion.regions import (
     MotionQuery,
     MovingFrames,
     by_time,
-    carried_by,
     carriers,
     for_long_enough,
     in_units,
+    move_with_carrier,
 )
 from rastercov.shards import ALONE, Staff, fill
 from rastercov.shards.store import whole
@@ -266,7 +266,7 @@ class OverTime(InOneLine):
         """
         mesh = self.motion.mesh
         seen = self.time.area[0] / np.maximum(mesh.areas, 1e-300)
-        return where_seen(mesh, never_seeable(self.motion), seen)
+        return areas_in_view(mesh, never_seeable(self.motion), seen)
 
     @cached_property
     def zones(self) -> DeadZones:
@@ -277,11 +277,11 @@ class OverTime(InOneLine):
         """
         covered, is_unseeable = self.areas.covered, self.unseeable > 0
         one = np.ones(self.motion.mesh.n_faces, np.int64)
-        divide = self._divided if len(self.poses) else None
+        divide = self._divide if len(self.poses) else None
         return zones_of(covered, one, is_unseeable, divide, NO_CAMERAS)
 
-    def _divided(self, rest: ReasonPieces) -> Divided:
-        """As `divided`; a stage of one view comes first where several are wanted."""
+    def _divide(self, rest: ReasonPieces) -> Divided:
+        """As `divide_by_reason`; a stage of one view comes first where several are wanted."""
         mesh, scene = self.motion.mesh, (self.camera, self.task)
         every, *stages = stages_of(mesh, *scene)
         one_view = Stage((TOO_FEW_VIEWS,), *scene, frozenset())
@@ -292,7 +292,7 @@ class OverTime(InOneLine):
             own = own_reasons(moved, tasks_of(*scene)[0])
             of_surface[kept] = np.maximum(of_surface[kept], own)
         ends = self._in_front(self.camera, np.ones(mesh.n_faces, np.bool_)), of_surface
-        return divided(mesh, rest, iter(stages), self._passes, ends)
+        return divide_by_reason(mesh, rest, iter(stages), self._passes, ends)
 
     def _passes(self, stage: Stage, asked: BoolArray) -> Covered:
         """Area of faces, (F,), that cameras cover without the criteria of a stage."""
@@ -329,11 +329,11 @@ class OverTime(InOneLine):
         times = np.zeros((int(rows.max()) + 1, motion.mesh.n_faces), np.int64)
         for row in range(len(motion)):
             mesh, kept = motion._at(row, of_occluders=False)
-            placed = carried_by(carried[:, row], self.poses)
+            placed = move_with_carrier(carried[:, row], self.poses)
             for own, time in enumerate(times):
                 is_front = any_in_front(mesh, camera, placed[rows == own], asked[kept])
                 time[kept] += motion.units[row] * is_front
-        return np.asarray((times >= motion._needed(self.asked.over)).any(axis=0))
+        return np.asarray((times >= motion._rows_for(self.asked.over)).any(axis=0))
 
     @cached_property
     def _judged(self) -> tuple[list[ByName], dict[int, str | None]]:
@@ -342,7 +342,7 @@ class OverTime(InOneLine):
         n = zones.listed()
         winners = zones.reasons(n).tolist()
         if not n or not len(self.poses):
-            return [_said(name_of(each)) for each in winners], {}
+            return [_say_pose(name_of(each)) for each in winners], {}
         points, piece = points_of(zones, n, POINTS_OF_ZONE)
         carried = carriers(self.asked, self.camera, self.poses)
         face, zone = zones.face[piece].astype(np.int64), zones.zone[piece]
@@ -355,8 +355,10 @@ class OverTime(InOneLine):
                 continue
             mesh, kept = motion._at(row, of_occluders=False)
             own = np.searchsorted(kept, face[there])
-            moved = _moved(motion.world_from_body[row, motion.body[face[there]]], points[there])
-            placed = carried_by(carried[:, row], self.poses)
+            moved = _move_points(
+                motion.world_from_body[row, motion.body[face[there]]], points[there]
+            )
+            placed = move_with_carrier(carried[:, row], self.poses)
             best = np.zeros(len(there), np.uint8)
             hider = np.full(len(there), -1)
             judged = failures_of_rows(mesh, self.camera, self.task, placed, moved, own)
@@ -374,14 +376,16 @@ class OverTime(InOneLine):
         items = []
         for row, (winner, moving) in enumerate(zip(winners, hides[:, 1:], strict=True)):
             if Reason.OCCLUDED not in rows_in(winner) or not moving.any():
-                items.append(_said(name_of(winner)))
+                items.append(_say_pose(name_of(winner)))
                 continue
             own, hiding = face[zone == row], 1 + int(moving.argmax())
             if hiding == np.bincount(motion.body[own]).argmax():
                 group = motion.mesh.groups[motion.mesh.face_group[own[0]]].name
-                items.append(_said(name_of(winner), group, "another part of the same body"))
+                items.append(_say_pose(name_of(winner), group, "another part of the same body"))
                 continue
-            items.append(_said(name_of(winner), motion.names[hiding], f'"{motion.names[hiding]}"'))
+            items.append(
+                _say_pose(name_of(winner), motion.names[hiding], f'"{motion.names[hiding]}"')
+            )
         return items, of_frames
 
     def dead_zones(self) -> ByName:
@@ -390,9 +394,9 @@ class OverTime(InOneLine):
         The static world does not count as a body. For the first zones, the advice is to add a
         camera that covers half of the zone for long enough, unless bodies carry cameras.
         """
-        return self._advised(ANY)
+        return self._advise(ANY)
 
-    def _advised(self, allowed: Allowed) -> ByName:
+    def _advise(self, allowed: Allowed) -> ByName:
         """As `dead_zones`, with advice of cameras as for `summary_of`."""
         rows, n = self._entries(), min(self.zones.listed(), MOST_LINES)
         n_pairs = len(self.motion) * self.motion.mesh.n_faces
@@ -401,7 +405,7 @@ class OverTime(InOneLine):
             remedies = TimeRemedies.of(self, allowed)
             for entry, spot in zip(rows, remedies.spots(self.zones, n), strict=False):
                 if entry["reason"] not in ("unseeable", *CRITERIA):
-                    entry |= remedies.added(spot, entry["advice"])
+                    entry |= remedies.add_fact(spot, entry["advice"])
         return {"dead_zones": rows, "other_dead_zones": self.zones.others()}
 
     def _entries(self) -> list[ByName]:
@@ -459,7 +463,7 @@ class OverTime(InOneLine):
         some = self.regions.of_poses(np.repeat(rows, n_rows))
         asked = replace(self.asked, motion=motion._of_frames(rows))
         copy = replace(self, asked=asked, regions=some)
-        copy.__dict__.update(frames=taken(self.frames, np.flatnonzero(rows)))
+        copy.__dict__.update(frames=take_rows(self.frames, np.flatnonzero(rows)))
         return 100 * copy.share()
 
     def lines(self) -> list[str]:
@@ -490,7 +494,7 @@ def _lines(said: ReadByName) -> list[str]:
     return [text, f"largest zone occluded in at least one frame: {most}"]
 
 
-def _said(name: str, hidden_by: str | None = None, before: str = "") -> ByName:
+def _say_pose(name: str, hidden_by: str | None = None, before: str = "") -> ByName:
     """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
     general = general_advice(name) if name in ("unseeable", *CRITERIA) else ""
     advice = f"{before} blocks the view" if before else general
@@ -520,7 +524,7 @@ class TimeRemedies(Remedies):
     def of(cls, over_time: OverTime, allowed: Allowed) -> Self:
         """For the zones of a result."""
         motion, middle = over_time.motion, len(over_time.motion) // 2
-        mesh, _ = motion._placed(motion.world_from_body[middle], np.ones(len(motion.names), bool))
+        mesh, _ = motion._place(motion.world_from_body[middle], np.ones(len(motion.names), bool))
         own = over_time.camera, over_time.task, over_time.poses, None, allowed
         return cls(mesh, *own, over_time=over_time, middle=middle)
 
@@ -529,15 +533,15 @@ class TimeRemedies(Remedies):
         points, piece = points_of(zones, n, CHECKED)
         face = zones.face[piece].astype(np.int64)
         motion = self.over_time.motion
-        moved = _moved(motion.world_from_body[self.middle, motion.body[face]], points)
+        moved = _move_points(motion.world_from_body[self.middle, motion.body[face]], points)
         for own in np.arange(len(points)).reshape(n, CHECKED):
             yield ZoneSpot.of(moved[own], face[own], int(zones.wanted[face[own]].max()))
 
-    def added(self, spot: ZoneSpot, fact: str) -> ByName:
+    def add_fact(self, spot: ZoneSpot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
         eyes = self.poses.eyes
         row = int(row_lengths(eyes - spot.at).argmin()) if len(eyes) else 0
-        words, entries = self.tried(None, row, spot)
+        words, entries = self.try_change(None, row, spot)
         words += f" {time_words(self.over_time.asked.over)}"
         return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}
 
@@ -551,10 +555,12 @@ class TimeRemedies(Remedies):
         """As of `Remedies`, for long enough."""
         motion = self.over_time.motion
         body = motion.body[spot.face]
-        needed = motion._needed(self.over_time.asked.over)[spot.face]
-        at_rest = _moved(np.linalg.inv(motion.world_from_body[self.middle, body]), spot.points)
+        needed = motion._rows_for(self.over_time.asked.over)[spot.face]
+        at_rest = _move_points(
+            np.linalg.inv(motion.world_from_body[self.middle, body]), spot.points
+        )
         for start in range(0, len(changes), CHANGES_A_TURN):
-            placed = self._placed(changes[start : start + CHANGES_A_TURN], row)
+            placed = self._place_changes(changes[start : start + CHANGES_A_TURN], row)
             n_rows = int(rows_of_result(placed[0], placed[2]).max()) + 1
             times = np.zeros((n_rows, len(spot.face)), np.int64)
             for frame in range(len(motion)):
@@ -562,7 +568,7 @@ class TimeRemedies(Remedies):
                 if not len(there):
                     continue
                 mesh, kept = motion._at(frame, of_occluders=False)
-                points = _moved(motion.world_from_body[frame, body[there]], at_rest[there])
+                points = _move_points(motion.world_from_body[frame, body[there]], at_rest[there])
                 face = np.searchsorted(kept, spot.face[there])
                 judged = failures_of_rows(mesh, *placed, points, face)
                 for time, (_, reason, _) in zip(times, judged, strict=True):
@@ -585,7 +591,7 @@ def never_seeable(motion: Motion) -> FloatArray:
     return frozen(values)
 
 
-def _moved(poses: FloatArray, points: FloatArray) -> FloatArray:
+def _move_points(poses: FloatArray, points: FloatArray) -> FloatArray:
     """Points, (N, 3), by the poses of their bodies, (N, 4, 4)."""
     moved: FloatArray = np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3]
     return moved
@@ -607,7 +613,7 @@ class TimeAreas(AreaNetwork):
         """As of `OverTime`."""
         return self.over_time.unseeable
 
-    def never_seen(self) -> tuple[FloatArray, FloatArray]:
+    def unseen_areas(self) -> tuple[FloatArray, FloatArray]:
         """As of `AreaNetwork`."""
         return self._unseeable(), never_seeable(self.over_time.motion)
 
@@ -621,7 +627,7 @@ class TimeAreas(AreaNetwork):
 
     def dead_zones(self, *asked: object, **named: object) -> ByName:
         """As of `OverTime`; kept like its zones."""
-        make = partial(self.over_time._advised, self.allowed)
+        make = partial(self.over_time._advise, self.allowed)
         return self._once(self.over_time.zones, make)
 
     def zones(self, *asked: object, **named: object) -> DeadZones:
@@ -660,9 +666,9 @@ def regions_in_shards(job: MovingFrames, folder: Path, staff: Staff = ALONE) -> 
     def make(number: int, did: Callable[[int], None]) -> bytes:
         arrays = _of_frames(job, some := rows[store.rows(number)])
         did(len(some))
-        return packed(store.folder, number, arrays)
+        return pack_rows(store.folder, number, arrays)
 
-    numbers = list(fill(store, make, partial(unpacked, store), staff))
+    numbers = list(fill(store, make, partial(unpack_rows, store), staff))
     if left := store.quarantined():
         frame, end = next(iter(left.items()))
         raise ConfigError(
@@ -673,16 +679,16 @@ def regions_in_shards(job: MovingFrames, folder: Path, staff: Staff = ALONE) -> 
     check_memory(f"regions of {job.source.size:,} images", 2 * n_bytes, "use fewer frames")
     parts = []
     for number in numbers:
-        own: Any = unpacked(store, number)
+        own: Any = unpack_rows(store, number)
         eyes = np.full((len(own["pose_ids"]), 3), np.nan)
         own |= {"mesh": motion.mesh, "camera": job.camera, "task": job.task}
         parts.append(Regions(eyes=eyes, **own))
-    return joined(parts)
+    return join(parts)
 
 
 def make_frames(folder: Path, number: int | None, chosen: IntArray) -> bytes:
     """Content of a shard of frames, as `rastercov.shards.ShardStore` wants it."""
-    return packed(folder, number, _of_frames(_opened_frames(folder), chosen))
+    return pack_rows(folder, number, _of_frames(_open_frames(folder), chosen))
 
 
 def _of_frames(job: MovingFrames, rows: IntArray) -> dict[str, AnyArray]:
@@ -691,10 +697,10 @@ def _of_frames(job: MovingFrames, rows: IntArray) -> dict[str, AnyArray]:
     return arrays_of_regions([regions]) | {"pose_ids": regions.pose_ids}
 
 
-@opened_once
-def _opened_frames(folder: Path, inputs: Inputs) -> MovingFrames:
-    tables, (task, wanted) = read_npz(whole(folder, POSES)), asked_of(inputs)
+@open_once
+def _open_frames(folder: Path, inputs: Inputs) -> MovingFrames:
+    tables, (task, wanted) = read_npz(whole(folder, POSES)), question_of(inputs)
     own = [tables[name] for name in OF_MOTION]
-    motion = Motion._made(inputs.mesh, inputs.header["bodies"], *own, np.ones(len(own[-1])))
+    motion = Motion._make(inputs.mesh, inputs.header["bodies"], *own, np.ones(len(own[-1])))
     scene = motion, inputs.cameras, inputs.poses
     return MovingFrames(*scene, task, wanted.engine, tables["carried"], tables["source"])

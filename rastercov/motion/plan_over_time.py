@@ -29,15 +29,15 @@ from rastercov.base import (
 )
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.table import Regions, joined, taken
-from rastercov.core.camera import Cameras, Poses, led_by, renumbered
+from rastercov.core.area.table import Regions, join, take_rows
+from rastercov.core.camera import Cameras, Poses, led_by, renumber
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.phases import MOST_IMAGES
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import Jointed, JointPath
-from rastercov.motion.motion import Motion, conveyor, described_motion, turntable
+from rastercov.motion.motion import Motion, conveyor, describe_motion, turntable
 from rastercov.motion.motion_file import OF_GLTF, load_motion, read_gltf_motion, read_motion
 from rastercov.motion.moving import OfFrames
 from rastercov.motion.over_time import OverTime, TimeAreas, never_seeable
@@ -45,8 +45,8 @@ from rastercov.motion.plan_section import MotionSection, Over
 from rastercov.motion.regions import (
     MotionQuery,
     by_time,
-    carried_by,
     carriers,
+    move_with_carrier,
     regions_of_frames,
 )
 from rastercov.placement.matrix import VisibilityMatrix
@@ -57,8 +57,8 @@ from rastercov.placement.plan.file import (
     PlanError,
     PlanFeature,
     errors_at,
-    jointed_of,
     lines_of,
+    moving_bodies,
 )
 from rastercov.placement.plan.generator import Table
 from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased
@@ -121,7 +121,7 @@ class PlanMotion(MotionQuery):
         if unit != "area":
             why = reason or "leave out task.by"
             raise PlanError(plan.name, f"motion: expected a result by area, got one by face; {why}")
-        jointed = jointed_of(plan.bodies, plan.folder, plan.name)
+        jointed = moving_bodies(plan.bodies, plan.folder, plan.name)
         bodies = bodies_of_cameras(plan)
         with errors_at(plan.name, "motion"):
             motion = motion_of(section, mesh, plan.bodies, jointed, plan.folder, plan.meshes)
@@ -147,7 +147,7 @@ class PlanMotion(MotionQuery):
         try:
             table = read_toml(path)
             own = MotionFile.model_validate(table, context={"folder": path.parent})
-            jointed = jointed_of(own.bodies, path.parent, printable(path.name))
+            jointed = moving_bodies(own.bodies, path.parent, printable(path.name))
             mesh = Mesh.joined([mesh, *(each.mesh for each in jointed)]) if jointed else mesh
             motion = motion_of(own.motion, mesh, own.bodies, jointed, path.parent)
             joints = path_of(own.motion, jointed, path.parent)
@@ -184,7 +184,7 @@ class PlanMotion(MotionQuery):
         """See `PlanPhases`."""
         return replace(self, body=[self.body_of(name) for name in cameras], cameras=cameras)
 
-    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+    def place(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
         """See `PlanPhases`."""
         motion, (frame, *joints) = self.motion, at or (0.0,)
         number: Any = frame  # whole, or refused
@@ -196,10 +196,10 @@ class PlanMotion(MotionQuery):
                 own = joints[row : (row := row + len(body.joint_names))]
                 for link, pose in body.poses(own).items():
                     poses[motion.names.index(link)] = pose[0]
-            mesh, kept = motion._placed(poses, motion.present[int(frame)])
+            mesh, kept = motion._place(poses, motion.present[int(frame)])
         return mesh, kept, dict(zip(motion.names, poses, strict=True))
 
-    def described(self) -> ByName:
+    def describe(self) -> ByName:
         """See `PlanPhases`."""
         fields = []
         for body in self.jointed:
@@ -212,7 +212,7 @@ class PlanMotion(MotionQuery):
         joints = joints[None] if self.path is None else self.path.joints
         frames = np.broadcast_to(joints, (len(self.motion), joints.shape[1]))
         return {
-            "motion": described_motion(self.motion),
+            "motion": describe_motion(self.motion),
             "joints": {"fields": fields, "frames": frames.tolist()},
         }
 
@@ -226,7 +226,7 @@ class PlanMotion(MotionQuery):
         for row in range(len(self.motion)):
             mesh, kept = self.motion._at(row, of_occluders=False)
             back = partial(Regions._at_rest, mesh=self.motion.mesh, kept=kept)
-            yield Phase(mesh, carried_by(carried[:, row], placed), back)
+            yield Phase(mesh, move_with_carrier(carried[:, row], placed), back)
 
     def areas(
         self, camera: Cameras, placed: Poses, task: Task, regions: Regions | None = None
@@ -241,7 +241,7 @@ class PlanMotion(MotionQuery):
         assert isinstance(areas, TimeAreas)
         whole = areas.over_time
         rows = np.arange(len(whole.regions.pose_ids)).reshape(len(self.motion), -1)
-        return replace(whole, regions=taken(whole.regions, rows[:, :count].ravel())).areas
+        return replace(whole, regions=take_rows(whole.regions, rows[:, :count].ravel())).areas
 
     def matrix(
         self,
@@ -262,14 +262,14 @@ class PlanMotion(MotionQuery):
         width = int(np.diff(mounts.starts).max()) * len(motion)
         at_once = max(1, min(CANDIDATES_A_TURN, MOST_IMAGES // width))
         for first in range(0, len(poses), at_once):
-            some = renumbered(poses[first : first + at_once])
+            some = renumber(poses[first : first + at_once])
             placed, owner = mounts.cameras(some)
             regions = regions_of_frames(self, plan.rig, placed, task, Engine.of(self.method))
             of_row = owner[led_by(plan.rig, placed)]
             regions = _of_mounts(regions, len(motion), of_row, len(some))
             if getattr(plan.selection, "of_reachable", False):
                 frames = by_time(regions, motion)
-                both = frames if together is None else joined([together, frames])
+                both = frames if together is None else join([together, frames])
                 rows = np.arange(len(both.pose_ids)) % len(motion)
                 together = both.at_least(1, rows, one_side=False)
             if is_of_cells:
@@ -303,7 +303,7 @@ class PlanMotion(MotionQuery):
             there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
             weights = (there * weights).ravel()
         reachable = None if together is None else self.areas(plan.rig, poses, task, together)
-        return PhaseMatrix(matrix, _repeated(cells.elements, n_frames), weights, reachable)
+        return PhaseMatrix(matrix, _repeat_mesh(cells.elements, n_frames), weights, reachable)
 
 
 def path_of(section: MotionSection, jointed: Sequence[Jointed], folder: Path) -> JointPath | None:
@@ -351,7 +351,7 @@ def motion_of(
             add(name, poses)
     groups = {body.name: body.groups for body in bodies if body.groups}
     if section.animation is not None:
-        result = _animated(section, mesh, folder, files)
+        result = _animate(section, mesh, folder, files)
         others["present"] = others.get("present", {}) | result["present"]
         groups |= result["groups"]
         for name, poses in result["bodies"].items():
@@ -367,7 +367,7 @@ def motion_of(
     return Motion(mesh, tables, groups=groups, **others)
 
 
-def _animated(
+def _animate(
     section: MotionSection, mesh: Mesh, folder: Path, files: Sequence[MeshEntry]
 ) -> ByName:
     of_gltf = [each for each in files if suffix_of(each.path or "") in OF_GLTF]
@@ -459,7 +459,7 @@ def _of_mounts(regions: Regions, n_frames: int, of_row: IntArray, n: int) -> Reg
     return regions.at_least(1, of, one_side=False)
 
 
-def _repeated(mesh: Mesh, n: int) -> Mesh:
+def _repeat_mesh(mesh: Mesh, n: int) -> Mesh:
     """Mesh with its faces n times."""
     if n == 1:
         return mesh

@@ -27,8 +27,8 @@ from rastercov.base import (
 )
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.regions import GAP_REL, RegionPass
-from rastercov.core.area.rows import gated, tasks_of
-from rastercov.core.area.table import Finder, Regions, any_of, joined, taken
+from rastercov.core.area.rows import tasks_of, with_rule
+from rastercov.core.area.table import Finder, Regions, any_of, join, take_rows
 from rastercov.core.camera import (
     Cameras,
     Poses,
@@ -44,7 +44,7 @@ from rastercov.core.coverage.surface import key_of
 from rastercov.core.coverage.task import Task
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.bodies import corners_of, moved_boxes
+from rastercov.core.mesh.bodies import corners_of, move_boxes
 from rastercov.motion.motion import Motion
 
 BESIDE_REL = 1e-9
@@ -100,7 +100,7 @@ class MotionQuery(InOneLine):
     body: str | Sequence[str] = "world"
 
     def __post_init__(self) -> None:
-        self.motion._needed(self.over)
+        self.motion._rows_for(self.over)
         check_choice("views_at", self.views_at, ("one time", "any time"))
 
     def long_enough(self, regions: Regions, views: int = 1) -> Regions:
@@ -117,7 +117,7 @@ class MotionQuery(InOneLine):
             return for_long_enough(by_time(regions, self.motion, views), self)
         return self._alone(regions).at_least(views, one_side=False)
 
-    def _check_held(self, placed: Poses) -> None:
+    def _check_motion(self, placed: Poses) -> None:
         """Raise `ConfigError` for regions of more images than are held at once."""
         if len(self.motion) * len(placed) > MOST_IMAGES:
             raise ConfigError(
@@ -129,8 +129,8 @@ class MotionQuery(InOneLine):
         """Parts that each camera covers long enough by itself; rows of a frame."""
         n = _rows_a_frame(regions, self.motion)
         rows = np.arange(len(regions.pose_ids)).reshape(-1, n)
-        parts = [for_long_enough(taken(regions, own), self) for own in rows.T]
-        return replace(joined(parts), pose_ids=regions.pose_ids[:n])
+        parts = [for_long_enough(take_rows(regions, own), self) for own in rows.T]
+        return replace(join(parts), pose_ids=regions.pose_ids[:n])
 
 
 def query_of(motion: object, mesh: Mesh) -> MotionQuery:
@@ -157,7 +157,7 @@ def regions_of_frames(
     the image, are as they were there; so is what lights it from its place. Bodies that are
     absent have none.
     """
-    asked._check_held(placed)
+    asked._check_motion(placed)
     job = MovingFrames.of(asked, camera, placed, task, engine)
     return job.regions(np.arange(len(job.source)))
 
@@ -172,7 +172,7 @@ class MovingFrames(NamedTuple):
     carried : (P, T, 4, 4) float64
         Of `carriers`.
     source : (T, P) int64
-        Frame whose regions a pose has in each: the first, of `in_turn`, of equal `Sights`.
+        Frame whose regions a pose has in each: the first, of `one_by_one`, of equal `ViewKeys`.
     relaxed : collection of str or None
         As of `RegionPass`.
     faces : (F,) bool, or None
@@ -202,13 +202,13 @@ class MovingFrames(NamedTuple):
     ) -> "MovingFrames":
         """Frames of cameras on bodies."""
         motion = asked.motion
-        carried, sights = carriers(asked, camera, placed), Sights(motion, faces)
+        carried, sights = carriers(asked, camera, placed), ViewKeys(motion, faces)
         tasks = tasks_of(camera, task)
         first: dict[bytes, int] = {}
         source = np.empty((len(motion), len(placed)), np.int64)
-        for row in in_turn(motion).tolist():
+        for row in one_by_one(motion).tolist():
             mesh, _ = motion._at(row, of_occluders=False)
-            moved = carried_by(carried[:, row], placed)
+            moved = move_with_carrier(carried[:, row], placed)
             near = near_limits(cameras_of(camera), mesh.opaque.bounds, moved)
             surface = key_of(mesh, tasks)
             keys = sights.of(row, moved, near, axes_of(camera, moved))
@@ -243,23 +243,23 @@ class MovingFrames(NamedTuple):
                         )
                         stack.callback(finder.close)
                     finder.set_mesh(mesh)
-                    moved = carried_by(self.carried[:, row], placed)
+                    moved = move_with_carrier(self.carried[:, row], placed)
                     if is_found[row].any() or not none:
                         closed = None if self.faces is None else ~self.faces[kept]
                         own = finder.find(moved[is_found[row]], closed)._at_rest(motion.mesh, kept)
-                        none = none or [taken(own, np.arange(0))]
+                        none = none or [take_rows(own, np.arange(0))]
                         new = enumerate(np.flatnonzero(is_found[row]).tolist())
-                        known |= {(row, pose): taken(own, np.array([at])) for at, pose in new}
+                        known |= {(row, pose): take_rows(own, np.array([at])) for at, pose in new}
                     if has_rules and row in rows:
                         find = partial(conditions.find, row, kept)
-                        there = tuple(each.found_by(find) for each in finder.conditions)
+                        there = tuple(each.find_by(find) for each in finder.conditions)
                         eyes = eyes_of(camera, moved)
-                        own = _in_frame(joined(none + rows_of(row)), mesh, kept, (moved, eyes))
-                        union = gated(replace(own, conditions=there), camera, moved)
+                        own = _in_frame(join(none + rows_of(row)), mesh, kept, (moved, eyes))
+                        union = with_rule(replace(own, conditions=there), camera, moved)
                         frames[row] = union._at_rest(motion.mesh, kept)
         if has_rules:
-            return joined([frames[row] for row in rows.tolist()])
-        union = joined(none + [each for row in rows.tolist() for each in rows_of(row)])
+            return join([frames[row] for row in rows.tolist()])
+        union = join(none + [each for row in rows.tolist() for each in rows_of(row)])
         return replace(union, pose_ids=np.tile(placed.ids, len(rows)))
 
 
@@ -278,7 +278,7 @@ def carriers(asked: MotionQuery, camera: Cameras, poses: Poses) -> FloatArray:
     return tables[poses.camera]
 
 
-def carried_by(carrier: FloatArray, poses: Poses) -> Poses:
+def move_with_carrier(carrier: FloatArray, poses: Poses) -> Poses:
     """Poses of cameras on bodies by the poses of these, (P, 4, 4)."""
     if (carrier == np.eye(4)).all():
         return poses
@@ -286,7 +286,7 @@ def carried_by(carrier: FloatArray, poses: Poses) -> Poses:
     return Poses(matrices, poses.ids, matrices, {}, poses.camera)
 
 
-def in_turn(motion: Motion) -> IntArray:
+def one_by_one(motion: Motion) -> IntArray:
     """(T,) frames in the order in which their regions are found."""
     return np.concatenate(_by_presence(motion))
 
@@ -314,7 +314,7 @@ def _in_frame(
     )
 
 
-class Sights:
+class ViewKeys:
     """Poses of all that a camera's regions depend on: those of equal keys have equal regions.
 
     These are the camera, bodies with evaluated faces, and bodies whose box no plane through the
@@ -325,7 +325,7 @@ class Sights:
     def __init__(self, motion: Motion, faces: BoolArray | None = None) -> None:
         self._motion, scored = motion, motion.mesh.task_mask if faces is None else faces
         diagonal = motion._diagonal
-        self._boxes = _grown(motion.boxes, BESIDE_REL * diagonal)
+        self._boxes = _grow_boxes(motion.boxes, BESIDE_REL * diagonal)
         hides = np.unique(motion.body[scored | ~motion.mesh.target_mask])
         self._boxes[np.isin(np.arange(len(motion.names)), hides, invert=True)] = np.nan
         low, high = np.full((2, len(motion.names), 3), np.inf)
@@ -333,7 +333,7 @@ class Sights:
         of = np.repeat(motion.body[scored], 3)
         np.minimum.at(low, of, used)
         np.minimum.at(high, of, -used)
-        self._task = _grown(corners_of(low, -high), BESIDE_REL * diagonal)
+        self._task = _grow_boxes(corners_of(low, -high), BESIDE_REL * diagonal)
         self._has_task = ~np.isnan(self._task[:, 0, 0])
 
     def of(self, row: int, placed: Poses, near: FloatArray, axes: FloatArray) -> list[bytes]:
@@ -343,8 +343,8 @@ class Sights:
         is_there = is_there & ~np.isnan(self._boxes[:, 0, 0])
         matters = np.repeat((is_there & self._has_task)[None], len(poses), axis=0)
         others = np.flatnonzero(is_there & ~self._has_task)
-        boxes = moved_boxes(self._boxes, bodies)
-        scored = moved_boxes(self._task, bodies)[is_there & self._has_task]
+        boxes = move_boxes(self._boxes, bodies)
+        scored = move_boxes(self._task, bodies)[is_there & self._has_task]
         for part in range(0, len(poses), POSES_A_TURN):
             some = slice(part, part + POSES_A_TURN)
             ways = partial(self._ways, poses[some, :3, 3], axes[some])
@@ -383,7 +383,7 @@ class OfConditions:
     """
 
     def __init__(self, motion: Motion) -> None:
-        self._motion, self._sights = motion, Sights(motion)
+        self._motion, self._sights = motion, ViewKeys(motion)
         self._known: dict[bytes, Regions] = {}
 
     def find(self, row: int, kept: IntArray, finder: Finder, poses: Poses) -> Regions:
@@ -399,16 +399,16 @@ class OfConditions:
         if new := {key: at for at, key in enumerate(keys) if key not in known}:
             result = finder.find(poses[np.array(list(new.values()))])
             result = result._at_rest(self._motion.mesh, kept)
-            known |= {key: taken(result, np.array([at])) for at, key in enumerate(new)}
+            known |= {key: take_rows(result, np.array([at])) for at, key in enumerate(new)}
         own = {key: known.pop(key) for key in dict.fromkeys(keys)}
         known |= own  # last, and so kept longest
         for key in list(known)[: -(MOST_OF_CONDITIONS + len(own))]:
             del known[key]
         seen_from = poses, eyes_of(finder.cameras, poses)
-        return _in_frame(joined([own[key] for key in keys]), finder.mesh, kept, seen_from)
+        return _in_frame(join([own[key] for key in keys]), finder.mesh, kept, seen_from)
 
 
-def _grown(boxes: FloatArray, margin: float) -> FloatArray:
+def _grow_boxes(boxes: FloatArray, margin: float) -> FloatArray:
     """Boxes (B, 8, 3) with a margin on each side."""
     return corners_of(boxes.min(axis=1) - margin, boxes.max(axis=1) + margin)
 
@@ -450,7 +450,7 @@ def by_time(regions: Regions, motion: Motion, views: int = 1) -> Regions:
 
 def in_units(frames: Regions, motion: Motion) -> Regions:
     """Rows of `by_time`, one for each unit of time."""
-    return taken(frames, np.repeat(np.arange(len(motion)), motion.units))
+    return take_rows(frames, np.repeat(np.arange(len(motion)), motion.units))
 
 
 def _rows_a_frame(regions: Regions, motion: Motion) -> int:
@@ -463,7 +463,7 @@ def _rows_a_frame(regions: Regions, motion: Motion) -> int:
 def for_long_enough(frames: Regions, asked: MotionQuery) -> Regions:
     """Parts that rows of `by_time` cover long enough; one row."""
     motion = asked.motion
-    needed, units = motion._needed(asked.over), in_units(frames, motion)
+    needed, units = motion._rows_for(asked.over), in_units(frames, motion)
     parts = [
         units._of_faces(needed == k).at_least(k, one_side=False) for k in np.unique(needed).tolist()
     ]

@@ -11,11 +11,11 @@ from PIL import Image
 from rastercov.base import ByName, FloatArray, IntArray, ReadByName
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
-from rastercov.motion.frames import animated, shown
+from rastercov.motion.frames import animate_motion, show_phases
 from rastercov.motion.over_time import OverTime, TimeAreas, time_words
 from rastercov.report.coverage_files import Addition
 from rastercov.report.feature import InPhases, ReportHooks
-from rastercov.report.images import contact_sheet, framed
+from rastercov.report.images import add_frame, contact_sheet
 from rastercov.report.modes import by_share, mode_picture
 from rastercov.report.panorama import FINE, side_by_side, sides
 
@@ -60,7 +60,7 @@ def frames_picture(over_time: OverTime) -> Image.Image:
         hidden = f"\nmain occluder: {said['hidden_by']}" if said["hidden_by"] else ""
         captions.append(f"frame {row}{at}: {said['percent']:.1f} %{is_worst}{hidden}")
     sheet = contact_sheet(pictures, captions)
-    return framed(np.asarray(sheet), "What is covered in single frames", list(keys.values()))
+    return add_frame(np.asarray(sheet), "What is covered in single frames", list(keys.values()))
 
 
 def curve_points(curve: Sequence[ReadByName], width: float, height: float) -> str:
@@ -100,11 +100,11 @@ class TimePart:
 
     def additions(self) -> list[Addition]:
         """See `Part`: the animation of bodies."""
-        return [animated(self._found.motion)]
+        return [animate_motion(self._found.motion)]
 
     def view(self) -> InPhases:
         """See `Part`."""
-        return shown(self._found)
+        return show_phases(self._found)
 
     def section(self, summary: ReadByName) -> ByName:
         """See `Part`."""

@@ -61,7 +61,7 @@ class TakenRig(Taken):
 
 
 class Of(Action):
-    """Subject of a question: a rig, the time that is shown, see `Scene.placed`, and the goal."""
+    """Subject of a question: a rig, the time that is shown, see `Scene.place`, and the goal."""
 
     rig: TakenRig | None = None
     at: list[Number] = []
@@ -104,7 +104,7 @@ class Drawing(Action):
     ]
 
 
-def checked(form: type[Action], entries: ReadByName) -> Any:
+def check_entries(form: type[Action], entries: ReadByName) -> Any:
     """Entries in a form; ConfigError in one line where they are not."""
     try:
         return form.model_validate(entries)

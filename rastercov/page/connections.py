@@ -30,7 +30,7 @@ ACCEPTED_AT_ONCE = 16
 is accepted with its request is read before it is the oldest."""
 
 
-def _noted(loop: asyncio.AbstractEventLoop, context: ByName) -> None:
+def _note_fault(loop: asyncio.AbstractEventLoop, context: ByName) -> None:
     """Take a failure of one connection without a traceback on the terminal."""
     LOG.debug("viewer: %s", context.get("exception") or context.get("message"))
 
@@ -90,7 +90,7 @@ class Protocol(H11Protocol):
     @classmethod
     async def close_late(cls) -> None:
         """Close connections whose time is over; for once a second."""
-        asyncio.get_running_loop().set_exception_handler(_noted)
+        asyncio.get_running_loop().set_exception_handler(_note_fault)
         now = monotonic()
         for each in cls.places:
             if each.is_late(now):

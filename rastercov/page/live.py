@@ -4,7 +4,7 @@ from rastercov.base import ByName, ConfigError
 from rastercov.core.area.network import unit_of_result
 from rastercov.core.coverage.engine import Engine
 from rastercov.page.rig_state import RigState
-from rastercov.page.scene import Scene, described_state
+from rastercov.page.scene import Scene, describe_state
 from rastercov.page.session import Session
 from rastercov.placement.plan.network import limits_of
 from rastercov.report import live
@@ -14,7 +14,7 @@ MOST_CANDIDATES = 200
 """Poses of a plan that the page tries for the next camera."""
 
 
-def why_recorded(session: Session, state: RigState) -> str:
+def record_cause(session: Session, state: RigState) -> str:
     """Reason for which a page of a rig is recorded and does not compute; "" where it does."""
     scene = session.scene
     others = {
@@ -22,7 +22,7 @@ def why_recorded(session: Session, state: RigState) -> str:
         "results by face": _is_by_face(session, state),
     }
     goals = _goals(session)
-    return live.why_recorded(scene.mesh, state.whole, len(state.on), state.task, others, goals)
+    return live.record_cause(scene.mesh, state.whole, len(state.on), state.task, others, goals)
 
 
 def _goals(session: Session) -> live.Goals | None:
@@ -46,25 +46,25 @@ def _is_by_face(session: Session, state: RigState) -> bool:
 
 
 def live_page(session: Session, state: RigState) -> str:
-    """Text of a live page of a rig; see `why_recorded`."""
-    entries = session.scene.described()
+    """Text of a live page of a rig; see `record_cause`."""
+    entries = session.scene.describe()
     entries["modes"] = [each | {"options": []} for each in entries["modes"]]
     return with_live_data(_data(session, state, entries))
 
 
-def opened(session: Session) -> ByName:
+def open_live(session: Session) -> ByName:
     """Data that a served page opens, ready for JSON: the scene, its first rig, and the engine.
 
     `served` names the session, and says why the engine is not there and Python answers all.
     """
     scene = session.scene
-    start, entries, why = scene.start, scene.described(), why_recorded(session, scene.start)
+    start, entries, why = scene.start, scene.describe(), record_cause(session, scene.start)
     if not why:
         data = _data(session, start, entries)
     else:
         entries["notes"] += [live.BY_PYTHON] * (why == live.NO_ENGINE)
-        state = described_state(scene, start) | live.described_together(start.whole)
-        data = live.described_surface(scene.mesh) | {"state": state}
+        state = describe_state(scene, start) | live.describe_union(start.whole)
+        data = live.describe_surface(scene.mesh) | {"state": state}
         data["goals"] = [{"name": each.name, "is_most": each.is_most} for each in scene.goals]
     data["candidates"] = _candidates(scene)
     own = {"session": session.name, "why": why, "has_places": scene.pool is not None}
@@ -73,13 +73,13 @@ def opened(session: Session) -> ByName:
 
 def _data(session: Session, start: RigState, entries: ByName) -> ByName:
     """Data that a page computes a rig from."""
-    scene, state, plan = session.scene, described_state(session.scene, start), session.scene.plan
+    scene, state, plan = session.scene, describe_state(session.scene, start), session.scene.plan
     limits = limits_of(plan.selection) if plan and plan.task.weight_by == "area" else {}
-    entries["required"] = live.described_limits(scene.task_mesh or scene.mesh, limits)
+    entries["required"] = live.describe_limits(scene.task_mesh or scene.mesh, limits)
     return live.data_of(
         entries,
         {name: each for name, each in state.items() if name != "devices"}
-        | live.described_together(start.whole),
+        | live.describe_union(start.whole),
         scene.mesh,
         start.cameras,
         start.whole.tasks,

@@ -43,8 +43,8 @@ from rastercov.core.area.features import (
 )
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated, gated_reasons
-from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.area.rows import rule_reasons, with_rule
+from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.zones import DeadZones
 from rastercov.core.camera import (
     Camera,
@@ -77,7 +77,7 @@ from rastercov.engine.coverage_spread import widest_angles
 from rastercov.page.rig_state import RigState, Station
 from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OF_EQUIPMENT, OF_GATES, OfCameras, OfUnit, of_devices
-from rastercov.report.network_page import lost_without
+from rastercov.report.network_page import lose_without
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 
@@ -224,7 +224,7 @@ class Measurements:
         ConfigError
             Where a result is by face: for a threshold of a face or of pairs of poses.
         """
-        poses, stations = state.counted()
+        poses, stations = state.cameras_that_count()
         unit, why = unit_of_result(self.by, state.task, self._engine, None, len(poses))
         if unit == "face":
             raise ConfigError(why.partition(";")[0] or "results per face were requested")
@@ -238,8 +238,8 @@ class Measurements:
         parts: list[Regions] = []
         for part in in_batches(poses, self.mesh.n_faces, finder.threads, rows):
             self.progress = [done, n]
-            own = self._kept_regions(finder, state, part) if is_kept else finder.find(part)
-            regions = gated(own, rig, part)
+            own = self._keep_regions(finder, state, part) if is_kept else finder.find(part)
+            regions = with_rule(own, rig, part)
             network.add(regions)
             own_m2 = np.bincount(regions.pair_pose, regions.area, len(regions.pose_ids))
             seen.append(own_m2.astype(np.float64))
@@ -248,10 +248,10 @@ class Measurements:
         self.progress = [0, 0]
         if not n:
             return StationAreas(network, state, poses, stations)
-        lost = lost_without(joined(parts), state.need(self.mesh))[rows] if is_kept else None
+        lost = lose_without(join(parts), state.need(self.mesh))[rows] if is_kept else None
         return StationAreas(network, state, poses, stations, np.concatenate(seen)[rows], lost)
 
-    def _kept_regions(self, finder: RegionPass, state: RigState, poses: Poses) -> Regions:
+    def _keep_regions(self, finder: RegionPass, state: RigState, poses: Poses) -> Regions:
         """Regions of poses of the cameras of a state, each found once."""
         keys: list[Key] = []
         for row, pose in zip(poses.camera.tolist(), poses.world_from_camera, strict=True):
@@ -261,14 +261,14 @@ class Measurements:
         if new:
             copy = replace(finder.find(poses[np.array(new)]), conditions=())
             for at, row in enumerate(new):
-                self._regions[keys[row]] = taken(copy, np.array([at]))
+                self._regions[keys[row]] = take_rows(copy, np.array([at]))
         for key in keys:
             self._regions.move_to_end(key)
         while len(self._regions) > MOST_PAIRS // self.mesh.n_faces:
             self._regions.popitem(last=False)
         if not keys:
             return finder.find(poses)
-        every = joined([self._regions[key] for key in keys])
+        every = join([self._regions[key] for key in keys])
         every = replace(every, camera=finder.camera, task=finder.task, conditions=finder.conditions)
         return replace(every, pose_ids=poses.ids)
 
@@ -423,7 +423,7 @@ class NetworkFigures:
             return np.zeros((1, mesh.n_faces), int), np.full((1, mesh.n_faces), -1), worst, ()
         place = {each.id: row for row, each in enumerate(self.state.on)}
         own = np.array([self.rows[place[each.id]].reason for each in stations])
-        result, row = gated_reasons(own, rig, poses, mesh.centroids, mesh.normals)
+        result, row = rule_reasons(own, rig, poses, mesh.centroids, mesh.normals)
         reason, device = result.astype(np.int64), poses.camera[row].astype(np.int64)
         device[row < 0] = -1
         for at, lead in enumerate(led_by(rig, poses).tolist()):

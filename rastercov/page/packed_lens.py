@@ -1,5 +1,5 @@
-"""Address of `packed` that docs/c.md and rastercov.h name."""
+"""Address of `pack_lens` that docs/c.md and rastercov.h name."""
 
-from rastercov.report.packed_lens import packed
+from rastercov.report.packed_lens import pack_lens
 
-__all__ = ["packed"]
+__all__ = ["pack_lens"]

@@ -62,7 +62,7 @@ class Station:
     is_on: bool = True
 
 
-def checked_pose(pose: FloatArray) -> FloatArray:
+def check_pose(pose: FloatArray) -> FloatArray:
     """The pose, read-only; PoseError unless it is a rigid transform."""
     return frozen(valid_poses(pose)[0].copy())
 
@@ -136,9 +136,9 @@ class RigState:
                 own, some = rig.names[at : at + gate.n], self.stations[row : row + gate.n]
                 if tuple(each.camera for each in some) == own and all(each.is_on for each in some):
                     stations += some
-        return rig, _placed(rig, stations), stations
+        return rig, _place_rig(rig, stations), stations
 
-    def counted(self) -> tuple[Poses, tuple[Station, ...]]:
+    def cameras_that_count(self) -> tuple[Poses, tuple[Station, ...]]:
         """Stations that are on and count, with their poses; `Poses.camera` counts those of `whole`.
 
         A camera of a rig with a rule counts where all cameras of the rig are on.
@@ -147,7 +147,7 @@ class RigState:
         of_rule = {self.whole.names[at] for at in ruled}
         whole = {each.id for each in self.of_rules()[2]} if ruled else set()
         values = tuple(e for e in self.on if e.camera not in of_rule or e.id in whole)
-        return _placed(self.whole, values), values
+        return _place_rig(self.whole, values), values
 
     @cached_property
     def cameras(self) -> Mapping[str, Camera]:
@@ -186,7 +186,7 @@ class RigState:
         """The thresholds that decide what a camera covers, by its name."""
         return self.whole.tasks.get(camera) or of_one_camera(self.task)
 
-    def carried(self, bodies: Mapping[str, FloatArray]) -> "RigState":
+    def carry_bodies(self, bodies: Mapping[str, FloatArray]) -> "RigState":
         """With the stations of some cameras, by their names, moved by poses (4, 4) of bodies."""
         stations = [
             replace(each, pose=frozen(bodies[each.camera] @ each.pose))
@@ -223,12 +223,12 @@ class RigState:
 
     def poses(self, *, all_stations: bool = False) -> Poses:
         """Poses of the stations that are on, or of all; `Poses.camera` counts those of `rig`."""
-        return _placed(self.rig(), self.stations if all_stations else self.on)
+        return _place_rig(self.rig(), self.stations if all_stations else self.on)
 
     def check_whole(self, stations: Sequence[Station]) -> None:
         """Raise `ConfigError` unless stations are those of whole rigs where cameras have rules."""
         try:
-            rows_of_result(self.whole, _placed(self.whole, stations))
+            rows_of_result(self.whole, _place_rig(self.whole, stations))
         except PoseError:
             raise ConfigError(
                 "expected all cameras of each rig with a rule, in its order, got others; complete "
@@ -243,7 +243,7 @@ class RigState:
         return self.cameras[name]
 
 
-def _placed(rig: Rig, stations: Sequence[Station]) -> Poses:
+def _place_rig(rig: Rig, stations: Sequence[Station]) -> Poses:
     """Poses of stations, with the rows of their cameras in a rig."""
     row = {name: at for at, name in enumerate(rig.names)}
     matrices = np.array([each.pose for each in stations]).reshape(-1, 4, 4)

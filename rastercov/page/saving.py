@@ -24,14 +24,14 @@ from rastercov.base import (
     write_json,
     write_text,
 )
-from rastercov.base.output import named_folder
-from rastercov.page.actions import MOST_OF_DRAWING, Drawing, Of, checked
-from rastercov.page.live import live_page, why_recorded
+from rastercov.base.output import name_folder
+from rastercov.page.actions import MOST_OF_DRAWING, Drawing, Of, check_entries
+from rastercov.page.live import live_page, record_cause
 from rastercov.page.rig_state import RigState
-from rastercov.page.scene import OF_A_RIG, described_state
-from rastercov.page.session import Session, Stations, unframed
+from rastercov.page.scene import OF_A_RIG, describe_state
+from rastercov.page.session import Session, Stations, remove_head
 from rastercov.report.feature import MOST_LEVELS
-from rastercov.report.pages import embedded, levels_of
+from rastercov.report.pages import embed_scene, levels_of
 
 NAMES = {"rig": "rig.json", "task": "task.toml"}
 DRAWING = "viewer_drawing.json"
@@ -60,15 +60,15 @@ class Saving:
     def __init__(self, session: Session, out: Path | None = None) -> None:
         self.session, self.out = session, out
 
-    def _asked(self, entries: ReadByName, *known: str) -> tuple[Save, RigState]:
-        asked = checked(Save, entries)
+    def _read_question(self, entries: ReadByName, *known: str) -> tuple[Save, RigState]:
+        asked = check_entries(Save, entries)
         check_choice("what", asked.what, known)
-        return asked, self.session.taken(asked.rig, asked.at, asked.goal).state
+        return asked, self.session.take(asked.rig, asked.at, asked.goal).state
 
     def content(self, entries: ReadByName) -> bytes:
         """A page that needs no server."""
         with self.session.lock:
-            return page_of(self.session, self._asked(entries, "page")[1]).encode()
+            return page_of(self.session, self._read_question(entries, "page")[1]).encode()
 
     def save(self, entries: ReadByName) -> dict[str, str]:
         """Save the rig with its thresholds, or a report.
@@ -85,8 +85,8 @@ class Saving:
                 "expected a folder to save to, got none; start with --out, or download"
             )
         with self.session.lock:
-            asked, state = self._asked(entries, "rig", "report")
-            named_folder(self.out)
+            asked, state = self._read_question(entries, "rig", "report")
+            name_folder(self.out)
             if asked.what == "report":
                 path = own_folder(self.out / "report")
                 return {"path": str(path), "words": self._report(state, path)}
@@ -135,7 +135,7 @@ def with_drawing(session: Session, folders: Sequence[Path]) -> Session:
             try:
                 content = read_json(path, 2 * MOST_OF_DRAWING)
                 if content["scene"] == session.scene.title and content["drawing"]:
-                    session.drawing = checked(Drawing, content["drawing"])
+                    session.drawing = check_entries(Drawing, content["drawing"])
             except (RastercovError, UnreadableError, LookupError, TypeError) as error:
                 fault = (
                     f"{path}: expected a drawing of the viewer, got {one_line(error)}; remove it"
@@ -158,7 +158,7 @@ def export_page(
     modes : sequence of str
         Ways to colour the faces; one that the thresholds do not allow is left out.
     is_still : bool
-        Figures are recorded; else the page computes them, where it can: see `live.why_recorded`.
+        Figures are recorded; else the page computes them, where it can: see `live.record_cause`.
 
     Raises
     ------
@@ -169,15 +169,15 @@ def export_page(
     """
     check_name(path)
     state = session.scene.start
-    text = exported(session, state, modes) if is_still else page_of(session, state, modes)
+    text = export_state(session, state, modes) if is_still else page_of(session, state, modes)
     write_text(path, text)
     return Path(path)
 
 
 def page_of(session: Session, state: RigState, modes: Sequence[str] = MODES) -> str:
     """Text of a page that computes, or of recorded figures that says why it does not."""
-    if why := why_recorded(session, state):
-        return exported(session, state, modes, [why])
+    if why := record_cause(session, state):
+        return export_state(session, state, modes, [why])
     return live_page(session, state)
 
 
@@ -188,11 +188,11 @@ def check_name(path: str | Path) -> None:
     check_place(Path(path))
 
 
-def exported(
+def export_state(
     session: Session, state: RigState, modes: Sequence[str] = MODES, notes: Sequence[str] = ()
 ) -> str:
     """Text of a page of recorded figures; ResourceError for more than `MOST_FACES` faces."""
-    scene = session.scene.described(can_edit=False)
+    scene = session.scene.describe(can_edit=False)
     scene["notes"] += notes
     own = [each for each in scene["modes"] if each["id"] in modes]
     frames: ByName = {}
@@ -200,27 +200,32 @@ def exported(
     n = 0 if phases is None else phases.count
     if phases is not None and n * len(own) * scene["n_faces"] > MOST_LEVELS:
         n = 0
-        scene = {name: each for name, each in scene.items() if name not in phases.described()}
+        scene = {name: each for name, each in scene.items() if name not in phases.describe()}
     times: list[tuple[float, ...]] = [(row,) for row in range(n)] or [()]
     known = set()
     for at, mode in product(times, (each["id"] for each in own)):
         with session.lock:
             asked = session.of(state, at)
             try:
-                head, levels = unframed(asked.answer("frame", mode=mode))
+                head, levels = remove_head(asked.answer("frame", mode=mode))
             except RastercovError:
                 continue  # by exact area where a threshold is of a face
             known.add(mode)
-            head["state"] = _recorded(session, asked)
+            head["state"] = _record_figures(session, asked)
             frames["@".join((mode, *map(str, at)))] = head | levels_of(levels)
     asked = session.of(state, times[0])
     zones: list[Any] = asked.answer("zones") if "area" in frames else []
     scene["modes"] = [each for each in own if each["id"] in known]
-    data = {"scene": scene, "state": _recorded(session, asked), "frames": frames, "zones": zones}
-    return embedded(session.scene.mesh, data)
+    data = {
+        "scene": scene,
+        "state": _record_figures(session, asked),
+        "frames": frames,
+        "zones": zones,
+    }
+    return embed_scene(session.scene.mesh, data)
 
 
-def _recorded(session: Session, asked: Stations) -> ByName:
+def _record_figures(session: Session, asked: Stations) -> ByName:
     """The rig of a page of recorded figures at a time."""
     own = {"revision": 0, "at": asked.moment.at, "goal": ""}
-    return described_state(session.scene, asked.state, asked.shown) | own
+    return describe_state(session.scene, asked.state, asked.shown) | own

@@ -34,19 +34,19 @@ from rastercov.base import (
     read_json,
     shown,
 )
-from rastercov.core.area.features import narrowed
+from rastercov.core.area.features import narrow
 from rastercov.core.camera import (
     Camera,
     EquipmentKind,
     Poses,
     Rig,
     Views,
-    distance_kept,
+    distance_to_keep,
     equipment_on,
 )
 from rastercov.core.camera.catalogue import catalogue, product_of
 from rastercov.core.camera.rig import with_equipment
-from rastercov.core.camera.viewpoints import distances_tried
+from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.task import Task
@@ -59,9 +59,9 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.entries import PlanSections
 from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan
 from rastercov.placement.plan.generator import BESIDE
-from rastercov.placement.plan.goals import OwnGoal, goals_apart
+from rastercov.placement.plan.goals import OwnGoal, separate_goals
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
-from rastercov.placement.plan.scene import candidate_pool, named_scene
+from rastercov.placement.plan.scene import candidate_pool, name_scene
 from rastercov.placement.plan.sections import (
     OF_DEVICES,
     AllSelection,
@@ -78,9 +78,9 @@ from rastercov.report.live import (
 )
 from rastercov.report.modes import MODES, OF_EQUIPMENT, of_gates
 from rastercov.report.pages import (
-    described_camera,
-    described_mesh,
-    described_mode,
+    describe_camera,
+    describe_mesh,
+    describe_mode,
 )
 from rastercov.report.panorama import is_inside
 from rastercov.report.plan_geometry import rooms_of
@@ -187,7 +187,7 @@ class Scene:
             check_choice("goal", name, self.goal_names[1:])
         return next((each for each in self.goals if each.name == name), None)
 
-    def equipped(self, given: Mapping[str, Path | None]) -> "Scene":
+    def equip(self, given: Mapping[str, Path | None]) -> "Scene":
         """The same with equipment of files; ConfigError for that of a plan, or another unit."""
         words = [word for word, path in given.items() if path is not None]
         if self.plan is not None and words:
@@ -201,23 +201,23 @@ class Scene:
         )
         for each in rig.equipment.values():
             each.carried_by(tuple(start.cameras))
-        start = replace(start, whole=rig, task=narrowed(rig, start.task))
-        notes = tuple(each for each in self.notes if each not in map(_asked, words))
+        start = replace(start, whole=rig, task=narrow(rig, start.task))
+        notes = tuple(each for each in self.notes if each not in map(_answer_of, words))
         return replace(self, start=start, notes=notes)
 
-    def placed(
+    def place(
         self, at: Sequence[float], goal: OwnGoal | None = None
     ) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
         """The mesh in a phase, the face at rest of each of its faces, and poses of bodies by name.
 
-        Phases, and errors, as of `PlanPhases.placed`. Of a goal, and of the task beside goals, its
+        Phases, and errors, as of `PlanPhases.place`. Of a goal, and of the task beside goals, its
         groups alone are to cover.
         """
         if self.phases is None:
             mesh = goal.mesh if goal else self.task_mesh or self.mesh
             is_there = np.isin(self.mesh.face_group, np.unique(mesh.face_group))
             return mesh, np.flatnonzero(is_there), {}
-        return self.phases.placed(at)
+        return self.phases.place(at)
 
     def carriers(self, cameras: Iterable[str]) -> dict[str, str]:
         """Body of each camera that is fixed to one."""
@@ -303,9 +303,9 @@ class Scene:
         around = default_space(self.mesh, state, is_room=self.is_room)
         return around if self.pool is None else replace(self.pool.space, boxes=around.boxes)
 
-    def described(self, *, can_edit: bool = True) -> ByName:
+    def describe(self, *, can_edit: bool = True) -> ByName:
         """Everything of the scene that does not change, ready for JSON."""
-        return described_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
+        return describe_mesh(self.mesh, [each.pose for each in self.start.stations]) | {
             "title": self.title,
             "unit": self.start.unit,
             "version": rastercov.__version__,
@@ -315,7 +315,7 @@ class Scene:
             "camera_fields": CAMERA_FIELDS,
             "catalogue": self._sold() if can_edit else [],
             "modes": [
-                described_mode(name, MODES[name])
+                describe_mode(name, MODES[name])
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
                 for name in self.modes
             ],
@@ -324,7 +324,7 @@ class Scene:
             "placement": self.placement,
             "result": self.result,
             "notes": list(self.notes),
-            **({} if self.phases is None else self.phases.described()),
+            **({} if self.phases is None else self.phases.describe()),
         }
 
     def _sold(self) -> list[tuple[str, str]]:
@@ -385,8 +385,8 @@ def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
     whole = size * max(camera.fx, camera.fy) / min(camera.width, camera.height)
     if camera.is_parallel:
         whole = size
-    return distances_tried(
-        size, whole, camera.depth_of_field(), camera.near, distance_kept([camera])
+    return distances_to_try(
+        size, whole, camera.depth_of_field(), camera.near, distance_to_keep([camera])
     )
 
 
@@ -401,27 +401,27 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
     box = np.stack((low - reach, high + reach))
     if len(eyes):
         box = np.stack((np.minimum(box[0], eyes.min(axis=0)), np.maximum(box[1], eyes.max(axis=0))))
-    return PoseSpace(mesh=mesh, boxes=box, clearance=distance_kept(state.cameras.values()))
+    return PoseSpace(mesh=mesh, boxes=box, clearance=distance_to_keep(state.cameras.values()))
 
 
-def described_state(scene: Scene, state: RigState, shown: RigState | None = None) -> ByName:
+def describe_state(scene: Scene, state: RigState, shown: RigState | None = None) -> ByName:
     """The state of a rig, ready for JSON, with the poses that are shown; see `Scene.places`."""
     thresholds = [each["name"] for each in task_fields(state.whole)]
     stations, tasks = (state if shown is None else shown).stations, state.whole.tasks
     return {
-        "stations": described_stations(stations, scene.places(state)),
+        "stations": describe_stations(stations, scene.places(state)),
         "cameras": {
-            name: described_camera(camera)
+            name: describe_camera(camera)
             | {"task": as_entries(tasks[name]) if name in tasks else None}
             for name, camera in state.cameras.items()
         },
         "task": {name: getattr(state.task, name) for name in thresholds},
-        "devices": described_devices(state.whole),
+        "devices": describe_devices(state.whole),
         "needed": state.needed and dict(state.needed),
     }
 
 
-def described_stations(stations: Sequence[Station], places: Iterable[str] = ()) -> list[ByName]:
+def describe_stations(stations: Sequence[Station], places: Iterable[str] = ()) -> list[ByName]:
     """Stations with words on their places, ready for JSON."""
     return [
         {
@@ -441,7 +441,7 @@ def place_words(judged: ByteArray) -> list[str]:
     return [PLACES[code] for code in judged.tolist()]
 
 
-def described_devices(rig: Rig) -> list[ByName]:
+def describe_devices(rig: Rig) -> list[ByName]:
     """Equipment of a rig, ready for JSON; of pieces that ride, the poses on their cameras."""
     camera_from_rig = np.linalg.inv(rig.rig_from_camera)
     figures: list[ByName] = []
@@ -454,7 +454,7 @@ def described_devices(rig: Rig) -> list[ByName]:
                     "id": f"{word} {row}",
                     "group": word.capitalize(),
                     "name": own.names[row],
-                    **own._described(row),
+                    **own._describe(row),
                     "pose": None if on else place.ravel().tolist(),
                     "rides": rides,
                 }
@@ -473,7 +473,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         For a rig of other cameras than the plan's.
     """
     plan = read_plan(path)
-    mesh, plan, _ = named_scene(plan)
+    mesh, plan, _ = name_scene(plan)
     chosen = None if rig is None else rig.rig
     notes: tuple[str, ...] = ()
     for each in hooks_of(PlanFeature):
@@ -482,7 +482,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
                 notes += (
                     f"{each.word} are not chosen yet; give the poses.json of place as --poses",
                 )
-            plan = each.with_chosen(plan, chosen)
+            plan = each.add_choice(plan, chosen)
     pool = candidate_pool(plan, mesh) if plan.has_cameras else None
     cameras = plan.rig if plan.has_cameras else None
     if rig is not None:
@@ -508,7 +508,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         start = replace(start, needed=dict(plan.task.views))
     notes += rule_notes(cameras or (rig.rig if rig is not None else None))
     phases = phases_of(plan, mesh)
-    task_mesh, goals = goals_apart(plan, mesh)
+    task_mesh, goals = separate_goals(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: ByName = {"task_mesh": task_mesh, "goals": goals, "by": by}
     of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints, "plan_file": plan.name}
@@ -552,7 +552,7 @@ Shown = tuple[Mesh | PlanPhases, Mapping[str, object]]
 """Mesh of a result, or its phases, and its equipment or their files by word."""
 
 
-def _asked(word: str) -> str:
+def _answer_of(word: str) -> str:
     """Note on a result with equipment that is not there."""
     return f"the page shows the result without its {word}; give them as --{word}"
 
@@ -574,7 +574,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         entries that no command wrote.
     """
     try:
-        return _opened(folder, load)
+        return _open_scene(folder, load)
     except (LookupError, TypeError, AttributeError):
         raise ConfigError(
             f"{printable(str(folder))}: expected entries of rastercov, got other entries; run "
@@ -582,7 +582,7 @@ def open_result(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
         ) from None
 
 
-def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
+def _open_scene(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     """Scene of a result; errors of entries of other types are those of Python."""
     run = run_of(folder)
     name, (kind, rig_name) = next(each for each in RESULTS.items() if (folder / each[0]).is_file())
@@ -611,7 +611,9 @@ def _opened(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     result = {"kind": kind, "words": f"of rastercov {kind}, in {folder}"}
     notes = rule_notes(read_views(rig_file).rig)
     for each in hooks_of(EquipmentKind):
-        notes += (_asked(each.word),) if each.entry in told and each.word not in equipment else ()
+        notes += (
+            (_answer_of(each.word),) if each.entry in told and each.word not in equipment else ()
+        )
     title, own = folder.resolve().name, told.get("plan")
     own = own if isinstance(own, Mapping) else {}
     try:
@@ -656,10 +658,10 @@ def scene_of_place(folder: Path) -> Shown | None:
             needed.add("task")
         entries = {name: told["plan"][name] for name in needed} | {"candidates": beside}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
-        mesh, plan, _ = named_scene(plan)
+        mesh, plan, _ = name_scene(plan)
         chosen = read_views(folder / "poses.json").rig if beside else None
-        equipment = chosen.equipment if chosen else plan.built_equipment()
-        return phases_of(plan, mesh) or goals_apart(plan, mesh)[0], equipment
+        equipment = chosen.equipment if chosen else plan.build_equipment()
+        return phases_of(plan, mesh) or separate_goals(plan, mesh)[0], equipment
     except RastercovError:  # such as a file that was moved
         return None
 
@@ -678,12 +680,14 @@ def _with_roles(mesh: Mesh, scene: ReadByName) -> Mesh:
     """The mesh with the groups' roles of a result; as it is where it has other groups."""
     groups = scene.get("groups", ())
 
-    def named(role: str) -> list[str]:
+    def names_in(role: str) -> list[str]:
         return [str(group["name"]) for group in groups if group.get(role)]
 
     if [group.name for group in mesh.groups] != [str(group["name"]) for group in groups]:
         return mesh  # another mesh, which its hash tells
-    return mesh.with_groups(named("is_occluder"), named("is_two_sided"), named("is_target"))
+    return mesh.with_groups(
+        names_in("is_occluder"), names_in("is_two_sided"), names_in("is_target")
+    )
 
 
 def _cameras(run: ReadByName) -> Rig:

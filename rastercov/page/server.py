@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from rastercov.base import ByName, ConfigError, ResourceError, one_line
 from rastercov.base.interrupts import ABANDONED
 from rastercov.page.actions import MOST_OF_DRAWING
-from rastercov.page.live import opened
+from rastercov.page.live import open_live
 from rastercov.page.saving import Saving
 from rastercov.page.session import Session, StaleError
 from rastercov.page.work import BusyError, Work
@@ -114,7 +114,7 @@ class _Guard:
             await _error(403, fault)(scope, receive, send)
             return
         if scope["path"].startswith("/api/"):
-            self._authenticated(scope)
+            self._authenticate(scope)
 
         async def with_headers(message: "Message") -> None:
             if message["type"] == "http.response.start":
@@ -123,7 +123,7 @@ class _Guard:
 
         await self.app(scope, receive, with_headers)
 
-    def _authenticated(self, scope: "Scope") -> None:
+    def _authenticate(self, scope: "Scope") -> None:
         """Take note of a request with the token."""
         if (connection := scope.get("state", {}).get("connection")) is not None:
             connection.is_authenticated = True
@@ -185,15 +185,15 @@ def _answers(session: Session, work: Work, saving: Saving) -> list[tuple[str, st
         return {"revision": session.load()["revision"], "measured": session.progress}
 
     return [
-        ("open", "GET", lambda body: opened(session)),
+        ("open", "GET", lambda body: open_live(session)),
         ("load", "GET", lambda body: session.load()),
         ("store", "POST", lambda body: session.store(body)),
         ("ask", "POST", lambda body: session.ask(body)),
-        ("drawing", "GET", lambda body: session.described_drawing()),
+        ("drawing", "GET", lambda body: session.describe_drawing()),
         ("drawing", "POST", lambda body: session.draw(body)),
         ("ping", "GET", ping),
         ("job", "POST", lambda body: {"id": work.start(body)}),
-        ("job", "GET", lambda body: work.described()),
+        ("job", "GET", lambda body: work.describe()),
         ("job/cancel", "POST", lambda body: work.cancel()),
         ("save", "POST", lambda body: saving.save(body)),
         ("download", "POST", lambda body: saving.content(body)),

@@ -40,7 +40,7 @@ from rastercov.core.area.frames import to_world
 from rastercov.core.camera import Camera, Rig
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh.groups import rows_of
-from rastercov.core.mesh.unseeable import unseeable_where_seen
+from rastercov.core.mesh.unseeable import unseeable_in_view
 from rastercov.page.actions import (
     Drawing,
     Matrix,
@@ -50,7 +50,7 @@ from rastercov.page.actions import (
     Point,
     Stored,
     TakenRig,
-    checked,
+    check_entries,
 )
 from rastercov.page.measurements import (
     BYTES_A_FACE,
@@ -62,14 +62,14 @@ from rastercov.page.measurements import (
     StationAreas,
     why,
 )
-from rastercov.page.rig_state import RigState, Station, checked_pose
+from rastercov.page.rig_state import RigState, Station, check_pose
 from rastercov.page.scene import OF_A_RIG, SEGMENT_OPTIONS, Scene, place_words
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.network import (
     Requirement,
-    judge,
-    judge_areas,
+    classify_areas,
+    classify_network,
     limits_of,
     views_by_group,
 )
@@ -77,8 +77,8 @@ from rastercov.placement.select.problem import in_whole_numbers, weights_of
 from rastercov.report.camera_pictures import by_faces, camera_keys, camera_pixels, camera_scene
 from rastercov.report.modes import OCCLUDER, OCCLUDER_OF_REASONS, mode_of
 from rastercov.report.pages import (
-    described_camera,
-    described_frame,
+    describe_camera,
+    describe_frame,
     soup_origin,
     zone_entries,
 )
@@ -95,22 +95,22 @@ MOST_STATES = 8
 
 
 class Moment:
-    """The scene in one phase, for its task or a goal, see `Scene.placed`, and what is measured."""
+    """The scene in one phase, for its task or a goal, see `Scene.place`, and what is measured."""
 
     def __init__(self, scene: Scene, at: tuple[float, ...], method: str, goal: str = "") -> None:
         self.scene, self.at, self.goal = scene, at, scene.goal(goal)
-        self.mesh, self.kept, self.poses = scene.placed(at, self.goal)
+        self.mesh, self.kept, self.poses = scene.place(at, self.goal)
         self.measurements = Measurements(self.mesh, method, scene.by)
         self._shown: tuple[RigState, RigState] | None = None
         self._figures: NetworkFigures | None = None
 
-    def shown(self, state: RigState) -> RigState:
+    def show(self, state: RigState) -> RigState:
         """The state with cameras where bodies carry them, and the thresholds of the goal."""
         kept = self._shown  # which another thread may change
         if kept is None or kept[0] is not state:
             own = self.scene.carriers(state.cameras)
             bodies = {name: self.poses[body] for name, body in own.items()}
-            placed = state.carried(bodies)
+            placed = state.carry_bodies(bodies)
             if self.goal is not None:
                 plan = self.goal.plan
                 placed = replace(placed, task=plan.build_task(), needed=views_by_group(plan, None))
@@ -119,7 +119,7 @@ class Moment:
 
     def figures(self, state: RigState, *, is_drag: bool = False) -> NetworkFigures:
         """Coverage by the cameras of a state; during a drag of many pairs by whole faces."""
-        shown, kept = self.shown(state), self._figures
+        shown, kept = self.show(state), self._figures
         if kept is None or kept.state is not shown or kept.by_face_because == ROUGH:
             rows = self.measurements.rows(shown, shown.on)
             areas, because = None, ROUGH
@@ -131,7 +131,7 @@ class Moment:
             self._figures = kept = NetworkFigures(self.mesh, shown, rows, areas, because)
         return kept
 
-    def required(self, state: RigState, *, is_drag: bool) -> list[ByName]:
+    def requirements(self, state: RigState, *, is_drag: bool) -> list[ByName]:
         """Requirements of the plan for the task, or the goal, and its state, ready for JSON."""
         goal, plan = self.goal, self.scene.plan
         if plan is None or self.scene.phases is not None:
@@ -149,12 +149,14 @@ class Moment:
         if figures.areas is not None:
             network, is_seeable = figures.areas.network, plan.task.weight_by == "seeable"
             share = network.covered.area[0] / np.maximum(self.mesh.areas, TINY)
-            left = self.mesh.areas - unseeable_where_seen(self.mesh, share) if is_seeable else None
-            requirements: Sequence[Requirement] = judge_areas(network, limits, wanted, seeable=left)
+            left = self.mesh.areas - unseeable_in_view(self.mesh, share) if is_seeable else None
+            requirements: Sequence[Requirement] = classify_areas(
+                network, limits, wanted, seeable=left
+            )
         else:
             weights = in_whole_numbers(weights_of(self.mesh, plan.task.weight_by))
-            requirements = judge(self.mesh, weights, limits, figures.covered)
-        own = requirements if goal is None else [goal.required(each) for each in requirements]
+            requirements = classify_network(self.mesh, weights, limits, figures.covered)
+        own = requirements if goal is None else [goal.requirement_of(each) for each in requirements]
         by_face, state = figures.areas is None, figures.state
         words = task_in_words(asdict(state.task), state.needed, by_face=by_face)
         name, asked = (goal.name, goal.asked) if goal else ("", words)
@@ -185,7 +187,7 @@ class Stations(NamedTuple):
     @property
     def shown(self) -> RigState:
         """The state with cameras where they are at that time."""
-        return self.moment.shown(self.state)
+        return self.moment.show(self.state)
 
     def figures(self) -> NetworkFigures:
         """Coverage by the cameras."""
@@ -214,7 +216,7 @@ _FORMS: dict[str, type[Of]] = {}
 def _question(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Make a function a question: its arguments after the first are those of the request."""
 
-    def added(answer: Callable[..., Any]) -> Callable[..., Any]:
+    def add_action(answer: Callable[..., Any]) -> Callable[..., Any]:
         hints = get_type_hints(answer, include_extras=True)
         default = {name: each.default for name, each in signature(answer).parameters.items()}
         own = {
@@ -226,7 +228,7 @@ def _question(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
         QUESTIONS[name], _FORMS[name] = answer, create_model(name, __base__=Of, **fields)
         return answer
 
-    return added
+    return add_action
 
 
 @_question("frame")
@@ -248,11 +250,11 @@ def _frame(
     away = 0 if moment.scene.phases else of_others  # of a body, or of targets of other goals
     levels = np.full(mesh.n_faces, away, np.uint8)
     levels[moment.kept] = painted.levels
-    head = described_frame(mode, painted) | {"summary": _summary(asked, figures)}
+    head = describe_frame(mode, painted) | {"summary": _summary(asked, figures)}
     if len(moment.at) > 1:
         poses = np.stack(list(moment.poses.values()))[:, :3]
         head["bodies"] = base64.b64encode(np.ascontiguousarray(poses).data).decode()
-    return framed(head, levels.tobytes())
+    return add_head(head, levels.tobytes())
 
 
 @_question("phase")
@@ -272,9 +274,9 @@ def _places(asked: Stations) -> ByName:
 
 
 @_question("settled")
-def _settled(asked: Stations, pose: Matrix, before: Matrix) -> ByName:
+def _settle_pose(asked: Stations, pose: Matrix, before: Matrix) -> ByName:
     """The pose at the nearest allowed place, or the one before; words where it is another."""
-    wanted, kept = (checked_pose(np.reshape(each, (4, 4))) for each in (pose, before))
+    wanted, kept = (check_pose(np.reshape(each, (4, 4))) for each in (pose, before))
     space, scene = asked.space(), asked.session.scene
     eyes, is_allowed = space.project_to_allowed(wanted[None, :3, 3])
     made = wanted.copy() if is_allowed[0] else kept.copy()
@@ -289,7 +291,7 @@ def _settled(asked: Stations, pose: Matrix, before: Matrix) -> ByName:
 
 
 @_question("allowed")
-def _allowed(asked: Stations, eyes: list[Point]) -> ByName:
+def project_to_allowed(asked: Stations, eyes: list[Point]) -> ByName:
     """The nearest allowed place of each of some places, where there is one."""
     project, is_allowed = asked.space().project_to_allowed(np.reshape(np.array(eyes), (-1, 3)))
     return {"eyes": project.tolist(), "is_allowed": is_allowed.tolist()}
@@ -346,7 +348,7 @@ def _open(asked: Stations) -> list[ByName]:
 def _camera(asked: Stations, name: Name = "", plain: ByName | None = None) -> ByName:
     """Description of a camera of the catalogue by its name, or of one with values of its own."""
     sold = {"preset": name, "catalogue": asked.state.catalogue}
-    return described_camera(Camera.from_dict(sold if plain is None else plain))
+    return describe_camera(Camera.from_dict(sold if plain is None else plain))
 
 
 @_question("pieces")
@@ -360,12 +362,12 @@ def _pieces(asked: Stations) -> bytes:
     try:
         zones = asked.areas().zones
     except ConfigError as error:  # no fault of the page, which asks at every rest
-        return framed({"fault": str(error)}, b"")
+        return add_head({"fault": str(error)}, b"")
     counts, origin = np.diff(zones.starts), soup_origin(asked.session.scene.mesh)
     corners = to_world(moment.mesh, np.repeat(zones.face, counts), zones.xy) - origin
     of_pieces = moment.kept[zones.face], zones.leads, counts
     numbers = np.concatenate(([len(counts)], *of_pieces)).astype("<u4")
-    return framed({}, numbers.tobytes() + corners.astype("<f4").tobytes())
+    return add_head({}, numbers.tobytes() + corners.astype("<f4").tobytes())
 
 
 @_question("image")
@@ -397,7 +399,7 @@ def _image(
     ]
     image.save(buffer, "PNG", compress_level=1)
     head = {"width": image.width, "height": image.height, "title": own.name, "legend": legend}
-    return framed(head, buffer.getvalue())
+    return add_head(head, buffer.getvalue())
 
 
 @_question("why")
@@ -466,13 +468,13 @@ class Session:
         """
         name = str(entries.get("question"))
         check_choice("question", name, tuple(QUESTIONS))
-        request = checked(_FORMS[name], entries)
+        request = check_entries(_FORMS[name], entries)
         given = {name: getattr(request, name) for name in _FORMS[name].model_fields}
         with self.lock:
-            asked = self.taken(given.pop("rig"), given.pop("at"), given.pop("goal"))
+            asked = self.take(given.pop("rig"), given.pop("at"), given.pop("goal"))
             return asked.answer(given.pop("question"), **given)
 
-    def taken(self, rig: TakenRig | None, at: Sequence[float], goal: str) -> Stations:
+    def take(self, rig: TakenRig | None, at: Sequence[float], goal: str) -> Stations:
         """`of` the rig of a page."""
         return self.of(None if rig is None else self._state(rig), at, goal)
 
@@ -496,7 +498,7 @@ class Session:
         made = replace(
             start,
             stations=tuple(
-                Station(e.id, e.name, e.camera, checked_pose(np.reshape(e.pose, (4, 4))), e.is_on)
+                Station(e.id, e.name, e.camera, check_pose(np.reshape(e.pose, (4, 4))), e.is_on)
                 for e in rig.stations
             ),
             whole=self._whole[1],
@@ -541,7 +543,7 @@ class Session:
 
     def store(self, entries: ReadByName) -> ByName:
         """Take changes of what is stored, see `Stored`; StaleError where another page was first."""
-        given = checked(Stored, entries)
+        given = check_entries(Stored, entries)
         with self._storing:
             known = self._stored
             if given.revision != known.revision:
@@ -554,15 +556,15 @@ class Session:
             self._stored = given.model_copy(update=own)
             return {"revision": self._stored.revision}
 
-    def described_drawing(self) -> ByName:
+    def describe_drawing(self) -> ByName:
         """The drawing under the floor plan, ready for JSON; empty where there is none."""
         return {} if self.drawing is None else self.drawing.model_dump()
 
     def draw(self, changes: ReadByName) -> None:
         """Take other entries of the drawing, or no drawing without any."""
         with self.lock:
-            known = self.described_drawing()
-            self.drawing = checked(Drawing, {**known, **changes}) if changes else None
+            known = self.describe_drawing()
+            self.drawing = check_entries(Drawing, {**known, **changes}) if changes else None
 
     def over_phases(self, state: RigState) -> Mapping[str, FloatArray]:
         """Values of modes over all phases, (F,), kept for the last state."""
@@ -575,7 +577,7 @@ class Session:
             self._in_phases = state, phases.values(rig, poses, state.task)
         return self._in_phases[1]
 
-    def segmented(self, alpha: float, beta: float) -> Segmentation:
+    def segment(self, alpha: float, beta: float) -> Segmentation:
         """Segments, kept for the last angles."""
         if self._segments is None or self._segments[0] != (alpha, beta):
             self._segments = (alpha, beta), segment(self.scene.mesh, alpha, beta)
@@ -610,8 +612,8 @@ def _whole_of(whole: Rig, rig: TakenRig) -> Rig:
         for row in range(len(each.names)):
             place = places.pop(f"{word} {row}", None)
             if place is not None and not each.rides[row]:
-                each = each.at(row, checked_pose(np.reshape(place, (4, 4))))
-        whole = whole._equipped(word, each)
+                each = each.at(row, check_pose(np.reshape(place, (4, 4))))
+        whole = whole._equip(word, each)
     for name in places:
         raise ConfigError(f"expected equipment of the scene, got {shown(name)}; choose another")
     return whole
@@ -621,7 +623,7 @@ def _summary(asked: Stations, figures: NetworkFigures) -> ByName:
     """Figures of the network, its cost, and what the plan asks for."""
     session, at, state = asked.session, asked.moment.at, asked.state
     moments = [session.of(state, at, name).moment for name in session.scene.goal_names]
-    items = [moment.required(state, is_drag=asked.is_drag) for moment in moments]
+    items = [moment.requirements(state, is_drag=asked.is_drag) for moment in moments]
     required = [each for of_one in items for each in of_one]
     own = {"cost": session.scene.cost(state), "required": required}
     return figures.summary() | own
@@ -643,7 +645,7 @@ def _values(
         return asked.session.over_phases(asked.state)[mode][moment.kept]
     if mode == "segments":
         angles = (_angle(options, each) for each in SEGMENT_OPTIONS)
-        return asked.session.segmented(*angles).labels[moment.kept]
+        return asked.session.segment(*angles).labels[moment.kept]
     if station is None:
         if not state.stations:
             raise ConfigError("expected a camera, got none; add one")
@@ -651,13 +653,13 @@ def _values(
     return moment.measurements.rows(state, [state.station(station)])[0].coverage
 
 
-def framed(head: ReadByName, payload: bytes) -> bytes:
+def add_head(head: ReadByName, payload: bytes) -> bytes:
     """A frame: length of the JSON as uint32, little-endian, the JSON, and the payload."""
     text = json.dumps(head, allow_nan=False).encode()
     return struct.pack("<I", len(text)) + text + payload
 
 
-def unframed(frame: bytes) -> tuple[ByName, bytes]:
+def remove_head(frame: bytes) -> tuple[ByName, bytes]:
     """JSON and payload of a frame."""
     (size,) = struct.unpack_from("<I", frame)
     return json.loads(frame[4 : 4 + size]), frame[4 + size :]

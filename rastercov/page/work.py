@@ -10,9 +10,9 @@ from pydantic import Field
 
 from rastercov.base import ByName, ConfigError, RastercovError, ReadByName, plural
 from rastercov.base.interrupts import ABANDONED
-from rastercov.page.actions import Action, checked
+from rastercov.page.actions import Action, check_entries
 from rastercov.page.rig_state import MOST_STATIONS, RigState
-from rastercov.page.scene import described_stations
+from rastercov.page.scene import describe_stations
 from rastercov.page.session import Session
 from rastercov.placement.plan.run import place
 from rastercov.placement.plan.sections import BestSelection
@@ -54,7 +54,7 @@ class Work:
         ConfigError
             Without a plan that says how.
         """
-        asked, plan = checked(PageJob, entries), self.session.scene.plan
+        asked, plan = check_entries(PageJob, entries), self.session.scene.plan
         if plan is None or not self.session.scene.placement["is_by_plan"]:
             raise ConfigError("expected a plan that places cameras, got none; open one")
         with self._lock:
@@ -68,7 +68,7 @@ class Work:
             self._thread.start()
         return number
 
-    def described(self) -> ByName:
+    def describe(self) -> ByName:
         """The work that is running or was last, ready for JSON; `id` is None before the first.
 
         While it is running, `words` name its step, and there are the seconds that this has taken.
@@ -80,9 +80,9 @@ class Work:
             return said
 
     def cancel(self) -> ByName:
-        """Ask the work to end, so that what it found is dropped; `described` of it."""
+        """Ask the work to end, so that what it found is dropped; `describe` of it."""
         self._cancel.set()
-        return self.described()
+        return self.describe()
 
     def _progress(self, done: int, total: int) -> None:
         if self._cancel.is_set():
@@ -108,7 +108,7 @@ class Work:
             placement = place(plan, None, self._step)
             made = RigState.of(plan.rig, placement.cameras.placed).stations
             words = f"place {plural(len(made), 'camera')}"
-            said = {"status": "done", "words": words, "stations": described_stations(made)}
+            said = {"status": "done", "words": words, "stations": describe_stations(made)}
         except Cancelled:
             said = {"status": "cancelled", "words": "cancelled; nothing changed"}
         except (RastercovError, MemoryError) as error:

@@ -32,7 +32,7 @@ from rastercov.base import (
     frozen_record,
     members,
 )
-from rastercov.base.limits import limited
+from rastercov.base.limits import limit_time
 from rastercov.core.area.by_camera import cameras_apart
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.network import AreaNetwork, unit_of_result
@@ -48,12 +48,12 @@ from rastercov.core.camera import (
 )
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.engine import coverage_spread
 from rastercov.placement.bits import CoveredBits, by_face
-from rastercov.placement.matrix_folder import shortened
+from rastercov.placement.matrix_folder import shorten_coverage
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.integer import MOST_PAIRS, select_integer
 from rastercov.placement.select.problem import (
@@ -182,7 +182,7 @@ def fewest(problem: Problem, needed: int) -> Selection:
     alike = replace(problem, weights=(problem.weights > 0).astype(np.float64))
     selection, pairs = select_greedy(alike), len(problem.bits.pairs()[1])
     if selection.gap > PROVED and needed < len(selection.chosen) and pairs <= MOST_PAIRS:
-        with suppress(ConfigError), limited("smallest subset", PROOF_SECONDS):  # without highspy
+        with suppress(ConfigError), limit_time("smallest subset", PROOF_SECONDS):  # without highspy
             proved = select_integer(alike, time_limit=PROOF_SECONDS, threads=1)
             if proved.status == "interrupted":
                 raise KeyboardInterrupt
@@ -411,7 +411,7 @@ def audit(
         size = usual_size(mesh) if resolution_of_result is None else resolution_of_result
         elements = cells(mesh, size)
     wanted = Wanted(engine, unit == "area", "covered" if unit == "face" else "none")
-    measures = _measured(mesh, camera, accepted, single, wanted, elements, folder, staff)
+    measures = _measure_cameras(mesh, camera, accepted, single, wanted, elements, folder, staff)
     is_measured = np.isin(accepted.ids, measures.network.pose_ids)
     accepted = accepted[is_measured]
     instants = tuple(np.array(instants, object)[is_measured]) if instants else ()
@@ -443,7 +443,7 @@ class _Measured(NamedTuple):
     quarantined: Mapping[int, str]
 
 
-def _measured(
+def _measure_cameras(
     mesh: Mesh,
     camera: Cameras,
     poses: Poses,
@@ -461,7 +461,7 @@ def _measured(
         shards = None
         if folder is not None:
             shards = EvaluationShards(Path(folder), observer, poses, task, wanted)
-        for batch in judged_parts(network, observer, poses, wanted, shards, staff):
+        for batch in classify_parts(network, observer, poses, wanted, shards, staff):
             network.add(batch)
             if areas is None or elements is None or batch.regions is None:
                 is_scored = mesh.task_mask[batch.rows.face]
@@ -471,7 +471,7 @@ def _measured(
                 areas.add(batch.regions)
                 shares = elements.share(batch.regions)
                 row = np.repeat(np.arange(len(batch.poses)), np.diff(shares.starts))
-                enough = shortened(shares.share, task.min_coverage)[1]
+                enough = shorten_coverage(shares.share, task.min_coverage)[1]
                 row, own = row[enough], shares.cell[enough]
             rows_of.append(n_measured + row)
             elements_of.append(own.astype(np.int32))

@@ -74,7 +74,7 @@ class CoveredBits:
     def from_dense(cls, covers: ArrayLike) -> Self:
         """Bits of an array (K, F), 1 where camera c covers face f."""
         dense = np.asarray(covers).astype(bool)
-        return cls.of(packed(dense), dense.shape[1])
+        return cls.of(pack_bits(dense), dense.shape[1])
 
     @classmethod
     def from_pairs(cls, row: IntArray, face: Int32Array, n_rows: int, n_faces: int) -> Self:
@@ -116,7 +116,7 @@ class CoveredBits:
 
     def faces_of(self, number: int) -> Int32Array:
         """(N,) faces of a row, ascending."""
-        return np.flatnonzero(unpacked(self.row(number), self.n_faces)).astype(np.int32)
+        return np.flatnonzero(unpack_bits(self.row(number), self.n_faces)).astype(np.int32)
 
     def counts_up_to(self, most: int) -> IntArray:
         """(F,) number of rows that cover each face, counted up to `most`."""
@@ -127,7 +127,7 @@ class CoveredBits:
                 kernels.count_up(part[start : start + step], planes)
         counts = np.zeros(self.n_faces, np.int64)
         for plane in planes:
-            counts += unpacked(plane, self.n_faces)
+            counts += unpack_bits(plane, self.n_faces)
         return counts
 
     def sums(
@@ -248,13 +248,13 @@ def by_face(indptr: IntArray, face: Int32Array, n_faces: int) -> tuple[IntArray,
     return starts, rows
 
 
-def unpacked(words: Words, n_faces: int) -> BoolArray:
+def unpack_bits(words: Words, n_faces: int) -> BoolArray:
     """(F,) bits of a row."""
     octets = np.ascontiguousarray(words, "<u8").view(np.uint8)
     return np.unpackbits(octets, count=n_faces, bitorder="little").astype(bool)
 
 
-def packed(faces: BoolArray) -> Words:
+def pack_bits(faces: BoolArray) -> Words:
     """(..., W) words of some faces, (..., F)."""
     octets = np.packbits(spread_out(faces, bool), axis=-1, bitorder="little")
     return octets.view("<u8").astype(np.uint64)

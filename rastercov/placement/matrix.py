@@ -39,10 +39,10 @@ from rastercov.base import (
     IntArray,
     frozen_record,
 )
-from rastercov.base.locks import locked
+from rastercov.base.locks import lock
 from rastercov.base.typed import typed
 from rastercov.core.area.cells import Cells
-from rastercov.core.camera import Cameras, Poses, renumbered
+from rastercov.core.camera import Cameras, Poses, renumber
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.shards import LOG
 from rastercov.core.coverage.task import Task
@@ -54,14 +54,14 @@ from rastercov.placement.matrix_folder import (
     add_bounds,
     claim,
     describe,
-    gathered,
+    gather_pairs,
     pairs_of,
     region_observer,
 )
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.uncovered import CandidateBounds
 from rastercov.shards import Made, Progress, Staff, Workers, silent
-from rastercov.shards.run import counted
+from rastercov.shards.run import count_poses_of
 from rastercov.shards.store import Note, remove_halves
 
 
@@ -140,7 +140,7 @@ class VisibilityMatrix:
     @cached_property
     def pairs(self) -> Pairs:
         """All pairs, in memory; ConfigError if a shard has been damaged."""
-        return gathered(pairs for part in self.parts for pairs in part.pairs())
+        return gather_pairs(pairs for part in self.parts for pairs in part.pairs())
 
     @property
     def indptr(self) -> IntArray:
@@ -187,12 +187,12 @@ class VisibilityMatrix:
     @property
     def mean_coverage(self) -> FloatArray:
         """(C,) mean coverage of each pose over the evaluated faces."""
-        totals = [totals for _, totals in self._derived(self.task.min_coverage)]
+        totals = [totals for _, totals in self._derive(self.task.min_coverage)]
         return np.concatenate(totals) / max(1, self.n_task_faces)
 
     def united(self) -> "VisibilityMatrix":
         """The matrix with the greatest coverage of any camera of a rig, each face once."""
-        return replace(self, parts=(self.pairs.united(),))
+        return replace(self, parts=(self.pairs.unite(),))
 
     def bits(self, least: float | None = None, starts: IntArray | None = None) -> CoveredBits:
         """Pairs with coverage of at least `least`, `Task.min_coverage` unless given, as bits.
@@ -210,14 +210,14 @@ class VisibilityMatrix:
         """
         least = self.task.min_coverage if least is None else least
         if starts is None:
-            return reduce(CoveredBits.joined, (bits for bits, _ in self._derived(least)))
+            return reduce(CoveredBits.joined, (bits for bits, _ in self._derive(least)))
         row = np.repeat(starts[:-1], self.pairs.counts) + self.on_rig
         enough = self.coverage >= np.float64(least)
         return CoveredBits.from_pairs(row[enough], self.face[enough], int(starts[-1]), self.n_faces)
 
-    def _derived(self, least: float) -> Iterator[tuple[CoveredBits, FloatArray]]:
+    def _derive(self, least: float) -> Iterator[tuple[CoveredBits, FloatArray]]:
         """Bits, and total coverage of each pose, of the parts."""
-        return (part.covered(least, self.n_faces) for part in self.parts)
+        return (part.rows_and_areas(least, self.n_faces) for part in self.parts)
 
     def joined(self, other: "VisibilityMatrix") -> "VisibilityMatrix":
         """Matrix of the poses of both, of one mesh and one task."""
@@ -318,30 +318,30 @@ def build_matrix(
     """
     if workers is not None and folder is None:
         raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
-    placed, task = renumbered(poses), task or Task()
-    with _opened(view, cells, task) as observer:
+    placed, task = renumber(poses), task or Task()
+    with _open_view(view, cells, task) as observer:
         header = describe(observer, placed, task, poses_a_shard, cells, mounts)
 
         def pairs(rows: slice, did: Callable[[int], None]) -> Pairs:
             return pairs_of(observer, placed[rows], task, cells, bounds, mounts, did)
 
         if folder is None:
-            did, n_at_once = counted(len(placed), progress), header["poses_a_shard"]
+            did, n_at_once = count_poses_of(len(placed), progress), header["poses_a_shard"]
             starts = range(0, max(1, len(placed)), n_at_once)
             parts = tuple(pairs(slice(at, at + n_at_once), did) for at in starts)
             return VisibilityMatrix(placed=placed, header=header, parts=parts)
-        with locked(Path(folder)) as place:
+        with lock(Path(folder)) as place:
             remove_halves(place)
             is_given = poses_a_shard is not None
             matrix = claim(place, header, observer, placed, is_given, note)
-            whole = matrix.filled(pairs, Staff(workers, progress, watch, note))
+            whole = matrix.fill(pairs, Staff(workers, progress, watch, note))
             if workers is not None and bounds is not None:
                 add_bounds(matrix, bounds)
             return VisibilityMatrix(placed=placed, header=matrix.header, parts=(whole,))
 
 
 @contextmanager
-def _opened(
+def _open_view(
     view: Observer | tuple[Mesh, Cameras], cells: Cells | None, task: Task
 ) -> Iterator[Observer]:
     """Observer of a view; of the regions in it where there are cells."""

@@ -46,10 +46,10 @@ from rastercov.base import (
 from rastercov.core.area.cells import Cells, cells
 from rastercov.core.area.frames import check_same_mesh
 from rastercov.core.area.regions import RegionObserver
-from rastercov.core.area.rows import gated
-from rastercov.core.camera import Poses, cameras_of, renumbered, rows_of_result
+from rastercov.core.area.rows import with_rule
+from rastercov.core.camera import Poses, cameras_of, renumber, rows_of_result
 from rastercov.core.camera.rig import with_places
-from rastercov.core.coverage.coverage import evaluate_batches, judged, measurements
+from rastercov.core.coverage.coverage import classify, evaluate_batches, measurements
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.observer import ExactObserver, Observer, open_observer
@@ -58,7 +58,7 @@ from rastercov.core.coverage.shard_inputs import (
     POSES,
     Inputs,
     npz_bytes,
-    opened_once,
+    open_once,
     read_npz,
     read_poses,
     write_inputs,
@@ -131,7 +131,7 @@ class Pairs(NamedTuple):
         """None, see `MatrixFolder.quarantined`."""
         return {}
 
-    def united(self) -> "Pairs":
+    def unite(self) -> "Pairs":
         """Each face of a pose once, with the greatest coverage of those that follow one another."""
         if not len(self.on_rig):
             return self
@@ -141,9 +141,9 @@ class Pairs(NamedTuple):
         counts = np.bincount(pose[rows], minlength=self.n_poses)
         return Pairs(counts, self.face[rows], best, NOT_ON_RIGS)
 
-    def covered(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
+    def rows_and_areas(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
         """Pairs with coverage of at least `least`, and (C,) total coverage of each pose."""
-        counts, face, coverage, _ = self.united()
+        counts, face, coverage, _ = self.unite()
         row, enough = np.repeat(np.arange(len(counts)), counts), coverage >= np.float64(least)
         bits = CoveredBits.from_pairs(row[enough], face[enough], len(counts), n_faces)
         return bits, np.bincount(row, coverage, len(counts)).astype(np.float64)
@@ -154,7 +154,7 @@ NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
 NOT_ON_RIGS = NO_PAIRS.on_rig
 
 
-def gathered(batches: Iterable[Pairs]) -> Pairs:
+def gather_pairs(batches: Iterable[Pairs]) -> Pairs:
     """Pairs of all batches."""
     return Pairs(*map(np.concatenate, zip(NO_PAIRS, *batches, strict=True)))
 
@@ -188,7 +188,7 @@ def pairs_of(
         if n_whole > n_done:
             did(n_whole - n_done)
         n_done = n_whole
-    pairs = gathered(items)
+    pairs = gather_pairs(items)
     if mounts is None or not mounts.has_rigs:
         return pairs
     camera = np.repeat(np.arange(len(owner)), pairs.counts)
@@ -205,7 +205,7 @@ def _of_faces(
     figures = ("coverage", *(FIGURES if bounds is not None else ()))
     for batch in evaluate_batches(observer, poses, task, fields=figures):
         pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-        short, _ = shortened(batch.coverage[pose, face], batch.task.min_coverage)
+        short, _ = shorten_coverage(batch.coverage[pose, face], batch.task.min_coverage)
         counts = np.bincount(pose, minlength=len(batch.pose_ids))
         yield Pairs(counts, face.astype(np.int32), short, NOT_ON_RIGS)
         if bounds is not None and len(batch.pose_ids):
@@ -219,11 +219,11 @@ def _of_cells(
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     for part, seen in measurements(observer, poses, rows_of_result(observer.camera, poses)):
         regions = seen.regions  # type: ignore[union-attr] # of a RegionObserver
-        shares = cells.share(gated(regions, observer.camera, part))
-        short, _ = shortened(shares.share, task.min_coverage)
+        shares = cells.share(with_rule(regions, observer.camera, part))
+        short, _ = shorten_coverage(shares.share, task.min_coverage)
         yield Pairs(np.diff(shares.starts), shares.cell, short, NOT_ON_RIGS)
         if bounds is not None and len(part):
-            bounds.add(judged(observer, judge, task, part, seen, FIGURES))
+            bounds.add(classify(observer, judge, task, part, seen, FIGURES))
 
 
 def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
@@ -235,7 +235,7 @@ def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObser
     return RegionObserver(observer.mesh, observer.camera, task, engine, only_task=True)
 
 
-def shortened(coverage: FloatArray, least: float) -> tuple[Float32Array, BoolArray]:
+def shorten_coverage(coverage: FloatArray, least: float) -> tuple[Float32Array, BoolArray]:
     """Coverage in float32, and the mask of values of at least `least`; both are consistent.
 
     No value is rounded across the threshold, nor down to 0. Thresholds other than 0 are 1e-30 or
@@ -421,9 +421,7 @@ class MatrixFolder:
             arrays["camera_on_rig"] = pairs.on_rig
         return memoryview(npz_bytes(arrays, level=LEVEL))
 
-    def filled(
-        self, measure: Callable[[slice, Callable[[int], None]], Pairs], staff: Staff
-    ) -> Self:
+    def fill(self, measure: Callable[[slice, Callable[[int], None]], Pairs], staff: Staff) -> Self:
         """The folder with all shards; those that are missing have the pairs that are measured."""
         sizes = dict[int, int]()
 
@@ -439,7 +437,7 @@ class MatrixFolder:
                 check(number)
         return replace(self, n_pairs=sum(sizes.values()))
 
-    def covered(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
+    def rows_and_areas(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
         """Pairs with coverage of at least `least`, and (C,) total coverage of each pose.
 
         Derived at the first call, by threads that each take the next shard, into a mapped file.
@@ -470,7 +468,7 @@ class MatrixFolder:
             def work(part: slice) -> None:
                 for number in range(part.start, part.stop):
                     rows = shards.rows(number)
-                    bits, total[rows] = self.pairs_of(number).covered(least, n_faces)
+                    bits, total[rows] = self.pairs_of(number).rows_and_areas(least, n_faces)
                     with lock:
                         file.seek(8 * shape[1] * rows.start)
                         file.write(bits.parts[0].data)
@@ -521,12 +519,12 @@ def claim(
             header = header | {"poses_a_shard": kept["poses_a_shard"]}
         for name, words in WORDS.items():
             if kept.get(name) != header.get(name):
-                raise ConfigError(_made(folder, words))
+                raise ConfigError(_check_origin(folder, words))
     write_inputs(folder, header, observer.mesh, observer.camera, poses, note)
     return MatrixFolder(folder, header)
 
 
-def _made(folder: Path, words: str) -> str:
+def _check_origin(folder: Path, words: str) -> str:
     return (
         f"{folder}: expected a matrix of the same inputs, got one made {words}; name another "
         "folder, or delete this one"
@@ -549,7 +547,7 @@ def read_header(folder: Path) -> ByName | None:
     data = contents(folder, HEADER)
     header: ByName | None = None if data is None else json.loads(data)
     if header is not None and header["format"] != FORMAT:
-        raise ConfigError(_made(folder, WORDS["format"]))
+        raise ConfigError(_check_origin(folder, WORDS["format"]))
     return header
 
 
@@ -587,11 +585,11 @@ def make(folder: Path, number: int | None, chosen: IntArray) -> memoryview:
     FolderLostError
         Where the files of the matrix are not there.
     """
-    return _opened(folder)(number, chosen)
+    return _open_shards(folder)(number, chosen)
 
 
-@opened_once
-def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], memoryview]:
+@open_once
+def _open_shards(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], memoryview]:
     """Function `make` of a folder."""
     header, task = scene.header, Task(**scene.header["task"])
     with ExitStack() as opened:
@@ -619,7 +617,7 @@ def _opened(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray], mem
     bounded: list[int] = []
 
     def make_shard(number: int | None, chosen: IntArray) -> memoryview:
-        placed, added = renumbered(scene.poses[chosen]), None if number is None else bounds
+        placed, added = renumber(scene.poses[chosen]), None if number is None else bounds
         pairs = pairs_of(observer, placed, task, made_on, added, mounts)
         data = matrix.shard_bytes(number, pairs, chosen)
         if number is not None:

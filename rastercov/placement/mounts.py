@@ -90,10 +90,10 @@ class Mounts:
         counts = np.diff(self.starts)[placed.camera]
         owner = np.repeat(np.arange(len(placed)), counts)
         camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
-        matrices = self.rig._placed(placed.world_from_camera[owner], camera)
+        matrices = self.rig._place(placed.world_from_camera[owner], camera)
         return Poses.of(matrices, camera=camera), owner
 
-    def placed(self, views: Views) -> Poses:
+    def place(self, views: Views) -> Poses:
         """Poses of mounts that a file names; PoseError for other names, or none."""
         if not views.camera_names:
             known = first_of(self.names, MOST_NAMES)
@@ -120,7 +120,7 @@ class Mounts:
         counts[np.isin(self.starts[:-1], list(self.rig.gates))] = 1
         return int(counts.max())
 
-    def united(self, lists: Lists, owner: IntArray, n: int) -> Lists:
+    def unite(self, lists: Lists, owner: IntArray, n: int) -> Lists:
         """Lists of n mounts from those of their cameras: what any of these has, in order."""
         if not self.has_rigs:
             return lists

@@ -43,7 +43,7 @@ from rastercov.core.area.zones import MOST_LINES, TRIED_PERCENT
 from rastercov.core.camera import (
     Poses,
     cameras_of,
-    distance_kept,
+    distance_to_keep,
     eyes_of,
     fibonacci_sphere,
     look_at,
@@ -220,7 +220,7 @@ def reconstruction(
         return made
     mesh, poses = result.mesh, result.poses
     if place is not None:
-        place, mesh, poses = place.levelled(mesh, poses)
+        place, mesh, poses = place.level(mesh, poses)
     task = replace(result.task, min_angle_deg=0.0)
     scene_of = mesh, result.camera, poses, task
     own = footprints(*scene_of, names=result.names, groups=surface, method=method)
@@ -246,7 +246,7 @@ def weak(audit: Audit) -> Weak:
     kind[is_task & (audit.widest_angle < wanted.min_angle)] = 1
     kind[is_task & (audit.views < wanted.views)] = 0
     rows = np.flatnonzero(kind >= 0)
-    zone = _connected(on, rows, kind[rows] + len(KINDS) * _is_unseeable(audit)[rows])
+    zone = _connected_parts(on, rows, kind[rows] + len(KINDS) * _is_unseeable(audit)[rows])
     area = np.bincount(zone, audit.problem.weights[rows]).astype(np.float64)
     order = np.argsort(-area, kind="stable")
     zones = np.full(len(kind), -1, np.int64)
@@ -254,7 +254,7 @@ def weak(audit: Audit) -> Weak:
     return Weak(kind, zones, area[order])
 
 
-def _connected(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
+def _connected_parts(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
     """Number of the connected part of each of some elements, (N,), of those of the same kind.
 
     Kinds are below twice the length of `KINDS`.
@@ -349,7 +349,7 @@ def summary_of(audit: Audit, unit: str = "m") -> ByName:
         density = quantile(audit.best_density, weights, mask & is_seen, share)
         return 1 / density if density > 0 else None
 
-    of_element = _connected(
+    of_element = _connected_parts(
         audit.elements, np.arange(len(weights)), np.zeros(len(weights), np.int64)
     )
     pieces = np.bincount(of_element, weights)
@@ -372,7 +372,7 @@ def summary_of(audit: Audit, unit: str = "m") -> ByName:
         words = [_facts(entry, least, unit)]
         entry["tried"] = None
         if row < n_tried and entry["distance"] and entry["unseen_because"] != "unseeable":
-            said, entry["tried"] = remedies.said(np.flatnonzero(own), entry["distance"])
+            said, entry["tried"] = remedies.say(np.flatnonzero(own), entry["distance"])
             words.append(said)
         entries.append(entry | {"advice": "; ".join(words)})
     of_kind = np.bincount(zones.kind[zones.kind >= 0], weights[zones.kind >= 0], len(KINDS))
@@ -519,5 +519,5 @@ def _around(audit: Audit, zones: Weak, unit: str) -> Candidates:
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
     made = Candidates.of(look_at(eyes, targets, upwards(audit.poses)), "weak")
-    kept = distance_kept(cameras_of(audit.camera)) if unit == "m" else 0.0
+    kept = distance_to_keep(cameras_of(audit.camera)) if unit == "m" else 0.0
     return filter_candidates(made, audit.mesh, max(CLEARANCE * away, kept))[0]

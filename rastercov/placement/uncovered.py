@@ -38,7 +38,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, verb
 from rastercov.base.typed import typed
-from rastercov.core.camera import Cameras, Poses, axes_of, led_by, renumbered
+from rastercov.core.camera import Cameras, Poses, axes_of, led_by, renumber
 from rastercov.core.camera.rig import are_central
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches
 from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
@@ -416,8 +416,8 @@ def what_is_left(
     >>> print(left.lines()[0])
     2 faces (16.7 % of the area) are not covered.
     """
-    network_poses, task = renumbered(poses), task or Task()
-    others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
+    network_poses, task = renumber(poses), task or Task()
+    others = renumber(np.zeros((0, 4, 4)) if candidates is None else candidates)
     n_poses = len(network_poses)
     opened = open_observer(*view) if isinstance(view, tuple) else nullcontext(view)
     with opened as observer:
@@ -432,10 +432,10 @@ def what_is_left(
         def further(done: int, total: int) -> None:
             progress(n_poses + done, n_poses + total)
 
-        return left_by(observer, network_poses, network, nearest.camera, mask, others, further)
+        return find_rest(observer, network_poses, network, nearest.camera, mask, others, further)
 
 
-def left_by(
+def find_rest(
     observer: Observer,
     poses: Poses,
     network: Network,

@@ -12,11 +12,11 @@ import numpy as np
 from rastercov.base import ByName, FloatArray, IntArray, first_of, plural
 from rastercov.base.format import distance
 from rastercov.core.area.failures import failures_of_rows
-from rastercov.core.area.remedies import SURE, rounded
+from rastercov.core.area.remedies import SURE, round_point
 from rastercov.core.camera import (
     Poses,
     cameras_of,
-    distance_kept,
+    distance_to_keep,
     eyes_of,
     fibonacci_sphere,
     look_at,
@@ -67,7 +67,7 @@ class WeakRemedies:
         sharp = max(audit.task.min_pixel_density, density)
         self._task = replace(audit.task, views=1, min_angle_deg=0.0, min_pixel_density=sharp)
 
-    def said(self, rows: IntArray, away: float) -> tuple[str, ByName | None]:
+    def say(self, rows: IntArray, away: float) -> tuple[str, ByName | None]:
         """Words on images for a zone, and their entries; those of none, and None.
 
         Parameters
@@ -84,13 +84,13 @@ class WeakRemedies:
             for steps in ((np.arange(n) + 0.5) / n for n in (POINTS, PLACES))
         )
         poses, targets = self._around(at, away)
-        chosen, share = self._taken(some, poses)
+        chosen, share = self._take(some, poses)
         if share < SURE:
             reach = distance(away * max(REACHES), self.unit)
             tried = f"none of the {len(poses):,} images tried within {reach}"
             return f"{tried} would improve at least half of it", None
         ends = poses.world_from_camera[chosen, :3, 3], targets[chosen]
-        eyes, aims = ([self._rounded(each, away)[1] for each in points] for points in ends)
+        eyes, aims = ([self._round_point(each, away)[1] for each in points] for points in ends)
         named, last = eyes, f", {'all ' * (len(eyes) > 1)}aimed at {aims[0]}"
         if len(set(aims)) > 1:
             named, last = [f"{a} towards {b}" for a, b in zip(eyes, aims, strict=True)], ""
@@ -113,33 +113,33 @@ class WeakRemedies:
         axis = np.linalg.svd(away[:: max(1, len(away) // 1000)], full_matrices=False)[2][0]
         return rows[np.argsort(away @ axis, kind="stable")]
 
-    def _rounded(self, point: FloatArray, away: float) -> tuple[FloatArray, str]:
+    def _round_point(self, point: FloatArray, away: float) -> tuple[FloatArray, str]:
         """A point to three digits of a distance, and its text with the unit."""
-        place, text = rounded(point, max(away, 1e-12))
+        place, text = round_point(point, max(away, 1e-12))
         return place, text if self.unit == "m" else f"{text.removesuffix(' m')} units"
 
     def _around(self, at: IntArray, away: float) -> tuple[Poses, FloatArray]:
         """Poses around some elements, clear of surfaces, and the points that they look at."""
         result, on = self.found, self.found.elements
-        targets = np.array([self._rounded(each, away)[0] for each in on.centroids[at]])
+        targets = np.array([self._round_point(each, away)[0] for each in on.centroids[at]])
         rays = face_frames(on.normals[at]) @ fibonacci_sphere(WAYS, 1 - LEAST_COSINE).T
         steps = away * np.array(REACHES)[:, None, None, None] * rays.transpose(0, 2, 1)
         every = (targets[:, None] + steps).reshape(-1, 3)
-        eyes = np.array([self._rounded(eye, away)[0] for eye in every])
+        eyes = np.array([self._round_point(eye, away)[0] for eye in every])
         eyes = np.tile(eyes, (2, 1))  # they look at the place before them, and at the middle
         middle = np.repeat(targets[[len(targets) // 2]], len(eyes) // 2, axis=0)
         own = np.tile(np.repeat(targets, WAYS, axis=0), (len(REACHES), 1))
         targets = np.concatenate([own, middle])
         kept = np.flatnonzero((eyes != targets).any(axis=1))
         made = look_at(eyes[kept], targets[kept], upwards(result.poses))
-        keep_off = distance_kept(cameras_of(result.camera)) if self.unit == "m" else 0.0
+        keep_off = distance_to_keep(cameras_of(result.camera)) if self.unit == "m" else 0.0
         least = max(CLEARANCE * min(REACHES) * away, keep_off)
         left = filter_candidates(Candidates.of(made, "weak", kept), result.mesh, least)[0]
         camera = int(np.bincount(result.poses.camera).argmax())
         placed = Poses.of(left.poses, camera=np.full(len(left), camera))
         return placed, targets[left.index]
 
-    def _taken(self, rows: IntArray, poses: Poses) -> tuple[list[int], float]:
+    def _take(self, rows: IntArray, poses: Poses) -> tuple[list[int], float]:
         """Poses that are taken for elements, and the share of these that is not weak then."""
         result, cells = self.found, self.found.cells
         points = result.elements.centroids[rows]

@@ -38,14 +38,14 @@ from rastercov.base import (
     write_text,
 )
 from rastercov.base.format import area, verb
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.output import write_npz
 from rastercov.core.area.footprints import overlap_words
 from rastercov.core.area.zones import DeadZones, face_zones
 from rastercov.core.camera import cameras_of, eyes_of, names_of
 from rastercov.core.coverage.network import share_of_faces
 from rastercov.core.coverage.provenance import provenance_of
-from rastercov.core.coverage.shards import kept_in, remove
+from rastercov.core.coverage.shards import folder_of_shards, remove
 from rastercov.formats.cameras.own import content_of
 from rastercov.placement.audit import Audit, element_figures
 from rastercov.placement.reconstruction import KINDS, Reconstruction, Suggested, Weak, weak
@@ -57,7 +57,7 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.live import Asked, view_of, why_recorded
+from rastercov.report.live import Asked, record_cause, view_of
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
@@ -120,15 +120,15 @@ def write(
     with ReportFolder(out, AUDIT) as folder:
         if pdf:
             browser()  # none fails before the work
-        result = made(folder=kept_in(folder.path) if is_kept else None)
+        result = made(folder=folder_of_shards(folder.path) if is_kept else None)
         header = provenance_of(result.mesh, result.camera, result.poses.given, result.task, options)
         summary = result.summary() | {"notes": list(notes), "run": header}
         shown = replace(page_of(result, summary), level=level)
-        pictures, files = shown.pictures(progress), _suggested_files(result)
+        pictures, files = shown.pictures(progress), _suggest_files(result)
         view = shown.live or shown.view
         summary |= {"answer": shown.answer, "sentences": shown.sentences()}
         html = shown.html(pictures, has_view=view is not None)
-        with interrupts_held():
+        with hold_interrupts():
             for name, picture in pictures.items():
                 write_bytes(folder.file(f"audit_{name}.png"), picture.light)
             write_page(folder, "audit", html, pdf=pdf)
@@ -158,7 +158,7 @@ def write(
     return result, summary
 
 
-def _suggested_files(reconstruction: Reconstruction) -> dict[str, bytes]:
+def _suggest_files(reconstruction: Reconstruction) -> dict[str, bytes]:
     """Files of the images to take next, alone and with all others."""
     given = reconstruction.suggested
     if given is None or not given.names:
@@ -239,7 +239,7 @@ class AuditPage(NetworkPage):
         result = self.found
         scene = result.mesh, result.camera
         others = {"results by face": result.by != "area"}
-        if len(self.view or "") > MOST_EMBEDDED or why_recorded(
+        if len(self.view or "") > MOST_EMBEDDED or record_cause(
             *scene, len(result.poses), result.task, others
         ):
             return None
@@ -351,12 +351,12 @@ class AuditPage(NetworkPage):
         given = self.found.suggested
         if given is not None and given.names:
             words = "The suggested images, and the weak parts that each of them improves"
-            asked["suggested"] = words, partial(self._suggested_picture, given)
+            asked["suggested"] = words, partial(self._suggest_picture, given)
         pictures = {}
         for done, (name, (words, draw)) in enumerate(asked.items()):
             progress(done, len(asked))
             if (image := draw()) is not None:
-                pictures[name] = Picture.drawn(words, image)
+                pictures[name] = Picture.draw(words, image)
         progress(len(asked), len(asked))
         return pictures
 
@@ -372,7 +372,7 @@ class AuditPage(NetworkPage):
         colours = np.where(own[:, None], kind, neutral(mesh))
         return smooth(Image.fromarray(paint(scene, colours)))
 
-    def _suggested_picture(self, given: Suggested) -> Image.Image:
+    def _suggest_picture(self, given: Suggested) -> Image.Image:
         """The suggested images, and the weak elements that each of them covers best."""
         after, n, before = given.steps[-1], len(given.poses), len(self.poses)
         new = replace(

@@ -21,15 +21,15 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.contract import VisibilityBuffer
-from rastercov.report.images import FaceImage, Key, facing, hatched, stripes
+from rastercov.report.images import FaceImage, Key, facing, hatch_pixels, stripes
 from rastercov.report.panorama import (
     DrawnScene,
+    draw_scene,
     neutral,
     on_pixels,
     paint,
-    remembered,
+    remember,
     scene_keys,
-    seen,
 )
 from rastercov.report.theme import REASON_COLOURS, REASON_HATCHES, Pixels
 
@@ -82,12 +82,12 @@ def camera_scene(
     scored = np.flatnonzero(
         mesh.task_mask & ~mesh.target_mask & facing(mesh, apparent(camera, Poses.of(pose))[0])[0]
     )
-    return seen(mesh, camera, pose, buffer, scored)
+    return draw_scene(mesh, camera, pose, buffer, scored)
 
 
 def by_faces(scene: DrawnScene, reasons: ByteArray) -> CameraImage:
     """Image of a `camera_scene` by the `Reason` of each face, (F,)."""
-    return _judged(scene, lambda face: reasons[face])
+    return _classify_image(scene, lambda face: reasons[face])
 
 
 def by_points(
@@ -102,7 +102,7 @@ def by_points(
     `camera` is the one of the judgement, at its own size, and `parts` are its regions. With all
     cameras and its pose, points that it sees have the reason of conditions that fail.
     """
-    opened = remembered(_opened, scene.mesh)
+    opened = remember(_open_walls, scene.mesh)
 
     def why(faces: Int32Array, points: FloatArray) -> ByteArray:
         (result,) = first_failures(
@@ -119,16 +119,16 @@ def by_points(
         asked = on_pixels(scene.mesh.task_mask, face) & ~covered_pixels(parts, scene, face)
         return scene.at_points(face, why, np.uint8(Reason.COVERED), asked)
 
-    return _judged(scene, judge)
+    return _classify_image(scene, judge)
 
 
-def _opened(mesh: Mesh, _eyes: ArrayLike) -> Mesh:
+def _open_walls(mesh: Mesh, _eyes: ArrayLike) -> Mesh:
     """The mesh with faces that hide nothing: what is in an image is not hidden."""
     groups = [replace(each, is_occluder=False, is_target=True) for each in mesh.groups]
     return Mesh(mesh.vertices, mesh.faces, groups, mesh.face_group)
 
 
-def _judged(scene: DrawnScene, judge: Callable[[FaceImage], ByteArray]) -> CameraImage:
+def _classify_image(scene: DrawnScene, judge: Callable[[FaceImage], ByteArray]) -> CameraImage:
     bare = replace(scene, beneath=np.full_like(scene.beneath, -1))
     hidden = (scene.beneath >= 0) & (scene.targets < 0)
     return CameraImage(bare, hidden, judge(scene.face), judge(scene.targets))
@@ -141,7 +141,7 @@ def camera_pixels(image: CameraImage) -> Pixels:
     def own(face: FaceImage, at: IntArray) -> Pixels:
         rows = (image.surface if face is scene.face else image.targets).ravel()[at]
         of_reasons = REASON_COLOURS.take(rows, axis=0), REASON_HATCHES[rows]
-        return hatched(*of_reasons, at, face.shape[1], scene.hatch)
+        return hatch_pixels(*of_reasons, at, face.shape[1], scene.hatch)
 
     pixels = paint(scene, neutral(scene.mesh, scene.setting), own)
     pixels[image.hidden & stripes(scene.face.shape, scene.stripe, 4)] = REASONS["occluded"].colour

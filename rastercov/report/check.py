@@ -88,7 +88,7 @@ def page_of(
         answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
     return shown.page(
         "network.html",
-        shown.drawn(progress),
+        shown.draw(progress),
         answer=f"{answer}: {shown.answer}",
         passed=checked.is_met,
         title_block=plan.sheet.words(plan=plan.name),

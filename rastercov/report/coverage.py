@@ -39,7 +39,7 @@ from rastercov.base import (
     write_json,
     write_text,
 )
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import tasks_of
@@ -59,7 +59,7 @@ from rastercov.core.coverage.job import answer, evaluate
 from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.phases import Phases
 from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.shards import kept_in, remove
+from rastercov.core.coverage.shards import folder_of_shards, remove
 from rastercov.core.coverage.silhouettes import GroupViews, check_groups
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
@@ -74,7 +74,7 @@ from rastercov.report.camera_pictures import (
 from rastercov.report.coverage_files import INSTALL_PYARROW, has_parquet
 from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.images import Key, contact_sheet, face_index_picture, framed, save_picture
+from rastercov.report.images import Key, add_frame, contact_sheet, face_index_picture, save_picture
 from rastercov.report.live import Asked
 from rastercov.report.network_page import NetworkPage, pictures_in_words
 from rastercov.report.pages import image_name
@@ -259,7 +259,7 @@ def run(
             pairs=pairs,
             options=options.record(),
             open_table=None if pairs == "none" else table,
-            folder=kept_in(folder.path) if is_kept else None,
+            folder=folder_of_shards(folder.path) if is_kept else None,
             staff=staff,
         )
         named = dict(
@@ -288,7 +288,7 @@ def _write(
     progress = staff.progress
     names = [named[row] for row in poses.ids.tolist()]
     n = len(drawn)
-    with interrupts_held():
+    with hold_interrupts():
         if areas is not None:
             areas.dead_zones(camera, poses, None, progress)
         summary = evaluation.summary()
@@ -314,11 +314,11 @@ def _write(
             shown = replace(network_of(evaluation, summary, title, own, names), level=options.level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
             sheet = _draw_poses(folder, shown, drawn, of_drawn, options, named, progress)
-            more = shown.drawn(lambda done, total: progress(n + done, n + total))
+            more = shown.draw(lambda done, total: progress(n + done, n + total))
             _draw_network(folder, shown, summary, sheet, more, options)
     except KeyboardInterrupt:
         summary["interrupted"] = True
-    with interrupts_held():
+    with hold_interrupts():
         if (part := part_of(areas)) and has_parquet():
             from rastercov.report.parquet import write_columns
 
@@ -383,16 +383,16 @@ def _draw_poses(
                     name = f"_{pose:0{digits}d}.png"
                     if options.full in ("poses", "all"):
                         title = ": ".join(captions[pose].split("\n"))
-                        picture = framed(pixels, title, camera_keys(image))
+                        picture = add_frame(pixels, title, camera_keys(image))
                         save_picture(picture, folder.file("pose" + name))
                     if options.full in ("faces", "all"):
                         save_picture(face_index_picture(buffer), folder.file("faces" + name))
     finally:
-        with interrupts_held():
+        with hold_interrupts():
             if tiles:
                 pictures, words = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
                 sheet = contact_sheet(list(pictures), list(words))
-                sheet = framed(np.asarray(sheet), "", list(keys.values()))
+                sheet = add_frame(np.asarray(sheet), "", list(keys.values()))
                 save_picture(sheet, folder.file("contact_sheet.png"))
     return sheet
 
@@ -415,7 +415,7 @@ def _draw_network(
     """Write the pages, with drawings of what all cameras cover together and what they leave."""
     images = dict(drawn) | ({} if sheet is None else {"contact_sheet": sheet})
     page = _page_of(shown, summary, images, has_view=shown.view is not None)
-    with interrupts_held():
+    with hold_interrupts():
         for name in pictures_in_words() if shown.areas is not None else ("overview",):
             if name in drawn:
                 save_picture(drawn[name], folder.file(f"{name}.png"))
@@ -428,7 +428,7 @@ def html_of(evaluation: Evaluation) -> str:
     """The page of an evaluation, without the images of its poses."""
     summary = evaluation.summary()
     shown = network_of(evaluation, summary, title_of(summary["run"]), regions_of(evaluation))
-    return _page_of(shown, summary, shown.drawn(), has_view=None)
+    return _page_of(shown, summary, shown.draw(), has_view=None)
 
 
 def regions_of(evaluation: Evaluation) -> Regions | None:

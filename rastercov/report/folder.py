@@ -39,14 +39,14 @@ from rastercov.base import (
     ByName,
     ConfigError,
     json_bytes,
-    named,
+    name_file,
     own_folder,
-    parsed_json,
+    parse_json,
     printable,
     remove_folder,
 )
-from rastercov.base.interrupts import end_held, interrupts_held
-from rastercov.base.locks import locked
+from rastercov.base.interrupts import hold_end, hold_interrupts
+from rastercov.base.locks import lock
 from rastercov.base.output import PART, is_own_folder, move, remove_file, replacing, sync
 from rastercov.base.versions import version_of
 
@@ -122,16 +122,16 @@ class ReportFolder:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(locked(self.path))
+            stack.enter_context(lock(self.path))
             if not os.access(self.path, os.W_OK | os.X_OK):
                 raise ConfigError(
-                    f"{_named(self.path)}: expected a writable folder, got another; name one"
+                    f"{_name(self.path)}: expected a writable folder, got another; name one"
                 )
             for journal in self._journals():  # of killed runs
                 self._files = _read(self.path / journal.name)[1]
                 if others := self._not_ours(chain(*self._moves(journal))):
                     raise ConfigError(
-                        f"{_named(others[0])}: expected a file of an interrupted report, got "
+                        f"{_name(others[0])}: expected a file of an interrupted report, got "
                         "another file; move it away"
                     )
                 self._swap(journal)
@@ -139,7 +139,7 @@ class ReportFolder:
             _, self._files = _read(self.path / self.kind.manifest, self.kind.files)
             if _is_of_another(self.path, self._files):
                 raise ConfigError(
-                    f"{_named(self.path)}: expected a report of your own in a shared folder, got "
+                    f"{_name(self.path)}: expected a report of your own in a shared folder, got "
                     "one of another user; name another folder"
                 )
             self.has_earlier = any(os.path.lexists(self.path / name) for name in self._files)
@@ -162,7 +162,7 @@ class ReportFolder:
             raise ValueError(
                 f"expected a file of a {self.kind.name} report, got {name!r}; correct the name"
             )
-        with named(self.path / name):
+        with name_file(self.path / name):
             path = own_folder(own_folder(self._staging) / NEW) / name
             if path.is_symlink():
                 remove_file(path)
@@ -180,15 +180,15 @@ class ReportFolder:
             For a disk error. The earlier report is unchanged then, or the next command ends the
             swap.
         """
-        with interrupts_held():
+        with hold_interrupts():
             files: Files = {}
-            for path in sorted(self._left(self._new, self.kind.files)):
-                with named(self.path / path.name), path.open("rb") as file:
+            for path in sorted(self._find_leftovers(self._new, self.kind.files)):
+                with name_file(self.path / path.name), path.open("rb") as file:
                     sync(path)
                     files[path.name] = _digest(file)
             self._keep_what_has_come(files)
-            with end_held():
-                with named(self.path / self.kind.manifest):
+            with hold_end():
+                with name_file(self.path / self.kind.manifest):
                     journal = self._begin_swap(files)
                 self._swap(journal)
                 self._files = files
@@ -216,15 +216,15 @@ class ReportFolder:
         if not is_own_folder(self._staging):
             return []
         is_own_folder(self._new)
-        return self._left(self._staging, JOURNAL)
+        return self._find_leftovers(self._staging, JOURNAL)
 
-    def _left(self, folder: Path, names: re.Pattern[str]) -> list[Path]:
+    def _find_leftovers(self, folder: Path, names: re.Pattern[str]) -> list[Path]:
         """Files with matching names in a hidden folder; ConfigError for a link among them."""
         left = [path for path in folder.iterdir() if names.fullmatch(path.name)]
         for path in left:
             if not stat.S_ISREG(path.lstat().st_mode):
                 raise ConfigError(
-                    f"{_named(path)}: expected a file of a report, got a special file; delete it"
+                    f"{_name(path)}: expected a file of a report, got a special file; delete it"
                 )
         return left
 
@@ -244,12 +244,12 @@ class ReportFolder:
         """Remove the earlier report and put the recorded one in its place."""
         going, coming = self._moves(journal)
         for name in going:
-            with named(self.path / name):
+            with name_file(self.path / name):
                 remove_file(self.path / name)
         for name in coming:
-            with named(self.path / name):
+            with name_file(self.path / name):
                 move(self._new / name, self.path / name)
-        with named(self.path / journal.name):
+        with name_file(self.path / journal.name):
             move(journal, self.path / journal.name)
             sync(self.path)
 
@@ -283,7 +283,7 @@ class ReportFolder:
             if first.name in self._files:
                 why = "one changed since it was written"
             raise ConfigError(
-                f"{_named(first)}{more}: expected a file of an earlier report, got {why}; name "
+                f"{_name(first)}{more}: expected a file of an earlier report, got {why}; name "
                 "another folder, or move the file"
             )
 
@@ -295,12 +295,12 @@ class ReportFolder:
             aside = next(path for path in tries if not os.path.lexists(path))
             move(self._new, aside)
             raise ConfigError(
-                f"{_named(others[0])}: expected no changes during the run, got a new or changed "
-                f"file; kept it, the new report is in {_named(aside)}"
+                f"{_name(others[0])}: expected no changes during the run, got a new or changed "
+                f"file; kept it, the new report is in {_name(aside)}"
             )
 
 
-def _named(path: Path) -> str:
+def _name(path: Path) -> str:
     """A path in a line for people, whole."""
     return printable(str(path), most=len(str(path)))
 
@@ -308,7 +308,7 @@ def _named(path: Path) -> str:
 def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
     """Last file and all files of a manifest, whose names match a pattern; none without one."""
     try:
-        content = parsed_json(path.read_bytes())
+        content = parse_json(path.read_bytes())
         files = {
             name: {"bytes": int(entry["bytes"]), "sha256": str(entry["sha256"])}
             for name, entry in content["files"].items()
@@ -320,7 +320,7 @@ def _read(path: Path, names: re.Pattern[str] = PLAIN) -> tuple[str, Files]:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
         pass  # something else than a manifest
     raise ConfigError(
-        f"{_named(path)}: expected a list of report files, got damaged content; name another "
+        f"{_name(path)}: expected a list of report files, got damaged content; name another "
         "folder, or delete it with the report"
     )
 

@@ -114,7 +114,7 @@ def depth_picture(buffer: VisibilityBuffer) -> Image.Image:
         digits = decimals_of(max(far - near, near * 1e-6))
         ends = f"{near:.{digits}f} m", f"{far:.{digits}f} m"
         keys = [Key.scale("depth", greys(np.linspace(1, 0, 256)), *ends)]
-    return framed(pixels, "", keys)
+    return add_frame(pixels, "", keys)
 
 
 def contact_sheet(
@@ -218,7 +218,9 @@ class Key:
         colours = np.array([colour] if stripe is None else [colour, stripe], np.uint8)
         row = stripes((24, 24), width, period) & (len(colours) > 1)
         flat = colours[row.ravel().astype(np.int64)]
-        pixels = hatched(flat, np.full(len(flat), hatch, np.uint8), np.arange(len(flat)), 24, 2)
+        pixels = hatch_pixels(
+            flat, np.full(len(flat), hatch, np.uint8), np.arange(len(flat)), 24, 2
+        )
         return cls(name, pixels.reshape(24, 24, 3), colours=colours.tolist(), hatch=hatch)
 
     @classmethod
@@ -260,7 +262,9 @@ def stripes(shape: tuple[int, int], width: int, period: int = 2) -> BoolArray:
     return np.lib.stride_tricks.sliding_window_view(diagonals, shape[1]).copy()
 
 
-def hatched(colours: Pixels, hatch: ByteArray, at: IntArray, columns: int, width: int) -> Pixels:
+def hatch_pixels(
+    colours: Pixels, hatch: ByteArray, at: IntArray, columns: int, width: int
+) -> Pixels:
     """Colours (N, 3) of pixels with the paler lines of a hatch (N,), as in `reasons.Words`.
 
     The pixels are those `at` (N,) of a picture with some columns, row by row.
@@ -339,7 +343,7 @@ def _long(rows: IntArray, width: int) -> IntArray:
     return rows[np.bincount(line)[line] >= SHORTEST * width * (1 + (width > WIDE))]
 
 
-def framed(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
+def add_frame(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
     """Frame an image with its title above and its legend below."""
     height, width = pixels.shape[:2]
     zoom = max(1, min(-(-LEAST_WIDTH // width), 4096 // height))
@@ -492,7 +496,7 @@ def write_labels(
         draw.text(tuple(place.tolist()), name, INK, font, anchor="mm")
 
 
-def part_drawn(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> VisibilityBuffer:
+def draw_part(mesh: Mesh, camera: Camera, pose: ArrayLike, rows: IntArray) -> VisibilityBuffer:
     """Image of some faces of a mesh alone, on the CPU, with indices of the whole mesh."""
     if not len(rows):  # a scene of targets alone
         nothing = np.full((camera.height, camera.width), -1, np.int32)
@@ -521,7 +525,7 @@ def targets_in_view(
     """
     if not mesh.has_targets:
         return None
-    image = part_drawn(mesh, camera, pose, np.flatnonzero(mesh.target_mask))
+    image = draw_part(mesh, camera, pose, np.flatnonzero(mesh.target_mask))
     with np.errstate(invalid="ignore"):  # inf where there is neither
         is_hidden = image.depth > depth * np.float32(1 + TIE_REL)
     return np.where(is_hidden, np.int32(-1), image.face)
@@ -537,7 +541,7 @@ def layers(
     if not len(task) or mesh.task_mask.all():
         return targets, nothing
     is_occluder = np.append(~mesh.task_mask, False)[buffer.face]
-    behind = part_drawn(mesh, camera, pose, task).face
+    behind = draw_part(mesh, camera, pose, task).face
     return targets, np.where(is_occluder, behind, np.int32(-1))
 
 

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 import rastercov
 from rastercov.base import ByName, ReadByName, frozen_record, hooks_of
-from rastercov.base.arguments import annotations_of, documented
+from rastercov.base.arguments import annotations_of, document_fields
 from rastercov.base.format import base64_of
 from rastercov.core.area.criteria import has_closed_form
 from rastercov.core.area.regions import OF_A_FACE
@@ -56,13 +56,13 @@ from rastercov.report.modes import (
     of_devices,
     of_gates,
 )
-from rastercov.report.packed_lens import packed
+from rastercov.report.packed_lens import pack_lens
 from rastercov.report.pages import (
-    bundled,
-    described_camera,
-    described_mode,
-    described_scene,
-    described_stations,
+    bundle_scripts,
+    describe_camera,
+    describe_mode,
+    describe_scene,
+    describe_stations,
     plain_of,
     soup_origin,
     with_live_data,
@@ -178,7 +178,7 @@ class Goals:
     task_mesh: Mesh
     goals: Sequence["OwnGoal"]
 
-    def described(self) -> list[ByName]:
+    def describe(self) -> list[ByName]:
         """The goals for a page, ready for JSON."""
         return [
             _part(self.mesh, goal.mesh)
@@ -225,7 +225,7 @@ def engine(name: str = ENGINE) -> bytes | None:
     return place.read_bytes() if place.is_file() else None
 
 
-def why_recorded(
+def record_cause(
     mesh: Mesh,
     cameras: Cameras,
     n_poses: int,
@@ -245,7 +245,7 @@ def why_recorded(
             "goals of the coverable area": plan.task.weight_by == "seeable",
         }
         n_pairs = (1 + len(every)) * n_poses
-        if why := why_recorded(goal.mesh, cameras, n_pairs, plan.build_task(), of_goal):
+        if why := record_cause(goal.mesh, cameras, n_pairs, plan.build_task(), of_goal):
             return why
     if engine() is None:
         return NO_ENGINE
@@ -282,28 +282,28 @@ def view_of(
     asked: Asked,
     unit: str = "m",
 ) -> str:
-    """Text of a live page of what the cameras of a report cover; see `why_recorded`."""
+    """Text of a live page of what the cameras of a report cover; see `record_cause`."""
     goals, task_mesh = asked.goals, mesh
     mesh = mesh if goals is None else goals.mesh
     is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
     shown = {"level": is_site, **of_gates(gates_of(cameras).values())}
     modes = [name for name in MODES if name in LIVE_MODES and shown.get(name, True)]
     types = names_of(cameras)
-    scene = described_scene(title, mesh, poses.world_from_camera, unit) | {
+    scene = describe_scene(title, mesh, poses.world_from_camera, unit) | {
         "can_edit": True,
         "task_fields": task_fields(),
         "levels": DORI if is_site else {},
         "camera_fields": CAMERA_FIELDS + LENS_FIELDS,
-        "modes": [described_mode(name, MODES[name]) for name in modes],
-        "required": described_limits(task_mesh, asked.limits),
+        "modes": [describe_mode(name, MODES[name]) for name in modes],
+        "required": describe_limits(task_mesh, asked.limits),
     }
     known = dict(zip(types, cameras_of(cameras), strict=True))
     state = {
-        "stations": described_stations(types, poses, names),
-        "cameras": {name: described_camera(camera) for name, camera in known.items()},
+        "stations": describe_stations(types, poses, names),
+        "cameras": {name: describe_camera(camera) for name, camera in known.items()},
         "task": {each["name"]: getattr(asked.task, each["name"]) for each in task_fields()},
         "needed": asked.needed and dict(asked.needed),
-        **described_together(cameras),
+        **describe_union(cameras),
     }
     own = cameras.tasks if isinstance(cameras, Rig) else {}
     tasks = {
@@ -346,18 +346,18 @@ def data_of(
     for name, camera in cameras.items():
         if not camera.is_pinhole:
             described[name]["lens"] = name
-            lenses[name] = _deflated(packed(camera))
-    surface = described_surface(mesh)
+            lenses[name] = _deflate(pack_lens(camera))
+    surface = describe_surface(mesh)
     surface["mesh"] |= _part(mesh, mesh if goals is None else goals.task_mesh)
-    return _shared(scene, {**state, "cameras": described}) | {
-        "goals": [] if goals is None else goals.described(),
+    return _share_entries(scene, {**state, "cameras": described}) | {
+        "goals": [] if goals is None else goals.describe(),
         "lenses": lenses,
         "candidates": candidates or {},
         **surface,
     }
 
 
-def described_surface(mesh: Mesh) -> ByName:
+def describe_surface(mesh: Mesh) -> ByName:
     """A mesh as a page has it, and what the page knows of lens models, ready for JSON."""
     own = {"mesh": _arrays(mesh), "origin": soup_origin(mesh).tolist()}
     return own | {"models": _coefficients()}
@@ -368,7 +368,7 @@ def _coefficients() -> ByName:
     return {name: each.coefficients.split() for name, each in MODELS.items()}
 
 
-def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
+def describe_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
     """Required shares of the area, of all (None) and of groups or parts; `page/live.js`."""
     names, items = [group.name for group in mesh.groups], []
     for place, limit in limits.items():
@@ -380,8 +380,8 @@ def described_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByN
     return items
 
 
-def described_together(cameras: Cameras) -> ByName:
-    """Entries on the cameras of a rig together, see `RigEntries.described`, and their places."""
+def describe_union(cameras: Cameras) -> ByName:
+    """Entries on the cameras of a rig together, see `RigEntries.describe`, and their places."""
     if not isinstance(cameras, Rig):
         return {}
     own: ByName = {"fixed": list(cameras.fixed)} if cameras.fixed else {}
@@ -389,7 +389,7 @@ def described_together(cameras: Cameras) -> ByName:
         places = cameras.rig_from_camera.tolist()
         own["rig_from_camera"] = dict(zip(cameras.names, places, strict=True))
     for each in hooks_of(RigEntries):
-        own |= each.described(cameras)
+        own |= each.describe(cameras)
     return own
 
 
@@ -405,7 +405,7 @@ def playground() -> str:
         "camera_fields": CAMERA_FIELDS + LENS_FIELDS,
         "reasons": {name: words.label for name, words in REASONS.items()},
         "modes": [
-            described_mode(name, MODES[name])
+            describe_mode(name, MODES[name])
             for name in MODES
             if name in LIVE_MODES and name not in OF_RULES
         ],
@@ -415,7 +415,7 @@ def playground() -> str:
     state: ByName = {
         "stations": [],
         "cameras": {
-            name: described_camera(camera) | {"task": None} for name, camera in known.items()
+            name: describe_camera(camera) | {"task": None} for name, camera in known.items()
         },
         "task": {each["name"]: getattr(Task(), each["name"]) for each in task_fields()},
         "needed": None,
@@ -426,18 +426,18 @@ def playground() -> str:
         for mesh in (shapes.by_name(name),)
     ]
     data: ByName = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
-    data |= {"readers": _deflated_module(READERS), "models": _coefficients()}
-    return with_live_data(_shared(scene, state) | data | {"leastSite": LEAST_SITE})
+    data |= {"readers": _deflate_module(READERS), "models": _coefficients()}
+    return with_live_data(_share_entries(scene, state) | data | {"leastSite": LEAST_SITE})
 
 
-def _shared(scene: ReadByName, state: ReadByName) -> ByName:
+def _share_entries(scene: ReadByName, state: ReadByName) -> ByName:
     """Entries that pages of any mesh have."""
     return {
         "scene": {**scene, "catalogue": [], "constraints": {}, "placement": PLACEMENT},
         "state": state,
-        "engine": _deflated_module(ENGINE),
-        "prover": _deflated_module(PROVER),
-        "worker": bundled("live_worker") + "live_worker_js.listen(self);\n",
+        "engine": _deflate_module(ENGINE),
+        "prover": _deflate_module(PROVER),
+        "worker": bundle_scripts("live_worker") + "live_worker_js.listen(self);\n",
         "colours": _colours(scene["unit"]),
         "cameraSize": CAMERA_SIZE,
         "advice": {name: words.advice for name, words in REASONS.items()},
@@ -456,7 +456,7 @@ def as_entries(task: Task) -> ByName:
 
 def task_fields(rig: Rig | None = None) -> list[ByName]:
     """Thresholds of a task with their limits, for sliders; those that a rig makes known, too."""
-    words, default, result, units = documented(Task), Task(), list[ByName](), dict(UNITS)
+    words, default, result, units = document_fields(Task), Task(), list[ByName](), dict(UNITS)
     equipment = {} if rig is None else rig.equipment
     left_out = OF_SURFACE if rig is None else ()
     for each in equipment.values():
@@ -500,9 +500,9 @@ def _part(mesh: Mesh, own: Mesh) -> ByName:
 
 def _arrays(mesh: Mesh) -> dict[str, str]:
     return {
-        "vertices": _deflated(np.asarray(mesh.vertices, "<f8")),
-        "faces": _deflated(np.asarray(mesh.faces, "<i4")),
-        "groups": _deflated(np.asarray(mesh.face_group, "<u2")),
+        "vertices": _deflate(np.asarray(mesh.vertices, "<f8")),
+        "faces": _deflate(np.asarray(mesh.faces, "<i4")),
+        "groups": _deflate(np.asarray(mesh.face_group, "<u2")),
     }
 
 
@@ -520,7 +520,7 @@ def _colours(unit: str) -> ByName:
     mesh = Mesh.joined(parts, ["task", "occluder"]).with_groups(occluders=["occluder"])
     each, nothing = np.arange(mesh.n_faces), np.zeros(mesh.n_faces)
 
-    def painted(name: str, values: object) -> ByName:
+    def paint_values(name: str, values: object) -> ByName:
         """Colours, words and hatches by their level, and the scale."""
         paint = MODES[name].paint(mesh, values)
         own = sorted(paint.legend, key=lambda entry: int(entry["level"]))
@@ -541,12 +541,12 @@ def _colours(unit: str) -> ByName:
     }
     levels = np.array([0.0, 1.0, *DORI.values()])
     return {
-        "scales": {name: painted(name, values) for name, values in scales.items()},
+        "scales": {name: paint_values(name, values) for name, values in scales.items()},
         "classes": {
-            "reason": painted("reason", each % len(REASONS)) | {"first": 0},
-            "level": painted("level", levels[each % len(levels)]),
-            "views": [painted("views", each % (n + 2)) for n in range(MOST_VIEWS)],
-            "none": painted("device", of_devices(0 * each - 1, [])),
+            "reason": paint_values("reason", each % len(REASONS)) | {"first": 0},
+            "level": paint_values("level", levels[each % len(levels)]),
+            "views": [paint_values("views", each % (n + 2)) for n in range(MOST_VIEWS)],
+            "none": paint_values("device", of_devices(0 * each - 1, [])),
         },
         "cameraColours": theme.camera_colours(COLOURS).tolist(),
         "covered": theme.COVERED,
@@ -558,15 +558,15 @@ def _catalogue() -> str:
     """Central cameras of the catalogue, as `Camera.from_dict` reads them: JSON, deflated."""
     cameras = {name: Camera.from_dict({"preset": name}) for name in catalogue(None).names()}
     own = {name: plain_of(camera) for name, camera in cameras.items() if not camera.is_parallel}
-    return _deflated(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
+    return _deflate(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
 
 
 @cache
-def _deflated_module(name: str) -> str:
+def _deflate_module(name: str) -> str:
     module = engine(name)
-    return "" if module is None else _deflated(np.frombuffer(module, np.uint8))
+    return "" if module is None else _deflate(np.frombuffer(module, np.uint8))
 
 
-def _deflated(values: ArrayLike) -> str:
+def _deflate(values: ArrayLike) -> str:
     """Bytes of an array as base64 of zlib, whose checksum tells damage."""
     return base64_of(zlib.compress(np.ascontiguousarray(values).tobytes()))

@@ -164,14 +164,14 @@ def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
     colours: list[Colour] = [theme.UNCOVERED, theme.OCCLUDER_PALE]
     colours += [(r, g, b) for r, g, b in cameras.colours[:n].tolist()]
     words = ["not covered", OCCLUDER_LABEL, *cameras.names[:n]]
-    return in_classes(mesh, _cycled(mesh, cameras.row), colours, dict(enumerate(words)))
+    return in_classes(mesh, _cycle_levels(mesh, cameras.row), colours, dict(enumerate(words)))
 
 
 def by_views(mesh: Mesh, views: WholeArray) -> Painted:
     """Numbers of cameras, (F,)."""
     capped = np.minimum(views, MOST_VIEWS)
     most = max(1, int(capped[mesh.task_mask].max(initial=0)))
-    levels = _cycled(mesh, capped - 1)
+    levels = _cycle_levels(mesh, capped - 1)
     scale = theme.coverage_colours()[theme.level_rows(np.arange(most + 1) / most)].tolist()
     colours = [tuple(scale[0]), theme.OCCLUDER_PALE, *map(tuple, scale[1:])]
     words = {NOTHING: "no view", OCCLUDER: OCCLUDER_LABEL}
@@ -199,7 +199,7 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     return on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
 
 
-def inverted(painted: Painted) -> Painted:
+def invert(painted: Painted) -> Painted:
     """The same with the other end of the scale in the colour of what is covered."""
     return replace(
         painted, palette=np.concatenate([painted.palette[:FIRST], painted.palette[:1:-1]])
@@ -213,7 +213,7 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     colours = [theme.UNCOVERED, theme.OCCLUDER_PALE, theme.COARSE, *theme.DORI.values()]
     words = [f"{name}, {least:g} px/m or more" for name, least in DORI.items()]
     words = ["not covered", OCCLUDER_LABEL, f"below {next(iter(DORI))}", *words]
-    levels = _cycled(mesh, np.where(values > 0, row, -1))
+    levels = _cycle_levels(mesh, np.where(values > 0, row, -1))
     result = in_classes(mesh, levels, colours, dict(enumerate(words)))
     order = sorted(result.legend, key=lambda each: (each["percent"] is None, -each["level"]))
     return replace(result, legend=order)
@@ -235,14 +235,14 @@ def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Least angles of incidence, (F,) degrees; infinite where no camera covers the face."""
     values = np.asarray(angle, np.float64)
     shares = np.where(np.isfinite(values), np.maximum(values / 90, 1e-9), 0.0)
-    return inverted(on_scale(mesh, shares, (0.0, 90.0), "deg", "not covered"))
+    return invert(on_scale(mesh, shares, (0.0, 90.0), "deg", "not covered"))
 
 
 def by_weakness(mesh: Mesh, kind: WholeArray) -> Painted:
     """Kinds of weak parts of a reconstruction, (F,), rows of `WEAK_LABELS`; -1 for none."""
     colours = [theme.COVERED, theme.OCCLUDER_PALE, *theme.WEAK]
     words = ["enough views, angle and resolution", OCCLUDER_LABEL, *WEAK_LABELS]
-    return in_classes(mesh, _cycled(mesh, kind), colours, dict(enumerate(words)))
+    return in_classes(mesh, _cycle_levels(mesh, kind), colours, dict(enumerate(words)))
 
 
 def by_one_camera(mesh: Mesh, coverage: ArrayLike) -> Painted:
@@ -266,7 +266,7 @@ def by_segment(mesh: Mesh, labels: ArrayLike) -> Painted:
         (np.array([theme.UNCOVERED, theme.OCCLUDER_PALE]), theme.index_colours(np.arange(254)))
     ).astype(np.uint8)
     words = f"{plural(int(label.max(initial=-1)) + 1, 'segment')}, one colour each"
-    result = in_classes(mesh, _cycled(mesh, label), palette, {FIRST: words})
+    result = in_classes(mesh, _cycle_levels(mesh, label), palette, {FIRST: words})
     return replace(result, legend=[each | {"percent": None} for each in result.legend])
 
 
@@ -284,7 +284,7 @@ def mode_picture(name: str, mesh: Mesh, values: object, eyes: ArrayLike = ()) ->
     return two_sides(mesh, painted.colours, mode.words.rstrip("."), keys, painted.hatch, eyes)
 
 
-def _cycled(mesh: Mesh, row: WholeArray) -> Levels:
+def _cycle_levels(mesh: Mesh, row: WholeArray) -> Levels:
     """Levels of rows from 0, which begin again after the last; -1 has none."""
     levels = np.where(row >= 0, FIRST + row % (LAST - FIRST + 1), NOTHING)
     return np.where(mesh.task_mask, levels, OCCLUDER).astype(np.uint8)

@@ -25,7 +25,7 @@ from rastercov.base import (
     thread_count,
     with_bound,
 )
-from rastercov.base.format import area, length, signed, verb
+from rastercov.base.format import area, length, text_with_sign, verb
 from rastercov.core.area import polygons
 from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.figures import in_words
@@ -33,7 +33,7 @@ from rastercov.core.area.frames import to_world
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
-from rastercov.core.area.table import Regions, taken
+from rastercov.core.area.table import Regions, take_rows
 from rastercov.core.area.union import unite
 from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
 from rastercov.core.camera import Cameras, Poses, axes_of, cameras_of, gates_of, names_of
@@ -44,7 +44,7 @@ from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
 from rastercov.report.feature import NetworkPart, hooks, part_of
-from rastercov.report.live import Asked, view_of, why_recorded
+from rastercov.report.live import Asked, record_cause, view_of
 from rastercov.report.modes import (
     MODES,
     OF_EQUIPMENT,
@@ -60,7 +60,7 @@ from rastercov.report.overview import (
     best_covering,
     device_hatches,
     device_words,
-    numbered,
+    number_cameras,
     zone_close_up,
     zone_rows,
     zones_picture,
@@ -69,7 +69,7 @@ from rastercov.report.pages import (
     Picture,
     figures_of,
     image_name,
-    rendered,
+    render,
     values_of,
     view_page,
     zone_entries,
@@ -239,9 +239,9 @@ class NetworkPage:
             return None
         if self.parts is not None and self.together is not None:
             leads = np.unique(self.together, return_index=True)[1]
-            return lost_without(taken(self.parts, leads), self.need)[self.together]
+            return lose_without(take_rows(self.parts, leads), self.need)[self.together]
         if self.parts is not None:
-            return lost_without(self.parts, self.need)
+            return lose_without(self.parts, self.need)
         if self.areas is not None or (self.need > 1).any():
             return None
         best = best_covering(self.network)
@@ -289,7 +289,7 @@ class NetworkPage:
         before = blocker(hider, mesh.groups[mesh.face_group[some[spot.middle]]].name)
         remedies = FaceRemedies(mesh, self.camera, task, self.poses, None, self.allowed)
         none = np.zeros(0, np.int64)
-        return {"hidden_by": hider} | remedies.said(spot, why, none, before, is_tried=True)
+        return {"hidden_by": hider} | remedies.say(spot, why, none, before, is_tried=True)
 
     def overview(self) -> Image.Image:
         """The surface by the camera that covers it; of very many, by what they cover together."""
@@ -322,14 +322,14 @@ class NetworkPage:
         mode = "views" if self.areas is None else "area"
         return mode_picture(mode, self.mesh, self.values[mode], self.poses.world_from_camera)
 
-    def drawn(self, progress: Progress = silent) -> dict[str, Image.Image]:
+    def draw(self, progress: Progress = silent) -> dict[str, Image.Image]:
         """Overview, and if there are dead zones a picture of all and of each of the worst."""
         zones, said = self.dead
         poses = self.poses.world_from_camera
         tasks: dict[str, Callable[[], Image.Image | None]] = {"overview": self.overview}
         if zones:
             tasks["zones"] = partial(zones_picture, zones, said, poses)
-        for row in range(len(numbered(said)[:MOST_CLOSE_UPS])):
+        for row in range(len(number_cameras(said)[:MOST_CLOSE_UPS])):
             tasks[f"zone_{row + 1}"] = partial(zone_close_up, zones, said, row, poses)
         for name in (each for each in OF_SENSORS if each in self.values):
             tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
@@ -358,7 +358,7 @@ class NetworkPage:
             "methods other than certified": asked.method != "certified",
         }
         scene = self.mesh, self.camera, len(self._placed[0]), asked.task
-        return why_recorded(*scene, others, asked.goals)
+        return record_cause(*scene, others, asked.goals)
 
     @property
     def _placed(self) -> tuple[Poses, Sequence[str]]:
@@ -388,14 +388,14 @@ class NetworkPage:
         )
 
     def page(self, template: str, images: Mapping[str, Image.Image], **values: Any) -> str:
-        """The page with images as of `drawn`, by a template that extends `report.html`.
+        """The page with images as of `draw`, by a template that extends `report.html`.
 
         `values` are those that the template wants; `title_block` is that of the run unless given.
         """
         title_block = (values["run"]["options"] or {}).get("sheet") or {}
         rows, more = self.camera_table(values.pop("columns", {}))
         by_area = "covered_area" in self.figures
-        return rendered(
+        return render(
             template,
             "rastercov.report" if self.part is None else self.part.package,
             heading=self.title,
@@ -405,7 +405,7 @@ class NetworkPage:
             goals=self.asked and self.asked.goals,
             kinds=self._kinds(),
             pictures={
-                name: Picture.drawn(text, images[name])
+                name: Picture.draw(text, images[name])
                 for name, text in pictures_in_words().items()
                 if name in images
             }
@@ -552,7 +552,7 @@ class NetworkPage:
         axes = upright(poses := self.poses.world_from_camera)
         turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
         for row, name in enumerate(("heading", "tilt down", "roll")):
-            columns[name] = [f"{signed(angles[row], 1)}°" for angles in turned]
+            columns[name] = [f"{text_with_sign(angles[row], 1)}°" for angles in turned]
         whole = 0.0
         if seen is None:
             columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
@@ -571,7 +571,7 @@ class NetworkPage:
 
     def _cards(self, images: Mapping[str, Image.Image]) -> list[ByName]:
         """The worst zones: heading, picture, reason and advice."""
-        cards, zones = [], numbered(self.dead[1])[:MOST_CLOSE_UPS]
+        cards, zones = [], number_cameras(self.dead[1])[:MOST_CLOSE_UPS]
         for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):
             number, size, share, _, group, reason = cells
             drawn = images.get(f"zone_{number}")
@@ -589,7 +589,7 @@ class NetworkPage:
                     if len(self.mesh.groups) > 1
                     else f"{reason[:1].upper()}{reason[1:]}",
                     "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",
-                    "picture": drawn and Picture.drawn(f"{heading}, {reason}", drawn),
+                    "picture": drawn and Picture.draw(f"{heading}, {reason}", drawn),
                 }
             )
         return cards
@@ -610,16 +610,16 @@ class FaceRemedies(Remedies):
         """As of `Remedies`; of the faces that are covered as a whole."""
         if super()._share(change, row, spot) < SURE:
             return 0.0
-        camera, task, poses = self._placed([change], row)
+        camera, task, poses = self._place_changes([change], row)
         result = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
         return float((result.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
 
 
-def lost_without(parts: Regions, need: IntArray) -> FloatArray:
+def lose_without(parts: Regions, need: IntArray) -> FloatArray:
     """(P,) area that too few cameras cover without each one; `need`, (F,), are those wanted."""
     covered = unite(parts, int(need.max(initial=1)) + 1)
     tight = np.flatnonzero(covered.views == need[covered.face])
-    xy, starts = polygons.chosen(covered.xy, covered.starts, tight)
+    xy, starts = polygons.choose_polygons(covered.xy, covered.starts, tight)
     areas, face = polygons.polygon_areas(xy, starts), covered.face[tight]
     points = to_world(parts.mesh, face, polygons.centroids(xy, starts, np.maximum(areas, 1e-300)))
     return areas @ covering_poses(parts, face, points)

@@ -44,7 +44,7 @@ from rastercov.report import audit, check, coverage, placement
 from rastercov.report.coverage_files import INSTALL_PYARROW, has_parquet
 from rastercov.report.modes import mode_picture
 from rastercov.report.network_page import NetworkPage
-from rastercov.report.pages import MOST_OF_REPORT, Picture, described_mesh, rendered
+from rastercov.report.pages import MOST_OF_REPORT, Picture, describe_mesh, render
 from rastercov.report.panorama import neutral, two_sides
 from rastercov.report.plan import lines, summary
 from rastercov.report.tables import heading_and_tilt
@@ -101,14 +101,14 @@ def html_of(value: Any) -> str:
         heading = f"{plural(figures['poses'], 'pose', 'cover')} {share} of the area"
         table, draw = _parts(figures), partial(mode_picture, "coverage", mesh, network.best)
     picture = Picture.of(heading, draw()) if mesh.n_faces <= MOST_OF_REPORT else None
-    return rendered("notebook.html", heading=heading, lines=said, table=table, picture=picture)
+    return render("notebook.html", heading=heading, lines=said, table=table, picture=picture)
 
 
 def _groups(mesh: Mesh) -> Cells:
     m2 = np.bincount(mesh.face_group, mesh.areas, len(mesh.groups)).tolist()
     rows = [
         (each["name"], each["role"], f"{each['faces']:,}", area(own))
-        for each, own in zip(described_mesh(mesh)["groups"], m2, strict=True)
+        for each, own in zip(describe_mesh(mesh)["groups"], m2, strict=True)
     ]
     return ("group", "role", "faces", "area"), rows
 
@@ -264,17 +264,17 @@ def table(value: Result, name: str) -> Any:
     tables: dict[str, Callable[[], Any]] = {
         "faces": lambda: pa.table(_faces(page)),
         "cameras": lambda: pa.table(_cameras(page)),
-        "zones": lambda: _listed(page.dead[1]["dead_zones"], ZONES),
-        "groups": lambda: _listed(page.figures["groups"], GROUPS),
+        "zones": lambda: _frame_of_entries(page.dead[1]["dead_zones"], ZONES),
+        "groups": lambda: _frame_of_entries(page.figures["groups"], GROUPS),
     }
     if isinstance(page, audit.AuditPage):
         tables["faces"] = lambda: pa.table(audit.arrays_of(page.found))
         tables["cameras"] = lambda: pa.table(audit.cameras_of_images(page.found, page.summary))
-        tables["zones"] = lambda: _listed(page.summary["weak"]["zones"], WEAK)
+        tables["zones"] = lambda: _frame_of_entries(page.summary["weak"]["zones"], WEAK)
     return tables[name]()
 
 
-def _listed(entries: Sequence[ReadByName], columns: str) -> Any:
+def _frame_of_entries(entries: Sequence[ReadByName], columns: str) -> Any:
     """Table of the entries of zones or groups of a summary."""
     rows = []
     for number, each in enumerate(entries, 1):

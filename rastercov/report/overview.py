@@ -34,7 +34,7 @@ from rastercov.base import (
     plural,
     row_lengths,
 )
-from rastercov.base.format import area, signed
+from rastercov.base.format import area, text_with_sign
 from rastercov.core.area.frames import rows_at
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.table import Regions
@@ -49,11 +49,11 @@ from rastercov.report.camera_pictures import WHOLE_REL
 from rastercov.report.images import (
     FaceImage,
     Key,
+    add_frame,
+    draw_part,
     font_for,
-    framed,
-    hatched,
+    hatch_pixels,
     outlines,
-    part_drawn,
     write_labels,
 )
 from rastercov.report.panorama import (
@@ -213,7 +213,7 @@ class Overview:
         of_zones = partial(zones_at, self.zones, n=len(self.said))
         zone = scene.at_points(face, of_zones, np.int32(-1), asked & (best < 0))
         hatch = _hatches_of(self.said, self.devices)[whole(zone)]
-        return hatched(pixels, hatch, at, face.shape[1], scene.hatch)
+        return hatch_pixels(pixels, hatch, at, face.shape[1], scene.hatch)
 
     def picture(self) -> Image.Image:
         """The task, which fills the picture, and from another side with all cameras."""
@@ -225,7 +225,7 @@ class Overview:
         ends = np.concatenate([*(each.reshape(-1, 3) for each in pyramids), np.zeros((0, 3))])
         scenes = [look(mesh, first, eyes=poses), look(mesh, other, ends, eyes=poses)]
         near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
-        images = [self.drawn(scenes[0], near), self.drawn(scenes[1], pyramids, self.volumes)]
+        images = [self.draw(scenes[0], near), self.draw(scenes[1], pyramids, self.volumes)]
         keys = [
             Key.of(f"{self.noun} {name}" if row == 0 else str(name), colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
@@ -239,9 +239,9 @@ class Overview:
         elif len(self.placed):
             which = "nearest " if self.regions else "best " if self.most == "covers it" else ""
             title += f"; the surface is coloured by the {which}{self.noun} that {self.most}"
-        return framed(beside(images), title, [*keys, *scene_keys(scenes)])
+        return add_frame(beside(images), title, [*keys, *scene_keys(scenes)])
 
-    def drawn(
+    def draw(
         self, scene: DrawnScene, pyramids: Sequence[FloatArray], volumes: Sequence[Volume] = ()
     ) -> Image.Image:
         """A scene in the colours of its cameras, with the first of them, by their pyramids."""
@@ -333,7 +333,7 @@ def _edges(pyramid: FloatArray) -> list[Line]:
     return lines
 
 
-def numbered(summary: ReadByName) -> list[ReadByName]:
+def number_cameras(summary: ReadByName) -> list[ReadByName]:
     """The zones of a summary that have a number in the picture and in the list: 1, 2, ..."""
     zones = summary.get("dead_zones", ())
     return [zone for zone in zones if zone["percent"] >= LEAST_PERCENT][:MOST_ZONES]
@@ -341,13 +341,13 @@ def numbered(summary: ReadByName) -> list[ReadByName]:
 
 def zone_rows(summary: ReadByName) -> list[list[str]]:
     """Rows of the list: number, area, share of the task, place, groups, reason; and the rest."""
-    zones, shown, rows = summary.get("dead_zones", ()), numbered(summary), []
+    zones, shown, rows = summary.get("dead_zones", ()), number_cameras(summary), []
     # Three digits of the largest extent.
     digits = decimals_of(np.abs([zone["extent"] for zone in zones]).max(initial=0.0))
     rest = summary["other_dead_zones"]
     whole = max((zone["area_m2"] for zone in zones), default=0.0)  # one unit for the column
     for number, zone in enumerate(shown, start=1):
-        place = ", ".join(signed(value, digits) for value in zone["centroid"])
+        place = ", ".join(text_with_sign(value, digits) for value in zone["centroid"])
         size, share = area(zone["area_m2"], whole=whole), percent(round(zone["percent"] / 100, 9))
         rows.append([str(number), size, share, place, zone_place(zone), zone_reason(zone)])
     if count := len(zones) - len(shown) + n_unlisted(summary):
@@ -378,7 +378,11 @@ def zones_picture(
     noun, rest : str
         Words for a zone and for what is in none; that this is covered unless given.
     """
-    mesh, listed, devices = zones.mesh, numbered(summary), device_hatches(summary["dead_zones"])
+    mesh, listed, devices = (
+        zones.mesh,
+        number_cameras(summary),
+        device_hatches(summary["dead_zones"]),
+    )
     weights = np.where(zones.zone < max(1, len(listed)), zones.piece_area, 0.0)
     dead = np.bincount(zones.face, weights, mesh.n_faces) / np.maximum(mesh.areas, 1e-300)
     dead[outer_skin(mesh, eyes)] = 0.0
@@ -397,7 +401,7 @@ def zones_picture(
     if rest:
         keys[0] = Key.of(rest, REASONS[NAMES[COVERED]].colour)
     keys += scene_keys(scenes)
-    return framed(beside([image for image, _, _ in drawn]), title, keys)
+    return add_frame(beside([image for image, _, _ in drawn]), title, keys)
 
 
 def zone_close_up(
@@ -411,7 +415,11 @@ def zone_close_up(
     Parameters are those of `zones_picture`, and the row of the zone. None for one that is nothing
     but rounding.
     """
-    mesh, listed, devices = zones.mesh, numbered(summary), device_hatches(summary["dead_zones"])
+    mesh, listed, devices = (
+        zones.mesh,
+        number_cameras(summary),
+        device_hatches(summary["dead_zones"]),
+    )
     faces = np.zeros(mesh.n_faces, np.bool_)
     faces[zones.face[zones.zone == row]] = True
 
@@ -424,7 +432,7 @@ def zone_close_up(
     if scene is None:
         return None
     image, _, own = _with_zones(zones, scene, listed, [row], devices)
-    return framed(np.asarray(image), "", [*_reason_keys(own, devices), *scene_keys([scene])])
+    return add_frame(np.asarray(image), "", [*_reason_keys(own, devices), *scene_keys([scene])])
 
 
 def close_up(
@@ -447,17 +455,17 @@ def close_up(
     front = normal / max(float(np.linalg.norm(normal)), 1e-300)
     tried = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
 
-    def shown(scene: DrawnScene, image: FaceImage) -> FaceImage:
+    def show(scene: DrawnScene, image: FaceImage) -> FaceImage:
         """A face image with nothing but the fronts of the faces."""
         values = np.where(on_pixels(faces & scene.fronts, image), image, np.int32(-1))
         return np.where(is_own(scene, values), values, np.int32(-1))
 
     def alone(scene: DrawnScene) -> FaceImage:
         rows = np.flatnonzero(faces & scene.fronts)
-        return shown(scene, part_drawn(mesh, scene.camera, scene.pose, rows).face)
+        return show(scene, draw_part(mesh, scene.camera, scene.pose, rows).face)
 
     def count(scene: DrawnScene, *images: FaceImage) -> int:
-        return sum(int((shown(scene, image) >= 0).sum()) for image in images)
+        return sum(int((show(scene, image) >= 0).sum()) for image in images)
 
     scenes = [look(mesh, side, scale=0.15, eyes=eyes, around=around) for side in tried]
     counts = [count(scene, scene.face, scene.beneath, scene.targets) for scene in scenes]
@@ -523,7 +531,7 @@ def _with_zones(
         drawn.update(np.flatnonzero(counts > FEW_REL * face.size).tolist())
         hatch = of_devices[of_zones] if devices else theme.REASON_HATCHES[rows]
         colours = theme.REASON_COLOURS.take(rows, axis=0)
-        return hatched(colours, hatch, at, face.shape[1], scene.hatch)
+        return hatch_pixels(colours, hatch, at, face.shape[1], scene.hatch)
 
     pixels = paint(scene, neutral(mesh), own)
     shown = layers[0]

@@ -6,7 +6,7 @@ from rastercov.core.camera import MODELS, Camera
 from rastercov.core.camera.lenses.of_camera import lens_of
 
 
-def packed(camera: Camera) -> FloatArray:
+def pack_lens(camera: Camera) -> FloatArray:
     """(N,) numbers of the lens of a camera that is no pinhole.
 
     Examples
@@ -15,8 +15,8 @@ def packed(camera: Camera) -> FloatArray:
     >>> camera = rc.Camera(
     ...     width=640, height=480, fx=600, fy=600, model="opencv", distortion=(-0.1, 0.01, 0, 0)
     ... )
-    >>> from rastercov.report.packed_lens import packed
-    >>> packed(camera)[3]  # planes
+    >>> from rastercov.report.packed_lens import pack_lens
+    >>> pack_lens(camera)[3]  # planes
     1.0
     """
     row = lens_of(camera).row.copy()

@@ -73,13 +73,13 @@ class Picture:
         return cls(alt, png(image, Image.Quantize.FASTOCTREE))
 
     @classmethod
-    def drawn(cls, alt: str, image: Image.Image) -> "Picture":
+    def draw(cls, alt: str, image: Image.Image) -> "Picture":
         """The same with a twin, for a drawing whose greys may be reversed."""
         light = png(image, Image.Quantize.FASTOCTREE)
         return cls(alt, light, png_in_the_dark(light))
 
 
-def rendered(template: str, package: str = "rastercov.report", **values: object) -> str:
+def render(template: str, package: str = "rastercov.report", **values: object) -> str:
     """HTML of a template in the folder `templates` of a package, with some values."""
     return _environment(package).get_template(template).render(values)
 
@@ -217,24 +217,26 @@ def view_page(
     """
     if mesh.n_faces > MOST_OF_REPORT or len(poses) > MOST_STATIONS:
         return None
-    scene = described_scene(title, mesh, poses.world_from_camera, unit) | {
-        "modes": [described_mode(name, MODES[name]) for name in values],
+    scene = describe_scene(title, mesh, poses.world_from_camera, unit) | {
+        "modes": [describe_mode(name, MODES[name]) for name in values],
         "notes": list(notes),
     }
     frames = {name: _frame(mesh, name, each, summary) for name, each in values.items()}
     if phases is not None:
         scene |= phases.entries
         name = phases.mode
-        scene["modes"] += [described_mode(name, MODES[name])] * (len(phases.values) > 0)
+        scene["modes"] += [describe_mode(name, MODES[name])] * (len(phases.values) > 0)
         for row, own in enumerate(phases.values):
             frames[f"{name}@{row}"] = _frame(mesh, name, own, summary)
     state = _still_state(camera, poses, names)
-    return embedded(mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)})
+    return embed_scene(
+        mesh, {"scene": scene, "state": state, "frames": frames, "zones": list(zones)}
+    )
 
 
-def described_scene(title: str, mesh: Mesh, poses: FloatArray, unit: str) -> ByName:
+def describe_scene(title: str, mesh: Mesh, poses: FloatArray, unit: str) -> ByName:
     """Everything of a scene that does not change, but its modes, ready for JSON."""
-    return described_mesh(mesh, poses) | {
+    return describe_mesh(mesh, poses) | {
         "title": title,
         "version": rastercov.__version__,
         "is_room": is_inside(mesh, poses[:, :3, 3]),
@@ -249,7 +251,7 @@ def described_scene(title: str, mesh: Mesh, poses: FloatArray, unit: str) -> ByN
 def _frame(mesh: Mesh, name: str, values: object, summary: ReadByName) -> ByName:
     """Values of a mode as a page shows them."""
     painted = MODES[name].paint(mesh, values)
-    return described_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
+    return describe_frame(name, painted) | {"summary": summary} | levels_of(painted.levels)
 
 
 def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> ByName:
@@ -259,13 +261,13 @@ def _still_state(camera: Cameras, poses: Poses, names: Sequence[str]) -> ByName:
         f"{name}: {words}" if words else name
         for name, words in zip(names_of(camera), sold, strict=True)
     ]
-    lenses = map(described_camera, cameras_of(camera))
+    lenses = map(describe_camera, cameras_of(camera))
     known = dict(zip(cameras, lenses, strict=True))
-    stations = described_stations(cameras, poses, names)
+    stations = describe_stations(cameras, poses, names)
     return {"revision": 0, "stations": stations, "cameras": known, "task": {}, "devices": []}
 
 
-def described_stations(cameras: Sequence[str], poses: Poses, names: Sequence[str]) -> list[ByName]:
+def describe_stations(cameras: Sequence[str], poses: Poses, names: Sequence[str]) -> list[ByName]:
     """Poses with their own names and those of their cameras, ready for JSON."""
     rows = zip(names, poses.camera.tolist(), poses.world_from_camera, strict=True)
     return [
@@ -357,7 +359,7 @@ def figures_of(
     }
 
 
-def described_mesh(mesh: Mesh, poses: ArrayLike = ()) -> ByName:
+def describe_mesh(mesh: Mesh, poses: ArrayLike = ()) -> ByName:
     """A mesh as a page needs it, ready for JSON; up and the first view are by poses (P, 4, 4)."""
     towards = None
     if mesh.n_faces <= MOST_SIDES or front_of(mesh, poses) is not None:
@@ -421,12 +423,12 @@ def _floors(levels: FloatArray, areas: FloatArray) -> tuple[FloatArray, FloatArr
     return lowest[kept], sizes[kept]
 
 
-def described_mode(name: str, mode: Mode) -> ByName:
+def describe_mode(name: str, mode: Mode) -> ByName:
     """A way to colour the faces, ready for JSON."""
     return {"id": name, "label": mode.label, "words": mode.words, "panel": mode.panel}
 
 
-def described_frame(mode: str, painted: Painted) -> ByName:
+def describe_frame(mode: str, painted: Painted) -> ByName:
     """Colours of faces without their levels, ready for JSON."""
     palette = base64_of(painted.palette.tobytes())
     return {"mode": mode, "legend": painted.legend, "scale": painted.scale, "palette": palette}
@@ -444,7 +446,7 @@ def plain_of(camera: Camera) -> ByName:
     return camera.to_json() | ({} if near is None else {"focus_range": [near, far]})
 
 
-def described_camera(camera: Camera) -> ByName:
+def describe_camera(camera: Camera) -> ByName:
     """Values of a camera for the page, ready for JSON; None for what it does not have.
 
     `border` are rays around its field of view, see `camera.projection.view_border`; where they do
@@ -524,7 +526,7 @@ def groups_of(mesh: Mesh) -> bytes:
     return bytes(mesh.face_group.astype("<u2").tobytes())
 
 
-def embedded(mesh: Mesh, data: ReadByName) -> str:
+def embed_scene(mesh: Mesh, data: ReadByName) -> str:
     """The page with its style, modules, mesh and data inside; its policy lets it load nothing.
 
     ResourceError for more than `MOST_FACES` faces.
@@ -555,7 +557,7 @@ def _one_file(kind: str, data: ReadByName, scripts: str = "", workers: str = "")
         for each in (files("rastercov") / "shaders").iterdir()
         if each.name.startswith("viewer_") and each.name.endswith(".glsl")
     }
-    style, script = (static_file("style.css") or b"").decode(), bundled("main")
+    style, script = (static_file("style.css") or b"").decode(), bundle_scripts("main")
     policy = (
         f"default-src 'none'; script-src {digest_of(script)}{scripts}; {workers}"
         f"style-src {digest_of(style)}; "
@@ -565,7 +567,7 @@ def _one_file(kind: str, data: ReadByName, scripts: str = "", workers: str = "")
     return page_text("one_file.html", policy=policy, style=style, script=script, **parts)
 
 
-def bundled(name: str) -> str:
+def bundle_scripts(name: str) -> str:
     """A module and those that it imports as one script, which a policy can name by its hash.
 
     A module becomes a function that gives its exports, called once, after those that it imports.

@@ -45,13 +45,13 @@ from rastercov.report.images import (
     FaceImage,
     Key,
     OwnColours,
+    add_frame,
     draw_lines,
+    draw_part,
     facing,
-    framed,
     hatch_over,
-    hatched,
+    hatch_pixels,
     layers,
-    part_drawn,
     put,
     stripes,
     target_key,
@@ -197,7 +197,7 @@ class DrawnScene:
         return result.reshape((*face.shape, *start.shape))
 
 
-def seen(
+def draw_scene(
     mesh: Mesh,
     camera: Camera,
     pose: ArrayLike,
@@ -247,28 +247,28 @@ def look(
     towards = np.asarray(direction, np.float64) @ axes
     eye = middle + DISTANCE * radius * towards / np.linalg.norm(towards)
     pose = look_at(eye, middle, axes[2])[0]
-    camera = _fitted(points, pose, scale)
+    camera = _fit_camera(points, pose, scale)
     rows = np.flatnonzero(~mesh.target_mask)
-    buffer = part_drawn(mesh, camera, pose, rows)
-    away, skin = turned_away(mesh, eye, eyes), remembered(outer_skin, mesh, eyes)
+    buffer = draw_part(mesh, camera, pose, rows)
+    away, skin = back_faces(mesh, eye, eyes), remember(outer_skin, mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
     counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
     is_interior = is_inside(mesh, eyes) or 2 * counts[away].sum() > counts.sum()
     kept = rows[~away[rows]]
     if is_interior and 0 < len(kept) < len(rows):
         rows = kept
-        buffer = part_drawn(mesh, camera, pose, rows)
+        buffer = draw_part(mesh, camera, pose, rows)
     is_closed = ~mesh.task_mask | skin
     task = np.flatnonzero(mesh.target_mask | ~(is_closed | away))
     may_hide = is_closed[counts > 0].any() or mesh.target_mask.any()
-    behind = part_drawn(mesh, camera, pose, task) if may_hide else buffer
+    behind = draw_part(mesh, camera, pose, task) if may_hide else buffer
     opened, n_behind = rows[:0], int((behind.face >= 0).sum())
     for _ in range(LAYERS * may_hide):
         hides = on_pixels(is_closed, buffer.face) & (buffer.depth < behind.depth)
         hides &= behind.face >= 0
         if hides.sum() <= OPENED * n_behind:
             break
-        bodies = remembered(_bodies, mesh, middle)
+        bodies = remember(_bodies, mesh, middle)
         hidden = np.bincount(bodies[buffer.face[hides]], minlength=mesh.n_faces)
         worth = hidden > OPENED * n_behind
         if not worth.any():  # planes of small faces: all of them or none
@@ -277,14 +277,14 @@ def look(
         if not is_opened.any():
             break
         opened, rows = np.append(opened, rows[is_opened]), rows[~is_opened]
-        buffer = part_drawn(mesh, camera, pose, rows)
+        buffer = draw_part(mesh, camera, pose, rows)
     if len(opened) and around is None:  # the rest fills the picture
         left = mesh.vertices[np.unique(mesh.faces[rows[mesh.task_mask[rows]]])]
         is_left = ((low <= left) & (left <= high)).all(axis=1)
         points = np.concatenate((left[is_left], points[len(own) * is_left.any() :]))
-        camera = _fitted(points, pose, scale)
-        buffer = part_drawn(mesh, camera, pose, rows)
-    scene = seen(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
+        camera = _fit_camera(points, pose, scale)
+        buffer = draw_part(mesh, camera, pose, rows)
+    scene = draw_scene(mesh, camera, pose, buffer, rows[mesh.task_mask[rows]], OUTSIDE)
     names = [mesh.groups[row].name for row in np.unique(mesh.face_group[opened])]
     return replace(scene, opened=names)
 
@@ -296,7 +296,7 @@ def on_pixels(mask: BoolArray, face: FaceImage) -> BoolArray:
     return np.append(mask, False).take(face, mode="wrap")
 
 
-def _fitted(points: FloatArray, pose: FloatArray, scale: float) -> Camera:
+def _fit_camera(points: FloatArray, pose: FloatArray, scale: float) -> Camera:
     """The camera at a pose in whose image points (N, 3) just fit."""
     of_points = to_camera(points, pose)
     slopes = of_points[:, :2] / of_points[:, 2:]
@@ -340,12 +340,12 @@ def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
 
 def task_points(mesh: Mesh) -> FloatArray:
     """(N, 3) vertices of the evaluated faces, or of all faces if none is, without outliers."""
-    return remembered(_without_outliers, mesh)[0]
+    return remember(_without_outliers, mesh)[0]
 
 
 def scene_box(mesh: Mesh) -> FloatArray:
     """(2, 3) bounds of the opaque faces, or of all if none is, without outliers."""
-    bounds: FloatArray = remembered(_without_outliers, mesh)[1]
+    bounds: FloatArray = remember(_without_outliers, mesh)[1]
     return bounds
 
 
@@ -410,7 +410,7 @@ def best_directions(mesh: Mesh, weights: ArrayLike, eyes: ArrayLike = ()) -> Flo
     Each direction adds most to the visible pixels of those before it, by `weights` (F,) of faces
     that are not shown well yet.
     """
-    shown = remembered(_shown, mesh, eyes) * np.asarray(weights, np.float64)
+    shown = remember(_shown_faces, mesh, eyes) * np.asarray(weights, np.float64)
     chosen: list[int] = []
     best = np.zeros(mesh.n_faces)
     for _ in range(2):
@@ -422,7 +422,7 @@ def best_directions(mesh: Mesh, weights: ArrayLike, eyes: ArrayLike = ()) -> Flo
     return DIRECTIONS[chosen]
 
 
-def _shown(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
+def _shown_faces(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
     """Pixels of the front of each face from each of `DIRECTIONS`, (8, F), weighted."""
     shown = np.empty((len(DIRECTIONS), mesh.n_faces))
     for row, direction in enumerate(DIRECTIONS):
@@ -433,7 +433,7 @@ def _shown(mesh: Mesh, eyes: ArrayLike) -> FloatArray:
     return shown
 
 
-def remembered(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLike = ()) -> Any:
+def remember(make: Callable[[Mesh, ArrayLike], Any], mesh: Mesh, eyes: ArrayLike = ()) -> Any:
     """Answer of a function on a mesh and cameras; the last one for each mesh is kept."""
     known, key = _KEPT.setdefault(mesh, {}), np.asarray(eyes, np.float64).tobytes()
     if make.__name__ not in known or known[make.__name__][0] != key:
@@ -448,17 +448,19 @@ def paint(scene: DrawnScene, colours: Pixels, own: OwnColours | None = None) -> 
     have a colour of their own.
     """
     face = scene.face
-    pixels = _painted(scene, face, colours, own)
+    pixels = _paint_faces(scene, face, colours, own)
     if (scene.beneath >= 0).any():
         shown = (scene.beneath >= 0) & ~stripes(face.shape, round(scene.stripe / 1.5), 3)
-        pixels[shown] = _painted(scene, scene.beneath, colours, own)[shown]
+        pixels[shown] = _paint_faces(scene, scene.beneath, colours, own)[shown]
     if (scene.targets >= 0).any():
         of_targets = own or (lambda image, at: colours[image.ravel()[at]])
         hatch_over(pixels, scene.targets, of_targets, scene.stripe)
     return pixels
 
 
-def _painted(scene: DrawnScene, face: FaceImage, colours: Pixels, own: OwnColours | None) -> Pixels:
+def _paint_faces(
+    scene: DrawnScene, face: FaceImage, colours: Pixels, own: OwnColours | None
+) -> Pixels:
     """Pixels of the opaque faces of one image."""
     mesh, light = scene.mesh, scene.light
     palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
@@ -520,7 +522,7 @@ def two_sides(
 ) -> Image.Image:
     """Two views side by side, with title and legend; `colours` (F, 3) and `hatch` (F,) of faces."""
     pixels, more = side_by_side(mesh, colours, hatch, sides(mesh, eyes), eyes)
-    return framed(pixels, title, [*keys, *more])
+    return add_frame(pixels, title, [*keys, *more])
 
 
 def side_by_side(
@@ -536,7 +538,7 @@ def side_by_side(
 
     def own(face: FaceImage, at: IntArray) -> Pixels:
         of_face = face.ravel()[at]
-        return hatched(colours[of_face], hatch[of_face], at, face.shape[1], scenes[0].hatch)
+        return hatch_pixels(colours[of_face], hatch[of_face], at, face.shape[1], scenes[0].hatch)
 
     painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
     images = [smooth(Image.fromarray(pixels)) for pixels in painted]
@@ -630,7 +632,7 @@ def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:
     return 2 * int(inside.sum()) > len(points)
 
 
-def turned_away(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArray:
+def back_faces(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArray:
     """(F,) faces that turn away from a viewer (3,).
 
     A two-sided face does where the viewer is on one side of it and all cameras, (P, 3), on the

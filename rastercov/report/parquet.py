@@ -17,7 +17,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rastercov.base import ByName, FloatArray, Int32Array, IntArray, ReadByName, json_bytes, named
+from rastercov.base import (
+    ByName,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    ReadByName,
+    json_bytes,
+    name_file,
+)
 from rastercov.base.output import replacing, writing
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.table import Regions
@@ -107,7 +115,7 @@ class CoverageTable:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        with ExitStack() as stack, named(self.path):
+        with ExitStack() as stack, name_file(self.path):
             part = stack.enter_context(replacing(self.path))
             # Opened by us, because pyarrow takes only paths that are UTF-8.
             file = stack.enter_context(part.open("wb"))
@@ -150,7 +158,7 @@ class CoverageTable:
         if whole:
             groups, rest = self._pending.slice(0, whole), self._pending.slice(whole)
             self._pending = rest.take(np.arange(len(rest)))  # a copy releases the memory of batches
-            with named(self.path):
+            with name_file(self.path):
                 self._writer.write_table(groups, row_group_size=ROWS_A_GROUP)
 
     def __exit__(self, *error: Any) -> None:
@@ -159,7 +167,7 @@ class CoverageTable:
             with suppress(OSError):  # of the full disk that ended the block
                 self._stack.__exit__(*error)
             return
-        with named(self.path), self._stack:
+        with name_file(self.path), self._stack:
             if len(pending):
                 self._writer.write_table(pending)
 

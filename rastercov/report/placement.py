@@ -13,7 +13,7 @@ import numpy as np
 
 from rastercov.base import ReadByName, percent
 from rastercov.core.area.remedies import Allowed
-from rastercov.core.area.table import taken
+from rastercov.core.area.table import take_rows
 from rastercov.core.area.zones import ZONES
 from rastercov.core.camera import gates_of, names_of_poses, rows_of_result
 from rastercov.core.coverage.evaluation import regions
@@ -23,7 +23,7 @@ from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import KeepOutBox
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
-from rastercov.placement.plan.goals import goals_apart
+from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
 from rastercov.placement.plan.product import Judged
 from rastercov.placement.plan.run import Placement
@@ -70,7 +70,7 @@ def pages_of(
     """
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
     shown = replace(network_of(placement, summary), level=level)
-    drawn = shown.drawn(progress)
+    drawn = shown.draw(progress)
     columns = {
         "source": [source_of(placement.origin[row]) for row in cameras.owner],
         "covered so far": [percent(share) for share in cameras.curve],
@@ -158,7 +158,7 @@ def network_of(
     together = None
     if gates_of(plan.rig) and parts is not None:
         together = rows_of_result(plan.rig, placed)
-        parts = taken(parts, together)
+        parts = take_rows(parts, together)
     return NetworkPage(
         title,
         of.mesh,
@@ -183,7 +183,7 @@ def network_of(
             plan.task.method,
             views_by_group(plan, asked),
             _limits(placement) if plan.task.weight_by == "area" else {},
-            goals=Goals(of.scene, *goals_apart(plan, of.scene))
+            goals=Goals(of.scene, *separate_goals(plan, of.scene))
             if plan.goals and of.scene
             else None,
         ),

@@ -37,11 +37,11 @@ from rastercov.base import (
     write_json,
     write_text,
 )
-from rastercov.base.files import seen_from
+from rastercov.base.files import path_from
 from rastercov.base.format import area, distance, verb
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.area.zones import ZONES
-from rastercov.core.coverage.provenance import named_cameras, provenance_of
+from rastercov.core.coverage.provenance import name_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.file import Plan
@@ -148,7 +148,7 @@ def save(
     pdf: bool = False,
 ) -> None:
     """Replace the earlier report by poses, all figures, and the texts of pages by their names."""
-    with interrupts_held():
+    with hold_interrupts():
         write_json(folder.file("poses.json"), poses_of(placement))
         for name, text in placement.carried.files().items() if placement.carried else ():
             write_text(folder.file(name), text)
@@ -158,7 +158,7 @@ def save(
         for name, text in pages.items():
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         plan = placement.prepared.plan
-        at = {"folder": seen_from(folder.path, plan.folder), "file": plan.name}
+        at = {"folder": path_from(folder.path, plan.folder), "file": plan.name}
         write_json(folder.file("plan.json"), summary(placement) | at)
         folder.publish()
 
@@ -186,7 +186,7 @@ def poses_of(placement: Placement) -> ByName:
                 cameras.mounted.camera, cameras.mounted.world_from_camera, strict=True
             )
         ]
-    return named_cameras(mounts.rig) | content
+    return name_cameras(mounts.rig) | content
 
 
 def summary(placement: Placement) -> ByName:
@@ -196,7 +196,7 @@ def summary(placement: Placement) -> ByName:
     seconds: ByName = {"steps": placement.steps, "selection": selection.pop("seconds")}
     if workers := prepared.tally.to_json():
         seconds["workers"] = workers
-    moved, took = _moved(placement)
+    moved, took = _move_figures(placement)
     seconds |= took
     assert plan.selection is not None
     if prepared.cells is not None:
@@ -240,7 +240,7 @@ def summary(placement: Placement) -> ByName:
         **{name: each.summary() for name, each in placement.made.items()},
         "left": placement.leftover.summary() if placement.leftover else None,
         "seed": plan.selection.seed,
-        "made_from": made_from(prepared),
+        "made_from": origin_of(prepared),
         "seconds": seconds,
     }
 
@@ -258,7 +258,7 @@ def _matrix(prepared: Prepared) -> ByName:
     return pairs | {"cells": len(cells), "cell_m": cells.size, "least_share": least}
 
 
-def _moved(placement: Placement) -> tuple[ByName, dict[str, float]]:
+def _move_figures(placement: Placement) -> tuple[ByName, dict[str, float]]:
     """Figures of search and refinement, where they ran, and their seconds."""
     moved: ByName = {}
     seconds: dict[str, float] = {}
@@ -275,7 +275,7 @@ def _moved(placement: Placement) -> tuple[ByName, dict[str, float]]:
     return moved, seconds
 
 
-def made_from(prepared: Prepared) -> ByName:
+def origin_of(prepared: Prepared) -> ByName:
     """Inputs with their hashes, device and versions."""
     plan, poses = prepared.plan, prepared.pool.candidates.poses
     options = Options(method=plan.task.method, supersample=plan.task.supersample, pictures=0)
@@ -372,8 +372,8 @@ def lines(
     what = prepared.noun
     said = goal_lines(placement.requirements)[1]
     if prepared.plan.chooses_cameras:
-        said += [*prepared.pool.lines(), *prepared.notes, *_asked_of_cells(prepared)]
-        said.append(_selected(placement))
+        said += [*prepared.pool.lines(), *prepared.notes, *_cell_questions(prepared)]
+        said.append(_selection_note(placement))
     for choice in placement.choices.values():
         said += choice.lines()
     of = _of(prepared)
@@ -405,7 +405,9 @@ def lines(
         said.append(placement.carried.line())
     for product in placement.products:
         said += product.lines()
-        said += filter(None, (each.sampled_at(prepared.mesh) for each in prepared.plan.candidates))
+        said += filter(
+            None, (each.sampling_text(prepared.mesh) for each in prepared.plan.candidates)
+        )
     said += [
         f"the {how} poses were discarded: they cover less of the exact area or miss a goal"
         for how in placement.kept_poses
@@ -419,13 +421,13 @@ def lines(
             "reduce resolution_of_result"
         )
     if placement.interrupted:
-        said.append(_interrupted(placement))
+        said.append(_interrupt_note(placement))
     elif selection.status == "time_limit":
         said.append("the integer program reached its time limit; more time may improve it")
     return said
 
 
-def _interrupted(placement: Placement) -> str:
+def _interrupt_note(placement: Placement) -> str:
     """Words on the step that was interrupted, and on what there is of it."""
     step = placement.interrupted
     table = {"selection": True, "search": placement.optimised, "refinement": placement.refined}
@@ -434,7 +436,7 @@ def _interrupted(placement: Placement) -> str:
     return f"interrupted before {step}: result so far"
 
 
-def _asked_of_cells(prepared: Prepared) -> list[str]:
+def _cell_questions(prepared: Prepared) -> list[str]:
     """Line about a share to cover on cells that is more than that of the plan."""
     goal, wanted = prepared.problem.goal, goal_of(prepared.selection)
     if not isinstance(goal, FewestCameras) or not isinstance(wanted, FewestCameras):
@@ -459,7 +461,7 @@ def _of(prepared: Prepared) -> str:
     )
 
 
-def _selected(placement: Placement) -> str:
+def _selection_note(placement: Placement) -> str:
     """Result of the selection and its distance from the best."""
     prepared, selection = placement.prepared, placement.selection
     of = _of(prepared)
@@ -506,7 +508,7 @@ def _status_of(placement: Placement) -> str:
     return f"{what} for {share} of {of}{' that candidates can cover' * goal.of_reachable}"
 
 
-def left_lines(placement: Placement) -> list[str]:
+def lines_of_uncovered(placement: Placement) -> list[str]:
     """Sentences about what the network leaves; by area, about what no candidate sees."""
     left, areas = placement.leftover, placement.cameras.areas
     if left is None:

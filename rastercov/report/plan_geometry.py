@@ -57,7 +57,9 @@ def scene_of_plan(walls: FloatArray, box: FloatArray, cut: float, poses: Poses) 
     return Mesh(vertices, faces, groups, np.repeat([0, 1], (n, 2)).astype(np.int32))
 
 
-def seen_on_plan(scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: float) -> list[Any]:
+def views_on_plan(
+    scene: Mesh, cameras: Sequence[Camera], poses: Poses, density: float
+) -> list[Any]:
     """Area of the plane of a `scene_of_plan` that each pose sees at a facing density or more, px/m.
 
     A camera in the plane is lifted by `APART`.
@@ -126,7 +128,7 @@ def middle_part(points: FloatArray, weights: FloatArray) -> FloatArray:
     return np.array(ends).T
 
 
-def planned(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
+def plan_lines(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
     """Box (2, 2) in plan of cameras, and of 99 % of targets and of evaluated buildings at the cut.
 
     Of all evaluated faces where there are neither. Around targets alone, with the walls near them.
@@ -199,7 +201,7 @@ def edges_between(mesh: Mesh, drawn: BoolArray, low: float, high: float) -> Floa
     return np.asarray(ends[(ends[:, 0] != ends[:, 1]).any(axis=1)], np.float64)
 
 
-def seen_from_above(mesh: Mesh) -> Any:
+def outline_from_above(mesh: Mesh) -> Any:
     """Area of the plan that faces cover.
 
     Its border is of edges that do not have one face on either side in plan; these edges go around

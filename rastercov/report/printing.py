@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rastercov.base import ConfigError, shortened, write_text
+from rastercov.base import ConfigError, shorten, write_text
 from rastercov.base.format import to_install
 from rastercov.report.folder import ReportFolder
 
@@ -53,17 +53,17 @@ def write_page(folder: ReportFolder, name: str, text: str, *, pdf: bool = False)
         return
     path = folder.file(f"{name}.pdf")
     program, is_root = browser(), hasattr(os, "geteuid") and os.geteuid() == 0
-    said = "" if is_root else _printed(program, page, path)
+    said = "" if is_root else _print_with(program, page, path)
     if is_root or (not path.exists() and "sandbox" in said):  # root and containers have none
-        said = _printed(program, page, path, "--no-sandbox")
+        said = _print_with(program, page, path, "--no-sandbox")
     if not path.exists():
         raise ConfigError(
-            f"--pdf: expected a PDF by {program}, got {shortened(said, 60) or 'none'}; leave out "
+            f"--pdf: expected a PDF by {program}, got {shorten(said, 60) or 'none'}; leave out "
             "--pdf, or print the page by hand"
         )
 
 
-def _printed(program: str, page: Path, path: Path, *options: str) -> str:
+def _print_with(program: str, page: Path, path: Path, *options: str) -> str:
     """Print our own page to a PDF with a browser; its last words on standard error."""
     with TemporaryDirectory() as profile:
         command = [

@@ -17,19 +17,19 @@ from rastercov.base import ByName
 from rastercov.base import format as texts
 from rastercov.core.area.advice import advice_of
 from rastercov.core.camera.camera import depths_in_focus
-from rastercov.core.camera.viewpoints import distances_tried
+from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.core.coverage import required
 
 Shared = Callable[..., object]
 SHARED: tuple[Shared, ...] = (
     depths_in_focus,
-    distances_tried,
+    distances_to_try,
     texts.number,
     texts.percent,
     texts.with_bound,
     texts.area,
     texts.distance,
-    texts.signed,
+    texts.text_with_sign,
     advice_of,
     required.status_of,
     required.short_by,
@@ -143,17 +143,17 @@ class _Script:
             case ast.Constant(value):
                 return json.dumps(value, ensure_ascii=False)
             case ast.Name(name):
-                return self._named(name)
+                return self._name_of(name)
             case ast.BoolOp(operator, values):
                 return f"({f' {self.text(operator)} '.join(map(self.text, values))})"
             case ast.Compare(left, operators, others):
                 pairs = zip([left, *others], operators, others, strict=False)
-                return f"({' && '.join(self._compared(*each) for each in pairs)})"
+                return f"({' && '.join(self._compare(*each) for each in pairs)})"
             case ast.Call():
                 return self._call(node)
-        raise _refused(node)
+        raise _refusal_of(node)
 
-    def _named(self, name: str) -> str:
+    def _name_of(self, name: str) -> str:
         if name in self._local:
             return name
         text = json.dumps(self._globals[name], ensure_ascii=False)
@@ -161,7 +161,7 @@ class _Script:
             raise TypeError(f"expected one constant {name} of all functions, got two; rename one")
         return name
 
-    def _compared(self, left: ast.expr, operator: ast.cmpop, right: ast.expr) -> str:
+    def _compare(self, left: ast.expr, operator: ast.cmpop, right: ast.expr) -> str:
         one, other = self.text(left), self.text(right)
         if isinstance(operator, ast.In):
             return f"{other}.includes({one})"
@@ -179,7 +179,7 @@ class _Script:
         if fields := getattr(function, "_fields", ()):
             return f"({{ {_entries(dict(zip(fields, given, strict=True)))} }})"
         if not inspect.isfunction(function):
-            raise _refused(node)
+            raise _refusal_of(node)
         self.called += [function] * (function not in self.called)
         rest = [*inspect.signature(function).parameters][len(given) :]
         given += [named.get(each, "undefined") for each in rest]
@@ -190,7 +190,7 @@ def _entries(named: Mapping[str, str]) -> str:
     return ", ".join(f"{name}: {value}" for name, value in named.items())
 
 
-def _refused(node: ast.AST) -> TypeError:
+def _refusal_of(node: ast.AST) -> TypeError:
     return TypeError(
         f"expected Python that has a JavaScript here, got {ast.unparse(node)}; see CALLS"
     )

@@ -17,12 +17,12 @@ from rastercov.base import (
     size_in_words,
     with_bound,
 )
-from rastercov.base.format import area, in_decimals, signed
+from rastercov.base.format import area, in_decimals, text_with_sign
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import angles_of_view
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
-from rastercov.core.coverage.phases import said_of
+from rastercov.core.coverage.phases import question_in
 from rastercov.core.raster.observation import KIND_WORDS
 
 STRAIGHT = 1e-4
@@ -46,7 +46,7 @@ def summary_table(summary: ReadByName, level: int | None = None, unit: str = "m"
     title = f"Covered by {plural(summary['poses'], summary.get('noun', 'camera'))}"
     title += " together" if summary["poses"] > 1 else ""
     title += f", {views} per {'point' if by_area else 'face'}" if views > 1 else ""
-    if said := said_of(summary):
+    if said := question_in(summary):
         title += f" {said['in_words']}"
     rows, has_seeable = part_rows(summary, level), bool(summary["unseeable_m2"]) or not by_area
     names = ("area", "covered %" if by_area else "faces %", *["% of\ncoverable"] * has_seeable)
@@ -160,7 +160,7 @@ def camera_words(camera: Camera) -> str:
     else:
         angles = angles_of_view(camera)
         digits = max(1, decimals_of(min(angles)) - 1)
-        view = f"{' x '.join(signed(each, digits) for each in angles)}°"
+        view = f"{' x '.join(text_with_sign(each, digits) for each in angles)}°"
         lens = "" if camera.focal_length is None else lens_text(camera)
         lens = "" if not lens or camera.product.endswith(lens) else f"{lens} lens"
     return ", ".join(filter(None, (camera.product, size, lens, f"field of view {view}")))

@@ -195,9 +195,9 @@ class Arm:
 
     def is_free(self, joints: FloatArray) -> BoolArray:
         """(N,) True for (N, J) configurations that keep all clearances and volumes."""
-        return self._judged(joints)[1]
+        return self._classify(joints)[1]
 
-    def _judged(self, joints: FloatArray) -> tuple[FloatArray, BoolArray]:
+    def _classify(self, joints: FloatArray) -> tuple[FloatArray, BoolArray]:
         """(N,) clearance and (N,) True where a configuration is free."""
         if not len(joints):
             return np.zeros(0), np.zeros(0, np.bool_)
@@ -238,14 +238,14 @@ class Arm:
             return Reached(np.zeros(0, np.int64), none, np.zeros(0), {})
         solution = self.robot.solve(given, self.link, self._mount)
         pose, joints = solution.pose, solution.joints
-        clearance, is_free = self._judged(joints)
+        clearance, is_free = self._classify(joints)
         hits = np.setdiff1d(pose, pose[is_free])
         if len(hits):
             own = given[hits], self.link, self._mount
             more = self.robot.kinematics.solve(*own, (MORE_STARTS,), 0, MORE_STARTS)
             pose = np.concatenate([pose, hits[more.pose]])
             joints = np.concatenate([joints, more.joints])
-            further = self._judged(more.joints)
+            further = self._classify(more.joints)
             clearance = np.concatenate([clearance, further[0]])
             is_free = np.concatenate([is_free, further[1]])
         order = np.lexsort((-clearance, pose))
@@ -288,14 +288,14 @@ class Arm:
         limits = {"scene": self.clearance, "links": self.link_clearance}
         near = {of: self.collisions.contacts(joints[rows], of) for of in SORTS}
         for at, row in enumerate(rows):
-            each = [_missed(own[at], limits[of]) for of, own in near.items() if own]
+            each = [_missed_limit(own[at], limits[of]) for of, own in near.items() if own]
             causes = [cause for cause in each if cause is not None]
-            new = max(causes, key=_rank) if causes else self._misplaced(joints[row])
+            new = max(causes, key=_rank) if causes else self._misplacement(joints[row])
             known = misseds.get(int(pose[row]), new)
             misseds[int(pose[row])] = min(known, new, key=_rank)
         return misseds
 
-    def _misplaced(self, joints: FloatArray) -> Missed:
+    def _misplacement(self, joints: FloatArray) -> Missed:
         """Reason why a camera centre is not where it may be."""
         eye = self._eyes(joints[None])
         place = self._places(eye)[0]
@@ -319,7 +319,7 @@ def _rank(missed: Missed) -> tuple[bool, float]:
     return missed.reason != "clearance", missed.lack
 
 
-def _missed(contact: Contact, limit: float) -> Missed | None:
+def _missed_limit(contact: Contact, limit: float) -> Missed | None:
     """Reason of a pair that is nearer than a limit."""
     if contact.distance > 0 and contact.distance >= limit:
         return None

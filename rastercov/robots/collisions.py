@@ -195,7 +195,7 @@ class Collisions(InOneLine):
         is_above = not shorter and not any(e.parent in robot.shapes for e in longer[1:])
         return not is_above
 
-    def _asked(self, of: Of) -> list[tuple[str, str]]:
+    def _pairs_of(self, of: Of) -> list[tuple[str, str]]:
         """Pairs of a kind; the link first."""
         check_choice("of", of, ("all", *SORTS))
         wanted = {"scene": True, "links": False}.get(of)
@@ -227,7 +227,7 @@ class Collisions(InOneLine):
         frames, n = self._frames(joints)
         result = np.full(n, float(most))
         contact = CONTACT_REL * self.robot.mesh.diagonal
-        pairs = self._asked(of)
+        pairs = self._pairs_of(of)
         for one, other in pairs:
             relative = np.linalg.inv(frames[one]) @ frames[other]
             result = self._apart(one, self._trees[other], relative, result)
@@ -276,7 +276,7 @@ class Collisions(InOneLine):
         `joints` and `of` as for `clearance`. Each result has `link`, `body`, and `distance` and
         `depth` in metres; there is none for a robot without pairs to compare.
         """
-        (frames, n), pairs = self._frames(joints), self._asked(of)
+        (frames, n), pairs = self._frames(joints), self._pairs_of(of)
         if not pairs:
             return []
         apart, depth = np.full((2, len(pairs), n), np.inf)

@@ -90,11 +90,13 @@ class Kinematics:
         for each in self.joints if along is None else along:
             pose = table[each.parent] @ each.origin
             if each.column >= 0:
-                pose = pose @ self._moved(each, each.factor * joints[:, each.column] + each.offset)
+                pose = pose @ self._move_joint(
+                    each, each.factor * joints[:, each.column] + each.offset
+                )
             table[each.child] = pose
         return table
 
-    def _moved(self, joint: Joint, value: FloatArray) -> FloatArray:
+    def _move_joint(self, joint: Joint, value: FloatArray) -> FloatArray:
         """(N, 4, 4) motion of a joint by N values."""
         result = np.zeros((len(value), 4, 4))
         result[:] = np.eye(4)
@@ -134,7 +136,7 @@ class Kinematics:
                 break
             at_once = max(1, ROWS_AT_ONCE // len(some))
             for part in np.split(left, range(at_once, len(left), at_once)):
-                joints, is_met = self._descended(poses[part], chain, link_from_tip, some)
+                joints, is_met = self._descend(poses[part], chain, link_from_tip, some)
                 over = np.maximum(self.limits[:, 0] - joints, joints - self.limits[:, 1])
                 over = np.maximum(over, 0.0)
                 most_over = np.where(is_met, over.max(axis=2, initial=0.0), np.inf)
@@ -208,7 +210,7 @@ class Kinematics:
                 values[:, 3:, each.column] += axis
         return tip, values
 
-    def _descended(
+    def _descend(
         self,
         poses: FloatArray,
         chain: Sequence[Joint],
@@ -244,9 +246,9 @@ class Kinematics:
             ]
             joints[live] += step
         shape = len(poses), len(seeds)
-        return self._wrapped(joints).reshape(*shape, -1), is_met.reshape(shape)
+        return self._wrap(joints).reshape(*shape, -1), is_met.reshape(shape)
 
-    def _wrapped(self, joints: FloatArray) -> FloatArray:
+    def _wrap(self, joints: FloatArray) -> FloatArray:
         """Angles within half a turn of 0, or as near to it as the limits allow by whole turns."""
         low, high = self.limits.T
         turn = 2 * np.pi

@@ -27,7 +27,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import distance
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.evaluation import regions
@@ -217,15 +217,15 @@ class PlanArm:
         own = self.arm.stationary
         return own and Mesh(own.vertices, own.faces, [Group(STATIONARY, is_occluder=True)])
 
-    def measured(
+    def measure(
         self, finder: RegionPass, mounted: Poses, known: FloatArray | None
     ) -> tuple[list[Regions], CarriedPoses]:
         """See `Carrier`."""
-        choices = [_Choices(own) for own in self._solved(mounted, known)]
+        choices = [_Choices(own) for own in self._solve(mounted, known)]
         placed = [
             self.plan.mounts.cameras(mounted[row : row + 1])[0] for row in range(len(choices))
         ]
-        alone = [_area(gated(finder.find(each), finder.camera, each)) for each in placed]
+        alone = [_area(with_rule(finder.find(each), finder.camera, each)) for each in placed]
         has_new = True
         while has_new:
             has_new = False
@@ -252,7 +252,7 @@ class PlanArm:
         )
         return [own.found[at] for own, at in pairs], carried
 
-    def _solved(self, mounted: Poses, known: FloatArray | None) -> list[FloatArray]:
+    def _solve(self, mounted: Poses, known: FloatArray | None) -> list[FloatArray]:
         """(S, J) joint angles of each of K mounts, those that are known first."""
         poses, kinematics = mounted.world_from_camera, self.arm.robot.kinematics
         reached, further = self.arm.reach(poses), self.arm.solved(poses)
@@ -288,7 +288,7 @@ class PlanArm:
         poses = {name: table[0] for name, table in self.arm.robot.poses(joints).items()}
         if self.arm.stationary is not None:
             poses[STATIONARY] = self.arm.stationary_poses(joints)[0]
-        mesh, kept = bodies.placed(self.scene, poses)
+        mesh, kept = bodies.place_bodies(self.scene, poses)
         at_rest = regions(mesh, finder.camera, placed, finder.task, method=self.plan.task.method)
         at_rest = at_rest._at_rest(self.scene, kept)
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
@@ -304,7 +304,7 @@ class PlanArm:
         """Moves of joints, less the whole turns of those without limits."""
         return joints - 2 * np.pi * np.round(joints / (2 * np.pi)) * self._is_endless
 
-    def _repeated(self, joints: FloatArray, most: int) -> tuple[FloatArray, IntArray]:
+    def _repeat(self, joints: FloatArray, most: int) -> tuple[FloatArray, IntArray]:
         """Up to `most` of the same postures, by whole turns of joints, and the row of each."""
         robot, rows = self.arm.robot, np.arange(len(joints))
         low, high = robot.limits.T
@@ -324,7 +324,7 @@ class PlanArm:
         Each of K poses has options, (S, J). The order and the options are chosen together.
         """
         most = int(np.clip(MOST_NODES // max(len(options), 1), 1, MOST_OPTIONS))
-        nodes = [self._repeated(own, most) for own in options]
+        nodes = [self._repeat(own, most) for own in options]
         joints = np.concatenate([self.arm.robot.rest[None], *(each for each, _ in nodes)])
         stop = np.repeat(np.arange(len(nodes)), [len(rows) for _, rows in nodes])
         costs = np.abs(self._ways(joints[:, None] - joints[None])).max(axis=2, initial=0.0)
@@ -352,7 +352,7 @@ class PlanArm:
             here = joints[row]
         return length, flips
 
-    def refined(
+    def refine(
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
     ) -> tuple[Refined, FloatArray]:
         """See `Carrier`.
@@ -443,7 +443,7 @@ def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     name, _, link = entry.body.partition("/")
     body = next(each for each in plan.bodies if each.name == name)
     pairs = [(one, other) for one, other in entry.allowed]
-    robot = HOOKS.jointed(body, plan.folder)
+    robot = HOOKS.read_joints(body, plan.folder)
     assert robot is not None
     if (table := plan.table) is not None:
         robot = robot.on_turntable(table.axis, table.centre, table.degrees)
@@ -491,7 +491,7 @@ class OfArms(CarrierHooks, PlanFeature):
         """See `PlanFeature`."""
         return not any(each.is_carried for each in plan.candidates)
 
-    def jointed(self, body: BodyEntry, folder: Path) -> Robot | None:
+    def read_joints(self, body: BodyEntry, folder: Path) -> Robot | None:
         """See `PlanFeature`."""
         if body.urdf is None:
             return None
@@ -499,7 +499,7 @@ class OfArms(CarrierHooks, PlanFeature):
         path, base = folder / body.urdf, body.base.matrix()
         return Robot.load(path, folders, body.geometry, base=base, name=body.name)
 
-    def made(
+    def make(
         self,
         plan: Plan,
         mesh: Mesh,

@@ -20,9 +20,9 @@ from rastercov.base import (
     ResourceError,
     StrPath,
     UnreadableError,
+    check_array,
     check_choice,
     check_seed,
-    checked_array,
     errors_as,
     file_bytes,
     finite_number,
@@ -35,7 +35,7 @@ from rastercov.base import (
 )
 from rastercov.base.files import LARGEST_TEXT
 from rastercov.base.typed import check_type
-from rastercov.core.mesh.arrays import checked_poses, frozen, unit
+from rastercov.core.mesh.arrays import check_poses, frozen, unit
 from rastercov.core.mesh.bodies import JointPath
 from rastercov.core.mesh.columns import TIMES, columns_of, durations_of
 from rastercov.core.mesh.groups import Group
@@ -125,7 +125,7 @@ class Robot(InOneLine):
         name: str | None = None,
     ) -> None:
         limits = frozen(description.limits)
-        root = np.eye(4) if base is None else checked_poses("base", base)[0]
+        root = np.eye(4) if base is None else check_poses("base", base)[0]
         kinematics = Kinematics(tuple(description.links), description.joints, limits, root)
         if unknown := [link for link in shapes if link not in description.links]:
             raise MeshError(f"expected shapes of links of the robot, got {shown(unknown)}")
@@ -143,7 +143,8 @@ class Robot(InOneLine):
         self.__dict__["rest"] = frozen(still)
         frames = kinematics.frames(still[None])
         placed = [
-            _placed(shape, f"{self.name}/{link}", frames[link][0]) for link, shape in shapes.items()
+            _place_mesh(shape, f"{self.name}/{link}", frames[link][0])
+            for link, shape in shapes.items()
         ]
         mesh = Mesh.joined(placed)
         notes = (*description.notes, *mesh.notes)
@@ -366,15 +367,13 @@ class Robot(InOneLine):
             For an unknown link or invalid poses.
         """
         self._check_link(link)
-        tip = (
-            np.eye(4) if link_from_tip is None else checked_poses("link_from_tip", link_from_tip)[0]
-        )
+        tip = np.eye(4) if link_from_tip is None else check_poses("link_from_tip", link_from_tip)[0]
         for name, value in {"starts": starts, "most": most}.items():
             if not 1 <= finite_number(value) <= 10_000:
                 raise ConfigError(f"expected {name} to be from 1 to 10,000, got {shown(value)}")
         check_type("seed", seed, int)
         check_seed(seed)
-        given = checked_poses("poses", poses)
+        given = check_poses("poses", poses)
         first = min(int(starts), STARTS)
         rounds = [first, *([int(starts) - first] if starts > first else [])]
         return self.kinematics.solve(given, link, tip, rounds, seed, int(most))
@@ -388,7 +387,7 @@ class Robot(InOneLine):
         """(T, J) configurations within the limits, or ConfigError."""
         n = len(self.joint_names)
         wanted = f"(T, {n}) values of {', '.join(self.joint_names)}"
-        array = checked_array(name, joints, "iuf", wanted, ConfigError)
+        array = check_array(name, joints, "iuf", wanted, ConfigError)
         array = array[None] if array.ndim == 1 else array
         points = finite_points(name, array, (-1, n), wanted)
         over = np.maximum(self.limits[:, 0] - points, points - self.limits[:, 1])
@@ -410,7 +409,7 @@ def _files_of(
     known: dict[tuple[int, int], Mesh] = {}
     meshes: dict[str, Mesh] = {}
     for name in dict.fromkeys(shape.file for shape in shapes if shape.kind == "mesh"):
-        path = urdf.located(name, folder, packages)
+        path = urdf.locate(name, folder, packages)
         entry = path.stat()
         key = entry.st_dev, entry.st_ino
         if key not in known:
@@ -438,7 +437,7 @@ def _link_of(name: str, shapes: Sequence[LinkShape], files: Mapping[str, Mesh]) 
         mesh = _mesh_of(shape, files)
         is_mirrored = shape.kind == "mesh" and np.prod(shape.sizes) < 0
         corners = mesh.vertices * (shape.sizes if shape.kind == "mesh" else 1.0)
-        points.append(_moved(corners, shape.origin))
+        points.append(_move_points(corners, shape.origin))
         faces.append((mesh.faces[:, ::-1] if is_mirrored else mesh.faces) + n_points)
         n_points += mesh.n_vertices
     read = list(dict.fromkeys(each.file for each in shapes if each.kind == "mesh"))
@@ -459,15 +458,15 @@ def _mesh_of(shape: LinkShape, files: Mapping[str, Mesh]) -> Mesh:
     return _prism(*sizes) if shape.kind == "cylinder" else files[shape.file]
 
 
-def _moved(points: FloatArray, pose: FloatArray) -> FloatArray:
+def _move_points(points: FloatArray, pose: FloatArray) -> FloatArray:
     if np.array_equal(pose, np.eye(4)):
         return points
     return points @ pose[:3, :3].T + pose[:3, 3]
 
 
-def _placed(mesh: Mesh, name: str, pose: FloatArray) -> Mesh:
+def _place_mesh(mesh: Mesh, name: str, pose: FloatArray) -> Mesh:
     """A mesh as one group that hides, where a pose brings it."""
-    vertices = _moved(mesh.vertices, pose)
+    vertices = _move_points(mesh.vertices, pose)
     groups = [Group(name[:LONGEST_NAME], is_occluder=True)]
     return Mesh(vertices, mesh.faces, groups, sources=mesh.sources, notes=mesh.notes)
 

@@ -32,12 +32,12 @@ from rastercov.base import (
     suffix_of,
 )
 from rastercov.base.files import LARGEST_TEXT, is_file
-from rastercov.formats.meshes.polygons import LONGEST_NAME, broken_files_refused, check
+from rastercov.formats.meshes.polygons import LONGEST_NAME, check, refuse_broken_files
 from rastercov.formats.meshes.xml_tree import (
     children,
     local_name,
     look_at_names,
-    parsed,
+    parse_xml,
     transform_numbers,
 )
 
@@ -137,21 +137,21 @@ def read(path: StrPath, geometry: str) -> Description:
     name = printable(str(path))
     try:
         data, own = file_bytes(path, LARGEST_TEXT), Path(path)
-        with broken_files_refused():
+        with refuse_broken_files():
             is_xacro = suffix_of(path) == ".xacro"
-            root = Element("robot") if is_xacro else parsed(data, "the file", MEMORY)
+            root = Element("robot") if is_xacro else parse_xml(data, "the file", MEMORY)
             is_xacro |= any("xacro}" in each.tag for each in root)
             out = f"{printable(own.name.split('.')[0])}{'.whole' * (own.suffix == '.urdf')}.urdf"
             fault = "expected a URDF file, got a xacro file, which generates one"
             check(not is_xacro, fault, f"run xacrodoc {printable(own.name)} -o {out}")
-            return _described(root, geometry, own.stem)
+            return _describe_robot(root, geometry, own.stem)
     except UnreadableError as error:
         raise MeshError(f"{name}: {error}") from None
     except (MeshError, ResourceError) as error:
         raise type(error)(f"{name}: {error}") from error
 
 
-def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
+def locate(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
     """Path of a mesh file of a robot: beside its URDF, or in the folder of a package."""
     name = shown(printable(file))
     scheme, _, rest = file.rpartition("://")
@@ -180,7 +180,7 @@ def located(file: str, folder: Path, packages: Mapping[str, StrPath]) -> Path:
     return result
 
 
-def _described(root: Element, geometry: str, stem: str) -> Description:
+def _describe_robot(root: Element, geometry: str, stem: str) -> Description:
     tag = local_name(root)
     check(tag == "robot", f"expected an element robot, got {shown(tag)}", "name a URDF file")
     unknown = UnknownNames(MeshError)
@@ -194,7 +194,7 @@ def _described(root: Element, geometry: str, stem: str) -> Description:
         "leave some out",
     )
     ordered = _from_root(list(links), [_joint(name, each) for name, each in elements.items()])
-    joints, names, limits, notes = _driven(ordered, elements)
+    joints, names, limits, notes = _driving_joints(ordered, elements)
     root_link = (set(links) - {each.child for each in joints}).pop()
     shapes = {root_link: _shapes(links.pop(root_link), geometry)}
     shapes |= {name: _shapes(each, geometry) for name, each in links.items()}
@@ -291,7 +291,7 @@ def _from_root(links: list[str], joints: list[Joint]) -> list[Joint]:
     return items
 
 
-def _driven(
+def _driving_joints(
     joints: list[Joint], elements: dict[str, Element]
 ) -> tuple[tuple[Joint, ...], tuple[str, ...], FloatArray, list[str]]:
     """Joints with the entries that move them, the names of these, their limits, and notes.

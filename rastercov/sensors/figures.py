@@ -15,7 +15,7 @@ from rastercov.core.camera import Cameras, Gate, Poses, Rig, apparent, gates_of,
 from rastercov.core.camera.rule import Limited, limits_of
 from rastercov.core.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN
 from rastercov.core.coverage.task import Task
-from rastercov.sensors.ray_limits import measured, worst_deviations
+from rastercov.sensors.ray_limits import measure_limits, worst_deviations
 from rastercov.sensors.sensor_limits import limit_advice, unmet_lines
 
 OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2", *DOUBTFUL)
@@ -175,9 +175,9 @@ class OfRules(Feature):
         """See `Feature`."""
         gates = limits_of(gates_of(camera).values())
         if isinstance(camera, Rig) and any(gate.has_deviation for gate in gates):
-            yield UNCERTAIN, _freed(camera, most_deviation=0.0), task
+            yield UNCERTAIN, _without_limits(camera, most_deviation=0.0), task
         if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates):
-            yield BASELINE, _freed(camera, least_deg=0.0, most_deg=180.0), task
+            yield BASELINE, _without_limits(camera, least_deg=0.0, most_deg=180.0), task
 
     def unmet(self, judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
         """See `Feature`."""
@@ -194,10 +194,10 @@ class OfRules(Feature):
         gate = gates_of(camera).get(int(own.camera[0]))
         if not isinstance(gate, Limited) or not gate.has_deviation:
             return None
-        return measured(gate, apparent(camera, own), points)[1]
+        return measure_limits(gate, apparent(camera, own), points)[1]
 
 
-def _freed(rig: Rig, **limits: float) -> Rig:
+def _without_limits(rig: Rig, **limits: float) -> Rig:
     """The rig with other limits of its rules."""
     gates = {at: replace(gate, **limits) for at, gate in rig.gates.items()}  # type: ignore[arg-type] # fields of its gate
     return rig._with(gates=gates)

@@ -31,8 +31,8 @@ from rastercov.core.area import polygons
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated, tasks_of
-from rastercov.core.area.table import Regions, joined
+from rastercov.core.area.rows import tasks_of, with_rule
+from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Rig, valid_poses
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.task import Task
@@ -209,7 +209,7 @@ def _swept(
 ) -> Regions:
     """Regions of the stations together, one row."""
     row, parts = np.full(len(ends), rig.names.index(laser)), []
-    sheets = rig._placed(ends, row)
+    sheets = rig._place(ends, row)
     with closing(RegionPass(mesh, rig, task, method=engine)) as finder:
         for first in range(0, len(middle), AT_A_TIME):
             own = sheets[first : first + AT_A_TIME + 1]
@@ -219,8 +219,8 @@ def _swept(
             is_passed = (is_above != is_above[:, :1]).any(axis=(1, 2))
             is_passed |= (is_above != is_above[..., :1]).any(axis=(1, 2))  # between two sheets
             result = finder.find(placed, closed=~is_passed)
-            parts.append(gated(_within(result, own, len(rig)), rig, placed))
-    whole = joined(parts)
+            parts.append(with_rule(_within(result, own, len(rig)), rig, placed))
+    whole = join(parts)
     return whole.at_least(1, np.zeros(len(whole.pose_ids), np.int64), one_side=False)
 
 
@@ -243,15 +243,15 @@ def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
     before = heights(regions.xy, regions.starts, every, 0)
     xy, counts, piece = [], [], []
     for sign in (1.0, -1.0):
-        first, starts, kept = polygons.clipped(regions.xy, regions.starts, sign * before)
+        first, starts, kept = polygons.clip_polygons(regions.xy, regions.starts, sign * before)
         height = heights(first, starts, kept, 1)
-        second, starts, own = polygons.clipped(first, starts, -sign * height)
+        second, starts, own = polygons.clip_polygons(first, starts, -sign * height)
         xy.append(second)
         counts.append(np.diff(starts))
         piece.append(kept[own])
     order = np.argsort(np.concatenate(piece), kind="stable")
     ends = polygons.starts_of(np.concatenate(counts))
-    ordered, ends = polygons.chosen(np.concatenate(xy), ends, order)
+    ordered, ends = polygons.choose_polygons(np.concatenate(xy), ends, order)
     with_few_corners, ends, part = polygons.with_few_corners(ordered, ends)
     areas, rows = polygons.polygon_areas(with_few_corners, ends), np.concatenate(piece)[order][part]
     return regions._with_parts(Kept(with_few_corners, ends, rows, areas, np.zeros(len(regions))))

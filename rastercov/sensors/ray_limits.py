@@ -64,7 +64,7 @@ def uncertainty_of(gate: Limited, devices: Regions) -> Uncertainty:
     return Uncertainty(eyes, gate.most_deviation, gate.noise, stripes)
 
 
-def measured(
+def measure_limits(
     gate: Limited, placed: FloatArray, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(N,) largest angle between two rays to points (N, 3), degrees, and their deviations, m.

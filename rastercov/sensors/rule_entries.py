@@ -10,12 +10,12 @@ from rastercov.core.camera.rig import RigEntries
 from rastercov.core.camera.rule import (
     All,
     Rule,
+    compile_rule,
     gate_of,
     limits_of,
     rule_of,
     rule_of_gate,
     rule_to_json,
-    ruled,
 )
 from rastercov.core.camera.rule import Any as AnyOf
 
@@ -27,13 +27,13 @@ class RuleEntries(RigEntries):
 
     names = (*OF_RULE, "rigs")
 
-    def added(self, rig: Rig, entries: ReadByName) -> Rig:
+    def add_entries(self, rig: Rig, entries: ReadByName) -> Rig:
         """See `RigEntries`."""
         given = {name: entries[name] for name in OF_RULE if name in entries}
         if given and "rule" not in given:
             given = rule_to_json(rig.rule) | given
         if given:
-            rig = rig._with(**ruled(rule_of(given), rig.names, rig.cameras))
+            rig = rig._with(**compile_rule(rule_of(given), rig.names, rig.cameras))
         return rig._with(gates=_gates_of(rig, entries["rigs"])) if "rigs" in entries else rig
 
     def entries(self, rig: Rig) -> ByName:
@@ -42,7 +42,7 @@ class RuleEntries(RigEntries):
             return rule_to_json(rig.rule)
         return {"rigs": _items(rig)} if rig.gates else {}
 
-    def described(self, rig: Rig) -> ByName:
+    def describe(self, rig: Rig) -> ByName:
         """See `RigEntries`, and `page/live_rules.js`."""
         items = []
         for first, gate in rig.gates.items():

@@ -1,12 +1,12 @@
 """Uncertainties as colours of faces."""
 
 from rastercov.core.mesh import Mesh
-from rastercov.report.modes import FeatureModes, Mode, OfUnit, Painted, by_density, inverted
+from rastercov.report.modes import FeatureModes, Mode, OfUnit, Painted, by_density, invert
 
 
 def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
     """Standard deviations by factors, the least in the colour of what is covered."""
-    return inverted(by_density(mesh, deviation))
+    return invert(by_density(mesh, deviation))
 
 
 WORDS = "Largest standard deviation of measured points on each face, of any pose."

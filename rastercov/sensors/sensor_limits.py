@@ -22,7 +22,7 @@ from rastercov.core.camera.rig import are_central
 from rastercov.core.camera.rule import Limited
 from rastercov.core.coverage.reasons import BASELINE, UNCERTAIN, Reason
 from rastercov.core.mesh.arrays import cross_matrix
-from rastercov.sensors.ray_limits import measured
+from rastercov.sensors.ray_limits import measure_limits
 
 WIDER = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 5.0)
 """Baselines that are tried, in that of the rig."""
@@ -66,7 +66,7 @@ def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> l
         pieces = np.flatnonzero(seen.pose == row[best])
         pieces = pieces[np.argsort(-areas[pieces], kind="stable")[:MOST_POINTS]]
         at = np.concatenate([points[row == row[best]], _inside(seen, pieces)])
-        _, words = _missed(gate, placed.world_from_camera, at, why)
+        _, words = _missed_limit(gate, placed.world_from_camera, at, why)
         head = _Head(judge, scene, gate, placed, middle[pieces], seen.face[pieces].astype(np.int64))
         remedies = list(head.remedies(-(-len(pieces) // 2)))
         rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
@@ -124,7 +124,7 @@ def limit_advice(
         reason = head.reason(own.world_from_camera)
         for why in (UNCERTAIN, BASELINE):
             if (at := np.flatnonzero(reason == why)).size:
-                values.append((*_missed(gate, own.world_from_camera, points[at], why), head))
+                values.append((*_missed_limit(gate, own.world_from_camera, points[at], why), head))
     said = list[str]()
     for _, words, head in sorted(values, key=lambda each: each[0])[:MOST_ROWS]:
         if not is_tried:
@@ -189,14 +189,16 @@ def _lacks(gate: Limited, placed: FloatArray, points: FloatArray) -> tuple[Float
 
     At points (N, 3), by devices (n, 4, 4) or (N, n, 4, 4); up to 1 where they are met.
     """
-    angle, deviation = measured(gate, placed, points)
+    angle, deviation = measure_limits(gate, placed, points)
     lack = np.maximum(gate.least_deg / np.maximum(angle, 1e-9), angle / max(gate.most_deg, 1e-9))
     if gate.has_deviation:
         lack = np.maximum(lack, deviation / gate.most_deviation)
     return angle, deviation, lack
 
 
-def _missed(gate: Limited, placed: FloatArray, points: FloatArray, why: int) -> tuple[float, str]:
+def _missed_limit(
+    gate: Limited, placed: FloatArray, points: FloatArray, why: int
+) -> tuple[float, str]:
     """Factor by which a limit is missed at the best of some points, and words on it."""
     angle, deviation, lack = _lacks(gate, placed, points)
     if why == UNCERTAIN:

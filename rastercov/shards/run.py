@@ -85,15 +85,15 @@ def fill(
     """
     store.mend(staff.note, check)
     missing = store.missing()
-    did = counted(store.n_poses, staff.progress, store.n_poses - sum(missing.values()))
+    did = count_poses_of(store.n_poses, staff.progress, store.n_poses - sum(missing.values()))
 
-    def made(shard: Made) -> None:
+    def take_shard(shard: Made) -> None:
         did(shard.n_poses)
         staff.watch(shard)
 
     if staff.workers is not None and missing:
         try:
-            make_shards(staff.workers, store, made, staff.note)
+            make_shards(staff.workers, store, take_shard, staff.note)
         except KeyboardInterrupt:
             missing = store.missing()
             yield from (number for number in range(len(store)) if number not in missing)
@@ -107,7 +107,7 @@ def fill(
         yield number
 
 
-def counted(n_poses: int, progress: Progress, done: int = 0) -> Callable[[int], None]:
+def count_poses_of(n_poses: int, progress: Progress, done: int = 0) -> Callable[[int], None]:
     """Function of a number of poses, which tells `progress` how many are done of all so far."""
 
     def did(number: int) -> None:
@@ -154,7 +154,7 @@ def make_shards(
     while True:
         shards = store.missing()
         for number in asked.keys() - shards.keys() - heard:  # made, but the workers were lost
-            heard_of(Made(number, asked[number], LOST, 0.0, 0.0, store.left_out(number)))
+            heard_of(Made(number, asked[number], LOST, 0.0, 0.0, store.missing_rows(number)))
         if not shards:
             return
         asked |= shards

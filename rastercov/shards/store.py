@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from importlib.metadata import version as version_of
 from pathlib import Path
 
-from rastercov.base import ConfigError, named, own_folder, remove_folder
+from rastercov.base import ConfigError, name_file, own_folder, remove_folder
 from rastercov.base.output import PART, is_own_folder, remove_file, replacing, sync
 
 SUMS, QUARANTINE = "sha256", "quarantine"
@@ -97,7 +97,7 @@ def _sum_line(name: str, data: bytes | memoryview) -> bytes:
 
 def _write(path: Path, data: bytes | memoryview) -> None:
     """Write a file atomically: it appears under its name when it is complete and on the disk."""
-    with named(path):
+    with name_file(path):
         with replacing(path) as part:
             part.write_bytes(data)
             sync(part)
@@ -194,7 +194,7 @@ class ShardStore:
         missing = self.missing()
         for number in range(len(self)):
             try:
-                self.left_out(number)
+                self.missing_rows(number)
                 if number not in missing:
                     check(number)
             except DamagedError as error:
@@ -209,7 +209,7 @@ class ShardStore:
         else:
             discard(self.folder, _note(number))
 
-    def left_out(self, number: int) -> dict[int, str]:
+    def missing_rows(self, number: int) -> dict[int, str]:
         """Poses left out of a shard, by their number within it, and why.
 
         Raises
@@ -225,11 +225,11 @@ class ShardStore:
         return {int(pose): str(why) for pose, why in entries.items()}
 
     def quarantined(self) -> dict[int, str]:
-        """Poses that all shards are without, and why; errors as of `left_out`."""
+        """Poses that all shards are without, and why; errors as of `missing_rows`."""
         return {
             self.rows(number).start + pose: why
             for number in range(len(self))
-            for pose, why in self.left_out(number).items()
+            for pose, why in self.missing_rows(number).items()
         }
 
 

@@ -10,10 +10,10 @@ from rastercov.base.typed import typed
 from rastercov.core.camera import Camera, look_at
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
-from rastercov.core.mesh.groups import named
-from rastercov.core.mesh.mesh import faces_named, names_of
+from rastercov.core.mesh.groups import names_of_groups
+from rastercov.core.mesh.mesh import faces_of_groups, names_of
 from rastercov.placement.candidates.ground import heights_at
-from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, roll_candidates
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.survey.strips import (
     check_count,
@@ -83,8 +83,8 @@ def facade(
     away = distance_for(camera, distance, gsd, "distance")
     chosen = mesh.task_mask
     if names := members("groups", groups, str, "names of groups", ConfigError):
-        wanted = named("groups", names, names_of(mesh)) or set()
-        chosen = faces_named(mesh, wanted)
+        wanted = names_of_groups("groups", names, names_of(mesh)) or set()
+        chosen = faces_of_groups(mesh, wanted)
     normal = (mesh.areas[chosen, None] * mesh.normals[chosen])[:, :2].sum(axis=0)
     length = float(np.linalg.norm(normal))
     if not length > LEAST_UPRIGHT * float(mesh.areas[chosen].sum()):
@@ -108,7 +108,7 @@ def facade(
     depth = float((used @ outward).max()) + away
     eyes = places[:, :1] * right + depth * outward + places[:, 1:] * np.array((0.0, 0.0, 1.0))
     poses = look_at(eyes, eyes - outward * away)
-    return above_ground(mesh, rolled_candidates(poses, "facade", np.arange(len(poses)), framing))
+    return above_ground(mesh, roll_candidates(poses, "facade", np.arange(len(poses)), framing))
 
 
 def above_ground(mesh: Mesh, candidates: Candidates, clearance: float = 0.0) -> Candidates:

@@ -9,7 +9,7 @@ from rastercov.placement.plan.legs import Airspace
 from rastercov.placement.plan.product import Figure
 from rastercov.placement.plan.run import Placement, Products
 from rastercov.placement.plan.scene import keep_outs
-from rastercov.report.pages import rendered
+from rastercov.report.pages import render
 from rastercov.survey.flight import Flight, flight_of
 from rastercov.survey.geo.flight import files_of
 from rastercov.survey.geo.route import route_of
@@ -24,7 +24,7 @@ class _Written(Flight):
         """Map of the route."""
         route = route_of(self)
         return Figure(
-            "Flight", rendered("route.svg", "rastercov.survey", route=route), route["words"]
+            "Flight", render("route.svg", "rastercov.survey", route=route), route["words"]
         )
 
 

@@ -59,11 +59,11 @@ class Strips(Flown):
         only_one(self, ("height", "gsd"))
         return self
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         yield strips(*spot.view, survey=value_of(self, Survey))
 
-    def sampled_at(self, mesh: Mesh) -> str:
+    def sampling_text(self, mesh: Mesh) -> str:
         """See `Generator`."""
         if self.gsd is None:
             return ""
@@ -87,7 +87,7 @@ class Orbit(Flown):
     count: Count | None = None
     """Images per circle, instead of front."""
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         yield orbit(*spot.view, circles=value_of(self, Circles))
 
@@ -110,12 +110,12 @@ class Facade(Flown):
         only_one(self, ("distance", "gsd"))
         return self
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         result = facade(*spot.view, **self._own(Generator))
         yield above_ground(spot.mesh, result, spot.clearance)
 
-    def sampled_at(self, mesh: Mesh) -> str:
+    def sampling_text(self, mesh: Mesh) -> str:
         """See `Generator`."""
         at = "holds at the part of the facade that protrudes most"
         return f"gsd of facade, {sampling(self.gsd)}, {at}" if self.gsd else ""

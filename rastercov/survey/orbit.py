@@ -10,7 +10,7 @@ from rastercov.base import ConfigError, finite_points
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.camera import Camera, look_at
 from rastercov.core.mesh import Mesh
-from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, roll_candidates
 from rastercov.survey.strips import check_count, check_overlap, growth, image_sides
 
 
@@ -122,4 +122,4 @@ def orbit(
         drop = middle[2] - level if tilt_deg is None else -radius * np.tan(np.radians(tilt_deg))
         targets.append(own - radius * outward + np.array((0, 0, drop)))
     poses = look_at(np.concatenate(eyes), np.concatenate(targets))
-    return rolled_candidates(poses, "orbit", np.arange(len(poses)), framing)
+    return roll_candidates(poses, "orbit", np.arange(len(poses)), framing)

@@ -24,7 +24,7 @@ from rastercov.core.camera import Camera, look_at
 from rastercov.core.camera.viewpoints import half_angles
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at, outline
-from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, roll_candidates
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -212,7 +212,7 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     view = np.sin(tilt) * ahead - np.cos(tilt) * np.array((0.0, 0.0, 1.0))
     up = np.cos(tilt) * ahead + np.sin(tilt) * np.array((0.0, 0.0, 1.0))
     poses = look_at(eyes, eyes + view * away, up)
-    return rolled_candidates(poses, "strips", np.arange(len(poses)), framing)
+    return roll_candidates(poses, "strips", np.arange(len(poses)), framing)
 
 
 def mean_level(mesh: Mesh, polygon: ArrayLike | None) -> float:

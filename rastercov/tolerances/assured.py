@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from rastercov.base import ByName, ConfigError, first_of, frozen_record
-from rastercov.base.format import percents_apart
+from rastercov.base.format import distinct_percents
 from rastercov.core.camera import Poses, names_of
 from rastercov.core.coverage.required import FAILS, SHARE_TOLERANCE, UNDECIDED
 from rastercov.core.mesh import Mesh
@@ -55,7 +55,7 @@ class Verdict:
 
     def words(self) -> str:
         """The verdict in one line."""
-        limit, sure, least = percents_apart(self.limit, self.sure, self.least)
+        limit, sure, least = distinct_percents(self.limit, self.sure, self.least)
         text = f"{self.name}: {limit} required, {sure} certain"
         return f"{text}, {least} in the worst random installation: {self.status}"
 
@@ -93,10 +93,10 @@ class Assured(Verdicts):
         from rastercov.report.pages import Picture
 
         zones, eyes = self.found.zones, self.found.poses.world_from_camera
-        if not (listed := self.found.lost(zones.listed())):
+        if not (listed := self.found.list_losses(zones.listed())):
             return {}
         said = {"dead_zones": listed, "other_dead_zones": zones.others()}
-        return {"errors": Picture.drawn(LOST, zones_picture(zones, said, eyes, *WORDS))}
+        return {"errors": Picture.draw(LOST, zones_picture(zones, said, eyes, *WORDS))}
 
     def lines(self) -> list[str]:
         """The result in words, the requirement of which most is not certain first."""

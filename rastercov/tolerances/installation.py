@@ -59,15 +59,15 @@ class InstallationError:
         return tuple(vectors)
 
 
-def disturbed_poses(
+def disturb_poses(
     poses: FloatArray, error: InstallationError, draws: int, rng: np.random.Generator
 ) -> FloatArray:
     """(N, k, 4, 4) poses with errors: displaced in the world, turned about the camera centre."""
     displacement, turn = error.draw((draws, len(poses)), rng)
-    return displaced(np.tile(poses, (draws, 1, 1, 1)), displacement, turn)
+    return displace(np.tile(poses, (draws, 1, 1, 1)), displacement, turn)
 
 
-def displaced(poses: FloatArray, displacement: FloatArray, turn: FloatArray) -> FloatArray:
+def displace(poses: FloatArray, displacement: FloatArray, turn: FloatArray) -> FloatArray:
     """Poses (..., 4, 4) moved by metres in the world and turned by radians in camera axes."""
     out = poses.copy()
     out[..., :3, 3] += displacement

@@ -35,7 +35,7 @@ from rastercov.core.area.records import Criteria, Planes
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
-from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import (
     MODELS,
     Camera,
@@ -113,7 +113,7 @@ class Errors:
             )
         for name in ("position_mm", "angle_deg", "focal_percent", "part_mm", "part_deg"):
             given = getattr(self, name)
-            _checked(name, list(given.values()) if isinstance(given, Mapping) else given)
+            _check_values(name, list(given.values()) if isinstance(given, Mapping) else given)
 
     def sizes(self, camera: Cameras, poses: Poses, pivot: FloatArray) -> FloatArray:
         """(P, 3) greatest errors of each pose: metres, radians, and a share of the focal length.
@@ -161,7 +161,7 @@ def _radii(share: float) -> FloatArray:
     return np.array(items)
 
 
-def _checked(name: str, given: object) -> FloatArray:
+def _check_values(name: str, given: object) -> FloatArray:
     """Errors as numbers, of one or a sequence; ConfigError for one below 0 or none."""
     is_one = isinstance(given, str) or not isinstance(given, Sequence | np.ndarray)
     values: Any = [given] if is_one else given
@@ -179,17 +179,17 @@ def _of_poses(name: str, given: Amount, names: Sequence[str], poses: Poses) -> F
                 f"expected {name} of a camera of the rig ({', '.join(names[:5])}), got "
                 f"{shown(unknown[0])}; correct the name"
             )
-        by_camera = _checked(name, [given.get(each, given.get(OTHERS, 0.0)) for each in names])
+        by_camera = _check_values(name, [given.get(each, given.get(OTHERS, 0.0)) for each in names])
         return by_camera[poses.camera]
     if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str):
-        values = _checked(name, given)
+        values = _check_values(name, given)
         if len(values) != len(poses):
             raise ConfigError(
                 f"expected {name} as a number, or one for each of {len(poses)} poses, got "
                 f"{len(values)}"
             )
         return values
-    return np.repeat(_checked(name, given), len(poses))
+    return np.repeat(_check_values(name, given), len(poses))
 
 
 class MountedRegions(NamedTuple):
@@ -247,7 +247,7 @@ class TolerancePass:
         inside, is_blind = self._inset(poses, sizes, nominal)
         # An error without end leaves nothing.
         sizes = np.where(is_blind[:, None] & (np.arange(3) == 0), ENDLESS, sizes)
-        result = self._found(poses, sizes, inside, inside.excess, is_sure=True)
+        result = self._find_mounted(poses, sizes, inside, inside.excess, is_sure=True)
         result.figures[is_blind, 3] = NO_IMAGE
         return result
 
@@ -282,7 +282,7 @@ class TolerancePass:
             )
         order = np.arange(len(poses))
         order[rows] = len(poses) + np.arange(len(rows))
-        result = taken(joined([nominal, result]), order)
+        result = take_rows(join([nominal, result]), order)
         return replace(result, pose_ids=nominal.pose_ids), is_blind
 
     def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> MountedRegions:
@@ -292,7 +292,7 @@ class TolerancePass:
         own = Poses.of(poses.world_from_camera, camera=np.arange(len(poses)))
         seen = finder.find(own)
         finder.close()
-        return self._found(poses, sizes, seen, seen.bound, is_sure=False)
+        return self._find_mounted(poses, sizes, seen, seen.bound, is_sure=False)
 
     def _wide(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> list[Camera]:
         """Pinholes whose images hold those of each pose with all errors."""
@@ -304,7 +304,7 @@ class TolerancePass:
             )
         ]
 
-    def _found(
+    def _find_mounted(
         self, poses: Poses, sizes: FloatArray, source: Regions, bound: FloatArray, *, is_sure: bool
     ) -> MountedRegions:
         """Regions of the engine, camera by camera, in the order of the poses."""
@@ -322,14 +322,14 @@ class TolerancePass:
                 own._planes(own._is_asked & own._is_left[index]),
                 criteria,
                 _mounts(some.world_from_camera, sizes[rows], camera),
-                table_of(taken(with_bound, rows)),
+                table_of(take_rows(with_bound, rows)),
                 is_sure,
                 own.threads,
             )
             arrays, nearest[rows], figures[rows] = result
-            parts.append(own._joined(some, arrays))
+            parts.append(own._join(some, arrays))
             order.append(rows)
-        regions = taken(joined(parts), np.argsort(np.concatenate(order)))
+        regions = take_rows(join(parts), np.argsort(np.concatenate(order)))
         return MountedRegions(regions, nearest, figures)
 
 

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import ByName, ConfigError, FloatArray, Lists, check_seed, frozen_record
 from rastercov.base.typed import typed
-from rastercov.core.camera import Poses, renumbered
+from rastercov.core.camera import Poses, renumber
 from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
-from rastercov.tolerances.installation import InstallationError, disturbed_poses
+from rastercov.tolerances.installation import InstallationError, disturb_poses
 
 LEVELS = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 """Reported quantiles; the first is the worst of all draws."""
@@ -204,12 +204,12 @@ def tolerance(
     check_seed(seed)
     if draws < 1:
         raise ConfigError(f"expected draws of 1 or more, got {draws}; increase it")
-    placed = renumbered(poses)
+    placed = renumber(poses)
     planned = placed.world_from_camera
     eyes, width = objective.eyes(placed), objective.width
     covers = objective.covers(placed)
     covered = objective.covered(covers, eyes)
-    disturbed = disturbed_poses(planned, error, draws, np.random.default_rng(seed))
+    disturbed = disturb_poses(planned, error, draws, np.random.default_rng(seed))
 
     together = np.empty(draws, np.int64)
     alone = np.empty((len(planned), draws), np.int64)

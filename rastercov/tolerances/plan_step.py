@@ -63,9 +63,9 @@ class Tolerated(Product):
 
     def section(self) -> str:
         """See `Product`."""
-        from rastercov.report.pages import rendered  # with a page only
+        from rastercov.report.pages import render  # with a page only
 
-        return rendered(
+        return render(
             "tolerance.html",
             "rastercov.tolerances",
             tolerance=self.summary(),

@@ -34,7 +34,7 @@ from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of, rows_at, to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces
-from rastercov.core.area.table import Regions, taken
+from rastercov.core.area.table import Regions, take_rows
 from rastercov.core.area.union import Covered, with_rest
 from rastercov.core.area.zones import DeadZones, points_of, zone_line, zones_of
 from rastercov.core.camera import (
@@ -50,9 +50,9 @@ from rastercov.core.camera.lenses.of_camera import OPTICS
 from rastercov.core.coverage.reasons import BASELINE, NAMES, Reason, name_of, nearer, rows_in
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.tolerances.installation import displaced
+from rastercov.tolerances.installation import displace
 from rastercov.tolerances.passes import NO_IMAGE, Amount, Errors, TolerancePass, unmet
-from rastercov.tolerances.turned import POSSIBLE, SURE, united
+from rastercov.tolerances.turned import POSSIBLE, SURE, unite_regions
 
 POSES_AT_ONCE = 256
 """Poses of draws whose regions are held at a time."""
@@ -169,7 +169,7 @@ class SureCoverage(InOneLine, InNotebook):
         ConfigError for an index beyond the draws.
         """
         own = self.errors, self.camera, self.poses, self.mesh.centre
-        for moved, scale in _drawn(*own, len(self.draws), self.seed):
+        for moved, scale in _draw_installations(*own, len(self.draws), self.seed):
             if row < len(moved):
                 return Poses.of(moved[row], camera=self.poses.camera), scale[row]
             row -= len(moved)
@@ -184,9 +184,9 @@ class SureCoverage(InOneLine, InNotebook):
         The reason of a part is the first criterion that some error breaks for the camera that comes
         nearest to covering it.
         """
-        return _lost(self)
+        return _dead_zones_of(self)
 
-    def lost(self, n: int = MOST_LOST) -> list[ByName]:
+    def list_losses(self, n: int = MOST_LOST) -> list[ByName]:
         """Area, place, reason and hiding group of the first n zones, ready for JSON."""
         zones = self.zones
         n = min(n, int((zones.area > LEAST_LOST * self.nominal.m2).sum()))
@@ -215,7 +215,7 @@ class SureCoverage(InOneLine, InNotebook):
         if n := len(self.draws):
             drawn = f"{self.size(self.least)} to {self.size(self.most)}"
             lines.append(f"{plural(n, 'random installation', 'cover')} {drawn}")
-        own = [zone_line(zone).removeprefix("dead zone ") for zone in self.lost()]
+        own = [zone_line(zone).removeprefix("dead zone ") for zone in self.list_losses()]
         return [*lines, *(f"may be uncovered: {line}" for line in own), *self.warnings]
 
     def size(self, m2: float) -> str:
@@ -229,16 +229,18 @@ class SureCoverage(InOneLine, InNotebook):
 
     def summary(self) -> ByName:
         """Figures without draws and polygons, ready for JSON."""
-        figures = {each.name: _listed(getattr(self.errors, each.name)) for each in fields(Errors)}
+        figures = {
+            each.name: _list_amount(getattr(self.errors, each.name)) for each in fields(Errors)
+        }
         figures |= {} if self.errors.distribution == "normal" else {"chance": None}
         for name in ("nominal", "sure", "possible"):
             part: Extent = getattr(self, name)
             figures[name] = {"m2": part.m2, "bound_m2": part.bound, "share": part.share()}
         figures |= {"draws": len(self.draws), "least_m2": self.least, "most_m2": self.most}
-        return figures | {"lost": self.lost(), "warnings": list(self.warnings)}
+        return figures | {"lost": self.list_losses(), "warnings": list(self.warnings)}
 
 
-def _listed(amount: Amount | str) -> Any:
+def _list_amount(amount: Amount | str) -> Any:
     return dict(amount) if isinstance(amount, Mapping) else np.asarray(amount).tolist()
 
 
@@ -377,11 +379,11 @@ def sure_coverage(
         sure = finder.sure(poses, sizes, nominal)
         possible = finder.possible(poses, sizes, sure.nearest)
         scene = camera, poses, task, most
-        covered = [united(nominal, *scene)]
+        covered = [unite_regions(nominal, *scene)]
         for each, of in ((sure, SURE), (possible, POSSIBLE)):
-            covered.append(united(each.regions, *scene, (sizes, sure.nearest, of)))
-        installed = _drawn(errors, camera, poses, pivot, int(draws), seed)
-        areas = _measured(finder, camera, poses, views, installed)
+            covered.append(unite_regions(each.regions, *scene, (sizes, sure.nearest, of)))
+        installed = _draw_installations(errors, camera, poses, pivot, int(draws), seed)
+        areas = _measure_installations(finder, camera, poses, views, installed)
     return SureCoverage(
         mesh=mesh,
         camera=camera,
@@ -424,7 +426,7 @@ Installed = tuple[FloatArray, FloatArray]
 """Poses (k, P, 4, 4) of k installations, and their focal lengths relative to those planned."""
 
 
-def _drawn(
+def _draw_installations(
     errors: Errors, camera: Cameras, poses: Poses, pivot: FloatArray, draws: int, seed: int
 ) -> Iterator[Installed]:
     """Installations a few at a time; of uniform errors, every other one is at the greatest."""
@@ -448,7 +450,7 @@ def _drawn(
         k = min(step, draws - first)
         at_most = np.arange(first, first + k) % 2 == 1
         shape = (k, n)
-        moved = displaced(
+        moved = displace(
             np.tile(poses.world_from_camera, (k, 1, 1, 1)),
             sizes[:, :1] * vectors(shape, 3, at_most),
             sizes[:, 1:2] * vectors(shape, 3, at_most),
@@ -458,7 +460,7 @@ def _drawn(
             # The part moves: the cameras move the other way.
             about = np.tile(np.eye(4), (k, 1, 1))
             about[:, :3, 3] = pivot
-            turned = displaced(
+            turned = displace(
                 about, part[0] * vectors((k,), 3, at_most), part[1] * vectors((k,), 3, at_most)
             )
             inverse = about @ np.linalg.inv(turned)
@@ -466,7 +468,7 @@ def _drawn(
         yield moved, np.maximum(scale, 1e-3)
 
 
-def _measured(
+def _measure_installations(
     tolerated: TolerancePass,
     camera: Cameras,
     poses: Poses,
@@ -481,7 +483,7 @@ def _measured(
         matrices, flat = moved.reshape(-1, 4, 4), np.tile(poses.camera, k)
         if (focal != 1).any():
             cameras = [
-                scaled_camera(finder.cameras[at], value)
+                scale_camera(finder.cameras[at], value)
                 for at, value in zip(flat.tolist(), focal.ravel().tolist(), strict=True)
             ]
             with closing(
@@ -492,12 +494,12 @@ def _measured(
             result = finder.find(Poses.of(matrices, camera=flat))
         placed = Poses.of(matrices, camera=flat)
         for of in np.arange(len(flat)).reshape(k, -1):
-            covered = united(taken(result, of), camera, placed[of], task, most)
+            covered = unite_regions(take_rows(result, of), camera, placed[of], task, most)
             areas.append(by_group(covered, views)[None])
     return np.concatenate(areas)
 
 
-def scaled_camera(camera: Camera, scale: float) -> Camera:
+def scale_camera(camera: Camera, scale: float) -> Camera:
     """The camera with other focal lengths, and the depths in focus of its own."""
     near, far = camera.depth_of_field(None)
     focus = None if near <= 0 and math.isinf(far) else (float(near), float(far))
@@ -509,22 +511,24 @@ def scaled_camera(camera: Camera, scale: float) -> Camera:
 # --- what is lost ---
 
 
-def _lost(sure_coverage: SureCoverage) -> DeadZones:
+def _dead_zones_of(sure_coverage: SureCoverage) -> DeadZones:
     """Zones of what is covered as planned and not sure."""
     mesh, most = sure_coverage.mesh, int(sure_coverage.views.max(initial=1))
     scene = sure_coverage.camera, sure_coverage.poses, sure_coverage.task, most
-    planned = with_rest(united(sure_coverage.nominal_regions, *scene))
-    sure = united(sure_coverage.regions, *scene, (sure_coverage.sizes, sure_coverage.nearest, SURE))
+    planned = with_rest(unite_regions(sure_coverage.nominal_regions, *scene))
+    sure = unite_regions(
+        sure_coverage.regions, *scene, (sure_coverage.sizes, sure_coverage.nearest, SURE)
+    )
     # What is sure, and what is not covered as planned: the rest is lost.
     parts = [
         (planned, np.flatnonzero(planned.views < sure_coverage.views[planned.face])),
         (sure, np.flatnonzero(sure.views >= sure_coverage.views[sure.face])),
     ]
-    cut = [polygons.chosen(each.xy, each.starts, rows) for each, rows in parts]
+    cut = [polygons.choose_polygons(each.xy, each.starts, rows) for each, rows in parts]
     counts = np.concatenate([np.diff(starts) for _, starts in cut])
     face = np.concatenate([each.face[rows] for each, rows in parts])
     order = np.argsort(face, kind="stable")
-    xy, starts = polygons.chosen(
+    xy, starts = polygons.choose_polygons(
         np.concatenate([own for own, _ in cut]), polygons.starts_of(counts), order
     )
     areas = polygons.polygon_areas(xy, starts)
@@ -588,7 +592,7 @@ def _hiders(sure_coverage: SureCoverage, zones: DeadZones, rows: list[int]) -> d
         steps = rng.normal(size=(HIDING, 3))
         steps *= sure_coverage.sizes[pose, 0] / np.linalg.norm(steps, axis=1, keepdims=True)
         matrix = sure_coverage.poses.world_from_camera[pose]
-        moved = displaced(np.tile(matrix, (HIDING, 1, 1)), steps, np.zeros((HIDING, 3)))
+        moved = displace(np.tile(matrix, (HIDING, 1, 1)), steps, np.zeros((HIDING, 3)))
         placed = Poses.of(moved, camera=np.full(HIDING, sure_coverage.poses.camera[pose]))
         counts = np.zeros(len(mesh.groups), np.int64)
         # Each by itself, whatever the rule of their rig.

@@ -13,9 +13,9 @@ import numpy as np
 from rastercov.base import TINY, FloatArray
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.gates import through
-from rastercov.core.area.rows import gated
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.spread import union_of
-from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.union import Covered
 from rastercov.core.camera import Cameras, Poses, by_gate, gates_of
 from rastercov.core.coverage.task import Task
@@ -73,17 +73,17 @@ def rows_with_errors(
     parts, rows = [], []
     for gate, own, row in by_gate(camera, poses):
         for of_rig, at in zip(own, row.tolist(), strict=True):
-            part = taken(regions, of_rig)
+            part = take_rows(regions, of_rig)
             if gate is not None:
                 changed = gate.off_by(of * _of_two(turns_of(sizes[of_rig], nearest[of_rig])))
                 # With some errors, a camera next to the plane of a face may be on either side.
                 part = through(part, changed, one_side=of == SURE)
             parts.append(part)
             rows.append(at)
-    return taken(joined(parts), np.argsort(rows))
+    return take_rows(join(parts), np.argsort(rows))
 
 
-def united(
+def unite_regions(
     regions: Regions,
     camera: Cameras,
     poses: Poses,
@@ -96,7 +96,7 @@ def united(
     Without these, of cameras as they are.
     """
     if errors is None:
-        rows, by = gated(regions, camera, poses), 0.0
+        rows, by = with_rule(regions, camera, poses), 0.0
     else:
         sizes, nearest, of = errors
         rows = rows_with_errors(regions, camera, poses, sizes, nearest, of)

@@ -21,7 +21,7 @@ from rastercov.base import ByName, ByteArray, FloatArray, frozen_record
 from rastercov.core.camera import Camera
 from rastercov.core.camera.catalogue import entries_of
 from rastercov.reference.markers.detect import MIN_PERIMETER, detect, patterns
-from rastercov.reference.markers.picture import reflected, sensor
+from rastercov.reference.markers.picture import reflect, sensor
 from rastercov.reference.markers.requirement import (
     DETECTOR,
     THESIS,
@@ -216,10 +216,10 @@ def _run(
 ) -> Experiment:
     """Predict, draw and detect the markers of one experiment."""
     began = time.perf_counter()
-    light = reflected(plates, patterns(), camera)
+    light = reflect(plates, patterns(), camera)
     image = sensor(light, np.random.default_rng(seed))
     detections = detect(image, min_perimeter)
-    by_table, by_detector = _relaxed(THESIS, min_perimeter), _relaxed(DETECTOR, min_perimeter)
+    by_table, by_detector = _relax(THESIS, min_perimeter), _relax(DETECTOR, min_perimeter)
     rows = tuple(
         MarkerRow(
             marker=index,
@@ -233,7 +233,7 @@ def _run(
     return Experiment(*about, rows, image, detections, time.perf_counter() - began)
 
 
-def _relaxed(requirement: MarkerRequirement, min_perimeter: float) -> MarkerRequirement:
+def _relax(requirement: MarkerRequirement, min_perimeter: float) -> MarkerRequirement:
     """The requirement for another P_min: R_min is (P_min / 4)^2."""
     share = min_perimeter / MIN_PERIMETER
     contour = requirement.min_contour and requirement.min_contour - MIN_PERIMETER + min_perimeter

@@ -25,7 +25,7 @@ FULL_SCALE = 255 / 1.05
 """Grey levels of reflectance 1."""
 
 
-def reflected(
+def reflect(
     plates: Sequence[Plate], patterns: ByteArray, camera: Camera, images: int = IMAGES
 ) -> FloatArray:
     """Reflected light in each pixel, 0 to 1, (H, W).

@@ -25,7 +25,7 @@ from rastercov.reference.markers.experiments import Experiment, MarkerRow
 from rastercov.reference.markers.requirement import DETECTOR, THESIS
 from rastercov.reference.pages import publish
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.pages import Picture, rendered
+from rastercov.report.pages import Picture, render
 from rastercov.report.theme import INK
 
 VALIDATION = ReportKind(
@@ -42,7 +42,7 @@ ROW_HEADINGS = (
 DETECTED = (25, 195, 125)
 
 
-def passed(experiments: Sequence[Experiment]) -> bool:
+def do_all_pass(experiments: Sequence[Experiment]) -> bool:
     """True when the model is right often enough by the detector's requirement."""
     rows = [row for experiment in experiments for row in experiment.rows]
     right = sum(row.predicted_by_detector == row.detected for row in rows)
@@ -51,7 +51,7 @@ def passed(experiments: Sequence[Experiment]) -> bool:
 
 def verdict_lines(experiments: Sequence[Experiment]) -> list[str]:
     """The verdict, one line per check."""
-    verdict = "holds" if passed(experiments) else "FAILS"
+    verdict = "holds" if do_all_pass(experiments) else "FAILS"
     last = f"{verdict}: {100 * MIN_ACCURACY:g} % or more as predicted by the detector requirement"
     return [*map(experiment_line, experiments), last]
 
@@ -59,7 +59,7 @@ def verdict_lines(experiments: Sequence[Experiment]) -> list[str]:
 def as_json(experiments: Sequence[Experiment]) -> ByName:
     """All figures of a validation."""
     return {
-        "passed": passed(experiments),
+        "passed": do_all_pass(experiments),
         "must_be_right": MIN_ACCURACY,
         "requirements": [asdict(requirement) for requirement in (THESIS, DETECTOR)],
         "experiments": [
@@ -90,15 +90,15 @@ def write_validation(folder: ReportFolder, experiments: Sequence[Experiment]) ->
         )
         for each in experiments
     }
-    answer = "Passed" if passed(experiments) else "Failed"
-    page = rendered(
+    answer = "Passed" if do_all_pass(experiments) else "Failed"
+    page = render(
         "markers.html",
         "rastercov.reference",
         title=f"rastercov validate markers: {answer.lower()}",
         heading="Does the coverage model predict what a detector finds?",
         answer=answer,
         lines=verdict_lines(experiments),
-        passed=passed(experiments),
+        passed=do_all_pass(experiments),
         detector=DETECTOR,
         experiments=[
             (each.title, experiment_line(each), picture, map(row_of, each.rows))

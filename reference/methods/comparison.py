@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base import ByName, ConfigError, FloatArray, IntArray
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.mesh import Mesh
-from rastercov.reference.criteria import measured_geometry as face_geometry
+from rastercov.reference.criteria import measure_geometry as face_geometry
 from rastercov.reference.methods.contenders import (
     REFERENCES,
     AnalyticReference,
@@ -171,11 +171,11 @@ def _measure(
             for row, pose in enumerate(of_batch):
                 face = _in_view(mesh, camera, pose)
                 areas = reference.areas(row, face)
-                with interrupts_held():
+                with hold_interrupts():
                     for contender in contenders:
                         contender.add_pose(start + row, row, face, *areas)
                     if start + row in chosen:
-                        known.append(_partly_hidden(pose, face, *areas))
+                        known.append(_hide_partly(pose, face, *areas))
                     done += 1
                 step()
     except KeyboardInterrupt:
@@ -247,7 +247,7 @@ def _often_enough(held: int, n: int) -> bool | None:
     return False if 1 - fewer < SIGNIFICANCE else None
 
 
-def _partly_hidden(
+def _hide_partly(
     pose: FloatArray, face: IntArray, visible: FloatArray, area: FloatArray, error: FloatArray
 ) -> KnownFaces:
     least = np.maximum(ROUNDING, error) + ROUNDING * area

@@ -257,11 +257,13 @@ class ErrorStatistics:
         # all. A bound of 1 claims nothing; such faces are among the missed ones.
         weight = error * np.minimum(figures.area, 1.0)
         claimed = ~held | ((figures.bound < 1) & (weight > QUOTIENT_ROUNDING))
-        self._worst = self._kept(self._worst, pose, figures, held, np.where(claimed, weight, -1.0))
+        self._worst = self._keep_figures(
+            self._worst, pose, figures, held, np.where(claimed, weight, -1.0)
+        )
         seen = np.where(missed, figures.visible, -1.0)
-        self._missed = self._kept(self._missed, pose, figures, every, seen)
+        self._missed = self._keep_figures(self._missed, pose, figures, every, seen)
 
-    def _kept(
+    def _keep_figures(
         self,
         kept: list[Kept],
         pose: int,

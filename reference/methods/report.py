@@ -48,13 +48,13 @@ from rastercov.reference.pages import (
     line_plot,
     milliseconds,
     new_axes,
-    opened,
+    open_browser,
     percent_of,
     picture_of,
     publish,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.pages import Picture, rendered
+from rastercov.report.pages import Picture, render
 from rastercov.shards import Progress, silent
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def write_comparison(
     written, the JSON says `"interrupted": true`, and then the interrupt is raised. `progress` gets
     the pictures drawn and the pictures in all.
     """
-    with opened(out, COMPARISON) as folder:
+    with open_browser(out, COMPARISON) as folder:
         pictures: dict[str, Picture] = {}
         interrupted = False
         try:
@@ -126,7 +126,9 @@ def _draw(
         pictures[f"plot_{name}"] = picture_of(alt, light[name], dark[name])
     matrices = valid_poses(poses)
     wanted = [
-        (score, name, face) for score in comparison.scores for name, face in _shown(score).items()
+        (score, name, face)
+        for score in comparison.scores
+        for name, face in _errors_to_show(score).items()
     ]
     for done, (score, name, face) in enumerate(wanted):
         progress(done, len(wanted))
@@ -142,7 +144,7 @@ def _draw(
     progress(len(wanted), len(wanted))
 
 
-def _shown(score: Score) -> dict[str, FaceError]:
+def _errors_to_show(score: Score) -> dict[str, FaceError]:
     """Faces of a method to show, by the names of their pictures."""
     is_good = score.all_sizes.greatest < NEGLIGIBLE_ERROR and all(w.held for w in score.worst)
     faces = {"worst": score.worst[: 2 if is_good else None], "missed": score.missed_faces}
@@ -167,7 +169,7 @@ def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
         )
         for score in comparison.scores
     ]
-    return rendered(
+    return render(
         "methods.html",
         "rastercov.reference",
         comparison=comparison,
@@ -184,7 +186,7 @@ def page(comparison: Comparison, pictures: dict[str, Picture]) -> str:
 
 def _face_pictures(score: Score, pictures: dict[str, Picture]) -> list[tuple[str, list[Picture]]]:
     """Titles and pictures of the faces of a method, without empty ones."""
-    names = [name for name in _shown(score) if name in pictures]
+    names = [name for name in _errors_to_show(score) if name in pictures]
     items = [
         (title, [pictures[name] for name in names if name.startswith(kind)])
         for kind, title in FACE_TITLES.items()

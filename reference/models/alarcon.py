@@ -71,7 +71,7 @@ def coverage(view: ModelView) -> FloatArray:
     d_r = np.maximum(0.0, 1 - turned / math.sqrt(2))
     graded = np.where(seen, np.sqrt(d_e * d_r), 0.0)
     wanted = np.flatnonzero(graded > 0)
-    graded[wanted[view.hidden_points(mesh.centroids[wanted])]] = 0.0
+    graded[wanted[view.hide_points(mesh.centroids[wanted])]] = 0.0
     return graded
 
 

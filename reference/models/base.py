@@ -16,7 +16,7 @@ from rastercov.core.camera import Camera, near_limit, to_camera, valid_poses
 from rastercov.core.camera.models import MODELS as LENSES
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.reference.criteria import FaceGeometry, in_focus, measured_geometry
+from rastercov.reference.criteria import FaceGeometry, in_focus, measure_geometry
 from rastercov.reference.models.line_of_sight import LineOfSight
 
 
@@ -45,7 +45,7 @@ class ModelView:
     @cached_property
     def faces(self) -> FaceGeometry:
         """Geometry of every face."""
-        return measured_geometry(self.mesh, self.camera, self.pose)
+        return measure_geometry(self.mesh, self.camera, self.pose)
 
     @cached_property
     def points(self) -> FloatArray:
@@ -67,16 +67,16 @@ class ModelView:
         is_back = mesh.two_sided_mask & (np.einsum("fi,fi->f", mesh.normals, ray) < 0)
         return np.where(is_back, -1.0, 1.0)[:, None] * (mesh.normals @ self.pose[:3, :3])
 
-    def hidden(self, wanted: BoolArray) -> BoolArray:
+    def find_hidden(self, wanted: BoolArray) -> BoolArray:
         """(F, 3) corners at hidden vertices; only those of wanted corners, (F,) or (F, 3)."""
         vertices = np.unique(self.mesh.faces[wanted])
         hidden = np.zeros(self.mesh.n_vertices, dtype=bool)
-        hidden[vertices] = self.hidden_points(self.mesh.vertices[vertices])
+        hidden[vertices] = self.hide_points(self.mesh.vertices[vertices])
         return hidden[self.mesh.faces]
 
-    def hidden_points(self, points: FloatArray) -> BoolArray:
+    def hide_points(self, points: FloatArray) -> BoolArray:
         """(N,) world points, (N, 3), with a face between them and the camera centre."""
-        return self.sight.hidden(points, self.pose, self.near, self.camera)
+        return self.sight.find_hidden(points, self.pose, self.near, self.camera)
 
     def share(self, density: FloatArray) -> FloatArray:
         """min(1, density / required); 1 where nothing is required."""

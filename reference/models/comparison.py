@@ -147,7 +147,11 @@ def compare_models(
     """
     task = task or Task()
     matrices = valid_poses(poses)
-    names = [name for name in MODELS if name not in left_out(camera)] if names is None else names
+    names = (
+        [name for name in MODELS if name not in names_without_model(camera)]
+        if names is None
+        else names
+    )
     _check(names, len(matrices))
     statistics = _Statistics(mesh, task, tuple(names))
     progress(0, len(matrices))
@@ -179,7 +183,7 @@ def compare_models(
     return statistics.result(run)
 
 
-def left_out(camera: Camera) -> dict[str, str]:
+def names_without_model(camera: Camera) -> dict[str, str]:
     """Reason of each model that does not take the lens of a camera."""
     if camera.is_pinhole:
         return {}

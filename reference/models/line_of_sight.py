@@ -33,12 +33,12 @@ class LineOfSight:
     @cached_property
     def _tree(self) -> TriangleTree:
         """The faces, in a scene of diagonal 1 about the origin."""
-        return TriangleTree.over(self._placed(self._mesh.vertices), self._faces, margin=BOX_MARGIN)
+        return TriangleTree.over(self._place(self._mesh.vertices), self._faces, margin=BOX_MARGIN)
 
-    def _placed(self, points: FloatArray) -> FloatArray:
+    def _place(self, points: FloatArray) -> FloatArray:
         return (points - self._mesh.centre) / self._mesh.diagonal
 
-    def hidden(
+    def find_hidden(
         self, points: FloatArray, pose: FloatArray, near: float, camera: Camera
     ) -> BoolArray:
         """Points with a face between them and the camera centre.
@@ -68,6 +68,6 @@ class LineOfSight:
         reach = np.where(ahead, length * (1 - near / np.where(ahead, depth, 1.0)), 0.0)
         reach = reach / self._mesh.diagonal - MARGIN
         direction = to_eye / np.where(length > 0, length, 1.0)[:, None]
-        origin = self._placed(points) + MARGIN * direction
+        origin = self._place(points) + MARGIN * direction
         own = np.full(len(points), -1)
         return self._tree.first_hits(origin, direction, reach, own) >= 0

@@ -99,7 +99,7 @@ def strength_of_points(view: ModelView) -> FloatArray:
     graded *= ramp(-cosine, -flattest, -1.0)
     graded[~view.faces.is_front] = 0.0
     # Only faces covered so far can be hidden: most segments need not be traced.
-    graded[view.hidden(graded > 0)] = 0.0
+    graded[view.find_hidden(graded > 0)] = 0.0
     return graded
 
 

@@ -32,17 +32,17 @@ from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import ModelCriteria
 from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
-from rastercov.reference.pages import milliseconds, opened, percent_of, publish
+from rastercov.reference.pages import milliseconds, open_browser, percent_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
     Key,
+    add_frame,
     contact_sheet,
-    framed,
     greys,
     png,
 )
-from rastercov.report.pages import Picture, rendered
-from rastercov.report.panorama import DrawnScene, neutral, paint, scene_keys, seen
+from rastercov.report.pages import Picture, render
+from rastercov.report.panorama import DrawnScene, draw_scene, neutral, paint, scene_keys
 from rastercov.report.theme import Pixels
 from rastercov.shards import Progress, silent
 
@@ -100,7 +100,7 @@ def write_model_comparison(
 
     `progress` gets the poses drawn and the poses to draw.
     """
-    with opened(out, MODEL_COMPARISON) as folder:
+    with open_browser(out, MODEL_COMPARISON) as folder:
         matrices = valid_poses(poses)
         chosen = sorted(np.argsort(-np.array(comparison.misjudged), kind="stable")[:POSES_DRAWN])
         digits = len(str(len(matrices) - 1))
@@ -149,7 +149,7 @@ def page(comparison: ModelComparison, pictures: dict[str, Picture]) -> str:
         kind: [(int(n.rpartition("_")[2]), pictures[n]) for n in sorted(pictures) if kind in n]
         for kind in PICTURES
     }
-    return rendered(
+    return render(
         "models.html",
         "rastercov.reference",
         title="rastercov compare --models",
@@ -290,7 +290,7 @@ def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDT
         skew=camera.skew * scale,
     )
     with open_rasterizer(mesh, cut, "cpu") as rasterizer:
-        return seen(mesh, cut, pose, rasterizer.render(pose))
+        return draw_scene(mesh, cut, pose, rasterizer.render(pose))
 
 
 def coverage_picture(
@@ -303,7 +303,7 @@ def coverage_picture(
     Parameters
     ----------
     scene : Scene
-        As `panorama.seen` gives it.
+        As `panorama.draw_scene` gives it.
     values : (F,) array_like
         Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
     title, word : str
@@ -316,7 +316,7 @@ def coverage_picture(
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
     scale = Key.scale(word, greys(np.linspace(0, 1, 256)), "0", "1")
-    return framed(coverage_pixels(scene, values), title, [scale, *scene_keys([scene])])
+    return add_frame(coverage_pixels(scene, values), title, [scale, *scene_keys([scene])])
 
 
 def coverage_pixels(scene: DrawnScene, values: ArrayLike) -> Pixels:
@@ -360,7 +360,7 @@ def difference_picture(look: DrawnScene, bivalent: FloatArray, graded: FloatArra
         Key("visible, classified hidden", _swatch(MISSED), "0", "1"),
         Key("hidden, classified visible", _swatch(FALSELY_SEEN), "0", "1"),
     ]
-    return framed(pixels.astype(np.uint8), "", keys)
+    return add_frame(pixels.astype(np.uint8), "", keys)
 
 
 def _sheet(pictures: Sequence[Image.Image], captions: Sequence[str]) -> Image.Image:

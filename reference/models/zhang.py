@@ -82,5 +82,5 @@ def visible(mesh: Mesh, camera: Camera, poses: ArrayLike) -> FloatArray:
 
 def _unhidden(view: ModelView, chosen: BoolArray) -> FloatArray:
     """1 for chosen faces none of whose vertices are hidden, 0 for all others, (F,)."""
-    is_seen: BoolArray = chosen & ~view.hidden(chosen).any(axis=1)
+    is_seen: BoolArray = chosen & ~view.find_hidden(chosen).any(axis=1)
     return is_seen.astype(np.float64)

@@ -10,7 +10,7 @@ from plans import write_obj
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
-from rastercov.advice.before import compared, lines_of
+from rastercov.advice.before import compare, lines_of
 from rastercov.core.camera.pose import Poses
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=40)
@@ -42,7 +42,7 @@ def area(mesh, poses, task):
 @pytest.mark.parametrize("name", TASKS)
 def test_what_is_lost_less_what_is_gained_is_the_change_of_the_area(name, seed):
     (mesh, before, now), task = scene(seed), TASKS[name]
-    told = compared(mesh, (CAMERA, now), (CAMERA, before), task)
+    told = compare(mesh, (CAMERA, now), (CAMERA, before), task)
     sums = [area(mesh, each, task) for each in (before, now)]
     change = told["lost"]["m2"] - told["gained"]["m2"]
     bound = told["lost"]["bound_m2"] + 1e-9
@@ -54,7 +54,7 @@ def test_what_is_lost_less_what_is_gained_is_the_change_of_the_area(name, seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_what_all_cameras_cover_is_what_they_cover_now_and_what_is_lost(seed):
     (mesh, before, now), task = scene(seed), TASKS["one view"]
-    told = compared(mesh, (CAMERA, now), (CAMERA, before), task)
+    told = compare(mesh, (CAMERA, now), (CAMERA, before), task)
     every = Poses.of(np.concatenate([before.world_from_camera, now.world_from_camera]))
     both = area(mesh, every, task)[0]
     for kind, poses in (("lost", now), ("gained", before)):
@@ -67,7 +67,7 @@ def test_what_all_cameras_cover_is_what_they_cover_now_and_what_is_lost(seed):
 
 def test_the_same_poses_lose_nothing():
     mesh, before, _ = scene(0)
-    told = compared(mesh, (CAMERA, before), (CAMERA, before), rc.Task())
+    told = compare(mesh, (CAMERA, before), (CAMERA, before), rc.Task())
     assert told["cameras"] == []
     for kind in ("lost", "gained"):
         assert told[kind]["n_zones"] == 0
@@ -81,7 +81,7 @@ def test_cameras_that_differ_are_named():
     poses[3, 0, 3] += 0.25
     other, row = rc.Camera.from_fov(640, 480, hfov_deg=50), np.array([0, 0, 0, 0, 1])
     cameras, now = (CAMERA, other), Poses.of(poses, camera=row)
-    told = compared(mesh, (cameras, now), (CAMERA, before), rc.Task())
+    told = compare(mesh, (cameras, now), (CAMERA, before), rc.Task())
     items = [(each["before"], each["now"], each["is_exchanged"]) for each in told["cameras"]]
     assert items == [(1, 1, False), (3, 3, False), (4, 4, True)]
     assert [each["moved_m"] for each in told["cameras"]] == pytest.approx([0, 0.25, 0], abs=1e-12)
@@ -98,7 +98,7 @@ def test_cameras_that_are_added_or_removed_are_named():
     mesh, before, now = scene(0)
     own = before.world_from_camera
     fewer = Poses.of(np.concatenate([own[[4, 0, 2]], now.world_from_camera[:1]]))
-    told = compared(mesh, (CAMERA, fewer), (CAMERA, before), rc.Task())
+    told = compare(mesh, (CAMERA, fewer), (CAMERA, before), rc.Task())
     items = [(each["before"], each["now"]) for each in told["cameras"]]
     assert items == [(1, None), (3, None), (None, 3)]
     words = [line.split(" m: ")[-1] for line in lines_of({"poses": "", **told}) if "chang" in line]
@@ -107,7 +107,7 @@ def test_cameras_that_are_added_or_removed_are_named():
 
 def test_without_cameras_all_is_lost():
     mesh, before, now = scene(0)
-    told = compared(mesh, (CAMERA, now[:0]), (CAMERA, before), rc.Task())
+    told = compare(mesh, (CAMERA, now[:0]), (CAMERA, before), rc.Task())
     assert told["lost"]["m2"] == pytest.approx(area(mesh, before, rc.Task())[0], rel=1e-9)
     assert {zone["reason"] for zone in told["lost"]["zones"]} == {"no_cameras"}
     assert told["gained"]["m2"] == 0
@@ -126,7 +126,7 @@ def test_the_command_compares_with_earlier_poses(tmp_path, monkeypatch, capsys):
     assert "gained: " in out
     told = json.loads(done(capsys, f"{line} --before old.json --json")[0])["before"]
     mesh = rc.Mesh.load("part.obj")
-    expected = compared(mesh, (CAMERA, now), (CAMERA, before), rc.Task())
+    expected = compare(mesh, (CAMERA, now), (CAMERA, before), rc.Task())
     for kind in ("lost", "gained"):
         assert told[kind]["m2"] == pytest.approx(expected[kind]["m2"], rel=1e-6)
     assert "--before" in refusal(capsys, f"{line} --before old.json --by face")

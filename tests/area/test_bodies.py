@@ -13,10 +13,10 @@ from timed import regions_over_time
 import rastercov as rc
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.table import joined
+from rastercov.core.area.table import join
 from rastercov.core.mesh.bodies import MOST_PARTNERS
 from rastercov.core.mesh.targets import with_target
-from rastercov.motion.regions import Sights
+from rastercov.motion.regions import ViewKeys
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 TASK = rc.Task(max_incidence_deg=75)
@@ -141,7 +141,7 @@ def shifted(offset):
 
 
 def sight_keys(motion, poses):
-    sights, placed = Sights(motion), rc.Poses.of(poses)
+    sights, placed = ViewKeys(motion), rc.Poses.of(poses)
     near = np.full(len(placed), 1e-5)
     return [sights.of(row, placed, near, np.zeros((1, 3)))[0] for row in range(len(motion))]
 
@@ -264,7 +264,7 @@ def test_layers_meet_in_the_whole(seed):
         for absent in ("one", "other")
     ]
     n = len(whole.pose_ids)
-    both = joined(layers).at_least(2, np.tile(np.arange(n), 2), one_side=False)
+    both = join(layers).at_least(2, np.tile(np.arange(n), 2), one_side=False)
     own = mesh.task_mask
     gap = np.abs(both.areas() - whole.areas())[:, own]
     allowed = (both.bounds() + whole.bounds())[:, own]

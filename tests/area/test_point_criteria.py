@@ -163,13 +163,13 @@ def test_beams_of_a_scanner_are_pixels_of_its_panorama():
 
 
 def test_joined_regions_keep_their_devices():
-    from rastercov.core.area.table import joined
+    from rastercov.core.area.table import join
 
     mesh = room()[0]
     one = replace(whole(mesh), devices=np.arange(48))
-    assert joined([one, one]).devices.tolist() == [*range(48)] * 2
-    assert joined([one, whole(mesh)]).devices is None
-    assert joined([one, one]).of_poses(np.array([False, True])).devices.tolist() == [*range(48)]
+    assert join([one, one]).devices.tolist() == [*range(48)] * 2
+    assert join([one, whole(mesh)]).devices is None
+    assert join([one, one]).of_poses(np.array([False, True])).devices.tolist() == [*range(48)]
 
 
 @pytest.mark.parametrize(

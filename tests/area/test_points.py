@@ -12,7 +12,7 @@ from rastercov.core.area.regions import covering_poses
 from rastercov.reference.regions import points_on
 from rastercov.report.camera_pictures import covered_pixels
 from rastercov.report.overview import nearest_covering
-from rastercov.report.panorama import points_of_pixels, seen
+from rastercov.report.panorama import draw_scene, points_of_pixels
 
 pytestmark = pytest.mark.native
 
@@ -58,7 +58,7 @@ def test_pixels_show_the_area_that_is_covered_and_the_nearest_pose_is_one_that_c
     camera = camera.resized(0.25)
     regions, alone = (rc.regions(mesh, camera, some, TASK) for some in (poses, poses[:1]))
     with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        scene = seen(mesh, camera, poses[0], rasterizer.render(poses[0]))
+        scene = draw_scene(mesh, camera, poses[0], rasterizer.render(poses[0]))
     face = scene.face
     rows, columns = np.nonzero(face >= 0)
     faces = face[rows, columns]

@@ -25,7 +25,7 @@ from rastercov.reference.regions import points_on
 from rastercov.report.coverage import Options, network_of, run
 from rastercov.report.modes import FIRST, MODES
 from rastercov.report.parquet import write_areas
-from rastercov.sensors.ray_limits import measured
+from rastercov.sensors.ray_limits import measure_limits
 
 pytestmark = pytest.mark.native
 
@@ -344,7 +344,7 @@ def test_rigs_measure_what_is_certain_enough(limit, stripes, n):
         e = (regions.bounds()[row].sum() + every.bounds()[row].sum()) / mesh.areas.sum() * 4000
         assert (in_regions(regions, row, points, face) != truth).sum() <= 2 + e + 6 * np.sqrt(e)
         assert np.array_equal(
-            measured(rig.gates[0], placed, points)[1] <= limit,
+            measure_limits(rig.gates[0], placed, points)[1] <= limit,
             holds(criterion, points, mesh.normals[face]) >= 0,
         )
         shares.append(regions.areas()[row].sum() / every.areas()[row].sum())
@@ -359,7 +359,9 @@ def test_centres_of_cells_are_certain_enough_too():
     result = CentrePass(own, rig, rc.Task()).find(rig.poses(places))
     loose = CentrePass(own, head(1.0), rc.Task()).find(rig.poses(places))
     centres = own.vertices.reshape(-1, 3, 3).mean(axis=1)
-    certain = measured(rig.gates[0], rig.poses(places).world_from_camera, centres)[1] <= 237e-6
+    certain = (
+        measure_limits(rig.gates[0], rig.poses(places).world_from_camera, centres)[1] <= 237e-6
+    )
     assert set(result.row(0)) == set(np.flatnonzero(certain)) & set(loose.row(0))
     assert 0 < len(result.row(0)) < len(loose.row(0))
 
@@ -516,7 +518,7 @@ def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
     assert "uncertainty" in session.scene.modes
     figures, placed = session.figures(), both.world_from_camera
     corners = mesh.vertices[mesh.faces].reshape(-1, 3)
-    _, result = measured(rig.gates[0], placed, corners)
+    _, result = measure_limits(rig.gates[0], placed, corners)
     truth = np.where(figures.failing[0] == Reason.COVERED, result.reshape(-1, 3).max(axis=1), 0.0)
     assert figures.values["uncertainty"]().values == pytest.approx(1e6 * truth)
     assert 0 < np.count_nonzero(truth) < mesh.n_faces

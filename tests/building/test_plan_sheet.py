@@ -26,10 +26,10 @@ from rastercov.report.drawing import SheetFrame
 from rastercov.report.plan_geometry import (
     distances_to_walls,
     is_foliage,
-    planned,
+    plan_lines,
     rooms_of,
     scene_of_plan,
-    seen_on_plan,
+    views_on_plan,
 )
 from rastercov.report.tables import lens_text, mounting_angles
 
@@ -44,7 +44,7 @@ POINT = st.tuples(*[st.integers(-29, 29).map(lambda tenth: tenth / 10)] * 2)
 def seen_by(camera, poses, density, cut, walls=(), box=BOX):
     placed = rc.Poses.of(poses)
     scene = scene_of_plan(np.reshape(walls, (-1, 2, 2)), box, cut, placed)
-    return seen_on_plan(scene, [camera], placed, density)
+    return views_on_plan(scene, [camera], placed, density)
 
 
 @given(st.lists(st.tuples(POINT, POINT), max_size=8), POINT, POINT, st.integers(0, 9))
@@ -306,7 +306,7 @@ def test_trees_and_terrain_do_not_shrink_the_house(role, seed):
     poses = rc.Poses.of(np.concatenate([rc.look_at(eye, (0, 0, 0.8)) for eye in EYES]))
     alone, frame = frame_of(house, poses, floor=0.0), frame_of(site, poses, floor=0.0)
     assert (frame.scale, frame.paper) == (alone.scale, alone.paper)
-    np.testing.assert_allclose(planned(site, poses, 1.2), ((-3, -2.5), (3, 2.5)), atol=1e-6)
+    np.testing.assert_allclose(plan_lines(site, poses, 1.2), ((-3, -2.5), (3, 2.5)), atol=1e-6)
     names = [site.groups[row].name for row in np.unique(site.face_group[is_foliage(site)])]
     assert names == ["crown"]
     assert is_foliage(site).sum() == 600

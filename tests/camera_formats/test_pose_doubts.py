@@ -7,7 +7,7 @@ import pytest
 
 import rastercov as rc
 from rastercov.core.camera.conventions import OPENGL_AXES, POSE_CONVENTIONS
-from rastercov.core.camera.doubts import convention_doubts
+from rastercov.core.camera.doubts import convention_warnings
 from rastercov.core.camera.pose import inverse
 from rastercov.core.mesh import shapes
 
@@ -23,7 +23,7 @@ def poses():
 def test_the_convention_of_the_poses_is_named(name):
     has_opengl_axes, is_inverse = POSE_CONVENTIONS[name]
     given = poses() @ OPENGL_AXES if has_opengl_axes else poses()
-    result = convention_doubts(MESH, CAMERA, inverse(given) if is_inverse else given)
+    result = convention_warnings(MESH, CAMERA, inverse(given) if is_inverse else given)
     wanted = [] if name == "opencv" else [True]
     assert [f"--pose-convention {name}, or leave" in line for line in result] == wanted
 
@@ -34,7 +34,7 @@ def test_nothing_is_said_where_no_convention_helps_or_most_cameras_look_at_the_m
     some[:15] = some[:15] @ OPENGL_AXES
     inside = rc.look_at(eyes=(1, 2, 3), targets=(2, 2, 3))
     for given in (away, some, np.zeros((0, 4, 4)), inside):
-        assert convention_doubts(MESH, CAMERA, given) == []
+        assert convention_warnings(MESH, CAMERA, given) == []
 
 
 def test_a_json_list_of_matrices_is_read_as_an_array_is(tmp_path):

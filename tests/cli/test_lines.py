@@ -9,7 +9,7 @@ import pytest
 from commands import INTERRUPTIBLE, refusal, without_progress
 from processes import python
 
-from rastercov.base.limits import limited
+from rastercov.base.limits import limit_time
 from rastercov.cli.console import (
     LONGEST_LINE,
     LONGEST_WORD,
@@ -17,8 +17,8 @@ from rastercov.cli.console import (
     group,
     progress_bar,
     say,
-    shown,
-    waits_shown,
+    show_lines,
+    show_waits,
 )
 
 COMMAND = "evaluate box -c camera.toml -p sphere:2 -o out"
@@ -131,7 +131,7 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
     monkeypatch.setattr("rastercov.cli.console.NEXT_LINE", 0.04)
 
     def lines(app):
-        with waits_shown("audit"):
+        with show_waits("audit"):
             app()
         return capsys.readouterr().err.splitlines()
 
@@ -157,7 +157,7 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
     def within_a_limit():
         with progress_bar("poses", then="report") as progress:
             progress(4, 4)
-            with limited("smallest subset", 30):
+            with limit_time("smallest subset", 30):
                 wait()
             wait()
 
@@ -165,7 +165,7 @@ def test_a_command_that_is_busy_says_so_whatever_it_does(capsys, monkeypatch):
     assert {"smallest subset: at most 30 s left", "poses done; report: 1 s elapsed"} <= {*result}
 
     def serve():
-        with shown(None):
+        with show_lines(None):
             wait()
 
     assert lines(serve) == []
@@ -222,6 +222,6 @@ def test_a_module_that_loads_is_no_wait(capsys, monkeypatch):
     monkeypatch.setattr("rastercov.cli.console.FIRST_LINE", 0.05)
     Path("slow_to_load.py").write_text("import time\ntime.sleep(0.5)\n")
     monkeypatch.syspath_prepend(Path.cwd())
-    with waits_shown("audit"):
+    with show_waits("audit"):
         __import__("slow_to_load")
     assert capsys.readouterr().err == ""

@@ -15,7 +15,7 @@ from commands import answer, call, content, done, refusal, write_part
 from short_search import short_search  # noqa: F401 # a fixture
 
 import rastercov as rc
-from rastercov.base.locks import locked
+from rastercov.base.locks import lock
 from rastercov.core.camera.pose_file import read_poses, write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.placement.plan import run as plan_run
@@ -269,7 +269,7 @@ EACH_STEP = QUICK.replace(
 STEPS = {
     "rastercov.placement.plan.run.refine": "refinement",
     "rastercov.tolerances.plan_step.tolerance": "tolerance",
-    "rastercov.placement.plan.run.left_over": "uncovered faces",
+    "rastercov.placement.plan.run.find_uncovered": "uncovered faces",
     "rastercov.report.placement.pages_of": "page",
 }
 
@@ -390,7 +390,7 @@ def test_what_is_no_matrix_of_an_earlier_plan_stays(capsys):
     (old / "pairs" / "notes.txt").write_text("mine")
     before = content(matrix)
     Path("plan.toml").write_text(QUICK.replace("count = 20", "count = 22"))
-    with locked(used):
+    with lock(used):
         assert call(capsys, "place plan.toml --out out20")[0] == 0
     gone = before.keys() - content(matrix).keys()
     assert gone == {path for path in before if path.is_relative_to(old)} - {old / "pairs/notes.txt"}

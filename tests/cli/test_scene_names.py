@@ -17,7 +17,7 @@ from rastercov.cli.inputs import SceneOptions, are_arguments
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import FileGroups, Names, names_beside
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.scene import named_scene, scene
+from rastercov.placement.plan.scene import name_scene, scene
 
 FILES = ["part.obj", "deep/fixture.obj", "deep/table.obj"]
 FIXTURE = [
@@ -84,7 +84,7 @@ def test_a_name_means_the_same_in_plans(name):
         "selection": {"goal": "fewest_cameras", "groups": {name: 0.5}},
         "targets": [{"above": name, "height": 9.0, "name": "sheet"}],
     }
-    mesh, plan, _ = named_scene(plan_of(table))
+    mesh, plan, _ = name_scene(plan_of(table))
     assert plan.task.views == dict.fromkeys(BOTH, 2)
     assert plan.candidates[0].groups == BOTH
     whole = ["fixture"] if not name.startswith("fixture/") else BOTH

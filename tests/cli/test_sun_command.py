@@ -10,7 +10,7 @@ import pytest
 from commands import call
 
 import rastercov as rc
-from rastercov.base.format import bounded
+from rastercov.base.format import text_with_bound
 
 PLACE = "--latitude 49.1 --longitude 8.4"
 
@@ -102,7 +102,7 @@ def test_bounds_hold_the_time_step(step, folder, capsys):
     ],
 )
 def test_a_bound_leaves_digits(value, bound, text):
-    assert bounded(value, bound) == text
+    assert text_with_bound(value, bound) == text
 
 
 ALONE = (

@@ -8,7 +8,7 @@ import pytest
 from commands import call, write_part
 
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.doubts import unit_warnings
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
@@ -65,8 +65,8 @@ def test_cameras_around_a_part_tell_its_unit(distance, corner, n_poses):
     part = shapes.box((85.0, 60.0, 20.0)).moved(translation=(85 * corner, 0, 0))
     centre = part.bounds.mean(axis=0) / 1000
     poses = Poses.of(sphere_of_poses(centre, distance, n_poses))
-    assert unit_doubts(part, EYE, poses)
-    assert not unit_doubts(part.moved(scale=1e-3), EYE, poses)
+    assert unit_warnings(part, EYE, poses)
+    assert not unit_warnings(part.moved(scale=1e-3), EYE, poses)
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -83,14 +83,14 @@ def test_cameras_near_a_part_name_the_ratio_of_its_size_to_their_distance(seed):
     near = look_at(points + away * part.normals[face], points)
     around = sphere_of_poses(part.bounds.mean(axis=0) / 1e3, random.uniform(0.4, 0.6), 9)
     for poses in (near, around):
-        (line,) = unit_doubts(part, camera, Poses.of(poses))
+        (line,) = unit_warnings(part, camera, Poses.of(poses))
         ratio, millimetres = re.search(r" m, (\d+) times the ([\d.]+) mm ", line).groups()
         assert line.endswith("--unit mm?")
         assert float(ratio) == pytest.approx(1e3 * max(sides) / float(millimetres), rel=0.02)
         assert 100 < float(ratio) < 1000
-    assert not unit_doubts(part.moved(scale=1e-3), camera, Poses.of(around))
+    assert not unit_warnings(part.moved(scale=1e-3), camera, Poses.of(around))
     one = Poses.of(near[:1])  # as on the wall of a hall, close to a pillar
-    assert not unit_doubts(part, camera, one)
+    assert not unit_warnings(part, camera, one)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -112,7 +112,7 @@ def test_cameras_in_halls_above_terrain_and_around_parts_are_no_doubt(seed):
         "around": sphere_of_poses((low + high) / 2, size * random.uniform(0.7, 9), n),
     }
     for name, poses in rigs.items():
-        assert not unit_doubts(mesh, camera, Poses.of(poses)), name
+        assert not unit_warnings(mesh, camera, Poses.of(poses)), name
 
 
 @pytest.mark.parametrize("name", ["room", "aeroplane"])
@@ -121,4 +121,4 @@ def test_cameras_in_and_around_large_scenes_are_no_doubt(name):
     size = float(max(mesh.bounds[1] - mesh.bounds[0]))
     for distance in (0.2, 0.6, 2.0):
         poses = Poses.of(sphere_of_poses(mesh.bounds.mean(axis=0), distance * size, 8))
-        assert not unit_doubts(mesh, EYE, poses)
+        assert not unit_warnings(mesh, EYE, poses)

@@ -13,7 +13,7 @@ from rastercov.base.errors import CameraError
 from rastercov.core.camera.camera import border_of
 from rastercov.core.camera.lenses import BASES, LensModel
 from rastercov.engine.lens_proof import base_limit, certified_radius, is_positive
-from rastercov.reference.lenses import based, project
+from rastercov.reference.lenses import image_of_base, project
 
 LENSES = of_all_kinds()
 SIDE = {"width": WIDTH, "height": HEIGHT}
@@ -121,7 +121,7 @@ def test_base_rises_up_to_its_limit(base, alpha, xi, beta):
     limit = base_limit(lens.code, lens.params)
     angle = np.linspace(0, limit, 20_001)
     with np.errstate(all="ignore"):
-        radius, _ = based(lens.code, lens.params, np.sin(angle), 0 * angle, np.cos(angle))
+        radius, _ = image_of_base(lens.code, lens.params, np.sin(angle), 0 * angle, np.cos(angle))
     radius = radius[:-2]  # the last may be rounded
     assert (np.diff(radius) > 0).all()
 

@@ -104,7 +104,7 @@ def test_defaults_are_plain_values_within_the_limits():
     """So that they need no check."""
     rules = [rule for rule in _rules_of(rc.Exposure) if rule.default is not dataclasses.MISSING]
     for rule in rules:
-        checked = rule.checked(rule.default)
+        checked = rule.check(rule.default)
         assert checked == rule.default
         assert type(checked) is type(rule.default)
     assert rules

@@ -14,7 +14,7 @@ from rastercov.core.area.swept import swept
 from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.light import sunlight
 from rastercov.light.sun import views_from
-from rastercov.light.sunlight import divided
+from rastercov.light.sunlight import divide_targets
 from rastercov.reference.rational import visible_area
 
 pytestmark = pytest.mark.native
@@ -97,7 +97,7 @@ def test_equal_directions_and_triangles_change_nothing():
     whole = rc.sunlit(one, sun, [1, 2, 3], [5, 6, 7])
     parts = rc.sunlit(one, [*sun[1:]], [3, 3], [17 / 3, 7])
     assert parts.energy == pytest.approx(whole.energy, rel=1e-12)
-    fine = rc.sunlit(divided(one, 0.7), sun, [1, 2, 3], [5, 6, 7])
+    fine = rc.sunlit(divide_targets(one, 0.7), sun, [1, 2, 3], [5, 6, 7])
     assert fine.part_energy == pytest.approx(whole.part_energy, rel=1e-9)
     assert fine.part_hours == pytest.approx(whole.part_hours, rel=1e-9)
     assert len(fine.hours) > 20 * len(whole.hours)
@@ -262,7 +262,7 @@ def test_the_window_of_a_group_that_gets_the_least_is_as_by_itself(lit_by):
     assert sunlit.least_hours[[0, 2]] == pytest.approx(each.part_hours[least], abs=1e-9)
     assert sunlit.least_hours[0] < sunlit.part_hours[0] - 0.1
     assert sunlit.least_hours[1] == sunlit.part_hours[1]
-    fine = rc.sunlit(divided(joined, 0.3), sun, [1, 2, 3, 4], lit_by=lit_by)
+    fine = rc.sunlit(divide_targets(joined, 0.3), sun, [1, 2, 3, 4], lit_by=lit_by)
     assert fine.least_hours == pytest.approx(sunlit.least_hours, abs=1e-9)
 
 

@@ -17,7 +17,7 @@ from rastercov.formats.meshes import ifc
 from rastercov.placement import Room
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import name_scene
 
 HOUSE = bungalow()
 NAMES = """Ground/IfcWall/South Ground/IfcWall/North Ground/IfcWall/West Ground/IfcWall/East
@@ -59,7 +59,7 @@ def test_spaces_are_rooms_that_cameras_and_zones_are_held_to():
         is_inside = ((low < points) & (points < high)).all(axis=1)
         np.testing.assert_array_equal(room.contains(points), is_inside)
         np.testing.assert_allclose(room.middle, np.add(low, high) / 2, atol=1e-9)
-    mesh, plan, _ = named_scene(plan_of(PLAN))
+    mesh, plan, _ = name_scene(plan_of(PLAN))
     kitchen, door = (mesh.areas[mesh.face_group == row].sum() for row in (9, 10))
     assert kitchen == pytest.approx(5.7 * 5.6, rel=1e-9)
     assert door == pytest.approx(0.9 * 0.92 + np.pi / 2 * 0.92**2, rel=0.1)
@@ -133,7 +133,7 @@ def test_the_layers_of_a_floor_are_one_zone_as_large_as_the_room(monkeypatch, tm
     }
     monkeypatch.setattr("bungalow.PARTS", layers | PARTS)
     (tmp_path / "a.ifc").write_bytes(bungalow())
-    mesh, _, _ = named_scene(plan_of(PLAN))
+    mesh, _, _ = name_scene(plan_of(PLAN))
     is_zone = mesh.target_mask & (mesh.face_group == len(mesh.groups) - 2)
     assert mesh.areas[is_zone].sum() == pytest.approx(5.7 * 5.6, rel=1e-9)
     heights, row = np.unique(mesh.centroids[is_zone, 2].round(6), return_inverse=True)
@@ -150,7 +150,7 @@ def test_a_space_that_is_none_or_several_is_refused_with_the_list():
         with pytest.raises(
             PlanError, match=f"rooms.a: expected one space called '{space}', {words}"
         ):
-            named_scene(plan_of(PLAN | {"rooms": {"a": {"space": space}}, "targets": []}))
+            name_scene(plan_of(PLAN | {"rooms": {"a": {"space": space}}, "targets": []}))
     with pytest.raises(PlanError, match="in IFC files, and none is in the meshes"):
         plan_of(PLAN | {"meshes": [{"built_in": "room"}]}).with_rooms(rc.shapes.box())
 
@@ -216,5 +216,5 @@ def test_rooms_of_half_storeys_with_slab_finish_and_covering_count_once(monkeypa
     for number, (name, whole) in enumerate({"0 Kitchen": 5.7 * 5.6, "1 Hall": 3.7 * 5.6}.items()):
         rooms = {"a": {"space": f"Ground/{name}"}}
         target = {"above": "IfcSlab", "height": 1.5, "room": "a"}
-        mesh, _, _ = named_scene(plan_of(PLAN | {"rooms": rooms, "targets": [target]}))
+        mesh, _, _ = name_scene(plan_of(PLAN | {"rooms": rooms, "targets": [target]}))
         assert mesh.areas[mesh.target_mask].sum() == pytest.approx(whole, rel=1e-9), number

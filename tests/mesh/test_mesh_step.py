@@ -219,20 +219,20 @@ def test_bodies_that_the_file_hides_are_named():
     data = crate(name="hinge")
     body = number_of(data, "FACETED_BREP")
     said = "read bodies that the file marks as invisible: 'hinge'"
-    assert step._left_out(hidden(painted(data, body), "#5007")) == [said]
+    assert step._left_out_names(hidden(painted(data, body), "#5007")) == [said]
     for item in (body, number_of(data, "CLOSED_SHELL"), number_of(data, "FACE_SURFACE")):
         layer = f"#6000=PRESENTATION_LAYER_ASSIGNMENT('1','',(#{item}));"
-        assert step._left_out(hidden(with_lines(data, layer), "#6000")) == [said]
+        assert step._left_out_names(hidden(with_lines(data, layer), "#6000")) == [said]
     named = data.replace(b"FACETED_BREP(''", b"FACETED_BREP('pin'")
-    assert step._left_out(hidden(painted(named, body), "#5007"))[0].endswith("'pin'")
+    assert step._left_out_names(hidden(painted(named, body), "#5007"))[0].endswith("'pin'")
     curve = hidden(painted(data, number_of(data, "CARTESIAN_POINT")), "#5007")
-    assert step._left_out(curve) == []
-    assert step._left_out(painted(data, body)) == []
+    assert step._left_out_names(curve) == []
+    assert step._left_out_names(painted(data, body)) == []
 
 
 def test_products_of_an_assembly_without_geometry_are_named_with_their_files():
     data = crate(name="hinge", occurrences=["''"])
-    assert step._left_out(data) == []
+    assert step._left_out_names(data) == []
     used = re.search(rb"NEXT_ASSEMBLY_USAGE_OCCURRENCE\('1','','',#(\d+),#(\d+)", data)
     whole, part = used[1].decode(), used[2].decode()
     context = number_of(data, "PRODUCT_CONTEXT")
@@ -248,12 +248,12 @@ def test_products_of_an_assembly_without_geometry_are_named_with_their_files():
     file = ["#8100=DOCUMENT_TYPE('geometry');", "#8101=DOCUMENT_FILE('bolt.stp','','',#8100,'',$);"]
     with_file = further(8000, "bolt", "_WITH_ASSOCIATED_DOCUMENTS", ",(#8101)") + file
     said = "products without geometry in this file: "
-    assert step._left_out(with_lines(data, *with_file)) == [f"{said}'bolt' (bolt.stp)"]
-    assert step._left_out(with_lines(data, *further(8000, "bolt"))) == [f"{said}'bolt'"]
+    assert step._left_out_names(with_lines(data, *with_file)) == [f"{said}'bolt' (bolt.stp)"]
+    assert step._left_out_names(with_lines(data, *further(8000, "bolt"))) == [f"{said}'bolt'"]
     nested = [*further(8000, "frame"), *further(8010, "nut", above="8002")]
-    assert step._left_out(with_lines(data, *nested)) == [f"{said}'nut'"]
+    assert step._left_out_names(with_lines(data, *nested)) == [f"{said}'nut'"]
     holds = f"#8030=NEXT_ASSEMBLY_USAGE_OCCURRENCE('3','','',#8002,#{part},$);"
-    assert step._left_out(with_lines(data, *further(8000, "frame"), holds)) == []
+    assert step._left_out_names(with_lines(data, *further(8000, "frame"), holds)) == []
     axis = number_of(data, "AXIS2_PLACEMENT_3D")
     shape = [
         "#8040=PRODUCT_DEFINITION_SHAPE('','',#8002);",
@@ -261,10 +261,10 @@ def test_products_of_an_assembly_without_geometry_are_named_with_their_files():
         "#8042=SHAPE_DEFINITION_REPRESENTATION(#8040,#8041);",
     ]
     frame = with_lines(data, *further(8000, "bolt"), *shape)
-    assert step._left_out(frame) == [f"{said}'bolt'"]
+    assert step._left_out_names(frame) == [f"{said}'bolt'"]
     own = number_of(data, "FACETED_BREP_SHAPE_REPRESENTATION")
     link = f"#8043=SHAPE_REPRESENTATION_RELATIONSHIP('','',#8041,#{own});"
-    assert step._left_out(with_lines(frame, link)) == []
+    assert step._left_out_names(with_lines(frame, link)) == []
 
 
 @pytest.mark.slow

@@ -15,12 +15,12 @@ from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.core.mesh.groups import Names
 from rastercov.core.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
 from rastercov.formats.meshes.polygons import names_in_tree
-from rastercov.placement.plan.network import judge
+from rastercov.placement.plan.network import classify_network
 from rastercov.placement.select.greedy import select_greedy
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
-    grouped,
+    group_goal,
     problem_of_matrix,
 )
 from rastercov.report.plan import lines
@@ -212,7 +212,7 @@ def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
     covers, shares = np.eye(4), {"arm": 0.5, "arm/tool": 1.0}
     problem = problem_of_matrix(covers, BestCoverage(4), groups=NAMES, face_group=range(4))
     goal = FewestCameras(0.0, shares)
-    selection = select_greedy(grouped(problem, goal))
+    selection = select_greedy(group_goal(problem, goal))
     assert sorted(selection.chosen.tolist()) == [1, 2]  # and arm lacks nothing then
     names = Names(NAMES)
     assert names.places_of("arm") == ["arm"]
@@ -220,7 +220,9 @@ def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
     assert names.places_of("*") == ["arm", "table"]
     mesh = boxes(*([(row, row + 1)] * 3 for row in range(4)), names=NAMES)
     faces = mesh.face_group == 1
-    of_arm, of_tool = judge(mesh, np.ones(48, np.int64), {"arm": 0.3, "arm/tool": 0.6}, faces)
+    of_arm, of_tool = classify_network(
+        mesh, np.ones(48, np.int64), {"arm": 0.3, "arm/tool": 0.6}, faces
+    )
     assert (of_arm.status, of_arm.share, of_arm.n_groups) == ("holds", pytest.approx(1 / 3), 3)
     assert of_tool.words().startswith("part arm/tool: 50.0 % covered, 60.0 % required")
 

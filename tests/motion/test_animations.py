@@ -17,7 +17,7 @@ from rastercov.core.mesh.arrays import (
     rotations_of_quaternions,
     unit,
 )
-from rastercov.motion.frames import animated
+from rastercov.motion.frames import animate_motion
 from rastercov.motion.gltf_animation import slerp
 from rastercov.report.coverage_files import write_covered_mesh
 
@@ -192,7 +192,7 @@ def test_the_animation_of_a_result_is_its_motion(tmp_path):
     camera = rc.Camera(width=64, height=48, fx=50, fy=50)
     pose = rc.look_at(eyes=[(1, 9, 2)], targets=(1, 0, 0))
     covered = unite(over_time(regions_over_time(motion, camera, pose), motion))
-    write_covered_mesh(tmp_path / "network.glb", covered, [animated(motion)])
+    write_covered_mesh(tmp_path / "network.glb", covered, [animate_motion(motion)])
     read = rc.Mesh.load(tmp_path / "network.glb")
     # The file is y up; a frame a second.
     again = rc.load_motion(read, tmp_path / "network.glb", steps=6)

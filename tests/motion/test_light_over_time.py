@@ -11,9 +11,9 @@ from timed import evaluate_over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, MeshError
-from rastercov.core.area.features import narrowed
+from rastercov.core.area.features import narrow
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.table import joined as joined_regions
+from rastercov.core.area.table import join as joined_regions
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.engine import Engine
 from rastercov.motion.regions import MovingFrames
@@ -156,7 +156,7 @@ NAMES = ("xy", "starts", "face", "pose", "pair_pose", "pair_face", "area", "boun
 def of_each_frame(motion, camera, poses, task, lamps):
     """Frames one by one, by passes that know nothing of one another."""
     camera = with_equipment(camera, {"lamps": lamps}, motion.mesh)
-    task = narrowed(camera, task)
+    task = narrow(camera, task)
     job = MovingFrames.of(rc.MotionQuery(motion), camera, rc.Poses.of(poses), task, Engine())
     return [job.regions(np.array([row])) for row in range(len(motion))]
 

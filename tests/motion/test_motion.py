@@ -11,7 +11,7 @@ from timed import over_time, regions_over_time
 import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError
 from rastercov.core.area.frames import frames_of
-from rastercov.core.area.table import joined
+from rastercov.core.area.table import join
 
 CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)
 TASK = rc.Task(max_incidence_deg=75)
@@ -95,7 +95,7 @@ def test_without_frames_at_rest_counts_of_an_icosahedron_would_be_wrong():
         plain = rc.Mesh(moved.vertices, moved.faces)
         regions = rc.regions(plain, CAMERA, pose, task)
         anew.append(replace(regions, mesh=mesh))
-    wrong = joined(anew)
+    wrong = join(anew)
     total, gaps = mesh.areas.sum(), []
     for k in range(1, steps + 1):
         areas = [each.at_least(k, one_side=False).area.sum() for each in (right, wrong)]

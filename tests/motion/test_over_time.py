@@ -12,7 +12,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.remedies import Allowed
-from rastercov.core.area.table import joined
+from rastercov.core.area.table import join
 from rastercov.core.area.zones import MOST_LINES, points_of, zone_line
 from rastercov.core.coverage.reasons import NAMES
 from rastercov.core.mesh.solids import in_solid
@@ -42,7 +42,7 @@ def test_durations_are_weights_of_frames():
     for share in (0.25, 0.5, 0.6, 0.75, 1.0):
         frames = [regions.of_poses(np.arange(4) == row) for row in range(4)]
         rows = np.repeat(np.arange(4), motion.units)
-        every = joined([frames[row] for row in rows])
+        every = join([frames[row] for row in rows])
         expected = every.at_least(int(np.ceil(8 * share)), one_side=False).areas().sum()
         assert over_time(regions, motion, share).areas().sum() == pytest.approx(expected, abs=1e-9)
     assert doubled.units.tolist() == [1, 1, 1, 1]
@@ -90,7 +90,7 @@ def test_views_at_any_time_need_not_be_at_one_time():
     by_hand = [
         over_time(regions_over_time(motion, CAMERA, eye[None], TASK), motion, 0.75) for eye in eyes
     ]
-    assert any_time == pytest.approx(joined(by_hand).at_least(2, one_side=False).area.sum())
+    assert any_time == pytest.approx(join(by_hand).at_least(2, one_side=False).area.sum())
 
 
 def test_the_body_that_hides_a_dead_zone_is_named():
@@ -205,9 +205,9 @@ def test_what_is_never_there_cannot_be_seen():
 
 def test_absent_frames_do_not_count_for_what_is_absent():
     motion = passing(present={"b": [False, False, True, True]})
-    assert motion._needed("all")[:20].tolist() == [4] * 20
-    assert motion._needed("all")[20:].tolist() == [2, 2]
-    assert motion._needed(0.5)[20:].tolist() == [1, 1]
+    assert motion._rows_for("all")[:20].tolist() == [4] * 20
+    assert motion._rows_for("all")[20:].tolist() == [2, 2]
+    assert motion._rows_for(0.5)[20:].tolist() == [1, 1]
 
 
 def quaternion_rows():
@@ -378,7 +378,7 @@ def turned(least=0.0):
         return lambda eyes: surface.query(eyes).distance >= least
 
     allowed = Allowed(free=free) if least else Allowed()
-    return motion, result._advised(allowed)["dead_zones"]
+    return motion, result._advise(allowed)["dead_zones"]
 
 
 def test_advice_names_no_place_that_a_body_passes():

@@ -10,7 +10,7 @@ from surface_cases import in_regions, moved, points_on
 from timed import regions_over_time
 
 import rastercov as rc
-from rastercov.motion.regions import Sights
+from rastercov.motion.regions import ViewKeys
 from rastercov.reference.regions import covers_points
 
 PART = rc.shapes.icosahedron()
@@ -82,7 +82,7 @@ def test_frames_of_equal_keys_have_equal_areas(seed):
     bodies[:, :3, 3] = pose[0, :3, 3] + away @ pose[0, :3, :3].T
     motion = rc.Motion(scene(rc.shapes.box((0.7, 0.5, 0.6))), {"body": bodies})
     placed = rc.Poses.of(pose)
-    sights, near = Sights(motion), np.zeros(1)
+    sights, near = ViewKeys(motion), np.zeros(1)
     keys = [sights.of(row, placed, near, pose[:, :3, 2])[0] for row in range(len(motion))]
     first = {}
     for row, key in enumerate(keys):
@@ -98,7 +98,7 @@ def test_a_body_beside_the_rays_is_left_out_of_the_key_and_one_before_them_is_no
     motion = rc.Motion(mesh, {"body": poses})
     above = rc.look_at(eyes=[(0, 0, 5)], targets=(0, 0, 0), up=(0, 1, 0))
     placed, near = rc.Poses.of(above), np.full(1, 1e-9)
-    sights = Sights(motion)
+    sights = ViewKeys(motion)
     keys = [sights.of(row, placed, near, above[:, :3, 2])[0] for row in range(4)]
     assert keys[0] == keys[1]
     assert len(set(keys)) == 3

@@ -22,7 +22,7 @@ from rastercov.base.errors import MeshError, ResourceError
 from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.projection import view_border
 from rastercov.placement import NearestSurface, in_solid
-from rastercov.report.packed_lens import packed
+from rastercov.report.packed_lens import pack_lens
 
 ROOT = Path(__file__).parents[2]
 LIBRARY, HEADERS = ROOT / "build/lib/librastercov.so", ROOT / "build/include"
@@ -494,7 +494,7 @@ def test_lenses_of_models_are_those_of_python(library, name):
     library.call("rc_lens_size", lens, ctypes.byref(n))
     numbers, border = np.empty(n.value), np.empty((32, 3))
     library.call("rc_lens_read", lens, n.value, numbers)
-    np.testing.assert_array_equal(numbers, packed(camera))
+    np.testing.assert_array_equal(numbers, pack_lens(camera))
     library.call("rc_lens_border", lens, 8, border)
     np.testing.assert_allclose(border, view_border(camera, 8), atol=1e-14)
     library.call("rc_lens_free", lens)

@@ -22,7 +22,7 @@ from rastercov.placement.candidates import segments
 
 pytestmark = pytest.mark.native
 FUSED = Path(__file__).parents[2] / ".ci" / "fused"
-LEVELS = [level for level in engine.built() if level in engine.runnable()]
+LEVELS = [level for level in engine.built_modules() if level in engine.runnable()]
 
 
 @pytest.fixture(params=LEVELS)
@@ -38,7 +38,7 @@ def test_no_operations_are_fused(level):
 @pytest.mark.skipif(shutil.which("objdump") is None, reason="no objdump, of binutils")
 def test_no_module_has_a_fused_instruction(tmp_path):
     """Compilers may fuse in spite of `-ffp-contract=off`: GCC 12 did, by vfmaddsub."""
-    built = [str(engine._file(f"_{level}")) for level in engine.built()]
+    built = [str(engine._file(f"_{level}")) for level in engine.built_modules()]
     done = python(str(FUSED), *built)
     assert (done.stdout, done.returncode) == ("", 0)
     source = tmp_path / "fused.s"

@@ -31,7 +31,7 @@ import rastercov as rc
 from rastercov.core.camera.lenses.planes import planes_in
 from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.projection import view_border
-from rastercov.report.packed_lens import packed
+from rastercov.report.packed_lens import pack_lens
 
 ENGINE, PROVER, READERS = (PAGE / f"{name}.wasm" for name in ("engine", "lens", "readers"))
 SHRUNK = ROOT / ".venv/binaryen/node_modules/.bin/wasm-opt"
@@ -72,7 +72,7 @@ def case_of(name, seed, camera):
         "roles": [int(roles[group]) for group in mesh.face_group],
         "poses": np.asarray(poses).ravel().tolist(),
         "camera": {each: float(getattr(camera, each)) for each in CAMERA_FIELDS},
-        "lens": None if name == "pinhole" else base64.b64encode(packed(camera)).decode(),
+        "lens": None if name == "pinhole" else base64.b64encode(pack_lens(camera)).decode(),
         "task": task,
         "gate": {
             "k": int(rng.integers(1, 4)), "needs": [1, 0, 0], "stripes": [0, 1, 0],
@@ -252,7 +252,7 @@ def proved(node, path, cameras):
 def test_lenses_are_proved_in_pages_as_in_python(node, tmp_path):
     cameras = [*LENSES.values(), replace(LENSES["brown"], max_angle_deg=20)]
     for camera, said in proved(node, tmp_path / "cases.json", cameras):
-        values, wanted = np.frombuffer(base64.b64decode(said["numbers"])), packed(camera)
+        values, wanted = np.frombuffer(base64.b64decode(said["numbers"])), pack_lens(camera)
         border = np.reshape(said["border"], (-1, 3))
         np.testing.assert_allclose(border, view_border(camera, 8), atol=1e-12)
         if MODELS[camera.model].base in BY_ALGEBRA:
@@ -282,7 +282,7 @@ def test_drawn_lenses_have_equal_bits_in_pages(node, tmp_path):
     n_lenses = 0
     for camera, said in proved(node, tmp_path / "cases.json", cameras):
         try:
-            wanted = packed(camera).tobytes()
+            wanted = pack_lens(camera).tobytes()
         except rc.CameraError:
             assert said["status"] == 400, camera
             continue

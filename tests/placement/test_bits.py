@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov.placement import bits
-from rastercov.placement.bits import CoveredBits, packed, spread_out, unpacked
+from rastercov.placement.bits import CoveredBits, pack_bits, spread_out, unpack_bits
 
 pytestmark = pytest.mark.native
 
@@ -36,14 +36,14 @@ def test_bits_are_the_pairs_of_the_dense_array(case):
         faces = result.faces_of(row)
         assert faces.dtype == np.int32
         assert faces.tolist() == np.flatnonzero(dense[row]).tolist()
-        np.testing.assert_array_equal(unpacked(result.row(row), m), dense[row])
+        np.testing.assert_array_equal(unpack_bits(result.row(row), m), dense[row])
     for count in range(4):
         counts = np.minimum(dense.sum(axis=0), count)
         np.testing.assert_array_equal(result.counts_up_to(count), counts)
     rows = rng.integers(0, n, 7) if n else np.zeros(0, np.int64)  # in any order, some twice
     values = rng.integers(-(2**62), 2**62, (3, m))
     masks = rng.random((3, m)) < 0.7
-    some = result.sums(spread_out(values), np.stack([packed(mask) for mask in masks]), rows)
+    some = result.sums(spread_out(values), np.stack([pack_bits(mask) for mask in masks]), rows)
     np.testing.assert_array_equal(some, dense[rows].astype(np.int64) @ (values * masks).T)
     np.testing.assert_array_equal(
         result.sums(spread_out(values)), dense.astype(np.int64) @ values.T

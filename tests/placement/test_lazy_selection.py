@@ -55,7 +55,7 @@ def test_parts_of_the_bits_change_nothing(problem, n_parts):
 @given(problems(**LARGER))
 def test_lists_have_the_pairs_of_the_dense_array(problem):
     large = presolve(problem)
-    result, dense = large.listed(), dense_of(problem)[large.candidates][:, large.kept]
+    result, dense = large.list_rows(), dense_of(problem)[large.candidates][:, large.kept]
     wanted = np.nonzero(dense)
     row = np.repeat(np.arange(result.n_candidates), np.diff(result.indptr))
     np.testing.assert_array_equal((row, result.face), wanted)

@@ -20,11 +20,11 @@ from nightly import IS_NIGHTLY
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
-from rastercov.base.locks import locked
+from rastercov.base.locks import lock
 from rastercov.core.coverage import shards as evaluation_shards
 from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.matrix_folder import MatrixFolder, shortened
+from rastercov.placement.matrix_folder import MatrixFolder, shorten_coverage
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 from rastercov.shards.store import store
 
@@ -152,7 +152,7 @@ def test_rounding_carries_no_pair_across_the_threshold(least, values, ulps):
     near = least * (1 + ulps * 2.0**-52)
     exact = np.array([*values, near, least, 5e-324, 1e-46, 1.0])
     wanted = exact[exact > 0]
-    short, is_covered = shortened(wanted, least)
+    short, is_covered = shorten_coverage(wanted, least)
     np.testing.assert_array_equal(short >= np.float64(least), wanted >= least)
     np.testing.assert_array_equal(is_covered, wanted >= least)
     assert (short > 0).all()
@@ -391,7 +391,7 @@ def test_what_is_no_folder_of_ours_is_refused(tmp_path, monkeypatch):
     with pytest.raises(PoseError):
         build(poses=np.zeros((1, 4, 4)))
     matrix = build_matrix((MESH, CAMERA), POSES, TASK, tmp_path / "bits")
-    with locked(tmp_path / "bits"), pytest.raises(ConfigError, match="another process is writing"):
+    with lock(tmp_path / "bits"), pytest.raises(ConfigError, match="another process is writing"):
         build(tmp_path / "bits")
 
     def full(*arguments):

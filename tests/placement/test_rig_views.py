@@ -121,7 +121,7 @@ def test_selections_are_what_they_say_and_bounds_hold(name, problem):
 @examples(25)
 @given(problem=rig_problems(sizes=(3, 5, 7)), seed=st.integers(0, 2**32 - 1), finish=st.booleans())
 def test_gains_are_differences_of_worth_after_any_changes(problem, seed, finish):
-    reduced = presolve(problem).listed()
+    reduced = presolve(problem).list_rows()
     n = reduced.n_candidates
     if not n:
         return

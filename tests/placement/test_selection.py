@@ -56,7 +56,7 @@ def test_the_greedy_rule_reaches_its_guarantee(problem):
 @examples(25)
 @given(problems(max_views=3))
 def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
-    reduced = presolve(problem).listed()
+    reduced = presolve(problem).list_rows()
     best = best_by_trying_all(problem)
     sign = sign_of(problem)
     assert sign * bound_of(reduced, construct(reduced)) >= sign * best - 1e-6
@@ -239,7 +239,7 @@ class Looks(Deadline):
 @pytest.mark.slow
 @pytest.mark.parametrize("goal", [FewestCameras(), BestCoverage(10)])
 def test_improvement_ended_at_any_moment_leaves_a_whole_selection(goal):
-    reduced = presolve(problem_of_matrix(steiner(27), goal)).listed()
+    reduced = presolve(problem_of_matrix(steiner(27), goal)).list_rows()
     is_best = isinstance(goal, BestCoverage)
 
     def value(state):

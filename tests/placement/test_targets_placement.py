@@ -57,8 +57,8 @@ def test_lines_of_sight_pass_through_targets():
     points = np.random.default_rng(2).uniform(*ROOM.bounds, (100, 3))
     pose = rc.look_at([(2.5, 2, 2.5)], [(0, 0, 1)])[0]
     seen = points, pose, 1e-6, rc.Camera.from_fov(64, 64, hfov_deg=60)
-    hidden = LineOfSight(SCENE).hidden(*seen)
-    np.testing.assert_array_equal(hidden, LineOfSight(ROOM).hidden(*seen))
+    hidden = LineOfSight(SCENE).find_hidden(*seen)
+    np.testing.assert_array_equal(hidden, LineOfSight(ROOM).find_hidden(*seen))
     assert hidden.any()
 
 

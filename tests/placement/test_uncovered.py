@@ -19,7 +19,7 @@ from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement import uncovered
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.plan.network import left_over, measured
+from rastercov.placement.plan.network import find_uncovered, measure_network
 from rastercov.placement.uncovered import EDGE_ON, CandidateBounds, Sight, in_front, what_is_left
 from rastercov.reference.views import candidate_bounds
 
@@ -260,10 +260,10 @@ def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
         bounds = CandidateBounds(mesh.n_faces, mesh.task_mask)
         build_matrix(observer, poses, task, bounds=bounds)
         objective = Objective.of(observer, task)
-        cameras = measured(objective, poses[:2])
-        again = left_over(observer, cameras, lambda *_: None, poses)
+        cameras = measure_network(objective, poses[:2])
+        again = find_uncovered(observer, cameras, lambda *_: None, poses)
         monkeypatch.setattr(uncovered, "evaluate_batches", None)  # raises when it is called
-        rest = left_over(observer, cameras, lambda *_: None, poses, bounds)
+        rest = find_uncovered(observer, cameras, lambda *_: None, poses, bounds)
     assert rest.summary() == again.summary()
     for name in ("n_covering", "sight", "seen_at_least", "seen_at_most"):
         one, other = (getattr(each, name)[rest.left] for each in (rest, again))

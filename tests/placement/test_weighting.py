@@ -130,7 +130,7 @@ def test_steps_are_those_of_dense_arrays(seed, n, n_faces, most_views):
 @examples(40)
 @given(problems(goals=["fewest"], angles=[0]))
 def test_it_takes_part_only_where_cameras_are_counted_to_cover_all(problem):
-    state = construct(presolve(problem).listed())
+    state = construct(presolve(problem).list_rows())
     if not weighting.is_for(state):
         return
     kept = state.reduced.candidates

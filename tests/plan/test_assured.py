@@ -232,7 +232,7 @@ def test_what_has_no_proof_is_refused_before_any_work(words, monkeypatch):
     def works(*_):
         raise AssertionError("it was measured first")
 
-    monkeypatch.setattr("rastercov.placement.plan.check._checked", works)
+    monkeypatch.setattr("rastercov.placement.plan.check._check_rig", works)
     errors = ERRORS if WITHOUT_PROOF[words] else f"{ERRORS}, bracket 2 mm"
     with pytest.raises(RastercovError, match=words):
         rc.check(PLAN | WITHOUT_PROOF[words], RIG, min_coverage=0.1, tolerance=errors)

@@ -23,7 +23,7 @@ from rastercov.core.coverage.required import FAILS, HOLDS, UNDECIDED
 from rastercov.placement.plan import fewer, shortfall
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import plan_of
-from rastercov.placement.plan.network import judge_areas
+from rastercov.placement.plan.network import classify_areas
 from rastercov.report import plan as report
 
 SIZED = {"max_incidence_deg": 75, "min_pixels_per_m2": 4000}
@@ -308,14 +308,14 @@ def test_a_required_area_holds_fails_or_is_not_decided(views):
     of_walls, of_boxes = (views, views) if isinstance(views, int) else (1, 2)
     covered = np.where(is_box, *rc.unite(regions, 2).area[[of_boxes - 1, of_walls - 1]])
     for group, rows in {None: is_box | ~is_box, "walls": ~is_box, "boxes": is_box}.items():
-        (exact,) = judge_areas(areas, {group: 0.5}, views)
+        (exact,) = classify_areas(areas, {group: 0.5}, views)
         assert exact.m2 == pytest.approx(covered[rows].sum())
         assert exact.share == pytest.approx(covered[rows].sum() / mesh.areas[rows].sum(), abs=1e-12)
         assert exact.low < exact.share < exact.high
         gap = exact.high - exact.share
         limits = {exact.low - 2 * gap: HOLDS, exact.share: UNDECIDED, exact.high + 2 * gap: FAILS}
         for limit, status in limits.items():
-            (result,) = judge_areas(areas, {group: limit}, views)
+            (result,) = classify_areas(areas, {group: limit}, views)
             assert result.status == status
             assert ("undecided" in result.words()) == (status == UNDECIDED)
 
@@ -354,7 +354,7 @@ def test_later_steps_work_on_cells_and_never_lose_exact_area(monkeypatch):
     assert placement.cameras.share >= alone.cameras.share
     assert len(placement.product("tolerance").drawn.face_chance) == len(rc.cells(MESH, 0.5))
     assert placement.leftover.left.any()
-    (line,) = report.left_lines(placement)
+    (line,) = report.lines_of_uncovered(placement)
     words = " of the uncovered area is visible to none of the candidates (proved)"
     assert re.fullmatch(rf"[\d.]+ m²{re.escape(words)}", line)
 

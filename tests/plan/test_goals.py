@@ -19,17 +19,17 @@ from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.goals import (
     OF_GOALS,
     OF_TASK,
-    _stacked,
-    goals_apart,
+    _stack_goals,
     open_objectives,
+    separate_goals,
 )
-from rastercov.placement.plan.run import _raised
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.run import _raise_goals
+from rastercov.placement.plan.scene import name_scene
 from rastercov.placement.select.integer import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
-    grouped,
+    group_goal,
     problem_of_matrix,
 )
 from rastercov.report.plan import head_lines
@@ -215,7 +215,7 @@ def test_groups_of_the_task_may_have_shares_beside_goals(room):
     short = [replace(each, status="fails", low=0.0) for each in placed.requirements]
     goal = placed.prepared.problem.goal
     for requirements in (short, short[:1]):
-        more = _raised(replace(placed, requirements=tuple(requirements))).problem.goal
+        more = _raise_goals(replace(placed, requirements=tuple(requirements))).problem.goal
         assert all(more.groups[name] >= share for name, share in goal.groups.items())
 
 
@@ -337,12 +337,12 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
         return all(a >= b - 1e-9 for a, b in zip(items, shares, strict=True))
 
     asked = {OF_TASK: shares[0], f"{OF_GOALS}/a": shares[1], f"{OF_GOALS}/b": shares[2]}
-    problem = _stacked(own[0], [("a", own[1]), ("b", own[2])])
+    problem = _stack_goals(own[0], [("a", own[1]), ("b", own[2])])
     if not reached(range(n)):
         with pytest.raises(ConfigError, match="reach"):
-            grouped(problem, FewestCameras(0.0, asked))
+            group_goal(problem, FewestCameras(0.0, asked))
         return
-    selection = select_integer(grouped(problem, FewestCameras(0.0, asked)), time_limit=10)
+    selection = select_integer(group_goal(problem, FewestCameras(0.0, asked)), time_limit=10)
     least = next(k for k in range(n + 1) if any(map(reached, combinations(range(n), k))))
     assert reached(selection.chosen)
     assert len(selection.chosen) == least == round(selection.bound)
@@ -382,7 +382,7 @@ def of_squares(n, tmp_path):
     path = tmp_path / f"{n}.obj"
     path.write_text("\n".join(lines))
     goals = {f"of {row}": {"groups": [f"g{row}"], "coverage": 0.5} for row in range(1, n + 1)}
-    return named_scene(plan_of(plan(path, goals=goals)))[:2]
+    return name_scene(plan_of(plan(path, goals=goals)))[:2]
 
 
 def test_twice_as_many_goals_make_twice_as_many_groups(tmp_path, monkeypatch):
@@ -393,7 +393,7 @@ def test_twice_as_many_goals_make_twice_as_many_groups(tmp_path, monkeypatch):
     for n in (20, 40, 80):
         whole, asked = of_squares(n, tmp_path)
         made.clear()
-        mesh, goals = goals_apart(asked, whole)
+        mesh, goals = separate_goals(asked, whole)
         counts.append(len(made))
         assert [group.role for group in mesh.groups] == ["task", *["occluder"] * n]
         assert whole.with_groups(["g1"]).groups[2] is whole.groups[2]
@@ -405,7 +405,7 @@ def test_twice_as_many_goals_make_twice_as_many_groups(tmp_path, monkeypatch):
 @pytest.mark.parametrize("n", [1, TOGETHER, 3 * TOGETHER])
 def test_goals_share_the_cells_of_a_few(n, tmp_path):
     whole, asked = of_squares(n, tmp_path)
-    mesh, goals = goals_apart(asked, whole)
+    mesh, goals = separate_goals(asked, whole)
     with open_objectives(asked, mesh, None, goals) as opened:
         counts = [len(each.of.cells.cells) for each in opened.goals]
     assert sum(counts) <= TOGETHER * USUAL_CELLS + n * (LEAST_CELLS + 2 * 2)

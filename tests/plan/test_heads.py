@@ -19,14 +19,14 @@ from rastercov.core.area.cells import cells
 from rastercov.core.area.failures import CentrePass
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated, gated_reasons
+from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera.rig import rig_of_json, rig_to_json, with_places
 from rastercov.core.coverage.reasons import NAMES, Reason
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, make, open_for
 from rastercov.formats.cameras.own import content_of
 from rastercov.page.measurements import NetworkFigures
 from rastercov.page.scene import open_mesh
-from rastercov.page.session import unframed
+from rastercov.page.session import remove_head
 from rastercov.placement import build_matrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import PlanError, plan_of
@@ -188,13 +188,13 @@ def test_rules_of_a_file_that_cannot_be_are_refused_in_one_line(entries):
 
 def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
     hatches = []
-    answer = overview.hatched
+    answer = overview.hatch_pixels
 
     def kept(pixels, hatch, *where):
         hatches.append(set(np.unique(hatch).tolist()))
         return answer(pixels, hatch, *where)
 
-    monkeypatch.setattr(overview, "hatched", kept)
+    monkeypatch.setattr(overview, "hatch_pixels", kept)
     rig = head()
     result = rc.evaluate(MESH, rig, rig.poses(POSES[:2]), TASK)
     said = result.summary()
@@ -275,7 +275,7 @@ def test_the_page_colours_faces_by_the_device_that_fails():
     said = session.why(face)
     assert "proj fails" in said["words"]
     assert [each["name"] for each in said["cameras"]] == [f"{row}" for row in range(10)]
-    told, levels = unframed(session.frame("device", {}))
+    told, levels = remove_head(session.frame("device", {}))
     assert len(levels) == MESH.n_faces
     assert told["legend"] == painted.legend
     session.close()
@@ -318,7 +318,7 @@ def test_shards_of_a_long_run_give_the_same(monkeypatch, tmp_path):
         network, areas = rc.Network(MESH, TASK), AreaNetwork(MESH, TASK)
         for batch in shards.parts(Staff()):
             network.add(batch)
-            areas.add(gated(batch.regions, rig, batch.poses))
+            areas.add(with_rule(batch.regions, rig, batch.poses))
         folder = next(path for path in tmp_path.iterdir() if path.is_dir())
         again = make(folder, 0, np.arange(4))
     assert areas.summary()["m2"] == pytest.approx(summary["covered_area"]["m2"])
@@ -410,7 +410,7 @@ def test_reasons_of_a_rig_are_those_of_the_camera_that_is_missed_most():
     reasons = np.array([[8, 8, 2, 1], [8, 6, 6, 8]], np.uint8)
     poses, points = head().poses(POSES[:1]), np.zeros((4, 3))
     normals = np.repeat(poses.world_from_camera[:1, :3, 3], 4, axis=0)
-    (result,), (pose,) = gated_reasons(reasons, head(), poses, points, normals)
+    (result,), (pose,) = rule_reasons(reasons, head(), poses, points, normals)
     names = ["covered", "occluded", "occluded+outside", "back_facing"]
     assert [NAMES[each] for each in result] == names
     assert pose.tolist() == [-1, 1, 0, 0]
@@ -628,7 +628,7 @@ def test_an_uncertainty_with_installation_errors_is_refused_before_any_work(monk
     def works(*_):
         raise AssertionError("it was measured first")
 
-    monkeypatch.setattr("rastercov.placement.plan.check._checked", works)
+    monkeypatch.setattr("rastercov.placement.plan.check._check_rig", works)
     own = PLAN["rigs"]["fringe"] | {"max_uncertainty": "1 mm", "noise_px": 0.5}
     with pytest.raises(ConfigError, match="expected no max_uncertainty with installation errors"):
         rc.check(PLAN | {"rigs": {"fringe": own}}, POSES, min_coverage=0.1, tolerance="1 mm")

@@ -17,7 +17,7 @@ import rastercov as rc
 from rastercov.light import lamp_choice as choice
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.prepare import cells_of
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import name_scene
 
 CAMERA = {"width": 96, "height": 72, "fx": 90.0, "fy": 90.0}
 EYES = rc.look_at([(0, -4, 1.5), (3.5, 0, 2)], (0, 0, 0))
@@ -158,13 +158,13 @@ def test_three_lamps_reach_together_what_no_two_reach():
 
 def test_exchanges_lead_from_any_lamp_to_the_best():
     plan = plan_of(PLAN | {"selection": {"goal": "best_coverage", "lamps": 1}}, Path("plan.toml"))
-    mesh, plan, _ = named_scene(plan)
+    mesh, plan, _ = name_scene(plan)
     lighting = choice.Lighting(plan, mesh, cells_of(plan, mesh), rc.Poses.of(EYES))
     alone = {(row,): lighting.worth((row,)) for row in range(13)}
     best = max(alone.values())
     assert min(alone.values()) < best
     for start in alone:
-        assert lighting.worth(lighting.exchanged(start, np.inf)) == best
+        assert lighting.worth(lighting.exchange(start, np.inf)) == best
 
 
 def toml(table, head=""):

@@ -11,7 +11,7 @@ from timed import evaluate_over_time
 import rastercov as rc
 from rastercov.motion.plan_over_time import PlanMotion
 from rastercov.placement.plan.file import plan_of
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import name_scene
 
 LAMPS = {"lamps": {"key": {"kind": "spot", "intensity_cd": 900.0, "half_angle_deg": 40.0,
                            "position": [0.0, -1.5, 3.0], "aim": [0.0, 0.0, 0.0]}}}  # fmt: skip
@@ -20,7 +20,7 @@ LAMPS = {"lamps": {"key": {"kind": "spot", "intensity_cd": 900.0, "half_angle_de
 def test_cameras_are_chosen_for_what_is_lit_while_they_see_it():
     placement, dark = rc.place(changed(**LAMPS)), rc.place(PLAN)
     assert placement.cameras.share < dark.cameras.share - 0.05
-    mesh, plan, _ = named_scene(plan_of(changed(**LAMPS)))
+    mesh, plan, _ = name_scene(plan_of(changed(**LAMPS)))
     lamps = rc.Lamps(
         [rc.Lamp.spot(40, intensity=900)], rc.look_at((0, -1.5, 3), (0, 0, 0), up=(0, -1, 0))
     )

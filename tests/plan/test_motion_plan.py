@@ -18,7 +18,7 @@ from rastercov.cli.view import open_scene
 from rastercov.core.camera.conventions import Conventions
 from rastercov.motion.plan_over_time import PlanMotion
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import name_scene
 
 PART = rc.shapes.by_name("icosahedron")
 PLATE = rc.shapes.box((2, 2, 0.02), centre=(-2, 0, 1.6))
@@ -54,7 +54,7 @@ def changed(**sections):
 
 def exact(placed, over=0.9):
     """Covered share of the chosen cameras, from the regions of the same motion."""
-    mesh, plan, _ = named_scene(plan_of(PLAN))
+    mesh, plan, _ = name_scene(plan_of(PLAN))
     motion = PlanMotion.of(plan, mesh).motion
     result = evaluate_over_time(motion, plan.rig, placed, plan.build_task(), over)
     return result.share()
@@ -104,7 +104,7 @@ def test_a_check_judges_what_is_seen_long_enough():
 
 def test_a_camera_on_a_body_is_carried():
     camera = PLAN["camera"] | {"body": "plate"}
-    mesh, plan, _ = named_scene(plan_of(changed(camera=camera)))
+    mesh, plan, _ = name_scene(plan_of(changed(camera=camera)))
     own = PlanMotion.of(plan, mesh)
     pose = rc.look_at(eyes=[(0, 0, 5)], targets=(0, 0, 0), up=(0, 1, 0))
     result = own.areas(plan.rig, rc.Poses.of(pose), plan.build_task()).over_time
@@ -352,7 +352,7 @@ def test_robots_of_a_file_that_cannot_be_are_refused_by_the_command(name, capsys
 
 
 def test_the_cell_is_the_part_and_the_plate():
-    assert named_scene(plan_of(PLAN))[0].n_faces == joined(PART, PLATE).n_faces
+    assert name_scene(plan_of(PLAN))[0].n_faces == joined(PART, PLATE).n_faces
 
 
 @pytest.mark.slow

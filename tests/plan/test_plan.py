@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 import rastercov as rc
 from rastercov.base.features import hooks_of
-from rastercov.base.format import percents_apart
+from rastercov.base.format import distinct_percents
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.reasons import Reason
@@ -27,8 +27,8 @@ from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
 from rastercov.placement.plan.generator import CarriedGenerators, Generator, OwnGenerators
-from rastercov.placement.plan.network import certain_and_possible, judge, percent
-from rastercov.placement.plan.scene import candidate_pool, framing_of, named_scene, scene
+from rastercov.placement.plan.network import certain_and_possible, classify_network, percent
+from rastercov.placement.plan.scene import candidate_pool, framing_of, name_scene, scene
 from rastercov.placement.plan.sections import PlanModel
 
 ROOT = Path(__file__).parents[2]
@@ -287,7 +287,7 @@ def test_an_entry_makes_the_candidates_of_its_generator(generator):
     corners = "v 3 -2 0\nv 3 2 0\nv 3 2 3\nv 3 -2 3\n"
     Path("wall.obj").write_text(f"{corners}f 1 2 3\nf 1 3 4\n", encoding="utf-8")
     plan = plan_of(ENTRY + f'"{generator}"\ncost = 2.5\nrolls_deg = [0, 90]\n{own}')
-    mesh, plan, _ = named_scene(plan)
+    mesh, plan, _ = name_scene(plan)
     made = candidate_pool(plan, mesh)
     assert made.made == {source: 2 * count}
     assert (made.costs == 2.5).all()
@@ -343,9 +343,9 @@ def test_mounts_stay_on_their_walls_unless_the_plan_says_where_cameras_may_stand
 
 
 def test_percentages_that_differ_are_told_apart():
-    assert percents_apart(0.2819, 0.28168, 0.28168) == ["28.19 %", "28.17 %", "28.17 %"]
-    assert percents_apart(0.9, 0.873, 0.85) == ["90.0 %", "87.3 %", "85.0 %"]
-    assert percents_apart(0.5, 0.5) == ["50.0 %", "50.0 %"]
+    assert distinct_percents(0.2819, 0.28168, 0.28168) == ["28.19 %", "28.17 %", "28.17 %"]
+    assert distinct_percents(0.9, 0.873, 0.85) == ["90.0 %", "87.3 %", "85.0 %"]
+    assert distinct_percents(0.5, 0.5) == ["50.0 %", "50.0 %"]
 
 
 @given(st.floats(0, 1))
@@ -367,7 +367,7 @@ def test_a_requirement_holds_fails_or_is_not_decided(rows, limit):
     a, b, c = np.array(rows).T
     certain, covered, possible = a & b & c, a & b, a
     integer_weights = np.ones(12, np.int64)
-    (result,) = judge(mesh, integer_weights, {None: limit}, covered, certain, possible)
+    (result,) = classify_network(mesh, integer_weights, {None: limit}, covered, certain, possible)
     assert result.low <= result.share <= result.high
     assert result.uncovered == 12 - covered.sum()
     wanted = "holds" if result.low >= limit - 1e-9 else "fails"

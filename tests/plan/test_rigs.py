@@ -174,7 +174,7 @@ def test_a_rig_that_adds_nothing_after_refinement_is_left_out_with_all_its_camer
         """A refinement that leaves the second rig where the first is."""
         return plan_run._of_rows(placement, objectives, [0, 0])
 
-    monkeypatch.setattr(plan_run, "_moved", onto_the_first)
+    monkeypatch.setattr(plan_run, "_move_cameras", onto_the_first)
     result = placed(**PAIR, task=task, selection=TWO | {"refine": True, "refine_budget": 3})
     assert result.left_out == (1,)
     assert (names_of(result), len(result.cameras.placed)) == (["pair"], 2)

@@ -9,7 +9,7 @@ import rastercov as rc
 from rastercov.placement import NearestSurface, Room, in_room
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.placement.plan.scene import candidate_pool, named_scene
+from rastercov.placement.plan.scene import candidate_pool, name_scene
 
 CAMERA = rc.Camera.from_fov(1280, 720, hfov_deg=90)
 SHEET = {"above": "floor", "height": 1.6}
@@ -63,7 +63,7 @@ def test_candidates_are_in_their_room_on_its_walls_and_more_with_less_spacing(
 
 
 def test_sheets_end_at_the_walls_and_at_a_distance_from_the_door():
-    mesh, _, _ = named_scene(plan_of(PLAN))
+    mesh, _, _ = name_scene(plan_of(PLAN))
     kitchen, hall, door = (mesh.areas[mesh.face_group == row].sum() for row in (5, 6, 7))
     assert hall == pytest.approx(3.7 * 5.6, rel=1e-12)
     assert kitchen == pytest.approx(5.7 * 5.6 + 0.9 * 0.1, abs=0.25)
@@ -87,7 +87,7 @@ def test_the_middle_of_a_solid_is_in_it_whatever_gaps_it_has(seed):
 
 @pytest.mark.slow
 def test_refined_cameras_stay_at_their_places():
-    pool = candidate_pool(*named_scene(plan_of(PLAN))[1::-1]).candidates
+    pool = candidate_pool(*name_scene(plan_of(PLAN))[1::-1]).candidates
     eyes = rc.place(PLAN).cameras.placed.world_from_camera[:, :3, 3]
     assert {tuple(eye) for eye in eyes} <= {tuple(eye) for eye in pool.poses[:, :3, 3]}
     assert ((eyes[:, 2] >= 2.2) & (eyes[:, 2] <= 2.6)).all()
@@ -107,7 +107,7 @@ REFUSED = {
 @pytest.mark.parametrize("words", REFUSED)
 def test_a_room_that_is_none_is_refused_in_one_line(words):
     with pytest.raises(PlanError, match=words):
-        named_scene(plan_of(PLAN | REFUSED[words]))
+        name_scene(plan_of(PLAN | REFUSED[words]))
 
 
 def test_heights_are_from_and_to():

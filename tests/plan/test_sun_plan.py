@@ -12,7 +12,7 @@ from commands import done, enter
 import rastercov as rc
 from rastercov.base.errors import RastercovError
 from rastercov.placement.plan.file import plan_of
-from rastercov.placement.plan.scene import named_scene
+from rastercov.placement.plan.scene import name_scene
 
 TEXT = """
 [[meshes]]
@@ -103,17 +103,17 @@ def test_a_sun_shines_as_at_the_place_of_the_building(capsys):
             rc.Task(min_illuminance=10),
             lamps="sun.toml",
         )
-        rigs = (named_scene(plan)[1].rig, result.camera)
+        rigs = (name_scene(plan)[1].rig, result.camera)
         for lamps in (rc.load_lamps("sun.toml", mesh.site), *(r.equipment["lamps"] for r in rigs)):
             np.testing.assert_allclose(-lamps.places[0, :3, 2], wanted, atol=1e-12)
         assert len(early) == 1
     for own in ({**entries, "north_deg": 90.0}, {**SUN, "north_deg": north + 1.5}):
         plan = plan_of(PLAN | {"meshes": [{"path": "house.ifc"}], "lamps": {"sun": own}})
         with pytest.raises(RastercovError, match=r"north_deg: expected north at 126\.87 degrees"):
-            _ = named_scene(plan)[1].rig
+            _ = name_scene(plan)[1].rig
     plan = plan_of(PLAN | {"lamps": {"sun": entries}})
     with pytest.raises(RastercovError, match="of a sun, got time; give"):
-        _ = named_scene(plan)[1].rig
+        _ = name_scene(plan)[1].rig
 
 
 def test_lamps_are_chosen_that_add_to_the_sun():

@@ -199,7 +199,7 @@ def test_no_scene_reaches_past_the_scratch_memory(is_rolled):
 @pytest.mark.native
 def test_every_processor_counts_alike(monkeypatch):
     expected = all_counts()
-    for level in engine.built():
+    for level in engine.built_modules():
         if level not in engine.runnable():
             continue
         module = engine.load(f"_{level}")

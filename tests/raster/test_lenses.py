@@ -342,7 +342,7 @@ def test_a_face_alone_is_drawn_where_its_own_rays_meet_it(seed):
 def test_counts_are_those_of_the_picture_bit_for_bit_on_all_levels_and_threads(lens, monkeypatch):
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
     answers = set()
-    for level in set(engine.built()) & set(engine.runnable()):
+    for level in set(engine.built_modules()) & set(engine.runnable()):
         module = engine.load(f"_{level}")
         monkeypatch.setattr(cpu, "solver_raster", module.solver_raster)
         monkeypatch.setattr(cpu, "_scene_of", once_each(cpu._scene_of.__wrapped__))

@@ -82,10 +82,10 @@ def test_lenses_without_a_plane_in_focus_are_in_focus_by_distance():
 def test_what_is_behind_a_wide_lens_is_hidden_by_what_is_nearer():
     scene = joined(square(0.5, -1.0), square(0.3, -2.0), square(3.0, -3.0))
     expected = np.repeat([False, True, False], 4)
-    hidden = LineOfSight(scene).hidden(scene.vertices, np.eye(4), 1e-3, FISHEYE)
+    hidden = LineOfSight(scene).find_hidden(scene.vertices, np.eye(4), 1e-3, FISHEYE)
     assert (hidden == expected).all()
     # To a pinhole all of it is behind the near plane, which hides nothing.
-    assert not LineOfSight(scene).hidden(scene.vertices, np.eye(4), 1e-3, ZERO).any()
+    assert not LineOfSight(scene).find_hidden(scene.vertices, np.eye(4), 1e-3, ZERO).any()
 
 
 def test_a_wide_lens_covers_all_around_it_and_hides_what_is_behind_something():

@@ -16,7 +16,7 @@ from rastercov.core.coverage.job import evaluate
 from rastercov.reference.criteria import blur_circle
 from rastercov.reference.markers import detect as detection
 from rastercov.reference.markers.experiments import resolution, visibility
-from rastercov.reference.markers.picture import BLACK, FULL_SCALE, WHITE, reflected, sensor
+from rastercov.reference.markers.picture import BLACK, FULL_SCALE, WHITE, reflect, sensor
 from rastercov.reference.markers.requirement import DETECTOR, MarkerRequirement, plate_figures
 from rastercov.reference.markers.scene import CELLS, Plate, mesh_of
 
@@ -34,7 +34,7 @@ def with_lens(f_number, focus_distance):
 
 
 def photo(plates, camera=ICUBE, seed=0):
-    light = reflected(plates, detection.patterns(), camera, 64)
+    light = reflect(plates, detection.patterns(), camera, 64)
     return sensor(light, np.random.default_rng(seed))
 
 
@@ -78,7 +78,7 @@ def test_corners_found_in_the_picture_are_where_the_camera_model_puts_them():
 def test_areas_in_the_picture_are_those_of_the_engine():
     """Black plates, one partly hidden: the light that is missing is the area that is seen."""
     plates = [Plate(0, (0.05, 0.02, 3.0)), Plate(1, (0.2, 0.15, 2.0))]
-    missing = (WHITE - reflected(plates, PRINTS, ICUBE)).sum() / (WHITE - BLACK)
+    missing = (WHITE - reflect(plates, PRINTS, ICUBE)).sum() / (WHITE - BLACK)
     figures = plate_figures(plates, ICUBE)
     assert 0.2 < figures[0].visibility < 0.9
     assert missing == pytest.approx(sum(each.visible_pixels for each in figures), rel=1e-3)
@@ -86,7 +86,7 @@ def test_areas_in_the_picture_are_those_of_the_engine():
 
 def test_the_print_is_not_mirrored():
     plate = Plate(11, (0.0, 0.0, 1.5))
-    image = reflected([plate], detection.patterns(), ICUBE, 16)
+    image = reflect([plate], detection.patterns(), ICUBE, 16)
     low, _, high, _ = to_image(plate.corners, ICUBE)
     steps = (np.arange(CELLS) + 0.5) / CELLS
     u = (low[0] + steps * (high[0] - low[0])).astype(int)
@@ -111,7 +111,7 @@ def test_an_edge_is_blurred_by_the_blur_circle(depth, f_number):
     expected = abs(blur_circle(camera, np.array(depth)))
     ((edge, _),) = to_image(np.array([(-0.15, 0, depth)]), camera).astype(int)
     strip = replace(camera, height=8, cy=4.0)  # of a row of the plate's middle
-    profile = reflected([Plate(0, (0.0, 0.0, depth))], PRINTS, strip, 1024)[4]
+    profile = reflect([Plate(0, (0.0, 0.0, depth))], PRINTS, strip, 1024)[4]
     spread = -np.diff(profile[edge - 15 : edge + 15])
     place = np.arange(spread.size)
     centre = (spread * place).sum() / spread.sum()
@@ -133,7 +133,7 @@ def test_blur_limits_are_the_depth_of_field():
 def test_what_is_in_focus_is_as_sharp_as_through_a_pinhole():
     plates = [Plate(2, (0.0, 0.0, 4.0))]
     wide, sharp = (
-        reflected(plates, detection.patterns(), camera) for camera in (with_lens(0.25, 4.0), ICUBE)
+        reflect(plates, detection.patterns(), camera) for camera in (with_lens(0.25, 4.0), ICUBE)
     )
     np.testing.assert_allclose(wide, sharp, atol=1e-9)
 
@@ -145,7 +145,7 @@ def test_a_wide_lens_sees_behind_an_edge_that_hides_from_its_middle():
     plates = [Plate(0, (0.0, 0.0, 4.0)), Plate(1, (0.0, 0.0, 3.5))]
     assert plate_figures(plates, ICUBE)[0].visible_pixels == 0
     without = [Plate(0, (0.0, 0.0, 40.0)), plates[1]]
-    seen, blocked = (reflected(each, PRINTS, with_lens(0.005, 4.0)) for each in (plates, without))
+    seen, blocked = (reflect(each, PRINTS, with_lens(0.005, 4.0)) for each in (plates, without))
     assert (blocked - seen).max() > 0.05
 
 

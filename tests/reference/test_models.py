@@ -19,7 +19,7 @@ from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.reference.criteria import measured_geometry as face_geometry
+from rastercov.reference.criteria import measure_geometry as face_geometry
 from rastercov.reference.models import (
     MODELS,
     zhang,
@@ -341,7 +341,7 @@ def brute(mesh, points, eye):
 @example(seed=3, n=9)
 def test_segments_are_those_of_a_linear_system(seed, n):
     mesh, eye = soup(seed, n), np.zeros(3)
-    hidden = LineOfSight(mesh).hidden(mesh.vertices, AHEAD[0], 1e-9, CAMERA)
+    hidden = LineOfSight(mesh).find_hidden(mesh.vertices, AHEAD[0], 1e-9, CAMERA)
     assert np.array_equal(hidden, brute(mesh, mesh.vertices, eye))
 
 
@@ -393,8 +393,12 @@ def test_occluders_and_back_faces_hide():
 def test_a_face_seen_edge_on_hides_nothing():
     fin = Mesh(vertices=[(0, -1, 2), (0, 1, 2), (0, 0, 3)], faces=[(0, 1, 2)])  # in a plane x = 0
     point = np.array([(0.0, 0.0, 5.0)])
-    assert not LineOfSight(joined(fin, square(1, 6.0))).hidden(point, AHEAD[0], 1e-9, CAMERA).any()
-    assert LineOfSight(joined(square(1, 3.0), fin)).hidden(point, AHEAD[0], 1e-9, CAMERA).all()
+    assert (
+        not LineOfSight(joined(fin, square(1, 6.0)))
+        .find_hidden(point, AHEAD[0], 1e-9, CAMERA)
+        .any()
+    )
+    assert LineOfSight(joined(square(1, 3.0), fin)).find_hidden(point, AHEAD[0], 1e-9, CAMERA).all()
 
 
 def test_no_segment_slips_between_two_faces():
@@ -406,12 +410,12 @@ def test_no_segment_slips_between_two_faces():
     for eye in np.random.default_rng(0).normal(0, 0.02, (50, 3)) + fan.bounds.mean(axis=0):
         beyond = 2 * targets - eye
         for pose, point in zip(look_at(eye, beyond), beyond, strict=True):
-            assert sight.hidden(point[None], pose, 1e-9, CAMERA).all()
+            assert sight.find_hidden(point[None], pose, 1e-9, CAMERA).all()
 
 
 def test_a_mesh_without_area_hides_nothing():
     line = Mesh(vertices=[(0, 0, 4), (0, 1, 4), (0, 2, 4)], faces=[(0, 1, 2)])
-    assert not LineOfSight(line).hidden(np.array([(0.0, 0, 8)]), AHEAD[0], 1e-9, CAMERA).any()
+    assert not LineOfSight(line).find_hidden(np.array([(0.0, 0, 8)]), AHEAD[0], 1e-9, CAMERA).any()
     for name in MODELS:
         assert not covered(name, line).any()
 

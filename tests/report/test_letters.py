@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from rastercov.report.images import Key, cut, drawable, font_for, framed, write_labels
+from rastercov.report.images import Key, add_frame, cut, drawable, font_for, write_labels
 
 FONT = font_for(640)
 BOX = bytes(FONT.getmask("\uffff"))
@@ -44,4 +44,4 @@ def test_pictures_hold_any_name(text):
         write_labels(image, [(90, 40)], [name], [(9, 9, 9)], FONT, 1)
     assert labelled.tobytes() == plain.tobytes()
     pixels = np.zeros((20, 30, 3), np.uint8)
-    framed(pixels, text, [Key(text, pixels[:1, :1])])
+    add_frame(pixels, text, [Key(text, pixels[:1, :1])])

@@ -35,9 +35,10 @@ from rastercov.report.overview import (
     zone_close_up,
     zones_picture,
 )
-from rastercov.report.pages import described_mesh
+from rastercov.report.pages import describe_mesh
 from rastercov.report.panorama import (
     DIRECTIONS,
+    back_faces,
     best_directions,
     in_picture,
     is_enclosed,
@@ -50,7 +51,6 @@ from rastercov.report.panorama import (
     points_of_pixels,
     scene_keys,
     sides,
-    turned_away,
     upright,
 )
 
@@ -271,7 +271,7 @@ def test_backs_of_the_task_have_no_cameras_colour():
     pixels = paint(scene, np.array([[255, 0, 0]], np.uint8))[scene.face == 0].astype(int)
     assert scene.shows_backs()
     assert (np.ptp(pixels, axis=1) < 40).all()  # greyish
-    assert turned_away(mesh, (0, 0, 5)).all()
+    assert back_faces(mesh, (0, 0, 5)).all()
 
 
 # Labels
@@ -356,7 +356,7 @@ def test_the_first_view_of_a_front_is_from_before_it_however_it_is_turned(seed):
             assert upright(eyes) @ front @ towards > 0.3 * np.linalg.norm(front)
         scene = look(mesh, sides(mesh, eyes)[0], scale=0.3, eyes=eyes)
         assert (mesh.normals[scene.face[scene.face >= 0]] @ front > 0.9).mean() > 0.5
-        towards = np.array(described_mesh(mesh, eyes)["towards"])
+        towards = np.array(describe_mesh(mesh, eyes)["towards"])
         np.testing.assert_allclose(towards, sides(mesh, eyes)[0] @ upright(eyes))
 
 
@@ -522,14 +522,14 @@ def test_a_number_is_in_the_middle_of_its_zone():
 @pytest.mark.slow
 def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     """A core in a closed shell, as if it were not known that no camera can see it."""
-    monkeypatch.setattr(unseeable, "unseeable_where_seen", lambda mesh, seen: np.zeros(24))
+    monkeypatch.setattr(unseeable, "unseeable_in_view", lambda mesh, seen: np.zeros(24))
     mesh = joined(shapes.box((0.6, 0.6, 0.6)), shapes.box((1, 1, 1)))
     poses = rc.look_at(
         5 * np.array([(1, -1.5, 1), (-1, 1.5, -1), (-2, -1, 1), (1, 2, 1)]), (0, 0, 0)
     )
     network, titles = AreaNetwork(mesh, rc.Task()), []
     network.add(rc.regions(mesh, CAMERA, poses))
-    monkeypatch.setattr(overview, "framed", lambda pixels, title, keys: titles.append(title))
+    monkeypatch.setattr(overview, "add_frame", lambda pixels, title, keys: titles.append(title))
     summary = network.dead_zones(CAMERA, poses)
     zones = network.zones(CAMERA, poses)
     zones_picture(zones, summary, poses)

@@ -250,13 +250,13 @@ def test_advice_by_face_is_that_of_a_pose_that_fails_so(tmp_path):
 
 
 def test_advice_by_face_tries_only_places_that_the_plan_allows(placement, monkeypatch):
-    allowed, whole = [], FaceRemedies.said
+    allowed, whole = [], FaceRemedies.say
 
     def said(remedies, *words, **options):
         allowed.append(remedies.allowed)
         return whole(remedies, *words, **options)
 
-    monkeypatch.setattr(FaceRemedies, "said", said)
+    monkeypatch.setattr(FaceRemedies, "say", said)
     page_of(placement)
     inside, outside = (0, 0, -4.0), (0, 0, 4.0)  # of the floor, which is kept free
     places = allowed[0].places(np.zeros(3), np.array([inside, outside]))

@@ -8,7 +8,7 @@ import pytest
 from commands import done, enter, refusal
 
 import rastercov as rc
-from rastercov.report.pages import described_camera
+from rastercov.report.pages import describe_camera
 from rastercov.report.tables import camera_words, lens_text
 
 LINES = """
@@ -42,12 +42,12 @@ def test_words_and_page_say_what_the_lens_is(job):
     assert lens_text(lens) == "0.02x"
     assert camera_words(lens) == "320 x 240 px, 0.02x, field of view 80 x 60 mm"
     assert lens_text(rc.Camera.orthographic(64, 48, px_per_m=1500)) == "1500 px/m"
-    entries = described_camera(lens)
+    entries = describe_camera(lens)
     rays, starts = np.array(entries["border"]), np.array(entries["origins"])
     assert (rays == (0, 0, 1)).all()
     assert np.ptp(starts, axis=0) == pytest.approx((0.08, 0.06, 0))
     assert rc.Camera.from_dict(entries["plain"]) == lens
-    assert described_camera(rc.Camera.from_fov(64, 48, hfov_deg=40))["origins"] is None
+    assert describe_camera(rc.Camera.from_fov(64, 48, hfov_deg=40))["origins"] is None
 
 
 @pytest.mark.slow

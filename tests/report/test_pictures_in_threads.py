@@ -23,10 +23,10 @@ class Busy(WeakKeyDictionary):
         super().__setitem__(mesh, result)
         if self.is_new:
             self.is_new = False
-            images.part_drawn(mesh, CAMERA, POSE, MANY)
+            images.draw_part(mesh, CAMERA, POSE, MANY)
 
 
 def test_a_part_is_drawn_whatever_another_thread_draws(monkeypatch):
-    expected = images.part_drawn(MESH, CAMERA, POSE, FEW).face
+    expected = images.draw_part(MESH, CAMERA, POSE, FEW).face
     monkeypatch.setattr(images, "_PARTS", Busy())
-    assert np.array_equal(images.part_drawn(MESH, CAMERA, POSE, FEW).face, expected)
+    assert np.array_equal(images.draw_part(MESH, CAMERA, POSE, FEW).face, expected)

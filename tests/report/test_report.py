@@ -30,7 +30,7 @@ from rastercov.report import images as pictures
 from rastercov.report import parquet as coverage_table
 from rastercov.report import tables, theme
 from rastercov.report.coverage_files import write_coloured_mesh
-from rastercov.report.panorama import seen
+from rastercov.report.panorama import draw_scene
 
 INFO = RasterizerInfo("gl", "pipeline", "renderer", "driver", "device", "float32", "hash")
 CAMERA = Camera(width=480, height=360, fx=400, fy=400, cx=240, cy=180)
@@ -228,7 +228,7 @@ def test_scale_of_the_coloured_mesh_grows_lighter_evenly():
 
 
 def strip_scene():
-    return seen(STRIP, CAMERA, FROM_ABOVE, strip_buffer())
+    return draw_scene(STRIP, CAMERA, FROM_ABOVE, strip_buffer())
 
 
 # --- pictures -------------------------------------------------------------------------------
@@ -258,7 +258,7 @@ def test_shading_never_outweighs_a_difference_of_coverage(values):
 def test_background_occluders_and_backs_are_coloured_and_nothing_else_is():
     buffer, both_sides = strip_buffer(), STRIP.with_groups(two_sided="all")
     above, behind, turned = (
-        coverage_pixels(seen(mesh, CAMERA, pose, buffer), np.ones(6)).astype(int)
+        coverage_pixels(draw_scene(mesh, CAMERA, pose, buffer), np.ones(6)).astype(int)
         for mesh, pose in ((STRIP, FROM_ABOVE), (STRIP, FROM_BELOW), (both_sides, FROM_BELOW))
     )
     assert (above[buffer.face < 0] == theme.OF_CAMERA.background).all()

@@ -10,8 +10,8 @@ from nightly import amount
 
 import rastercov as rc
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.report.pages import rendered
-from rastercov.report.plan_geometry import seen_from_above
+from rastercov.report.pages import render
+from rastercov.report.plan_geometry import outline_from_above
 from rastercov.survey.flight import Flight
 from rastercov.survey.geo.route import MOST_NUMBERS, route_of
 from rastercov.survey.plan_section import FlightSection
@@ -51,7 +51,7 @@ def routes(rng):
 
 def drawn(flight):
     """The drawing, its labels (x, y, text), and its scale by the bar, metres a millimetre."""
-    root = ElementTree.fromstring(rendered("route.svg", "rastercov.survey", route=route_of(flight)))
+    root = ElementTree.fromstring(render("route.svg", "rastercov.survey", route=route_of(flight)))
     texts = [(float(each.get("x")), float(each.get("y")), each.text) for each in root.iter("text")]
     *labels, (zero, _, _), (end, _, bar), _ = texts
     return root, labels, float(bar.removesuffix(" m")) / (end - zero)
@@ -170,7 +170,7 @@ def test_a_surface_from_above_is_the_union_of_its_faces(seed):
         mesh = mesh.moved(translation=(7e5, 5.3e6, 0))
     parts = shapely.polygons(mesh.vertices[mesh.faces][..., :2])
     whole = shapely.union_all(shapely.make_valid(parts))
-    difference = seen_from_above(mesh).symmetric_difference(whole)
+    difference = outline_from_above(mesh).symmetric_difference(whole)
     assert difference.area <= 1e-4 * whole.area
 
 
@@ -186,7 +186,7 @@ def test_the_page_of_a_flight_has_its_route(tmp_path):
     page = (tmp_path / "flown/page.html").read_text()
     assert (
         page.count(
-            rendered(
+            render(
                 "route.svg", "rastercov.survey", route=route_of(placement.product("flight"))
             ).strip()
         )

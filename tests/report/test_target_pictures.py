@@ -14,7 +14,7 @@ from rastercov.reference.models.report import coverage_pixels, difference_pictur
 from rastercov.report import theme
 from rastercov.report.coverage_files import write_coloured_mesh
 from rastercov.report.images import hatch_over, targets_in_view
-from rastercov.report.panorama import seen
+from rastercov.report.panorama import draw_scene
 
 CAMERA = Camera(width=80, height=80, fx=80, fy=80)
 WALL = square(2, 4)
@@ -27,7 +27,7 @@ def buffer_of(mesh):
 
 
 def scene_of(mesh):
-    return seen(mesh, CAMERA, AHEAD, buffer_of(mesh))
+    return draw_scene(mesh, CAMERA, AHEAD, buffer_of(mesh))
 
 
 def test_targets_in_view_are_those_before_the_surface():

@@ -112,16 +112,16 @@ def test_clipped_polygons_are_the_parts_of_a_half_plane():
     values = xy @ (0.6, -0.8) - 0.1
     values[::11] = 0.0  # as if corners were on the line
     whole = polygons.polygon_areas(xy, starts)
-    parts = [polygons.clipped(xy, starts, sign * values) for sign in (1.0, -1.0)]
+    parts = [polygons.clip_polygons(xy, starts, sign * values) for sign in (1.0, -1.0)]
     for part, corners, rows in parts:
         assert (np.diff(corners) >= 3).all()
         assert (polygons.polygon_areas(part, corners) >= -1e-15).all()
         assert rows.max() < 60
     values = xy @ (0.6, -0.8) - 0.1
-    parts = [polygons.clipped(xy, starts, sign * values) for sign in (1.0, -1.0)]
+    parts = [polygons.clip_polygons(xy, starts, sign * values) for sign in (1.0, -1.0)]
     sums = sum(np.bincount(rows, polygons.polygon_areas(p, s), 60) for p, s, rows in parts)
     assert np.allclose(sums, whole, atol=1e-14)
-    assert len(polygons.clipped(np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0))[2]) == 0
+    assert len(polygons.clip_polygons(np.empty((0, 2)), np.zeros(1, np.int64), np.empty(0))[2]) == 0
 
 
 def test_polygons_of_many_corners_are_divided():

@@ -26,7 +26,7 @@ def test_some_cameras_of_a_rig_keep_all_that_is_theirs():
     own, equipment = {"b": Task(max_incidence_deg=40)}, object()
     places = sphere_of_poses((0, 0, 0), 1.0, 3)
     rig = Rig(CAMERAS, [*"abc"], places, tasks=own, fixed=["c"], rule=All(min_baseline_deg=2))
-    some = rig._equipped("word", equipment)._only([1, 2])
+    some = rig._equip("word", equipment)._only([1, 2])
     assert (some.cameras, some.names, some.tasks) == (CAMERAS[1:], ("b", "c"), own)
     assert np.array_equal(some.rig_from_camera, places[1:])
     assert (some.equipment, some.fixed, some.gates, some.rule) == (

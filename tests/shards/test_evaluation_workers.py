@@ -103,7 +103,7 @@ class EndedError(Exception):
 def test_a_run_that_was_ended_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluation_shards, "LONG_RUN", 1)
     evaluated(tmp_path / "whole")
-    measured, calls = evaluation_shards._measured, []
+    measured, calls = evaluation_shards._measure_poses, []
 
     def counted(observer, poses, *arguments):
         calls.append(poses.ids.tolist())
@@ -111,7 +111,7 @@ def test_a_run_that_was_ended_goes_on(tmp_path, monkeypatch):
             raise EndedError
         return measured(observer, poses, *arguments)
 
-    monkeypatch.setattr(evaluation_shards, "_measured", counted)
+    monkeypatch.setattr(evaluation_shards, "_measure_poses", counted)
     with pytest.raises(EndedError):
         evaluated(tmp_path / "ended")
     assert not (tmp_path / "ended" / "summary.json").exists()

@@ -94,7 +94,7 @@ def test_poses_are_kept_in_shards_and_taken_from_there(tmp_path, monkeypatch):
     monkeypatch.setattr(shards, "PAIRS_A_SHARD", 2 * MESH.n_faces)
     first = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, shards=tmp_path)
     assert len(list(tmp_path.glob("*/shards/*.npz"))) == 2
-    monkeypatch.setattr(shards, "_measured", lambda *_: pytest.fail("measured again"))
+    monkeypatch.setattr(shards, "_measure_poses", lambda *_: pytest.fail("measured again"))
     second = rc.evaluate(MESH, CAMERA, CAMERAS, TASK, shards=tmp_path)
     assert first.covered.area.tobytes() == second.covered.area.tobytes()
     assert np.abs(first.covered.area - plain.covered.area).max() <= 1e-12

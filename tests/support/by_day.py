@@ -75,7 +75,7 @@ def coarse_pictures(request):
             patch.setattr(panorama, "WIDTH", 120)
             patch.setattr(panorama, "HEIGHT", 93)
         if request.path.stem in WITHOUT_PICTURES and not IS_NIGHTLY:
-            patch.setattr(NetworkPage, "drawn", lambda *_: {})
+            patch.setattr(NetworkPage, "draw", lambda *_: {})
         yield
 
 

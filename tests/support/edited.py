@@ -18,11 +18,11 @@ from rastercov.base.errors import CameraError, ConfigError, RastercovError
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.models import MODELS
 from rastercov.page import session as viewer
-from rastercov.page.live import opened
+from rastercov.page.live import open_live
 from rastercov.page.saving import Saving as SavingOfPages
-from rastercov.page.session import framed
+from rastercov.page.session import add_head
 from rastercov.page.work import Work as WorkOfPlan
-from rastercov.report.pages import bundled, described_camera
+from rastercov.report.pages import bundle_scripts, describe_camera
 
 NODE = shutil.which("node")
 DRIVER = Path(__file__).with_name("page_in_node.js")
@@ -32,7 +32,7 @@ DRIVER = Path(__file__).with_name("page_in_node.js")
 def node():
     """Node with the modules of the page."""
     script = Path(tempfile.mkdtemp()) / "page.mjs"
-    script.write_text(bundled("live") + DRIVER.read_text("utf-8"), encoding="utf-8")
+    script.write_text(bundle_scripts("live") + DRIVER.read_text("utf-8"), encoding="utf-8")
     return subprocess.Popen(
         [NODE, str(script)],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
@@ -70,7 +70,7 @@ def called(what, answer=None):
 def changed(camera, changes):
     """A camera with other values, as the page changes it."""
     models = {name: each.coefficients.split() for name, each in MODELS.items()}
-    given = {"camera": described_camera(camera), "changes": changes, "models": models}
+    given = {"camera": describe_camera(camera), "changes": changes, "models": models}
     try:
         return Camera.from_dict(called({"id": 0, "call": "lens", "given": given}))
     except ConfigError as error:
@@ -87,13 +87,13 @@ class Session(viewer.Session):
 
     def _answer(self, name, given):
         calls = {
-            "open": lambda: opened(self) | {"engine": ""} | self.more,
+            "open": lambda: open_live(self) | {"engine": ""} | self.more,
             "load": self.load,
             "ping": lambda: {"revision": self.load()["revision"], "measured": []},
             "job": self.work.described,
             "startJob": lambda: self.work.start(given),
             "cancelJob": self.work.cancel,
-            "drawing": self.described_drawing,
+            "drawing": self.describe_drawing,
             "keepDrawing": lambda: viewer.Session.draw(self, given),
             "store": lambda: self.store(given),
             "ask": lambda: self.ask(given),
@@ -102,7 +102,7 @@ class Session(viewer.Session):
         answer = calls[name]()
         if not isinstance(answer, bytes):
             return answer
-        head, payload = viewer.unframed(answer)
+        head, payload = viewer.remove_head(answer)
         return {"json": head, "payload": base64.b64encode(payload).decode()}
 
     def call(self, name, given=None):
@@ -116,12 +116,12 @@ class Session(viewer.Session):
         """Frame after an action of the page."""
         given = {"revision": self.call("state")["revision"], **entries}
         answer = self.call("act", given)
-        return framed(answer["json"], base64.b64decode(answer["payload"]))
+        return add_head(answer["json"], base64.b64decode(answer["payload"]))
 
     def now(self):
         """The rig of the page, as it asks about it."""
         self.call("load")
-        asked = viewer.checked(viewer.Of, self.call("asked"))
+        asked = viewer.check_entries(viewer.Of, self.call("asked"))
         return self.taken(asked.rig, asked.at, asked.goal)
 
     def described_state(self):

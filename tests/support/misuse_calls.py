@@ -23,7 +23,7 @@ from rastercov import placement
 from rastercov.base.typed import VARIADIC, public_names
 from rastercov.core.camera.equipment import equipment_words
 from rastercov.core.coverage.coverage import evaluate_batches
-from rastercov.core.coverage.phases import phased
+from rastercov.core.coverage.phases import phased_features
 from rastercov.placement.candidates.segments import segment
 
 MODULES = (
@@ -38,7 +38,7 @@ LENS = SIZE | {"fx": 30.0, "fy": 30.0}
 SAMPLED = {"method": "sampled:cpu", "threads": 1}
 EXACT = {"method": "exact", "threads": 1}
 ALONE = {"method": rc.Engine("exact", threads=1)}
-STILL = dict.fromkeys([*equipment_words(), *(each.word for each in phased())])
+STILL = dict.fromkeys([*equipment_words(), *(each.word for each in phased_features())])
 SHEETS = {"spacing": 0.4, "inset": 0.1}
 VIEWS = rc.Views(rc.Rig([CAMERA], ["a"]), rc.Poses.of(POSES), ("a", "b"))
 WALL = rc.Mesh([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)], [(0, 1, 2), (0, 2, 3)])

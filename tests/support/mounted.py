@@ -7,8 +7,8 @@ from surface_cases import hostile_scene
 
 import rastercov as rc
 from rastercov.core.area import polygons
-from rastercov.core.area.table import joined, taken
-from rastercov.tolerances.installation import displaced
+from rastercov.core.area.table import join, take_rows
+from rastercov.tolerances.installation import displace
 from rastercov.tolerances.passes import TolerancePass
 
 DRAWS = 24
@@ -82,7 +82,7 @@ def drawn(camera, poses, size, rng, n=DRAWS):
         vectors.append(most * radius * each / np.linalg.norm(each, axis=1, keepdims=True))
     scale = 1 + vectors[2][:, 0]
     cameras = [replace(camera, fx=camera.fx * s, fy=camera.fy * s) for s in scale.tolist()]
-    return cameras, rc.Poses.of(displaced(matrix, *vectors[:2]), camera=np.arange(n))
+    return cameras, rc.Poses.of(displace(matrix, *vectors[:2]), camera=np.arange(n))
 
 
 def beyond(one, others):
@@ -90,7 +90,7 @@ def beyond(one, others):
     n, mesh = len(others.pose_ids), one.mesh
     rows = np.concatenate([[0], np.arange(n) + 1])
     pairs = np.stack([np.zeros(n, np.int64), rows[1:]], axis=1).ravel()
-    both = taken(joined([one, others]), pairs).by_devices(np.repeat(np.arange(n), 2))
+    both = take_rows(join([one, others]), pairs).by_devices(np.repeat(np.arange(n), 2))
     areas = polygons.polygon_areas(both.xy, both.starts)
     alone, result = both.devices == 1, np.zeros((n, mesh.n_faces))
     np.add.at(result, (both.pose[alone], both.face[alone]), areas[alone])
@@ -118,7 +118,7 @@ def violations_of(mesh, camera, poses, task, sizes, seed=0, draws=DRAWS):
     lost = beyond(sure.regions, regions) - allowed
     lost -= dense(sure.regions.pair_face, sure.regions.excess, mesh)
     more = np.stack(
-        [beyond(taken(regions, np.array([k])), possible.regions)[0] for k in range(draws)]
+        [beyond(take_rows(regions, np.array([k])), possible.regions)[0] for k in range(draws)]
     )
     more -= allowed + dense(possible.regions.pair_face, possible.regions.bound, mesh)
     return lost.max(), more.max(), sure.figures[0]

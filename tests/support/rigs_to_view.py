@@ -10,7 +10,7 @@ from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh import shapes
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
-from rastercov.page.session import unframed
+from rastercov.page.session import remove_head
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 ROOM = shapes.room(6)
@@ -65,7 +65,7 @@ def acted(session, mode="reason", *, drag=False, shown=None, options=None, **act
             "station": shown, "options": options or {}, "action": action or {"do": "none"},
         }
     )  # fmt: skip
-    head, levels = unframed(frame)
+    head, levels = remove_head(frame)
     return head, np.frombuffer(levels, np.uint8)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from rastercov.base import format as texts
 from rastercov.core.camera.camera import depths_in_focus
-from rastercov.core.camera.viewpoints import distances_tried
+from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.core.coverage import required
 from rastercov.core.coverage.densities import density_text
 
@@ -63,13 +63,13 @@ def case_of(rng):
     status = str(rng.choice(statuses))
     cases = [
         (depths_in_focus, other + 1, other / 2 + 1e-9, bound + 1e-9, share),
-        (distances_tried, other, bound, [share, value], share, bound),
+        (distances_to_try, other, bound, [share, value], share, bound),
         (texts.number, value, digits),
         (texts.percent, share),
         (texts.with_bound, 100 * share, bound),
         (texts.area, abs(value), unit, other),
         (texts.distance, value, unit),
-        (texts.signed, value, digits),
+        (texts.text_with_sign, value, digits),
         (density_text, abs(value), f"px/{unit}", other),
         (required.status_of, share, share + bound, other % 1, is_most),
         (required.short_by, share, other % 1, status, is_most),

@@ -8,7 +8,7 @@ from terrain import CAMERAS, ground, heights, images, is_seen, site
 
 import rastercov as rc
 from rastercov.base.errors import MeshError
-from rastercov.core.area.footprints import footprints, overlap_words, seen_from_above
+from rastercov.core.area.footprints import footprints, overlap_words, project_down
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
 
@@ -54,11 +54,11 @@ def test_the_house_is_a_hole_in_the_footprint_on_the_ground_below():
 
 def test_what_is_seen_from_above_is_the_plan():
     mesh = site()
-    above = seen_from_above(mesh)
+    above = project_down(mesh)
     normal = np.abs(mesh.normals[above.pair_face, 2])
     assert above.area @ normal == pytest.approx(100.0**2, rel=1e-9)
     far = mesh.moved(translation=(5e5, 5e6, 300))
-    assert seen_from_above(far).area.sum() == pytest.approx(above.area.sum(), rel=1e-6)
+    assert project_down(far).area.sum() == pytest.approx(above.area.sum(), rel=1e-6)
 
 
 def test_a_sheet_counts_on_the_side_that_is_up():

@@ -9,7 +9,7 @@ import pytest
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.mesh import Mesh
-from rastercov.formats.georeference import GeoReference, given, reference_of
+from rastercov.formats.georeference import GeoReference, given_reference, reference_of
 
 pyproj = pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
 A, F = 6378137.0, 1 / 298.257223563
@@ -106,7 +106,7 @@ def test_earth_centred_scenes_are_levelled():
     at = (47.0, 8.0, 400.0)
     corners = POINTS @ axes(*at[:2]) + geocentric(*at)
     mesh, poses = Mesh(corners, [(0, 1, 2)]), rc.Poses.of(rc.look_at(corners[:1] + 1.0, corners[1]))
-    place, level, placed = GeoReference("EPSG:32632", is_geocentric=True).levelled(mesh, poses)
+    place, level, placed = GeoReference("EPSG:32632", is_geocentric=True).level(mesh, poses)
     np.testing.assert_allclose(
         place.geodetic(level.vertices), GeoReference("EPSG:4326", at).geodetic(POINTS), atol=1e-5
     )
@@ -167,10 +167,10 @@ def test_metashape_states_its_crs(tmp_path):
 )
 def test_what_is_no_place_is_refused(crs, origin, words):
     with pytest.raises(ConfigError, match=words):
-        given(crs, origin)
+        given_reference(crs, origin)
 
 
 def test_options_are_a_place():
-    assert given(None, None) is None
-    assert given("EPSG:32632", "5e5, 5.3e6").origin == (5e5, 5.3e6, 0.0)
-    assert given("EPSG:32632", None).origin == (0.0, 0.0, 0.0)
+    assert given_reference(None, None) is None
+    assert given_reference("EPSG:32632", "5e5, 5.3e6").origin == (5e5, 5.3e6, 0.0)
+    assert given_reference("EPSG:32632", None).origin == (0.0, 0.0, 0.0)

@@ -165,7 +165,7 @@ def test_no_draw_of_a_rig_with_a_rule_leaves_the_bounds(rule):
     assert sure.sure.m2 - sure.sure.bound <= sure.least < sure.nominal.m2 < sure.most
     assert sure.most <= sure.possible.m2 + sure.possible.bound
     if rule.__class__ is rc.All and rule != rc.All():
-        assert "baseline" in {zone["reason"] for zone in sure.lost(50)}
+        assert "baseline" in {zone["reason"] for zone in sure.list_losses(50)}
 
 
 def test_nothing_is_certain_where_errors_exceed_the_greatest_angle_of_sensors_at_one_place():
@@ -388,10 +388,10 @@ def test_shadows_and_border_are_the_reasons_of_what_is_lost():
     camera = rc.Camera.from_fov(640, 480, hfov_deg=50)
     pose = rc.look_at((0.5, 0.5, 1.0), (0.5, 0.5, 0), up=(0, 1, 0))
     sure = result(mesh, camera, pose, rc.Task(), position_mm=10)
-    lost = sure.lost(3)
+    lost = sure.list_losses(3)
     assert {zone["reason"] for zone in lost} == {"outside", "occluded"}
     assert "block" in {zone["hidden_by"] for zone in lost}
-    area = sum(zone["area_m2"] for zone in sure.lost(100))
+    area = sum(zone["area_m2"] for zone in sure.list_losses(100))
     assert area == pytest.approx(sure.nominal.m2 - sure.sure.m2, rel=1e-3)
 
 

@@ -14,7 +14,7 @@ from rastercov.tolerances.placement import (
     LEVELS,
     InstallationError,
     Spread,
-    disturbed_poses,
+    disturb_poses,
     tolerance,
 )
 
@@ -55,7 +55,7 @@ def test_leaving_a_camera_out_is_what_the_others_cover(objective):
 @pytest.mark.slow
 def test_every_draw_is_what_its_disturbed_poses_cover(objective):
     result = tolerance(objective, POSES, SOME, draws=6, seed=8)
-    disturbed = disturbed_poses(POSES, SOME, 6, np.random.default_rng(8))
+    disturbed = disturb_poses(POSES, SOME, 6, np.random.default_rng(8))
     for number, poses in enumerate(disturbed):
         assert result.together.shares[number] == objective.share_of(poses)
         for row, camera in enumerate(result.cameras):
@@ -94,7 +94,7 @@ def test_quantiles_are_draws_in_order_and_the_first_is_the_worst(shares):
 @pytest.mark.parametrize("distribution", ["normal", "uniform"])
 def test_errors_have_the_size_that_was_asked_for(distribution):
     error = InstallationError(position_mm=20, angle_deg=3, distribution=distribution)
-    disturbed = disturbed_poses(POSES, error, 4000, np.random.default_rng(0))
+    disturbed = disturb_poses(POSES, error, 4000, np.random.default_rng(0))
     shift = disturbed[..., :3, 3] - POSES[:, :3, 3]
     turn = np.swapaxes(POSES[:, :3, :3], 1, 2) @ disturbed[..., :3, :3]
     angle = np.arccos(np.clip((np.trace(turn, axis1=2, axis2=3) - 1) / 2, -1, 1))

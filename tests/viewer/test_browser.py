@@ -16,7 +16,7 @@ from rastercov.core.area.zones import zones_at
 from rastercov.core.coverage.reasons import REASONS, Reason
 from rastercov.core.mesh import shapes
 from rastercov.page.saving import export_page
-from rastercov.report.pages import described_camera
+from rastercov.report.pages import describe_camera
 
 pytestmark = pytest.mark.slow
 POSE = rc.look_at((2.6, -2.0, 2.2), (-0.5, 0.3, 0.5))[0]
@@ -312,7 +312,7 @@ def test_the_blur_circle_reaches_its_limit_at_the_ends_of_the_depth_of_field(tab
     blur = tab.js(
         "async ([camera, eye, depths]) => { const { blurAt } = await import('rastercov/frusta.js');"
         " return depths.map((depth) => blurAt(camera, eye, [0.1, 0.2, depth])); }",
-        [described_camera(camera), np.eye(4).ravel().tolist(), depths],
+        [describe_camera(camera), np.eye(4).ravel().tolist(), depths],
     )
     np.testing.assert_allclose(blur, (1.5, 1.5, 0), atol=1e-9)
 

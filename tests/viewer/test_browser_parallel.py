@@ -10,7 +10,7 @@ import rastercov as rc
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
 from rastercov.report.coverage import Options, run
-from rastercov.report.pages import described_camera
+from rastercov.report.pages import describe_camera
 
 pytestmark = pytest.mark.slow
 
@@ -63,7 +63,7 @@ def test_the_panel_of_a_telecentric_camera_has_its_magnification(context):
     blur = tab.js(
         "async ([camera, eye, depths]) => { const { blurAt } = await import('rastercov/frusta.js');"
         " return depths.map((depth) => blurAt(camera, eye, [0.1, 0.2, depth])); }",
-        [described_camera(lens), np.eye(4).ravel().tolist(), [*lens.depth_of_field(3.0), 1.0]],
+        [describe_camera(lens), np.eye(4).ravel().tolist(), [*lens.depth_of_field(3.0), 1.0]],
     )
     np.testing.assert_allclose(blur, (3, 3, 0), atol=1e-9)
     program.stop()

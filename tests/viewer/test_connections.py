@@ -94,7 +94,7 @@ def test_an_answer_may_take_any_time(program, quick, monkeypatch):
 
 def test_a_large_answer_that_is_read_slowly_is_not_cut(program, quick, monkeypatch):
     data = bytes(20 << 20)
-    monkeypatch.setattr("rastercov.page.server.opened", lambda session: data)
+    monkeypatch.setattr("rastercov.page.server.open_live", lambda session: data)
     url, got = f"http://127.0.0.1:{program.port}/api/open", 0
     with httpx.stream("GET", url, headers=OWN, timeout=60) as answer:
         time.sleep(4)
@@ -105,7 +105,7 @@ def test_a_large_answer_that_is_read_slowly_is_not_cut(program, quick, monkeypat
 def test_nothing_is_printed_when_a_page_closes_in_a_request(program, capfd, monkeypatch):
     """In its head, in its body, while its answer is computed, and while that is sent."""
     slowly(monkeypatch, program.session, 0.5)
-    monkeypatch.setattr("rastercov.page.server.opened", lambda session: bytes(20 << 20))
+    monkeypatch.setattr("rastercov.page.server.open_live", lambda session: bytes(20 << 20))
     head = f"Host: 127.0.0.1:{program.port}\r\nX-Rastercov-Token: {TOKEN}\r\n"
     text = json.dumps(EDIT)
     post = f"POST /api/ask HTTP/1.1\r\n{head}Content-Type: application/json\r\n"

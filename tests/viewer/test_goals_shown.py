@@ -43,9 +43,9 @@ def test_states_are_those_of_check(tmp_path_factory, seed, by_face):
 
 
 def shown(session, goal, mode="reason", **action):
-    from rastercov.page.session import unframed
+    from rastercov.page.session import remove_head
 
-    head, levels = unframed(session.act({
+    head, levels = remove_head(session.act({
         "revision": session.history.revision, "mode": mode, "goal": goal,
         "action": action or {"do": "none"},
     }))  # fmt: skip

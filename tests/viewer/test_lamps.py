@@ -23,8 +23,8 @@ from rastercov.core.coverage.reasons import NAMES, REASONS
 from rastercov.light.points import OfLight
 from rastercov.light.regions import TOO_DARK
 from rastercov.page.rig_state import RigState
-from rastercov.page.scene import Scene, described_devices, task_fields
-from rastercov.page.session import unframed
+from rastercov.page.scene import Scene, describe_devices, task_fields
+from rastercov.page.session import remove_head
 from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
 from rastercov.report.modes import MODES
 
@@ -39,7 +39,7 @@ LIT = rc.Task(max_incidence_deg=75, min_illuminance=70, max_highlight_deg=10)
 
 
 def lit_scene(task=LIT, lamps=LAMPS):
-    rig = rc.Rig([CAMERA], ["eye"])._equipped("lamps", lamps)
+    rig = rc.Rig([CAMERA], ["eye"])._equip("lamps", lamps)
     return Scene("lit", PART, RigState.of(rig, rc.Poses.of(POSES), task=task))
 
 
@@ -55,7 +55,7 @@ def acted(session, mode="reason", at=(), **action):
         "revision": session.history.revision, "mode": mode, "at": list(at),
         "action": action or {"do": "none"},
     }  # fmt: skip
-    head, levels = unframed(session.act(request))
+    head, levels = remove_head(session.act(request))
     return head, np.frombuffer(levels, np.uint8)
 
 
@@ -63,7 +63,7 @@ def assert_lit(session, mesh, poses, lamps, task=LIT):
     """Exact area as of `rc.regions` with lamps, and light at centroids as it judges points."""
     exact = rc.unite(rc.regions(mesh, CAMERA, poses, task, lamps=lamps)).share()
     assert session.areas().summary()["percent"] == pytest.approx(100 * exact, abs=1e-6)
-    rig = rc.Rig([CAMERA])._equipped("lamps", lamps)
+    rig = rc.Rig([CAMERA])._equip("lamps", lamps)
     faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     plain = rc.Task(max_incidence_deg=75)
     covers = rc.evaluate(mesh, CAMERA, poses, plain, by="face").reason == rc.Reason.COVERED
@@ -136,7 +136,7 @@ def test_a_lamp_on_a_camera_moves_with_it():
 
 def test_the_map_of_light_is_that_of_the_report(session):
     head, levels = acted(session, "lux")
-    values, *_ = values_of(PART, rc.Rig([CAMERA])._equipped("lamps", LAMPS), rc.Task())["lux"]
+    values, *_ = values_of(PART, rc.Rig([CAMERA])._equip("lamps", LAMPS), rc.Task())["lux"]
     painted = MODES["lux"].paint(PART, OfLight(values, "lx", 70.0, None))
     assert np.array_equal(levels, painted.levels)
     assert head["legend"] == painted.legend
@@ -146,7 +146,7 @@ def test_the_image_of_a_camera_has_the_reasons_of_light():
     limits = {"max_illuminance": 120, "max_highlight_deg": 30}
     session, labels = Session(lit_scene(replace(LIT, **limits))), set()
     for station, row in enumerate(session.figures().rows):
-        head, png = unframed(session.image(station, 300))
+        head, png = remove_head(session.image(station, 300))
         assert head["title"] == session.state.station(station).name
         small = CAMERA.resized(300 / CAMERA.width)
         image = by_faces(camera_scene(PART, small, POSES[station]), row.failed)
@@ -161,7 +161,7 @@ def test_a_lamp_on_one_camera_of_a_rig_is_shown_on_it():
     places = np.stack([np.eye(4), POSES[1]])
     rig = rc.Rig([CAMERA, CAMERA], ["left", "right"], places)
     lamps = rc.Lamps([rc.Lamp.point(9)] * 2, PLACES, rides=["right", True])
-    one, all_of_rig = described_devices(rig._equipped("lamps", lamps))
+    one, all_of_rig = describe_devices(rig._equip("lamps", lamps))
     assert (one["pose"], all_of_rig["pose"]) == (None, None)
     assert list(one["rides"]) == ["right"]
     assert np.allclose(POSES[1] @ np.reshape(one["rides"]["right"], (4, 4)), PLACES[0])

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov import Camera, CameraError
-from rastercov.report.pages import described_camera as described
+from rastercov.report.pages import describe_camera as described
 
 PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=250)
 LENS = Camera.from_lens(

@@ -15,8 +15,8 @@ from rastercov.cli import command
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.mesh import shapes
-from rastercov.page.live import opened as opened_by
-from rastercov.page.live import why_recorded
+from rastercov.page.live import open_live as opened_by
+from rastercov.page.live import record_cause
 from rastercov.page.rig_state import RigState
 from rastercov.page.saving import export_page
 from rastercov.page.scene import Scene
@@ -556,13 +556,13 @@ def test_a_page_without_a_worker_computes_itself(context, tmp_path):
 
 def test_what_the_page_cannot_compute_is_recorded_and_said(tmp_path, monkeypatch, capsys):
     session = session_of(task=rc.Task(min_visibility=0.5))
-    assert why_recorded(session, session.scene.start).endswith("cannot recompute results by face")
+    assert record_cause(session, session.scene.start).endswith("cannot recompute results by face")
     path = export_page(session, tmp_path / "page.html", is_still=False)
     assert 'id="export"' in path.read_text()
     session.close()
     monkeypatch.setattr(live, "engine", lambda: None)
     other = session_of()
-    assert why_recorded(other, other.scene.start) == live.NO_ENGINE
+    assert record_cause(other, other.scene.start) == live.NO_ENGINE
     assert command(["view", "box", "-c", "khepra", "-p", "sphere:4", "--export", str(path)]) == 0
     assert live.NO_ENGINE in capsys.readouterr().err
     assert live.NO_ENGINE in path.read_text()

@@ -115,7 +115,7 @@ def test_an_audit_leaves_a_page_that_computes_beside_its_weak_zones(context, tmp
 @pytest.mark.parametrize(
     ("rig", "task", "why"),
     [
-        (rc.Rig([CAMERA])._equipped("lamps", rc.Lamps([rc.Lamp.point(1)])), rc.Task(), "lamps"),
+        (rc.Rig([CAMERA])._equip("lamps", rc.Lamps([rc.Lamp.point(1)])), rc.Task(), "lamps"),
         (CAMERA, rc.Task(min_angle_deg=10), "angles between views"),
         (TELECENTRIC, rc.Task(), "telecentric lenses"),
         (CAMERA, rc.Task(min_visibility=0.5), "results by face"),
@@ -123,7 +123,7 @@ def test_an_audit_leaves_a_page_that_computes_beside_its_weak_zones(context, tmp
 )
 def test_what_a_page_cannot_compute_is_recorded(rig, task, why, tmp_path):
     others = {"results by face": task.min_visibility > 0}
-    assert live.why_recorded(MESH, rig, 4, task, others).endswith(f"cannot recompute {why}")
+    assert live.record_cause(MESH, rig, 4, task, others).endswith(f"cannot recompute {why}")
     if why == "results by face":
         run(MESH, rig, POSES, task, tmp_path, Options(pictures=1))
         text = (tmp_path / "view.html").read_text()
@@ -132,5 +132,5 @@ def test_what_a_page_cannot_compute_is_recorded(rig, task, why, tmp_path):
 
 
 def test_a_page_of_too_many_pairs_is_recorded_with_its_number():
-    said = live.why_recorded(MESH, CAMERA, 4000, rc.Task(), {})
+    said = live.record_cause(MESH, CAMERA, 4000, rc.Task(), {})
     assert f"{4000 * MESH.n_faces:,} pairs" in said

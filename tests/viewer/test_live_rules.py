@@ -15,7 +15,7 @@ from test_live import act, downloaded
 
 import rastercov as rc
 from rastercov.core.area.failures import failures_of_rows
-from rastercov.core.area.rows import gated_reasons
+from rastercov.core.area.rows import rule_reasons
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage.reasons import (
@@ -27,7 +27,7 @@ from rastercov.core.coverage.reasons import (
     fails,
     nearness,
 )
-from rastercov.page.live import why_recorded
+from rastercov.page.live import record_cause
 from rastercov.page.rig_state import RigState
 from rastercov.page.saving import export_page
 from rastercov.page.scene import Scene
@@ -96,8 +96,8 @@ def random_case(rng):
     reasons = rng.choice([*every, Reason.COVERED], n).astype(np.uint8)
     on = point[None], normal[None]
     poses = Poses.of(world, camera=list(range(n)))
-    result, device = gated_reasons(reasons[:, None], rig, poses, *on)
-    (gate,) = live.described_together(rig)["gates"]
+    result, device = rule_reasons(reasons[:, None], rig, poses, *on)
+    (gate,) = live.describe_union(rig)["gates"]
     gate["noise"] = [each / WIDE.fx for each in gate["image_noise"]] or None
     given = {"gate": gate, "poses": world.reshape(n, 16).tolist(), "reasons": reasons.tolist()}
     twin = failing(rig.gates[0]._for_kernels(), world, *on, reasons[:, None])
@@ -138,7 +138,7 @@ def opened(context, tmp_path, request):
     """A session of a rig, and the page that it exports; nothing failed in it."""
     task = rc.Task(max_incidence_deg=80, min_pixel_density=40.0)
     session = session_of_rig(rig_of(request.param), task)
-    assert why_recorded(session, session.scene.start) == ""
+    assert record_cause(session, session.scene.start) == ""
     page = Tab(
         context, export_page(session, tmp_path / "page.html", is_still=False).resolve().as_uri()
     )

@@ -11,8 +11,8 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.page.saving import exported
-from rastercov.page.session import unframed
+from rastercov.page.saving import export_state
+from rastercov.page.session import remove_head
 from rastercov.report.modes import MODES
 
 
@@ -28,7 +28,7 @@ def acted(session, at, mode="reason", **action):
         "revision": session.history.revision, "mode": mode, "at": at,
         "action": action or {"do": "none"},
     }  # fmt: skip
-    head, levels = unframed(session.act(request))
+    head, levels = remove_head(session.act(request))
     return head, np.frombuffer(levels, np.uint8)
 
 
@@ -166,6 +166,6 @@ def test_measured_times_are_kept(cell):
 
 def test_an_exported_page_has_the_frames(cell):
     session = cell
-    page = exported(session, session.state, ("reason", "views"))
+    page = export_state(session, session.state, ("reason", "views"))
     assert page.count('"reason@') == STEPS
     assert session.at == (0.0,)

@@ -12,7 +12,7 @@ from rastercov.core.coverage.reasons import Reason
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
 from rastercov.reference import telecentric
-from rastercov.report.pages import described_camera
+from rastercov.report.pages import describe_camera
 
 MESH = part()
 LENS = {"magnification": 0.004, "pixel_size": 5e-6, "working_distance": 1.0, "f_number": 8}
@@ -45,10 +45,10 @@ def test_angles_between_views_are_those_of_axes():
 
 
 def test_the_lens_of_a_telecentric_camera_is_edited_by_its_own_values():
-    shown = described_camera(CAMERA)
+    shown = describe_camera(CAMERA)
     assert (shown["fx"], shown["hfov_deg"], shown["can_focus"]) == (None, None, True)
     assert shown["magnification"] == pytest.approx(0.004)
-    assert described_camera(DEEP)["px_per_m"] == 800
+    assert describe_camera(DEEP)["px_per_m"] == 800
     made = changed(CAMERA, {"magnification": 0.008, "focus_distance": 0.5, "f_number": 4})
     assert made == rc.Camera.telecentric(
         640, 480, **LENS | {"magnification": 0.008, "working_distance": 0.5, "f_number": 4}
@@ -69,7 +69,7 @@ def test_the_lens_of_a_telecentric_camera_is_edited_by_its_own_values():
 def test_the_box_of_a_distorted_lens_ends_where_its_image_does():
     lens = {"magnification": 0.25, "pixel_size": 3.45e-6, "distortion": (-200.0,)}
     camera = rc.Camera.telecentric(4096, 3000, **lens)
-    shown = described_camera(camera)
+    shown = describe_camera(camera)
     origins, border = np.array(shown["origins"]), np.array(shown["border"])
     assert shown["model"] == "telecentric"
     assert np.allclose(border, (0, 0, 1))

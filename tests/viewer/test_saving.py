@@ -28,9 +28,9 @@ from rastercov.core.mesh import shapes
 from rastercov.formats.cameras import read_views
 from rastercov.formats.cameras.own import content_of
 from rastercov.page.rig_state import RigState
-from rastercov.page.saving import exported, with_drawing
+from rastercov.page.saving import export_state, with_drawing
 from rastercov.page.scene import Scene, open_plan, open_result
-from rastercov.page.session import unframed
+from rastercov.page.session import remove_head
 
 
 def test_a_saved_rig_is_the_rig(tmp_path):
@@ -245,7 +245,7 @@ def test_nothing_is_saved_without_a_folder_or_a_camera(tmp_path, has_out, asked,
 
 def test_a_page_of_one_file_has_all_its_modules_and_data():
     session = session_of()
-    page = exported(session, session.state)
+    page = export_state(session, session.state)
     [script] = re.findall(r'<script type="module">(.*?)</script>', page, re.S)
     assert not re.search(r"^(?:import|export)\b", script, re.M)
     modules = re.findall(r"^const (\w+)_js = \(", script, re.M)
@@ -258,7 +258,7 @@ def test_a_page_of_one_file_has_all_its_modules_and_data():
     assert not re.search('(src|href)="/', page)
     data = json.loads(re.search(r'id="export">(.*?)</script>', page, re.S)[1])
     for mode, frame in data["frames"].items():
-        assert base64.b64decode(frame["levels"]) == unframed(session.frame(mode, {}))[1]
+        assert base64.b64decode(frame["levels"]) == remove_head(session.frame(mode, {}))[1]
     assert set(data["frames"]) >= {"reason", "camera", "area"}
     assert not data["scene"]["can_edit"]
     session.close()
@@ -267,7 +267,7 @@ def test_a_page_of_one_file_has_all_its_modules_and_data():
 def test_the_policy_of_a_page_of_one_file_names_its_script_and_style():
     session = session_of()
     acted(session, do="rename", station=0, name="</script><script>alert(1)</script>")
-    page = exported(session, session.state)
+    page = export_state(session, session.state)
     assert "<script>alert" not in page
     [policy] = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
     assert page.index(policy) < page.index("<script")

@@ -16,9 +16,9 @@ from rigs_to_view import CAMERA, around, moved, part, session_of
 
 import rastercov as rc
 from rastercov import ConfigError
-from rastercov.page.scene import described_state
+from rastercov.page.scene import describe_state
 from rastercov.page.server import serve
-from rastercov.page.session import unframed
+from rastercov.page.session import remove_head
 from rastercov.report.pages import static_file
 
 pytest.importorskip("uvicorn")
@@ -50,7 +50,7 @@ def port(client):
 
 def rig_of(session):
     """The first rig of a session, as a page sends it."""
-    return described_state(session.scene, session.scene.start)
+    return describe_state(session.scene, session.scene.start)
 
 
 def asked(client, question="frame", **more):
@@ -131,12 +131,12 @@ def test_what_is_opened_has_the_mesh(client, session):
 def test_a_question_is_answered_for_the_rig_that_it_has(client, session):
     rig = rig_of(session)
     rig["stations"][0]["pose"] = moved(POSES[0], (0.02, 0, 0))
-    head, levels = unframed(asked(client, rig=rig).content)
+    head, levels = remove_head(asked(client, rig=rig).content)
     poses = np.array([np.reshape(each["pose"], (4, 4)) for each in rig["stations"]])
     result = rc.evaluate(part(), CAMERA, poses, fields=())
     percent = head["summary"]["covered_area"]["percent"]
     assert percent == pytest.approx(result.areas.summary()["percent"])
-    plain, _ = unframed(asked(client).content)  # of the first rig
+    plain, _ = remove_head(asked(client).content)  # of the first rig
     assert plain["summary"]["covered_area"]["percent"] != percent
     assert len(levels) == part().n_faces
 

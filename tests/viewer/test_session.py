@@ -24,7 +24,7 @@ from rastercov.core.coverage.task import NEEDED, OF_SURFACE
 from rastercov.page import measurements
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene, task_fields
-from rastercov.page.session import unframed
+from rastercov.page.session import remove_head
 from rastercov.placement.candidates.segments import segment
 from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
 
@@ -378,7 +378,7 @@ def test_variants_keep_a_rig_with_its_figures(session):
 
 
 def test_pieces_are_what_is_not_covered_of_each_face(session):
-    head, payload = unframed(session.pieces())
+    head, payload = remove_head(session.pieces())
     numbers = np.frombuffer(payload, np.uint32)
     n = int(numbers[0])
     faces, reasons, counts = numbers[1 : 3 * n + 1].reshape(3, n)
@@ -395,7 +395,7 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
     assert head == {}
     assert np.array_equal(reasons, session.areas().zones.reason)
     acted(session, do="task", changes={"min_pixels": 9})
-    assert "min_pixels applies to faces" in unframed(session.pieces())[0]["fault"]
+    assert "min_pixels applies to faces" in remove_head(session.pieces())[0]["fault"]
 
 
 def test_sliders_have_the_limits_of_the_task():

@@ -10,7 +10,7 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.core.camera.rig import names_of_poses
-from rastercov.motion.frames import shown
+from rastercov.motion.frames import show_phases
 from rastercov.page.saving import export_page
 from rastercov.report.pages import view_page
 
@@ -38,7 +38,7 @@ def tab(context, tmp_path):
         names,
         values,
         {},
-        phases=shown(answer),
+        phases=show_phases(answer),
     )
     path = tmp_path / "view.html"
     path.write_text(page, encoding="utf-8")

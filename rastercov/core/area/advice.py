@@ -65,12 +65,12 @@ def short_of(figures: ReadByName, task: Task, unit: str = "m") -> Short | None:
             per.replace("m", unit),
         )
         if 0 < own < least and (most is None or (least / own) ** power > most.factor):
-            result = found_in_words(figures, name, own_unit)
+            result = text_of_result(figures, name, own_unit)
             most = Short((least / own) ** power, result, density_text(least, own_unit))
     return most
 
 
-def found_in_words(figures: ReadByName, name: str, unit: str) -> str:
+def text_of_result(figures: ReadByName, name: str, unit: str) -> str:
     """Figure with its unit; a density on the surface also as a camera that faces it would have."""
     facing = figures.get("facing_density", figures[name])
     said, head_on = density_text(figures[name], unit, facing), density_text(facing, unit)

@@ -73,7 +73,7 @@ class ByCamera:
         """True if faces have figures by camera."""
         return bool(self._networks)
 
-    def closed(self, closed: BoolArray) -> BoolArray:
+    def closed_by_camera(self, closed: BoolArray) -> BoolArray:
         """Those of some faces, (F,) bool, that no camera needs regions of any more.
 
         None where figures of a feature need the regions of all.
@@ -131,6 +131,6 @@ def lines_of(summary: ReadByName) -> list[str]:
     return [line for each in FIGURES for line in each.lines(summary)]
 
 
-def doubts_of(summary: ReadByName) -> list[str]:
+def warnings_of(summary: ReadByName) -> list[str]:
     """Warnings about further figures."""
     return [line for each in FIGURES for line in each.doubts(summary)]

@@ -10,7 +10,7 @@ from rastercov.base import BoolArray, ByteArray, FloatArray, WholeArray
 from rastercov.core.area.feature import Feature
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
-from rastercov.core.area.table import Condition, Cut, Finder, Regions, joined
+from rastercov.core.area.table import Condition, Cut, Finder, Regions, join
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of
 from rastercov.core.coverage.device import Carried, Device
 from rastercov.core.coverage.reasons import NAMES, Reason
@@ -18,7 +18,7 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 
 
-def _placed(rig: Rig, leads: Poses) -> Poses:
+def _place_leads(rig: Rig, leads: Poses) -> Poses:
     """Poses of rigs by the first poses of rows."""
     camera_from_rig = np.linalg.inv(rig.rig_from_camera)[leads.camera]
     return Poses.of(leads.world_from_camera @ camera_from_rig, camera=0)
@@ -34,12 +34,12 @@ class DeviceView(Condition):
 
     def cut_of(self, leads: Poses) -> Cut:
         """See `Condition`."""
-        sides = self._find(_placed(self._rig, leads))._sides()
+        sides = self._find(_place_leads(self._rig, leads))._sides()
 
         def cut(regions: Regions, is_rear: bool) -> Regions:
             none = np.arange(0)
             seen = sides[is_rear] if is_rear < len(sides) else sides[0]._with(none, none)
-            both = joined([replace(each, devices=None) for each in (regions, seen)])
+            both = join([replace(each, devices=None) for each in (regions, seen)])
             return both.at_least(2, np.tile(np.arange(len(leads)), 2), one_side=False)
 
         return cut
@@ -49,7 +49,7 @@ class DeviceView(Condition):
         self._finder.set_mesh(mesh)
         return self
 
-    def found_by(self, find: Callable[[Finder, Poses], Regions]) -> "DeviceView":
+    def find_by(self, find: Callable[[Finder, Poses], Regions]) -> "DeviceView":
         """See `Condition`."""
         return DeviceView(self._rig, self.reason, self._finder, partial(find, self._finder))
 
@@ -66,7 +66,7 @@ class SeenAtPoints:
 
     def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
         """See `PointCondition`."""
-        pose = _placed(self._rig, own[:1])
+        pose = _place_leads(self._rig, own[:1])
         eyes = eyes_of(self._rig, own), pose.eyes
         cameras, device = (in_front(each, *self._on) for each in eyes)
         is_beside = cameras == device
@@ -99,7 +99,7 @@ class OfDevice(Feature):
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """See `Feature`."""
         if (on := self._on(camera)) is not None:
-            yield self._reason, on[0]._equipped(self._word, None), task
+            yield self._reason, on[0]._equip(self._word, None), task
 
     def at_points(
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray

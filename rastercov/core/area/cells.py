@@ -216,7 +216,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
             fits *= 1.25
         raise ResourceError(
             f"expected at most {MOST_CELLS:,} patches, got more with sides of {longest:.3g} m; "
-            f"use {rounded_up(fits):g} m"
+            f"use {round_up(fits):g} m"
         )
     counts, corners = counter.counts, counter.corners
     n_cells = int(counts.sum())
@@ -250,7 +250,7 @@ def usual_size(mesh: Mesh, n_meshes: int = 1) -> float:
     size = diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     while size / 2**0.25 >= FINEST_REL * diagonal and counter.count(size / 2**0.25, most) <= most:
         size /= 2**0.25
-    return rounded_up(size)
+    return round_up(size)
 
 
 class _Counter:
@@ -268,7 +268,7 @@ class _Counter:
         return area_cell.count_cells(self.corners, self.is_asked, side, most, self.counts)
 
 
-def rounded_up(size: float) -> float:
+def round_up(size: float) -> float:
     """`size` rounded up to two digits."""
     exponent = math.floor(math.log10(size)) - 1
     return float(f"{math.ceil(size / 10.0**exponent - 1e-9)}e{exponent}")

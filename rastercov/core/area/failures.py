@@ -21,7 +21,7 @@ from rastercov.core.area.features import conditions_at
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.regions import check_pointwise
-from rastercov.core.area.rows import gated_lists, gated_reasons
+from rastercov.core.area.rows import rule_lists, rule_reasons
 from rastercov.core.camera import Cameras, Poses, near_limits, rows_of_result
 from rastercov.core.coverage.reasons import BITS, Reason
 from rastercov.core.coverage.task import Task
@@ -67,7 +67,7 @@ def failures_of_rows(
 ) -> Iterator[tuple[IntArray, ByteArray, IntArray]]:
     """As `first_failures` for each row of the result, and the pose that has each reason, (N,).
 
-    Of a rig with a rule it is as of `gated_reasons`; of what its cameras see, that of a condition
+    Of a rig with a rule it is as of `rule_reasons`; of what its cameras see, that of a condition
     of a feature.
     """
     rows, normals = rows_of_result(camera, poses), frames_of(mesh).normal[face]
@@ -96,7 +96,7 @@ def _of_row(
         return np.full(len(points), own[0]), *reasons[0]
     reason, hider = (np.array(each) for each in zip(*reasons, strict=True))
     some = poses[np.array(own)]
-    fails, at = gated_reasons(reason, camera, some, points, normals)
+    fails, at = rule_reasons(reason, camera, some, points, normals)
     at = np.maximum(at, 0)
     hidden_by = np.take_along_axis(hider, at, axis=0)[0]
     hidden_by[BITS[fails[0]] & BITS[Reason.OCCLUDED] == 0] = -1
@@ -150,7 +150,7 @@ class CentrePass:
 
         n_workers = max(1, min(self._threads, len(placed)))
         share_poses(len(placed), [worker() for _ in range(n_workers)])
-        gated = gated_lists(values, self._camera, placed, *self._planes)
+        gated = rule_lists(values, self._camera, placed, *self._planes)
         if self._conditions:
             rows = rows_of_result(self._camera, placed)
             for row, own in enumerate(gated):

@@ -49,7 +49,7 @@ class Feature:
     figures: type[Figures] = Figures
     """Further figures of a run by area."""
 
-    def narrowed(self, camera: Cameras, task: Task) -> Task:
+    def narrow(self, camera: Cameras, task: Task) -> Task:
         """The task within the limits that the equipment of cameras has."""
         return task
 
@@ -82,7 +82,7 @@ class Feature:
     ) -> str | None:
         """Name of the device that fails a point, (3,), for a row of `REASONS`, in one pose."""
 
-    def measured(
+    def measure(
         self, scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
     ) -> tuple[str, ByName]:
         """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""

@@ -12,10 +12,10 @@ from rastercov.core.mesh import Mesh
 FEATURES = (*hooks_of(Feature), *map(OfDevice, hooks_of(Device)))
 
 
-def narrowed(camera: Cameras, task: Task) -> Task:
+def narrow(camera: Cameras, task: Task) -> Task:
     """The task within the limits that the equipment of cameras has."""
     for each in FEATURES:
-        task = each.narrowed(camera, task)
+        task = each.narrow(camera, task)
     return task
 
 
@@ -35,11 +35,11 @@ def device_of(
     return next((name for name in devices if name is not None), None)
 
 
-def measured_at(
+def measure_at(
     scene: Scene, points: FloatArray, face: WholeArray, lead: Poses, reason: int
 ) -> tuple[str, ByName]:
     """Words and entries on what points miss, (N, 3), for a row of `REASONS`, in one pose."""
-    measures = (each.measured(scene, points, face, lead, reason) for each in FEATURES)
+    measures = (each.measure(scene, points, face, lead, reason) for each in FEATURES)
     return next((own for own in measures if own[0]), ("", {}))
 
 

@@ -35,15 +35,15 @@ from rastercov.base import (
 from rastercov.core.area import polygons
 from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.regions import RegionPass, check_pointwise
-from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import Camera, Cameras, Poses, cameras_of, look_at
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.records import lens_of
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.groups import named
-from rastercov.core.mesh.mesh import faces_named, names_of
+from rastercov.core.mesh.groups import names_of_groups
+from rastercov.core.mesh.mesh import faces_of_groups, names_of
 from rastercov.core.mesh.sections import polygons_in
 from rastercov.engine import coverage_spread
 
@@ -264,7 +264,7 @@ def footprints(
         For thresholds of faces.
     """
     chosen = surface_of_footprints(mesh, task, groups, method)
-    surface = seen_from_above(_facing_up(mesh, chosen) if groups else mesh)
+    surface = project_down(_facing_up(mesh, chosen) if groups else mesh)
     above = None if groups else surface
     grid = SNAP_REL * float(np.ptp(mesh.bounds[:, :2], axis=0).max())
     values = np.empty(len(poses), object)
@@ -277,11 +277,11 @@ def footprints(
                 regions = condition.of_cameras(regions, camera, part)
             seen = regions if above is None else _both(regions, above)
             rows = np.arange(first, first + len(part))
-            values[rows] = _united(seen, len(part), grid)
+            values[rows] = _unite(seen, len(part), grid)
             sums[:, rows] = _figures(seen, part, cameras_of(camera))
             first += len(part)
     edge = shapely.MultiLineString(
-        list(shapely.get_exterior_ring(_united(surface, 1, grid)[0].geoms))
+        list(shapely.get_exterior_ring(_unite(surface, 1, grid)[0].geoms))
     )
     shapely.prepare(edge)
     return Footprints(
@@ -304,8 +304,8 @@ def surface_of_footprints(
     check_pointwise(task, Engine.of(method).method)
     chosen = mesh.task_mask
     if groups:
-        wanted = named("surface", groups, names_of(mesh)) or set()
-        chosen = faces_named(mesh, wanted)
+        wanted = names_of_groups("surface", groups, names_of(mesh)) or set()
+        chosen = faces_of_groups(mesh, wanted)
         if (chosen & ~mesh.task_mask).any():
             name = mesh.groups[int(mesh.face_group[chosen & ~mesh.task_mask][0])].name
             raise MeshError(
@@ -321,7 +321,7 @@ def _facing_up(mesh: Mesh, chosen: BoolArray) -> Mesh:
     return Mesh(mesh.vertices, np.where(is_down[:, None], faces[:, ::-1], faces))
 
 
-def seen_from_above(mesh: Mesh) -> Regions:
+def project_down(mesh: Mesh) -> Regions:
     """Parts of the evaluated faces that parallel rays from above, along -z, meet; one row."""
     middle = mesh.centre
     extent = max(float(np.ptp(mesh.bounds, axis=0).max()), 1e-9)
@@ -334,12 +334,14 @@ def seen_from_above(mesh: Mesh) -> Regions:
 def _both(regions: Regions, above: Regions) -> Regions:
     """Parts that each of P rows covers and that are seen from above."""
     n = len(regions.pose_ids)
-    copies = replace(taken(above, np.zeros(n, np.int64)), camera=regions.camera, task=regions.task)
+    copies = replace(
+        take_rows(above, np.zeros(n, np.int64)), camera=regions.camera, task=regions.task
+    )
     rows = np.tile(np.arange(n), 2)
-    return joined([replace(regions, columns=None), replace(copies, columns=None)]).at_least(2, rows)
+    return join([replace(regions, columns=None), replace(copies, columns=None)]).at_least(2, rows)
 
 
-def _united(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
+def _unite(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
     """(n,) shapely geometry on the plan of each row.
 
     Whole faces share corners, and are united without a search for crossings, which takes most of
@@ -397,7 +399,7 @@ def _figures(regions: Regions, poses: Poses, cameras: Sequence[Camera]) -> Float
     kept = np.flatnonzero(areas > 0)
     areas, pose, face = areas[kept], regions.pose[kept], regions.face[kept]
     normals = frames_of(regions.mesh).normal[face]
-    xy, starts = polygons.chosen(regions.xy, regions.starts, kept)
+    xy, starts = polygons.choose_polygons(regions.xy, regions.starts, kept)
     middles = to_world(regions.mesh, face, polygons.centroids(xy, starts, areas))
     surface = np.bincount(pose, areas, n)
     plan = np.bincount(pose, areas * np.abs(normals[:, 2]), n)

@@ -63,10 +63,10 @@ def frames_of(mesh: Mesh) -> Frames:
     Those of a mesh whose bodies are moved are chosen at rest, and moved with them.
     """
     moved = mesh.moved_from
-    return _build(mesh) if moved is None else _moved(moved)
+    return _build(mesh) if moved is None else _frames_of(moved)
 
 
-def _moved(moved: Moved) -> Frames:
+def _frames_of(moved: Moved) -> Frames:
     rest, poses = moved
     if not len(poses):  # at rest, some bodies of the whole
         return Frames(*(frozen(each[rest.kept]) for each in frames_of(rest.whole)))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rastercov.base import hooks_of
-from rastercov.core.area.table import Cut, Regions, joined
+from rastercov.core.area.table import Cut, Regions, join
 from rastercov.core.camera import Gate
 
 
@@ -47,20 +47,20 @@ def through(
     k = gate.k - len(gate.needs)
 
     def count(part: Regions, is_rear: bool) -> Regions:
-        parts = counted(part)
+        parts = count_part(part)
         for cut in cuts:
             parts = cut(parts, is_rear)
         for each in hooks_of(GateLimits):
             parts = each.cut(parts, gate, regions, without)
         return parts
 
-    def counted(part: Regions) -> Regions:
+    def count_part(part: Regions) -> Regions:
         if not gate.needs:
             return part.at_least(k, others, one_side=False)
         at_least = part.at_least(len(gate.needs), needed, one_side=False)
         if k <= 0:
             return at_least
-        both = joined([at_least, part.at_least(k, others, one_side=False)])
+        both = join([at_least, part.at_least(k, others, one_side=False)])
         return both.at_least(2, np.tile(np.arange(n_rigs), 2), one_side=False)
 
     return regions._by_side(count) if one_side else count(regions, False)

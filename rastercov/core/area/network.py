@@ -215,7 +215,7 @@ class AreaNetwork:
         """(F,) area that no camera can see, m^2; None where that of the `Network` holds."""
         return None
 
-    def never_seen(self) -> tuple[FloatArray, FloatArray] | None:
+    def unseen_areas(self) -> tuple[FloatArray, FloatArray] | None:
         """(F,) areas that no camera can see here and anywhere, of several phases; else None."""
         return None
 

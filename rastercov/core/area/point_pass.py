@@ -56,7 +56,7 @@ class PointPass:
 
         self.cameras = cameras_of(camera)
         hiders, self._bounds = hiders_of(mesh), mesh.opaque.bounds
-        self._placed, self._diagonal = hiders.placed, hiders.diagonal
+        self._placed, self._diagonal = hiders.place, hiders.diagonal
         self.faces, row = np.full(1, -1), np.full(mesh.n_faces, -1)
         corners, nodes = np.empty((0, 3, 3)), np.full((4, 6), np.inf)
         if (tree := hiders.tree) is not None:

@@ -14,7 +14,9 @@ def starts_of(counts: ArrayLike) -> IntArray:
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
 
 
-def chosen(xy: FloatArray, starts: IntArray, rows: IntArray) -> tuple[FloatArray, IntArray]:
+def choose_polygons(
+    xy: FloatArray, starts: IntArray, rows: IntArray
+) -> tuple[FloatArray, IntArray]:
     """Corners and starts of some of the polygons, in this order."""
     counts = np.diff(starts)[rows]
     ends = starts_of(counts)
@@ -97,7 +99,7 @@ def even_points(n: int) -> tuple[FloatArray, FloatArray]:
     return x, y
 
 
-def clipped(
+def clip_polygons(
     xy: FloatArray, starts: IntArray, values: FloatArray
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Parts of convex polygons where an affine function, by its (C,) values at corners, is >= 0.
@@ -119,7 +121,7 @@ def clipped(
     counts = np.bincount(np.repeat(np.arange(n), np.diff(starts)), mask.sum(axis=1), n)
     result, ends = both[mask.ravel()], starts_of(counts.astype(np.int64))
     rows = np.flatnonzero(counts >= 3)
-    return (*chosen(result, ends, rows), rows)
+    return (*choose_polygons(result, ends, rows), rows)
 
 
 MOST_CORNERS = 20

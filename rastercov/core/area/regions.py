@@ -21,7 +21,7 @@ from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import frames_of, rows_at
 from rastercov.core.area.records import Criteria, LensCriteria, Planes
 from rastercov.core.area.relaxed import without_borders, without_occlusion
-from rastercov.core.area.rows import gated, tasks_of
+from rastercov.core.area.rows import tasks_of, with_rule
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import (
     MODELS,
@@ -198,7 +198,7 @@ class RegionPass(ExactPass):
             poses.check_cameras(len(self.cameras))
             if seen is not None:
                 self.observe(poses, seen, self._has_no_figures)
-            return self._joined(poses, _nothing_in(len(poses)))
+            return self._join(poses, _nothing_in(len(poses)))
         left_out = self._has_no_figures if seen is not None else ~is_asked
         planes = self._planes(is_asked)
 
@@ -206,7 +206,7 @@ class RegionPass(ExactPass):
             mask = mask_of(left_out)
             return self._solvers.find(self._surface, planes, mask, placed, figures, self.threads)
 
-        return self._joined(poses, self._run(poses, seen, run))
+        return self._join(poses, self._run(poses, seen, run))
 
     def _planes(self, is_asked: BoolArray) -> Planes:
         return Planes(*frames_of(self.mesh), self.mesh.two_sided_mask, is_asked)
@@ -220,9 +220,9 @@ class RegionPass(ExactPass):
         """Regions of rows of the result a few at a time; at least one batch."""
         rows = rows_of_result(self.camera, poses)
         for part in in_batches(poses, self.mesh.n_faces, self.threads, rows):
-            yield gated(self.find(part), self.camera, part)
+            yield with_rule(self.find(part), self.camera, part)
 
-    def _joined(self, poses: Poses, values: tuple[Any, ...]) -> Regions:
+    def _join(self, poses: Poses, values: tuple[Any, ...]) -> Regions:
         """Regions of all poses, of what the engine finds."""
         xy, counts, face, n_pieces, pair_face, n_pairs, area, bound, excess, cut_short = values
         rows = np.arange(len(poses), dtype=np.int32)
@@ -324,7 +324,7 @@ class RegionObserver(ExactObserver):
 
     def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
         """Areas and regions of every face in each pose."""
-        accepted = self._accepted(poses)
+        accepted = self._accept(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
         result = self._finder.find(accepted, closed=self.closed, seen=seen)
         return RegionObservation(**vars(seen), regions=result)

@@ -18,14 +18,14 @@ import numpy as np
 
 from rastercov.base import BoolArray, ByName, FloatArray, IntArray
 from rastercov.base.format import distance as in_metres
-from rastercov.base.format import signed
+from rastercov.base.format import text_with_sign
 from rastercov.core.area.advice import figures_of_point, general_advice, short_of
 from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import MARGIN_REL
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.area.stages import united
+from rastercov.core.area.stages import unite_regions
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.camera import (
     MODELS,
@@ -35,7 +35,7 @@ from rastercov.core.camera import (
     Rig,
     axes_of,
     cameras_of,
-    distance_kept,
+    distance_to_keep,
     eyes_of,
     fibonacci_sphere,
     gates_of,
@@ -87,7 +87,7 @@ def outside_of_matter(mesh: Mesh, clearance: float = 0.0) -> IsFree:
     def is_free(eyes: FloatArray) -> BoolArray:
         mask = ~matter.holds(eyes)
         if clearance > 0 and hiders.tree is not None:
-            mask &= hiders.tree.nearest(hiders.placed(eyes))[0] * hiders.diagonal >= clearance
+            mask &= hiders.tree.nearest(hiders.place(eyes))[0] * hiders.diagonal >= clearance
         return mask
 
     return is_free
@@ -213,7 +213,7 @@ class Remedies:
     pairs: int = 0
     most_judged: ClassVar[int] = 64
 
-    def said(
+    def say(
         self, spot: ZoneSpot, winner: int, failing: IntArray, hider: str, *, is_tried: bool
     ) -> ByName:
         """`nearest`, a pose with its figures, `advice`, and what was `tried`, for a zone.
@@ -239,7 +239,7 @@ class Remedies:
         if is_alone and len(self.poses):
             named = self.nearest(spot)
         elif winner not in (TOO_FEW_VIEWS, NO_CAMERAS) and len(failing):
-            named = self._missed(int(failing[0]), spot)
+            named = self._nearest_miss(int(failing[0]), spot)
         if named is not None:
             row, facts = named.row, self._facts(named, hider)
             if is_alone and not facts:
@@ -255,7 +255,7 @@ class Remedies:
                 " (another camera meets more criteria and gives the zone's reason, "
                 f"{REASONS[reason].label})"
             )
-        words, entries = self.tried(named, row, spot) if is_tried else ("", None)
+        words, entries = self.try_change(named, row, spot) if is_tried else ("", None)
         said = None if named is None else self._figures(named)
         text = "; ".join(each for each in (*facts, words) if each)
         return {"nearest": said, "advice": text, "tried": entries or None}
@@ -304,7 +304,7 @@ class Remedies:
         some = np.unique(np.append(np.linspace(0, len(spot.face) - 1, 8).astype(int), spot.middle))
         free = self._sees(self.poses[near], spot.points[some], spot.face[some])
         return min(
-            (self._missed(int(row), spot) for row in near[free.mean(axis=1) >= IN_SIGHT]),
+            (self._nearest_miss(int(row), spot) for row in near[free.mean(axis=1) >= IN_SIGHT]),
             key=lambda each: max(each.missed.values(), default=1.0),
             default=None,
         )
@@ -313,7 +313,7 @@ class Remedies:
         """Further figures of the middle of a zone in a pose."""
         return {}
 
-    def _missed(self, row: int, spot: ZoneSpot) -> NearestCamera:
+    def _nearest_miss(self, row: int, spot: ZoneSpot) -> NearestCamera:
         """Criteria that a camera misses at the middle of a zone, occlusion left out."""
         index, pose = int(self.poses.camera[row]), self.poses.world_from_camera[row]
         camera, task = cameras_of(self.camera)[index], tasks_of(self.camera, self.task)[index]
@@ -353,14 +353,16 @@ class Remedies:
         starts = np.where(
             (axes[rows] != 0).any(axis=1, keepdims=True), ends - depth * axes[rows], starts
         )
-        starts, ends = hiders.placed(starts), hiders.placed(ends)
+        starts, ends = hiders.place(starts), hiders.place(ends)
         along = ends - starts
         length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
         ways, own = along / length[:, None], own[face[columns]]
         is_seen[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
         return is_seen
 
-    def tried(self, name: NearestCamera | None, row: int, spot: ZoneSpot) -> tuple[str, ByName]:
+    def try_change(
+        self, name: NearestCamera | None, row: int, spot: ZoneSpot
+    ) -> tuple[str, ByName]:
         """Words on a change that covers half of a zone, and its entries; or on none, and {}.
 
         `row` is that of the pose of which it is one, and `name` the camera that is named, if any.
@@ -418,13 +420,13 @@ class Remedies:
     @cached_property
     def _free(self) -> list[tuple[IsFree, IsFree]]:
         """Places that each frame leaves free for a camera that stays, and for one that moves."""
-        kept = distance_kept(cameras_of(self.camera))
+        kept = distance_to_keep(cameras_of(self.camera))
         frames = self._frames()
         return [(self.allowed.free(each, 0.0), self.allowed.free(each, kept)) for each in frames]
 
     def _is_free(self, change: Change, row: int) -> bool:
         """True where the cameras of a change are at free places in every frame."""
-        eyes = self._placed([change], row)[2].eyes
+        eyes = self._place_changes([change], row)[2].eyes
         here = self.poses.world_from_camera[row : row + 1, :3, 3]
         is_moved = not (len(here) and np.array_equal(change.eye, here[0]))
         return all(bool(free[is_moved](eyes).all()) for free in self._free)
@@ -438,13 +440,13 @@ class Remedies:
         """True where a camera at a change sees no more than it may."""
         if self.allowed.permits is None:
             return True
-        camera, _, poses = self._placed([change], row)
+        camera, _, poses = self._place_changes([change], row)
         return self.allowed.permits(camera, poses)
 
     def _changes(self, name: NearestCamera | None, row: int, spot: ZoneSpot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""
         scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
-        target, to = rounded(spot.at, scale)
+        target, to = round_point(spot.at, scale)
         is_one = not is_joint(self.camera)
         new = "a rig with its first sensor" if gates_of(self.camera) else "a camera"
         index = self._index(row)
@@ -487,7 +489,7 @@ class Remedies:
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
         for place in self._places(spot, reaches, origin):
-            eye, text = rounded(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
+            eye, text = round_point(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
             if np.array_equal(eye, target):
                 continue
             moved = in_metres(float(np.linalg.norm(eye - origin)))
@@ -510,7 +512,7 @@ class Remedies:
         nearest = np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")
         return np.asarray(places[nearest])
 
-    def _placed(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
+    def _place_changes(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
         """A camera, or the rig of it, at changes with one camera, alone."""
         eyes, targets = (
             np.array(each) for each in zip(*((c.eye, c.target) for c in changes), strict=True)
@@ -523,13 +525,13 @@ class Remedies:
             if at <= index < at + gate.n and isinstance(self.camera, Rig):
                 rows = np.tile(np.arange(at, at + gate.n), len(poses))
                 world = poses @ np.linalg.inv(self.camera.rig_from_camera[at])
-                placed = self.camera._placed(np.repeat(world, gate.n, axis=0), rows)
+                placed = self.camera._place(np.repeat(world, gate.n, axis=0), rows)
                 return self.camera, self.task, Poses.of(placed, camera=rows)
         return self.camera, self.task, Poses.of(poses, camera=np.full(len(poses), index))
 
     def _shares(self, changes: Sequence[Change], row: int, spot: ZoneSpot) -> Iterator[float]:
         """Share of the points of a zone that each of some changes covers."""
-        scene = self.mesh, *self._placed(changes, row)
+        scene = self.mesh, *self._place_changes(changes, row)
         for _, reason, _ in failures_of_rows(*scene, spot.points, spot.face):
             yield float((reason == Reason.COVERED).mean())
 
@@ -555,7 +557,7 @@ class Remedies:
             index[row] = len(camera) - 1
         finder = RegionPass(self.mesh, camera, self.task, only_task=True)
         placed, mesh = Poses.of(matrices, camera=index), self.mesh
-        union = united(finder, placed, mesh.task_mask, RegionUnion(mesh))
+        union = unite_regions(finder, placed, mesh.task_mask, RegionUnion(mesh))
         return bool(union.area[0][self.mesh.task_mask].sum() >= self.covered_m2)
 
 
@@ -595,8 +597,8 @@ def longer(camera: Camera, times: float) -> Camera:
     return replace(camera, **own)
 
 
-def rounded(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
+def round_point(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
     """A point to three digits of a length, and its text."""
     digits = int(np.clip(2 - math.floor(math.log10(scale)), 0, 9))
-    text = ", ".join(signed(value, digits) for value in point.tolist())
+    text = ", ".join(text_with_sign(value, digits) for value in point.tolist())
     return np.array([float(each) for each in text.split(", ")]), f"({text}) m"

@@ -10,7 +10,7 @@ import numpy as np
 
 from rastercov.base import ByteArray, ConfigError, FloatArray, Int32Array, errors_as, shown
 from rastercov.core.area.gates import through
-from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, by_gate, gates_of, led_by, names_of
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import NEEDED, Task
@@ -47,7 +47,7 @@ def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
     return tuple(table.get(name, task) for name in names_of(cameras))
 
 
-def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
+def with_rule(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
     """Regions of rows of the result from those of each of P poses, in their order.
 
     Conditions of features cut them, too.
@@ -70,10 +70,10 @@ def gated(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
         rows.append(row)
     if len(parts) == 1:
         return parts[0]
-    return taken(joined(parts), np.argsort(np.concatenate(rows))) if parts else regions
+    return take_rows(join(parts), np.argsort(np.concatenate(rows))) if parts else regions
 
 
-def gated_lists(
+def rule_lists(
     result: Sequence[Int32Array],
     camera: Cameras,
     poses: Poses,
@@ -89,12 +89,12 @@ def gated_lists(
             sees = np.full((len(of_rig), len(points)), Reason.OCCLUDED, np.uint8)
             for device, pose in enumerate(of_rig):
                 sees[device, result[pose]] = Reason.COVERED
-            (reason,), _ = gated_reasons(sees, camera, poses[of_rig], points, normals)
+            (reason,), _ = rule_reasons(sees, camera, poses[of_rig], points, normals)
             rows[at] = np.flatnonzero(reason == Reason.COVERED).astype(np.int32)
     return [rows[at] for at in range(len(rows))]
 
 
-def gated_reasons(
+def rule_reasons(
     reason: ByteArray,
     camera: Cameras,
     poses: Poses,

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from rastercov.base import ConfigError
 from rastercov.core.area.criteria import RayAngle
-from rastercov.core.area.polygons import chosen
-from rastercov.core.area.table import Regions, joined, taken
+from rastercov.core.area.polygons import choose_polygons
+from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.mesh import Mesh
 
@@ -66,14 +66,14 @@ class SpreadUnion:
         check_poses(before + len(regions.pose_ids))
         self._seen.append(regions)
         self._counts.add(regions)
-        every = joined(self._seen)
+        every = join(self._seen)
         second, first = np.tril_indices(len(every.pose_ids), -1)
         pairs = np.stack([first, second], axis=1)[second >= before]
         for start in range(0, len(pairs), PAIRS_AT_ONCE):
             some = pairs[start : start + PAIRS_AT_ONCE]
             rows, pair = np.unique(some, return_inverse=True)
             is_open = ~self._spread.closed
-            own = taken(taken(every, rows)._of_faces(is_open), pair.ravel())
+            own = take_rows(take_rows(every, rows)._of_faces(is_open), pair.ravel())
             both = own.at_least(2, np.repeat(np.arange(len(some)), 2), one_side=False)
             self._spread.add(both.where(RayAngle(every.eyes[some], self._degrees)))
 
@@ -85,7 +85,7 @@ class SpreadUnion:
         some = _as_regions(self._seen[0], self._spread.covered(), 1)
         levels = [_as_regions(self._seen[0], counts, 1), some]
         for k in range(3, self.views + 1):
-            both = joined([_as_regions(self._seen[0], counts, k), some])
+            both = join([_as_regions(self._seen[0], counts, k), some])
             levels.append(both.at_least(2, one_side=False))
         union = RegionUnion(self.mesh, self.views)
         for level in levels:
@@ -102,9 +102,9 @@ def _as_regions(like: Regions, covered: Covered, k: int) -> Regions:
     """Area that at least k cameras cover, as regions of one row."""
     area, bound, rows = covered.area[k - 1], covered.bound, np.flatnonzero(covered.views >= k)
     listed = np.flatnonzero((area > 0) | (bound > 0)).astype(np.int32)
-    xy, starts = chosen(covered.xy, covered.starts, rows)
+    xy, starts = choose_polygons(covered.xy, covered.starts, rows)
     return replace(
-        taken(like, np.zeros(1, np.int64)),
+        take_rows(like, np.zeros(1, np.int64)),
         xy=xy,
         starts=starts,
         face=covered.face[rows],

@@ -27,7 +27,7 @@ from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import frames_of, sides_of
 from rastercov.core.area.overlay import Overlay
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated, tasks_of
+from rastercov.core.area.rows import tasks_of, with_rule
 from rastercov.core.area.spread import SpreadUnion, union_of
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.camera import Cameras, Poses, by_gate, cameras_of, eyes_of, rows_of_result
@@ -65,7 +65,7 @@ class ReasonPieces(NamedTuple):
     views: Int32Array
     reason: CodeArray
 
-    def joined(self, other: "ReasonPieces") -> "ReasonPieces":
+    def join(self, other: "ReasonPieces") -> "ReasonPieces":
         """These pieces, then those of another."""
         counts = np.concatenate([np.diff(self.starts), np.diff(other.starts)])
         own = {
@@ -108,7 +108,7 @@ class Divided(NamedTuple):
     gains: dict[int, FloatArray]
 
 
-def divided(
+def divide_by_reason(
     mesh: Mesh,
     rest: ReasonPieces,
     stages: Iterator[Stage],
@@ -149,8 +149,8 @@ def divided(
         is_open &= passed.area[0] < (1 - SLIVER_REL) * frames.areas
         if (passed.area[0] > 0).any():
             added.append(stage)
-            _add_covered(overlay, len(added), passed)
-    _add_covered(overlay, len(added) + 1, reached)
+            _add_pass(overlay, len(added), passed)
+    _add_pass(overlay, len(added) + 1, reached)
     whole = overlay.partition()
     kept = np.flatnonzero((whole.tag & 1 > 0) & (whole.area > 0))
     face, tag, areas = whole.face[kept], whole.tag[kept], whole.area[kept]
@@ -175,16 +175,16 @@ def divided(
         facts,
         reason,
     )
-    cut = polygons.chosen(whole.xy, whole.starts, kept)
+    cut = polygons.choose_polygons(whole.xy, whole.starts, kept)
     parts = ReasonPieces(*cut, face, np.zeros(len(kept), np.int32), reason)
     return Divided(parts, doubt, gains)
 
 
-def _add_covered(overlay: Overlay, number: int, passed: Covered) -> None:
+def _add_pass(overlay: Overlay, number: int, passed: Covered) -> None:
     """Add what a stage covers."""
     listed = np.flatnonzero(passed.area[0] > 0).astype(np.int32)
     rows = np.flatnonzero(passed.area[0][passed.face] > 0)
-    pieces = *polygons.chosen(passed.xy, passed.starts, rows), passed.face[rows]
+    pieces = *polygons.choose_polygons(passed.xy, passed.starts, rows), passed.face[rows]
     _add(overlay, number, pieces, listed, passed.area[0][listed])
 
 
@@ -252,7 +252,7 @@ def passes(mesh: Mesh, poses: Poses, stage: Stage, asked: BoolArray, views: int 
     """Area of faces, (F,), that up to `views` cameras cover without the criteria of a stage."""
     finder = RegionPass(mesh, stage.camera, stage.task, only_task=True, relaxed=stage.relaxed)
     degrees = stage.task.min_angle_deg if views > 1 else 0.0
-    return united(finder, poses, asked, union_of(mesh, views, degrees))
+    return unite_regions(finder, poses, asked, union_of(mesh, views, degrees))
 
 
 def gains_of_views(
@@ -278,7 +278,7 @@ def gains_of_views(
     return gains
 
 
-def united(
+def unite_regions(
     finder: RegionPass, poses: Poses, asked: BoolArray, union: RegionUnion | SpreadUnion
 ) -> Covered:
     """Area of faces, (F,), that rows of the result cover, added to a union; the pass is closed."""
@@ -286,7 +286,7 @@ def united(
     rows = rows_of_result(camera, poses)
     with closing(finder):
         for part in in_batches(poses, mesh.n_faces, finder.threads, rows):
-            union.add(gated(finder.find(part, closed=union.closed | ~asked), camera, part))
+            union.add(with_rule(finder.find(part, closed=union.closed | ~asked), camera, part))
     return union.covered()
 
 

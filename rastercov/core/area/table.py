@@ -15,8 +15,8 @@ from rastercov.base import (
     FloatArray,
     Int32Array,
     IntArray,
+    check_array,
     check_kind,
-    checked_array,
     finite_number,
     frozen_record,
     members,
@@ -87,7 +87,7 @@ class Condition(Protocol):
         """The same condition after bodies of the mesh have moved."""
         raise NotImplementedError  # each table has its own
 
-    def found_by(self, find: Callable[["Finder", Poses], "Regions"]) -> "Condition":
+    def find_by(self, find: Callable[["Finder", Poses], "Regions"]) -> "Condition":
         """The same, with regions of its own poses by a function of their pass."""
         raise NotImplementedError  # each table has its own
 
@@ -179,10 +179,10 @@ class Regions(FacePolygons):
     def of_poses(self, chosen: BoolArray) -> "Regions":
         """Regions of the poses that `chosen`, (P,) bool, marks; ConfigError for another mask."""
         wanted = f"({len(self.pose_ids)},) True or False"
-        chosen = checked_array("chosen", chosen, "b", wanted, ConfigError)
+        chosen = check_array("chosen", chosen, "b", wanted, ConfigError)
         if chosen.shape != self.pose_ids.shape or chosen.dtype != np.bool_:
             raise ConfigError(f"expected chosen as {wanted}, got shape {chosen.shape}; select rows")
-        return taken(self, np.flatnonzero(chosen))
+        return take_rows(self, np.flatnonzero(chosen))
 
     def _of_faces(self, chosen: BoolArray) -> "Regions":
         """Regions of some of the faces, (F,) bool, in all poses."""
@@ -235,7 +235,7 @@ class Regions(FacePolygons):
         number = finite_number(k)
         if not number.is_integer() or number < 1:
             raise ConfigError(f"expected k of 1 or more, got {shown(k)}; give a whole number")
-        count = partial(_counted, k=int(number), of=self._groups(of))
+        count = partial(_count, k=int(number), of=self._groups(of))
         if not one_side or number == 1:
             return count(self)
         return self._by_side(lambda part, _: count(part))
@@ -273,14 +273,14 @@ class Regions(FacePolygons):
             raise ConfigError(
                 f"expected needs from 0 to {MOST_DEVICES - 1}, got {shown(needs)}; correct them"
             )
-        return _counted(self, max(1, len(set(wanted))), groups, numbers, sorted(set(wanted)))
+        return _count(self, max(1, len(set(wanted))), groups, numbers, sorted(set(wanted)))
 
     def _groups(self, of: ArrayLike | None) -> IntArray:
         """Group of each pose, checked; see `at_least`."""
         n = len(self.pose_ids)
         wanted = f"a whole number for each of {n} poses"
         of = np.zeros(n, np.int64) if of is None else of
-        groups = checked_array("of", of, "iu", wanted, ConfigError)
+        groups = check_array("of", of, "iu", wanted, ConfigError)
         if groups.shape != (n,):
             raise ConfigError(
                 f"expected 'of' as {wanted}, got shape {groups.shape}; -1 is no group"
@@ -301,11 +301,11 @@ class Regions(FacePolygons):
         front, rear = (np.isin(np.arange(n), part.pair_pose) for part in parts)
         rows = np.where(rear, n + np.arange(n), np.arange(n))
         if len(both := np.flatnonzero(front & rear)):
-            of_both = [taken(part, both) for part in parts]
-            united = _counted(joined(of_both), 1, np.tile(np.arange(len(both)), 2))
+            of_both = [take_rows(part, both) for part in parts]
+            united = _count(join(of_both), 1, np.tile(np.arange(len(both)), 2))
             rows[both] = 2 * n + np.arange(len(both))
             parts.append(united)
-        result = taken(joined(parts), rows)
+        result = take_rows(join(parts), rows)
         return replace(result, cut_short=sum(part.cut_short for part in parts[:2]))
 
     def _sides(self) -> tuple["Regions", ...]:
@@ -394,7 +394,7 @@ class Regions(FacePolygons):
 
     def _with(self, rows: IntArray, pairs: IntArray) -> "Regions":
         """Regions of some rows of the pieces, and of the pairs; all poses stay."""
-        xy, starts = polygons.chosen(self.xy, self.starts, rows)
+        xy, starts = polygons.choose_polygons(self.xy, self.starts, rows)
         return replace(
             self,
             xy=xy,
@@ -415,7 +415,7 @@ class Regions(FacePolygons):
         return full
 
 
-def joined(parts: Sequence[Regions]) -> Regions:
+def join(parts: Sequence[Regions]) -> Regions:
     """Regions of all poses of several, of one mesh, in their order."""
     if len(parts) == 1:
         return parts[0]
@@ -439,16 +439,16 @@ def joined(parts: Sequence[Regions]) -> Regions:
 def any_of(parts: Sequence[Regions], *, one_side: bool = True) -> Regions:
     """Union of several parts of the same rows; see `Regions.at_least`."""
     rows = np.tile(np.arange(len(parts[0].pose_ids)), len(parts))
-    return joined(parts).at_least(1, rows, one_side=one_side)
+    return join(parts).at_least(1, rows, one_side=one_side)
 
 
-def taken(regions: Regions, rows: IntArray) -> Regions:
+def take_rows(regions: Regions, rows: IntArray) -> Regions:
     """Regions of some rows, (Q,), in this order."""
     every = np.arange(len(regions.pose_ids) + 1)
     if np.array_equal(rows, every[:-1]):
         return regions
 
-    def gathered(pose: Int32Array) -> tuple[IntArray, Int32Array]:
+    def gather(pose: Int32Array) -> tuple[IntArray, Int32Array]:
         ends = np.searchsorted(pose, every)
         counts = np.diff(ends)[rows]
         first = np.repeat(ends[rows] - polygons.starts_of(counts)[:-1], counts)
@@ -456,8 +456,8 @@ def taken(regions: Regions, rows: IntArray) -> Regions:
             np.arange(len(rows), dtype=np.int32), counts
         )
 
-    pieces, pose = gathered(regions.pose)
-    pairs, pair_pose = gathered(regions.pair_pose)
+    pieces, pose = gather(regions.pose)
+    pairs, pair_pose = gather(regions.pair_pose)
     return replace(
         regions._with(pieces, pairs),
         pose_ids=regions.pose_ids[rows],
@@ -468,7 +468,7 @@ def taken(regions: Regions, rows: IntArray) -> Regions:
     )
 
 
-def _counted(
+def _count(
     regions: Regions,
     k: int,
     of: IntArray,
@@ -502,7 +502,7 @@ def _counted(
     overlay = Overlay(frames.corners[face], frames.areas[face], mesh.diagonal, views)
     overlay.add(
         (
-            *polygons.chosen(regions.xy, regions.starts, chosen),
+            *polygons.choose_polygons(regions.xy, regions.starts, chosen),
             place[own][chosen],
             regions.pose[chosen],
         ),
@@ -539,7 +539,7 @@ def _with_overlay(
     kept = np.flatnonzero(is_kept(partition.tag))
     own, (bound, excess) = partition.face[kept], overlay.bounds
     area = np.bincount(own, partition.area[kept], len(face)).astype(np.float64)
-    xy, starts = polygons.chosen(partition.xy, partition.starts, kept)
+    xy, starts = polygons.choose_polygons(partition.xy, partition.starts, kept)
     is_listed = (area > 0) | (bound > 0)
     return replace(
         rows,

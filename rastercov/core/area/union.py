@@ -11,7 +11,7 @@ from rastercov.base import (
     ConfigError,
     FloatArray,
     Int32Array,
-    checked_array,
+    check_array,
     finite_number,
     frozen_record,
     once_each,
@@ -154,7 +154,7 @@ class RegionUnion:
     def add_parts(self, covered: "Covered", chosen: BoolArray) -> None:
         """Add the pieces of `covered` marked in `chosen`, (N,), as the area of one camera."""
         rows = np.flatnonzero(_mask(chosen, len(covered.face), "pieces"))
-        xy, starts = polygons.chosen(covered.xy, covered.starts, rows)
+        xy, starts = polygons.choose_polygons(covered.xy, covered.starts, rows)
         face, own = covered.face[rows], polygons.polygon_areas(xy, starts)
         faces, at = np.unique(face, return_inverse=True)
         zero = np.zeros(len(faces))
@@ -175,7 +175,7 @@ class RegionUnion:
 def _mask(chosen: BoolArray, count: int, of: str) -> BoolArray:
     """A mask of `count` faces or pieces, (count,); ConfigError for anything else."""
     wanted = f"a mask of {count} {of}"
-    mask = checked_array("chosen", chosen, "b", wanted, ConfigError)
+    mask = check_array("chosen", chosen, "b", wanted, ConfigError)
     if mask.shape != (count,):
         raise ConfigError(f"expected chosen as {wanted}, got shape {mask.shape}; select {of}")
     return np.ascontiguousarray(mask, np.bool_)

@@ -25,18 +25,18 @@ from rastercov.base import (
     FloatArray,
     Int32Array,
     IntArray,
+    check_array,
     check_kind,
-    checked_array,
     first_of,
     shown,
 )
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import signed
+from rastercov.base.format import text_with_sign
 from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.failures import failures_of_rows
-from rastercov.core.area.features import deviations_of, device_of, limit_advice, measured_at
+from rastercov.core.area.features import deviations_of, device_of, limit_advice, measure_at
 from rastercov.core.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.core.area.remedies import ANY, Allowed, Remedies, ZoneSpot
 from rastercov.core.area.rows import tasks_of
@@ -45,7 +45,7 @@ from rastercov.core.area.stages import (
     Divided,
     ReasonPieces,
     any_in_front,
-    divided,
+    divide_by_reason,
     gains_of_views,
     passes,
     stages_of,
@@ -166,7 +166,7 @@ class DeadZones(FacePolygons):
         for row, area in enumerate(self.area[:n].tolist()):  # some 0.1 ms each
             own = order[limits[row] : limits[row + 1]]
             face, weight = self.face[own], self.piece_area[own]
-            xy, starts = polygons.chosen(self.xy, self.starts, own)
+            xy, starts = polygons.choose_polygons(self.xy, self.starts, own)
             corners = to_world(mesh, np.repeat(face, np.diff(starts)), xy)
             of_group = np.bincount(mesh.face_group[face], weight, len(names))
             by_views = np.bincount(self.views[own], weight, most_views + 1)
@@ -261,7 +261,7 @@ def dead_zones(
     >>> rc.dead_zones(covered).area.round(4).tolist()  # m^2 of what no camera covers
     [0.8125]
     """
-    from rastercov.core.mesh.unseeable import unseeable_where_seen
+    from rastercov.core.mesh.unseeable import unseeable_in_view
 
     if network is not None:
         if not isinstance(network, tuple) or len(network) != 3:
@@ -273,14 +273,14 @@ def dead_zones(
         network = *network[:2], Poses.of(network[2])
     mesh, k = covered.mesh, len(covered.area)
     words = f"1{f' to {k}' if k > 1 else ''}, for all faces or for each"
-    wanted = checked_array("views", k if views is None else views, "iu", words, ConfigError)
+    wanted = check_array("views", k if views is None else views, "iu", words, ConfigError)
     is_shape = wanted.shape in ((), (mesh.n_faces,))
     if not is_shape or not ((wanted >= 1) & (wanted <= k)).all():
         raise ConfigError(
             f"expected views of {words}, got {shown(views)}; unite the regions for more views first"
         )
     seen = covered.area[0] / np.maximum(frames_of(mesh).areas, TINY)
-    is_unseeable = unseeable_where_seen(mesh, seen) > 0
+    is_unseeable = unseeable_in_view(mesh, seen) > 0
     divide = None if network is None else division(mesh, *network)
     left = TOO_FEW_VIEWS if network is None else NO_CAMERAS
     of_face = np.broadcast_to(wanted, mesh.n_faces)
@@ -291,7 +291,7 @@ def dead_zones(
 
 
 Divide = Callable[[ReasonPieces], Divided]
-"""Divides pieces that no camera covers, ordered by face, as `divided` does."""
+"""Divides pieces that no camera covers, ordered by face, as `divide_by_reason` does."""
 
 
 def division(mesh: Mesh, camera: Cameras, task: Task, poses: Poses) -> Divide | None:
@@ -303,7 +303,7 @@ def division(mesh: Mesh, camera: Cameras, task: Task, poses: Poses) -> Divide | 
 
     def divide(rest: ReasonPieces) -> Divided:
         ends = any_in_front(mesh, camera, poses, asked), own
-        return divided(mesh, rest, stages_of(mesh, camera, task), make, ends)
+        return divide_by_reason(mesh, rest, stages_of(mesh, camera, task), make, ends)
 
     return divide
 
@@ -328,21 +328,25 @@ def zones_of(
     known = np.where(whole.views == 0, left, TOO_FEW_VIEWS)
     known[is_unseeable[whole.face]] = UNSEEABLE
 
-    def taken(chosen: BoolArray) -> ReasonPieces:
+    def take(chosen: BoolArray) -> ReasonPieces:
         rows = np.flatnonzero(chosen)
-        cut = polygons.chosen(whole.xy, whole.starts, rows)
+        cut = polygons.choose_polygons(whole.xy, whole.starts, rows)
         return ReasonPieces(
             *cut, whole.face[rows], whole.views[rows], known[rows].astype(np.uint32)
         )
 
-    kept, divided = taken(is_dead & ~is_open), Divided(taken(is_open), np.zeros(mesh.n_faces), {})
+    kept, divided = take(is_dead & ~is_open), Divided(take(is_open), np.zeros(mesh.n_faces), {})
     if divide is not None:
         divided = divide(divided.parts)
-    parts = ReasonPieces.joined(kept, divided.parts)
+    parts = ReasonPieces.join(kept, divided.parts)
     areas = polygons.polygon_areas(parts.xy, parts.starts)
     zone, sizes = linked(mesh, parts, areas, covered.excess)
     rows = np.flatnonzero(zone >= 0)
-    own = *polygons.chosen(parts.xy, parts.starts, rows), parts.face[rows], parts.views[rows]
+    own = (
+        *polygons.choose_polygons(parts.xy, parts.starts, rows),
+        parts.face[rows],
+        parts.views[rows],
+    )
     ranked = zone[rows], sizes, areas[rows], parts.reason[rows]
     return DeadZones(mesh, *own, *ranked, divided.doubt, wanted, divided.gains)
 
@@ -509,7 +513,7 @@ def summary_of(
     }
 
 
-def explained(
+def explain_zones(
     zones: DeadZones, camera: Cameras, poses: Poses, task: Task, n: int
 ) -> list[dict[str, Any]]:
     """Place, reason, and the group that hides it, of the first n zones, ready for JSON."""
@@ -528,7 +532,7 @@ def zone_line(zone: Mapping[str, Any], whole: float = 0.0) -> str:
     """Line about one zone, in the unit of a `whole` area, m^2."""
     size = math.sqrt(zone["area_m2"])
     digits = min(max(0, 1 - math.floor(math.log10(size))), 9)
-    at = ", ".join(signed(value, digits) for value in zone["centroid"])
+    at = ", ".join(text_with_sign(value, digits) for value in zone["centroid"])
     amount = in_square_metres(zone["area_m2"], whole=whole)
     return f"dead zone {amount} around ({at}) m in group {zone_place(zone)}: {zone_reason(zone)}"
 
@@ -595,10 +599,10 @@ def _reasons(
             entry["device"] = device
         own = mesh.groups[mesh.face_group[spot.face[spot.middle]]].name
         before = blocker(hider, own)
-        entry |= remedies.said(spot, winner, failing, before, is_tried=row < n_tried)
+        entry |= remedies.say(spot, winner, failing, before, is_tried=row < n_tried)
         if row < n_tried and len(failing):
             lead = poses[failing[:1]]
-            words, figures = measured_at((mesh, camera, task), spot.points, spot.face, lead, winner)
+            words, figures = measure_at((mesh, camera, task), spot.points, spot.face, lead, winner)
             entry |= {"advice": f"{words}: {entry['advice']}", **figures} if words else {}
         if name in CRITERIA:
             entry |= {"advice": general_advice(name), "tried": None}

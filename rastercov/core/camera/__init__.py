@@ -4,19 +4,19 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.conventions import (
     Border,
     Conventions,
-    centred_camera,
+    centre_camera,
     from_vectors,
     inverse_of,
     lens_camera,
     model_in,
-    shared_frames,
+    share_frames,
 )
-from rastercov.core.camera.doubts import unit_doubts
+from rastercov.core.camera.doubts import unit_warnings
 from rastercov.core.camera.equipment import EquipmentKind, equipment_words
 from rastercov.core.camera.gate import Gate
 from rastercov.core.camera.models import MODELS, PROGRAMS, Foreign
 from rastercov.core.camera.near_plane import near_limit, near_limits
-from rastercov.core.camera.pose import Poses, renumbered, valid_poses
+from rastercov.core.camera.pose import Poses, renumber, valid_poses
 from rastercov.core.camera.projection import box_corners, to_camera, to_image
 from rastercov.core.camera.rig import (
     Cameras,
@@ -36,7 +36,7 @@ from rastercov.core.camera.rig import (
     names_of_poses,
     rows_of_result,
 )
-from rastercov.core.camera.viewpoints import distance_kept, fibonacci_sphere, look_at, upwards
+from rastercov.core.camera.viewpoints import distance_to_keep, fibonacci_sphere, look_at, upwards
 
 __all__ = [
     "MODELS",
@@ -56,9 +56,9 @@ __all__ = [
     "box_corners",
     "by_gate",
     "cameras_of",
-    "centred_camera",
+    "centre_camera",
     "check_scene",
-    "distance_kept",
+    "distance_to_keep",
     "equipment_on",
     "equipment_words",
     "eyes_of",
@@ -75,12 +75,12 @@ __all__ = [
     "names_of_poses",
     "near_limit",
     "near_limits",
-    "renumbered",
+    "renumber",
     "rows_of_result",
-    "shared_frames",
+    "share_frames",
     "to_camera",
     "to_image",
-    "unit_doubts",
+    "unit_warnings",
     "upwards",
     "valid_poses",
 ]

@@ -25,7 +25,7 @@ from rastercov.base import (
     ReadByName,
     StrPath,
     UnreadableError,
-    checked_array,
+    check_array,
     errors_as,
     first_of,
     image_side,
@@ -46,11 +46,11 @@ from rastercov.base.checks import (
     principal_point_px,
     two,
 )
-from rastercov.base.files import written_file
+from rastercov.base.files import write_file
 from rastercov.core.camera import parallel
 from rastercov.core.camera.catalogue import entries_of, is_name
-from rastercov.core.camera.models import MODELS, checked_model
-from rastercov.core.mesh.groups import listed
+from rastercov.core.camera.models import MODELS, check_model
+from rastercov.core.mesh.groups import list_names
 
 OF_LENS = ("principal_point",)
 OPTICS = (
@@ -78,10 +78,10 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> ByName:
     if not isinstance(entries, Mapping):
         raise CameraError(f"expected a table of the entries of a camera, got {shown(entries)}")
     if "preset" in entries:
-        entries = _changed_preset(entries)
+        entries = _change_preset(entries)
     known = {*fields, *OF_LENS, *ANGLES, *parallel.ENTRIES}
     if unknown := sorted(map(shown, entries.keys() - known)):
-        near, advice = listed(sorted(known), unknown[0]), "correct the name"
+        near, advice = list_names(sorted(known), unknown[0]), "correct the name"
         if "k1" in entries:
             near, advice = "such as distortion", "give distortion = [k1, k2, p1, p2, k3]"
         elif known.isdisjoint(entries):
@@ -91,7 +91,7 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> ByName:
         )
     model = entries.get("model")
     if model is not None and model not in (*MODELS, parallel.MODEL):
-        checked_model(model, ())
+        check_model(model, ())
     given = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in entries.items()
@@ -150,7 +150,7 @@ def _of_lens(entries: ByName) -> ByName:
     return entries
 
 
-def _changed_preset(entries: ReadByName) -> ByName:
+def _change_preset(entries: ReadByName) -> ByName:
     """Entries of a camera of the catalogue, or of a file beside it, changed by others."""
     changes = {k: v for k, v in entries.items() if k not in ("preset", "catalogue")}
     return entries_of(entries["preset"], changes, entries.get("catalogue"))
@@ -387,7 +387,7 @@ class Camera:
                 value = getattr(self, CENTRES[each.name]) / 2
             if each.name in CHECKS and value is not each.default:
                 object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
-        model, coefficients = checked_model(self.model, self.distortion)
+        model, coefficients = check_model(self.model, self.distortion)
         self.__dict__.update(model=model, distortion=coefficients)
         if self.is_parallel:
             parallel.check(vars(self))
@@ -677,7 +677,7 @@ class Camera:
         >>> camera.opencv_K.tolist() == K.tolist()
         True
         """
-        k = checked_array("K", K, "iuf", "real numbers of shape (3, 3)", CameraError)
+        k = check_array("K", K, "iuf", "real numbers of shape (3, 3)", CameraError)
         if k.shape != (3, 3):
             raise CameraError(f"expected K of shape (3, 3), got {k.shape}")
         if k[1, 0] != 0 or not np.array_equal(k[2], (0, 0, 1)):
@@ -778,7 +778,7 @@ class Camera:
                 raise CameraError(
                     "expected the suffix .json for a camera, got another one; rename the file"
                 )
-            with written_file(path) as file:
+            with write_file(path) as file:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())
 
     def with_optics(self, entries: ReadByName) -> "Camera":

@@ -29,7 +29,7 @@ from rastercov.base import (
 )
 from rastercov.base.checks import is_number, pair, positive
 from rastercov.core.camera.parallel import MODEL
-from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.groups import list_names
 
 Entries = ByName
 Table = dict[str, Entries]
@@ -100,7 +100,7 @@ class Catalogue(NamedTuple):
                 )
             parts.append(table[part])
         if len(parts) == 2 and (why := misfit(*parts)):
-            fitting = listed(self.lenses_of(words[0])) or f"none, name {words[0]} alone"
+            fitting = list_names(self.lenses_of(words[0])) or f"none, name {words[0]} alone"
             raise CameraError(
                 f"expected a lens that fits {words[0]}, got {words[1]}: {why}; lenses that fit: "
                 f"{fitting}"
@@ -202,7 +202,7 @@ def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None,
     first, *others = str(name).split(":")
     heads = catalogue(file).heads
     if first not in heads or len(others) > 2:
-        known = listed(heads, first)
+        known = list_names(heads, first)
         raise CameraError(
             f"expected a head NAME[:BASELINE[:CAMERA]] with NAME one of {known}, got {shown(name)}"
         )
@@ -265,7 +265,7 @@ def lamp_entries_of(name: object) -> Entries:
     """Entries of a lamp of the catalogue; CameraError for a name that is not there."""
     lamps = catalogue().lamps
     if not isinstance(name, str) or name not in lamps:
-        near = listed([each for each in lamps if str(name) in each] or lamps, str(name))
+        near = list_names([each for each in lamps if str(name) in each] or lamps, str(name))
         raise CameraError(
             f"expected a lamp of the catalogue, such as {near}, got {shown(name)}; see rastercov "
             "cameras"

@@ -264,7 +264,7 @@ class Border:
         if cameras is not None:
             known = unique_names(names or [""] * len(cameras))
             for name, each in zip(known, () if self.is_part else cameras, strict=False):
-                self.notes |= dict.fromkeys(centre_doubt(name, each))
+                self.notes |= dict.fromkeys(centre_warning(name, each))
             try:
                 rig = Rig(cameras, known, places)
             except PoseError as error:
@@ -331,7 +331,7 @@ class Border:
             self.note(f"rotations made orthonormal, off by up to {off[near].max():.1g}")
         return out
 
-    def unused(self) -> list[str]:
+    def unused_keys(self) -> list[str]:
         """A line for each answer that nothing in the files asked for."""
         return [
             f"--{field.name.replace('_', '-')} was not used: the file states or does not need it"
@@ -341,7 +341,7 @@ class Border:
         ]
 
 
-def centre_doubt(name: str, camera: Camera) -> list[str]:
+def centre_warning(name: str, camera: Camera) -> list[str]:
     """A line on a principal point far from the middle, as of a calibration for another size."""
     size, centre = np.array((camera.width, camera.height)), np.array((camera.cx, camera.cy))
     if camera.is_parallel or (np.abs(centre / size - 0.5) <= MOST_OFF_MIDDLE).all():
@@ -378,7 +378,7 @@ def inverse_of(matrices: FloatArray) -> FloatArray:
     return result
 
 
-def shared_frames(texts: Sequence[str | None], images: Sequence[Any]) -> list[str]:
+def share_frames(texts: Sequence[str | None], images: Sequence[Any]) -> list[str]:
     """Frame of each image, its own where it has none; no frames where no two images share one."""
     known = [name for name in texts if name is not None]
     if len(set(known)) == len(known):
@@ -453,7 +453,7 @@ def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camer
     return Camera(width=size[0], height=size[1], **fields, model=model, distortion=distortion)
 
 
-def centred_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camera:
+def centre_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camera:
     """`lens_camera` of a file that counts pixels from their centres."""
     return lens_camera(ours, size, {**p, "cx": p["cx"] + 0.5, "cy": p["cy"] + 0.5})
 
@@ -517,7 +517,7 @@ def is_whole_panorama(camera: Camera) -> bool:
     )
 
 
-def lost(camera: Camera) -> list[str]:
+def what_is_lost(camera: Camera) -> list[str]:
     """Fields that are set and that no format but our own keeps, such as the aperture."""
     fields = ("focal_length", "pixel_size", "aperture", "focus_distance", "focus_range")
     items = [name for name in (*fields, "max_angle_deg") if getattr(camera, name) is not None]

@@ -44,7 +44,7 @@ MOST_POSES, MOST_POINTS = 100, 500
 """Poses and vertices that are looked at, spread evenly: about 5 ms."""
 
 
-def unit_doubts(
+def unit_warnings(
     mesh: Mesh, camera: Cameras, poses: Poses | None = None, reach: float = math.inf
 ) -> list[str]:
     """A line where the size of the mesh is unlikely beside what its cameras look at; often none.
@@ -153,7 +153,7 @@ def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
     return is_outside & seen & (angle > LEAST_SIZE_IN_IMAGE * half)
 
 
-def convention_doubts(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:
+def convention_warnings(mesh: Mesh, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:
     """A line where the poses look away from the mesh and would not in another convention.
 
     Parameters

@@ -34,7 +34,7 @@ class Equipment(Protocol):
         """Units of thresholds that need it."""
         return {}
 
-    def _described(self, row: int) -> ByName:
+    def _describe(self, row: int) -> ByName:
         """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
 
     def _words(self, row: int, thresholds: ReadByName) -> str:

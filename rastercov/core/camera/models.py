@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from rastercov.base import CameraError, shown
 from rastercov.base.checks import coefficients_of, number
-from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.groups import list_names
 from rastercov.engine import solver_lens
 
 BASES = tuple(solver_lens.BASES.lower().split(", "))
@@ -177,7 +177,7 @@ RANGES = {
 has their numbers."""
 
 
-def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, ...]]:
+def check_model(model: object, distortion: object) -> tuple[str, tuple[float, ...]]:
     """Model and its coefficients; `UNDISTORTED` has the model where all of them are 0.
 
     Raises
@@ -187,7 +187,7 @@ def checked_model(model: object, distortion: object) -> tuple[str, tuple[float, 
         out of its range.
     """
     if not isinstance(model, str) or model not in MODELS:
-        known = listed(MODELS, str(model))
+        known = list_names(MODELS, str(model))
         raise CameraError(f"expected model to be one of {known}, got {shown(model)}")
     values = tuple(number("distortion", value) for value in coefficients_of(distortion))
     if model == "pinhole" and not any(values):

@@ -18,12 +18,12 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     PoseError,
-    checked_array,
+    check_array,
     flag,
     frozen_record,
     plural,
 )
-from rastercov.base.arguments import owned
+from rastercov.base.arguments import own_array
 from rastercov.base.typed import check_fields
 from rastercov.core.mesh.arrays import matrices_of
 from rastercov.engine import camera_pose
@@ -80,7 +80,7 @@ def valid_poses(poses: "ArrayLike | Poses") -> FloatArray:
     return Poses.of(poses).world_from_camera
 
 
-def renumbered(poses: "ArrayLike | Poses") -> "Poses":
+def renumber(poses: "ArrayLike | Poses") -> "Poses":
     """Valid poses that are numbered from 0, each with its camera; faults as for `valid_poses`."""
     placed = Poses.of(poses)
     n, matrices = len(placed), placed.world_from_camera
@@ -221,7 +221,7 @@ class Poses(InOneLine):
 
 def _camera_indices(camera: ArrayLike, n_poses: int) -> Int32Array:
     """(P,) indices of cameras; one number serves all poses."""
-    indices = checked_array(
+    indices = check_array(
         "camera", camera, "iu", f"{n_poses} indices, one for each pose", PoseError
     )
     if indices.ndim == 0:
@@ -248,9 +248,9 @@ def as_matrices(poses: AnyArray) -> FloatArray:
         return np.zeros((0, 4, 4))
     if poses.ndim != 3 or poses.shape[1:] != (4, 4):
         raise PoseError(f"expected poses of shape (P, 4, 4), got {poses.shape}")
-    return owned("poses", poses, np.float64)
+    return own_array("poses", poses, np.float64)
 
 
 def real_numbers(name: str, values: ArrayLike, shape: str) -> AnyArray:
     """Array of real numbers of any shape, not copied; PoseError names the wanted one."""
-    return checked_array(name, values, "iuf", f"numbers of shape {shape}", PoseError)
+    return check_array(name, values, "iuf", f"numbers of shape {shape}", PoseError)

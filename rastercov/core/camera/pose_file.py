@@ -25,7 +25,7 @@ from rastercov.base import (
     shown,
     suffix_of,
 )
-from rastercov.base.files import LARGEST_ARRAY, open_file, written_file
+from rastercov.base.files import LARGEST_ARRAY, open_file, write_file
 from rastercov.core.camera.pose import as_matrices, real_numbers, valid_poses
 
 
@@ -140,7 +140,7 @@ def write_poses(path: StrPath, poses: ArrayLike, camera: Sequence[str] | None = 
         is_npy = _is_npy(path)
         if camera is not None and is_npy:
             raise PoseError("expected a .json file for names of cameras, got .npy; rename it")
-        with written_file(path) as file:
+        with write_file(path) as file:
             if is_npy:
                 np.save(file, array)
             else:

@@ -49,7 +49,7 @@ from rastercov.core.camera.equipment import Equipment, equipment_of, equipment_w
 from rastercov.core.camera.gate import Gate
 from rastercov.core.camera.parallel import FAR
 from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.rule import All, Rule, renamed, ruled
+from rastercov.core.camera.rule import All, Rule, compile_rule, rename
 from rastercov.core.camera.rule import Any as AnyOf
 from rastercov.core.mesh import Mesh
 
@@ -126,7 +126,7 @@ class Rig(InOneLine):
         tasks: ReadByName | None = None,
         fixed: Sequence[str] = (),
     ) -> None:
-        result = _checked(cameras)
+        result = _check_cameras(cameras)
         n = len(result)
         words = distinct("names", names_of(result) if names is None else names, n, CameraError)
         places = np.broadcast_to(np.eye(4), (n, 4, 4))
@@ -140,13 +140,13 @@ class Rig(InOneLine):
         tasks = {} if tasks is None else tasks
         if not isinstance(tasks, Mapping) or not all(name in words for name in tasks):
             raise CameraError(
-                f"expected tasks by names of cameras, {_listed(words)}, got "
+                f"expected tasks by names of cameras, {_name_list(words)}, got "
                 f"{shown(list(tasks) if isinstance(tasks, Mapping) else tasks)}"
             )
         still = members("fixed", fixed, str, "names of cameras", CameraError)
         if not set(still) <= set(words) or set(still) == set(words):
             raise CameraError(
-                f"expected fixed to be some of the cameras, {_listed(words)}, but not all, got "
+                f"expected fixed to be some of the cameras, {_name_list(words)}, but not all, got "
                 f"{shown(list(still))}"
             )
         self.__dict__.update(
@@ -158,7 +158,7 @@ class Rig(InOneLine):
             gates={},
             equipment={},
         )
-        self.__dict__.update(ruled(rule, words, result))
+        self.__dict__.update(compile_rule(rule, words, result))
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -187,9 +187,9 @@ class Rig(InOneLine):
         """
         rigs, n = valid_poses(world_from_rig), len(self)
         camera = np.tile(np.arange(n), len(rigs))
-        return Poses.of(self._placed(np.repeat(rigs, n, axis=0), camera), camera=camera)
+        return Poses.of(self._place(np.repeat(rigs, n, axis=0), camera), camera=camera)
 
-    def _placed(self, world_from_rig: AnyArray, camera: AnyArray) -> FloatArray:
+    def _place(self, world_from_rig: AnyArray, camera: AnyArray) -> FloatArray:
         """(M, 4, 4) world_from_camera of cameras, (M,), each in a pose of the rig, (M, 4, 4)."""
         places = self.rig_from_camera[camera]
         matrices: FloatArray = world_from_rig @ places
@@ -301,7 +301,7 @@ class Rig(InOneLine):
             gates |= {first + row: gate for row, gate in rig.gates.items()}
             tasks |= {names[first + rig.names.index(name)]: own for name, own in rig.tasks.items()}
             first += len(rig)
-        rule = renamed(rigs[0].rule, rigs[0].names, names) if len(rigs) == 1 else AnyOf()
+        rule = rename(rigs[0].rule, rigs[0].names, names) if len(rigs) == 1 else AnyOf()
         return made._with(tasks=tasks, fixed=tuple(fixed), gates=gates, rule=rule)
 
     def _with(self, **changes: object) -> "Rig":
@@ -310,7 +310,7 @@ class Rig(InOneLine):
         result.__dict__.update(changes)
         return result
 
-    def _equipped(self, word: str, own: Equipment | None) -> "Rig":
+    def _equip(self, word: str, own: Equipment | None) -> "Rig":
         """The same cameras with other equipment of a feature, or without any of it."""
         others = {name: each for name, each in self.equipment.items() if name != word}
         return self._with(equipment=others if own is None else others | {word: own})
@@ -376,7 +376,7 @@ def cameras_of(cameras: object) -> tuple[Camera, ...]:
     """The cameras of a camera, a rig or a sequence of cameras; `CameraError` for anything else."""
     if isinstance(cameras, Camera):
         return (cameras,)
-    return cameras.cameras if isinstance(cameras, Rig) else _checked(cameras)
+    return cameras.cameras if isinstance(cameras, Rig) else _check_cameras(cameras)
 
 
 def check_central(cameras: Cameras, what: str) -> None:
@@ -441,7 +441,7 @@ class RigEntries:
     names: tuple[str, ...] = ()
     """Of the entries."""
 
-    def added(self, rig: Rig, entries: ReadByName) -> Rig:
+    def add_entries(self, rig: Rig, entries: ReadByName) -> Rig:
         """A rig with what is among entries of a file."""
         return rig
 
@@ -449,7 +449,7 @@ class RigEntries:
         """Entries that make it again."""
         return {}
 
-    def described(self, rig: Rig) -> ByName:
+    def describe(self, rig: Rig) -> ByName:
         """The same for a live page."""
         return {}
 
@@ -468,7 +468,7 @@ def rig_with(rig: Rig, entries: ReadByName) -> Rig:
         checked = Rig(rig.cameras, rig.names, rig.rig_from_camera, **own)
         rig = rig._with(tasks=checked.tasks, fixed=checked.fixed)
     for each in hooks_of(RigEntries):
-        rig = each.added(rig, entries)
+        rig = each.add_entries(rig, entries)
     return rig._with(equipment={**rig.equipment, **equipment_of(entries)})
 
 
@@ -608,7 +608,7 @@ def check_scene(mesh: object, camera: object) -> None:
     cameras_of(camera)
 
 
-def _checked(cameras: object) -> tuple[Camera, ...]:
+def _check_cameras(cameras: object) -> tuple[Camera, ...]:
     wanted = "a Camera (Camera.load reads a file), a Rig, or a list of Camera values"
     result = members("camera", cameras, Camera, wanted, CameraError)
     if not 1 <= len(result) <= MOST_CAMERAS:
@@ -760,7 +760,7 @@ class Views(InOneLine):
         PoseError
             Where the poses name no cameras, or one that the rig does not have.
         """
-        known = _listed(rig.names)
+        known = _name_list(rig.names)
         if not self.camera_names and rig.is_one:
             return self._of_rig(rig)
         if not self.camera_names:
@@ -835,7 +835,7 @@ class Views(InOneLine):
         assert self.rig is not None
         if name is None and n == 1:
             return 0
-        known = _listed(self.rig.names)
+        known = _name_list(self.rig.names)
         if name is None:
             raise CameraError(
                 f"expected one of {n} cameras, {known}, got no name; choose one with --camera-name"
@@ -845,6 +845,6 @@ class Views(InOneLine):
         return self.rig.names.index(name)
 
 
-def _listed(names: Sequence[str]) -> str:
+def _name_list(names: Sequence[str]) -> str:
     """Names for a message, at most `MOST_NAMES`."""
     return first_of(list(map(shown, names)), MOST_NAMES)

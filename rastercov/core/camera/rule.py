@@ -299,7 +299,7 @@ def _pixels_of(radians: float, scale: float) -> float:
     return next((each for each in near if each / scale == radians), values)
 
 
-def ruled(
+def compile_rule(
     rule: Rule | None, names: Sequence[str], cameras: Sequence[Camera]
 ) -> dict[str, Anything]:
     """Attributes of a rig with a rule, or without any."""
@@ -308,7 +308,7 @@ def ruled(
     return {"rule": rule, "gates": {} if gate is None else {0: gate}}
 
 
-def renamed(rule: Rule, before: Sequence[str], after: Sequence[str]) -> Rule:
+def rename(rule: Rule, before: Sequence[str], after: Sequence[str]) -> Rule:
     """The rule of devices that have other names."""
     names = dict(zip(before, after, strict=True))
     if isinstance(rule, AtLeast):

@@ -15,7 +15,7 @@ from rastercov.base import (
     row_lengths,
     shown,
 )
-from rastercov.base.arguments import MOST_POSES, owned
+from rastercov.base.arguments import MOST_POSES, own_array
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.pose import Poses, error_of, real_numbers
@@ -105,7 +105,7 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
 
     forward = target - eye
     _refuse(~forward.any(axis=1), "expected eye and target at different points, got the same")
-    forward, upward = _scaled(forward), _scaled(upward)  # no square of them can vanish or overflow
+    forward, upward = _scale(forward), _scale(upward)  # no square of them can vanish or overflow
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
 
     right = np.cross(forward, upward)
@@ -230,7 +230,7 @@ CAMERA_SIZE = 0.05
 """Distance from every surface that a proposed camera keeps, for its body, metres."""
 
 
-def distance_kept(cameras: Iterable[Camera]) -> float:
+def distance_to_keep(cameras: Iterable[Camera]) -> float:
     """Distance from every surface that proposed cameras keep, metres.
 
     `CAMERA_SIZE`, or less for a lens that is in focus only nearer than twice that.
@@ -244,7 +244,7 @@ SPREAD = 0.7
 """Largest component across the normal of a face of the direction in which a camera is tried."""
 
 
-def distances_tried(
+def distances_to_try(
     size: float, whole: float, focus: Sequence[float], near: float, kept: float
 ) -> tuple[float, float]:
     """Least and greatest distance from which a camera is tried, metres.
@@ -296,7 +296,7 @@ def half_angles(camera: Camera) -> tuple[float, float]:
     else:
         axis = tuple(to_image(np.array((0.0, 0.0, 1.0)), camera).tolist())
         is_inside = 0 < axis[0] < camera.width and 0 < axis[1] < camera.height
-        across, down = _inscribed(camera) if is_inside else (0.0, 0.0)
+        across, down = _inscribed_cone(camera) if is_inside else (0.0, 0.0)
     if not is_inside:
         raise ConfigError(
             f"expected the optical axis inside the image of {camera.width} x {camera.height} px, "
@@ -305,7 +305,7 @@ def half_angles(camera: Camera) -> tuple[float, float]:
     return across, down
 
 
-def _inscribed(camera: Camera) -> tuple[float, float]:
+def _inscribed_cone(camera: Camera) -> tuple[float, float]:
     """Tangents of `half_angles` of a lens that is no pinhole."""
     from rastercov.core.camera.lenses.of_camera import lens_of
 
@@ -346,10 +346,10 @@ def _triples(name: str, value: ArrayLike) -> FloatArray:
     array = np.atleast_2d(real_numbers(name, value, "(3,) or (P, 3)"))
     if array.ndim != 2 or array.shape[1] != 3:
         raise PoseError(f"expected {name} of shape (3,) or (P, 3), got {array.shape}")
-    return owned(name, array, np.float64)
+    return own_array(name, array, np.float64)
 
 
-def _scaled(vectors: FloatArray) -> FloatArray:
+def _scale(vectors: FloatArray) -> FloatArray:
     """(P, 3) vectors over the power of two above their largest component, which rounds nothing."""
     _, exponent = np.frexp(np.abs(vectors).max(axis=1, keepdims=True))
     return np.ldexp(vectors, -exponent)

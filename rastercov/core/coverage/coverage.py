@@ -26,7 +26,7 @@ from rastercov.base import (
     plural,
     shown,
 )
-from rastercov.base.memory import aligned_array
+from rastercov.base.memory import align_array
 from rastercov.core.camera import Cameras, Poses, eyes_of
 from rastercov.core.coverage.face_pass import FacePass, Measured
 from rastercov.core.coverage.observer import Observer
@@ -175,12 +175,12 @@ def evaluate_batches(
     once. Each batch, of `batch_size` consecutive poses, is measured on demand. Any number of
     threads may have an iterator each over one observer, but not share an iterator.
     """
-    accepted, names = Poses.of(poses), checked_fields(fields)
+    accepted, names = Poses.of(poses), check_fields(fields)
     check_observer(observer)
     task = Task() if task is None else task
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     batches = measurements(observer, accepted)
-    return (judged(observer, judge, task, part, seen, names) for part, seen in batches)
+    return (classify(observer, judge, task, part, seen, names) for part, seen in batches)
 
 
 def check_observer(observer: object) -> None:
@@ -224,7 +224,7 @@ def batch_size(n_faces: int, threads: int) -> int:
     return min(POSES_A_BATCH, -(-poses // threads) * threads)
 
 
-def judged(
+def classify(
     observer: Observer,
     judge: FacePass,
     task: Task,
@@ -243,11 +243,11 @@ def judged(
 def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, AnyArray]:
     """Memory for the named figures, (P, F) each."""
     # To align an array takes 3 us, more than it saves in a loop over a few faces.
-    make = np.empty if math.prod(shape) < LEAST_ALIGNED else aligned_array
+    make = np.empty if math.prod(shape) < LEAST_ALIGNED else align_array
     return {name: make(shape, FIGURES[name]) for name in names}
 
 
-def checked_fields(names: Sequence[str] | None) -> list[str]:
+def check_fields(names: Sequence[str] | None) -> list[str]:
     """Names of figures that were asked for, in the order of `FIGURES`."""
     if names is None:
         return list(FIGURES)

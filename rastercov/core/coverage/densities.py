@@ -11,7 +11,7 @@ import re
 from rastercov.base import shown
 from rastercov.base.arguments import Reads
 from rastercov.base.format import number
-from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.groups import list_names
 
 EDITIONS = {
     "EN 62676-4:2015": {
@@ -66,7 +66,7 @@ def pixels_per_metre(text: str) -> float:
         pass
     raise ValueError(
         f"px/{', px/'.join(_LENGTHS)} or a level, got {shown(text)}; levels: "
-        f"{listed(LEVELS, words)}"
+        f"{list_names(LEVELS, words)}"
     )
 
 

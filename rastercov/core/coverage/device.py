@@ -69,7 +69,7 @@ class Carried(Equipment):
         """See `Equipment`."""
         return asdict(self)
 
-    def _described(self, row: int) -> ByName:
+    def _describe(self, row: int) -> ByName:
         half = math.degrees(math.atan(self.eye.width / self.eye.fx / 2))
         return {"half_angle_deg": half, "words": self.names[0], "points": [[0.0, 0.0, 0.0]]}
 

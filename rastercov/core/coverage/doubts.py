@@ -22,9 +22,9 @@ from rastercov.core.camera import (
     equipment_on,
     eyes_of,
     names_of,
-    unit_doubts,
+    unit_warnings,
 )
-from rastercov.core.camera.doubts import convention_doubts
+from rastercov.core.camera.doubts import convention_warnings
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Task
@@ -59,7 +59,7 @@ MOST_FACES, MOST_POSES = 2000, 16
 """Faces and cameras whose lines of sight are traced, spread evenly: about 0.1 s."""
 
 
-def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:
+def find_warnings(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[str]:
     """Lines about the unit of the mesh and the side that its faces show; often none.
 
     Parameters
@@ -75,15 +75,15 @@ def doubts(network: Network, camera: Cameras, poses: ArrayLike | Poses) -> list[
     if not len(placed):
         return []
     lines = [
-        *unit_doubts(network.mesh, camera, placed),
+        *unit_warnings(network.mesh, camera, placed),
         *_sides(network, cameras, placed[_spread(len(placed), MOST_POSES)]),
-        *convention_doubts(network.mesh, cameras, placed),
+        *convention_warnings(network.mesh, cameras, placed),
     ]
     eyes = placed.eyes
     if not lines and network.mesh.n_faces <= MOST_OF_SOLIDS:  # else that is why
         from rastercov.core.mesh.solids import in_solid
 
-        lines += named_places(BEYOND, eyes, in_solid(network.mesh, eyes))
+        lines += name_places(BEYOND, eyes, in_solid(network.mesh, eyes))
     if network.mesh.spaces:
         lines += _outdoors(network.mesh, eyes)
     for index in np.unique(placed.camera):
@@ -131,10 +131,10 @@ def _outdoors(mesh: Mesh, eyes: FloatArray) -> list[str]:
     is_in = np.array([bool(room) for room in rooms_at(mesh, points)])
     halves = np.split(weights * (2.0 * is_in - 1), [len(faces)])
     is_indoors = max(half.sum() for half in halves) > 0
-    return named_places(OUTDOORS, eyes, ~is_in[len(faces) :]) if is_indoors else []
+    return name_places(OUTDOORS, eyes, ~is_in[len(faces) :]) if is_indoors else []
 
 
-def named_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]:
+def name_places(where: str, eyes: FloatArray, is_there: BoolArray) -> list[str]:
     """A warning about those of (P, 3) camera centres that are somewhere, metres; often none."""
     rows = np.flatnonzero(is_there)
     named = [f"camera {row + 1} at ({coordinates(eyes[row], 1)}) m" for row in rows[:MOST_NAMED]]

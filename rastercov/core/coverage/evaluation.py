@@ -14,21 +14,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base import ByName, ConfigError, ReadByName, frozen_record, shown
-from rastercov.base.typed import guarded_class
-from rastercov.core.area.by_camera import ByCamera, doubts_of
-from rastercov.core.area.features import narrowed
+from rastercov.base.typed import guard_class
+from rastercov.core.area.by_camera import ByCamera, warnings_of
+from rastercov.core.area.features import narrow
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene, equipment_words, led_by
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.coverage import Coverage
-from rastercov.core.coverage.doubts import dead_pixels, doubts
+from rastercov.core.coverage.doubts import dead_pixels, find_warnings
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased
+from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased_features
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import is_long
 from rastercov.core.coverage.silhouettes import GroupViews, group_views
@@ -54,16 +54,16 @@ def asked(
     """Cameras, task and phases by the arguments of features; ConfigError for other arguments."""
     left, phases, words = dict(given), None, equipment_words()
     camera = with_equipment(camera, {word: left.pop(word, None) for word in words}, mesh)
-    for each in phased():
+    for each in phased_features():
         if (value := left.pop(each.word, None)) is not None:
-            phases = each.asked(mesh, value)
+            phases = each.phases_of(mesh, value)
     for name in left:
-        known = ", ".join([*(each.word for each in phased()), *words])
+        known = ", ".join([*(each.word for each in phased_features()), *words])
         raise ConfigError(
             f"expected further arguments {known}, got {shown(name)}; "
             f"{RETIRED.get(name, 'give it in task' if hasattr(Task, name) else 'correct the name')}"
         )
-    return camera, narrowed(camera, Task() if task is None else task), phases
+    return camera, narrow(camera, Task() if task is None else task), phases
 
 
 @frozen_record
@@ -122,7 +122,7 @@ class Query:
         return self.phases.network(scene, self.engine, folder, staff)
 
 
-@guarded_class
+@guard_class
 @frozen_record(repr=False, kw_only=True)
 class Evaluation(Coverage):
     """Result of `evaluate`: values for each pose and face, and for all cameras together.
@@ -284,8 +284,8 @@ class Evaluation(Coverage):
             "warnings": list(self.mesh.warnings),
             "dead_pixels": dead_pixels(self.camera),
             "result_warnings": [
-                *doubts(network, self.camera, placed),
-                *doubts_of(result),
+                *find_warnings(network, self.camera, placed),
+                *warnings_of(result),
                 *(self.areas.doubts() if self.areas is not None else ()),
             ],
             "per_pose": per_pose,
@@ -342,4 +342,4 @@ def regions(
     camera, task, phases = asked(mesh, camera, task, given)
     if phases is not None:
         return phases.regions(camera, placed, task, engine)
-    return gated(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)
+    return with_rule(RegionPass(mesh, camera, task, method=engine).find(placed), camera, placed)

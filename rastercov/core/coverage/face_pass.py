@@ -66,7 +66,7 @@ class FacePass:
 
     def share(self, measured: Measured, poses: Poses, make_worker: Callable[[], Worker]) -> None:
         """Share poses among workers, one made for each thread."""
-        seen = self._seen(measured, poses)
+        seen = self._record_of(measured, poses)
 
         def worker() -> Callable[[slice], None]:
             work, spaces = make_worker(), dict[type, Any]()
@@ -86,7 +86,7 @@ class FacePass:
 
         share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
 
-    def _seen(self, measured: Measured, poses: Poses) -> ObservationRecord:
+    def _record_of(self, measured: Measured, poses: Poses) -> ObservationRecord:
         """Measurement of an observer, for the loops."""
         visible: AnyArray
         drawn: AnyArray

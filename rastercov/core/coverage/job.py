@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base import ByName, ConfigError, ReadByName, ResourceError, StrPath
-from rastercov.base.interrupts import interrupts_held
-from rastercov.base.locks import locked
+from rastercov.base.interrupts import hold_interrupts
+from rastercov.base.locks import lock
 from rastercov.core.area.by_camera import ByCamera
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
-from rastercov.core.area.rows import gated
+from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of, is_joint
-from rastercov.core.coverage.coverage import FIGURES, arrays_for, checked_fields, measurements
+from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields, measurements
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, Query, asked
 from rastercov.core.coverage.face_pass import FacePass
@@ -30,7 +30,7 @@ from rastercov.core.coverage.judging import SUMMED, JudgedPoses, sums_of
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.provenance import provenance_of
-from rastercov.core.coverage.shards import EvaluationShards, Wanted, judged_parts, open_for
+from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import RasterizerInfo
@@ -125,8 +125,8 @@ def evaluate(
             raise ConfigError("expected fields or a folder for shards, got both; leave one out")
         fields = ()
     elif phases is not None:
-        phases.check_held(accepted)
-    names = checked_fields(fields)
+        phases.check_motion(accepted)
+    names = check_fields(fields)
     each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
     size = each * len(accepted) * mesh.n_faces
     if size > EVALUATE_BUDGET:
@@ -135,7 +135,7 @@ def evaluate(
             f"GiB for {len(accepted)} poses x {mesh.n_faces} faces; name fewer, or fields=()"
         )
     options = vars(engine) | {"by": by, "threads": None}
-    with nullcontext() if folder is None else locked(Path(folder)) as above:
+    with nullcontext() if folder is None else lock(Path(folder)) as above:
         result = answer(query, fields=names, options=options, folder=above, staff=Staff(workers))
     if result.interrupted:
         raise KeyboardInterrupt
@@ -170,10 +170,10 @@ class QuerySums:
     def batches(
         self, observer: Observer, wanted: Wanted, shards: EvaluationShards | None, staff: Staff
     ) -> Iterator[JudgedPoses]:
-        """Batches for `add`, as of `judged_parts`."""
+        """Batches for `add`, as of `classify_parts`."""
         poses = self.query.poses
         if not self.are_of_figures:
-            return judged_parts(self.network, observer, poses, wanted, shards, staff)
+            return classify_parts(self.network, observer, poses, wanted, shards, staff)
         nothing: Any = ()  # no rows
         return (
             JudgedPoses.of(part, seen, nothing, {}, self.query.camera)
@@ -193,7 +193,7 @@ class QuerySums:
         self.network.add(batch)
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
-            self.areas.add(gated(batch.regions, camera, poses))
+            self.areas.add(with_rule(batch.regions, camera, poses))
         self.ids.append(poses.ids)
         self.clipped.append(batch.clipped)
         self.done = end
@@ -275,21 +275,21 @@ def answer(
         began = time.perf_counter()
         try:
             for batch in sums.batches(observer, wanted, shards, staff):
-                with interrupts_held():
+                with hold_interrupts():
                     if table is not None:
                         table.add(batch.rows, batch.regions)
                     sums.add(batch)
                     # The table has the area of every pair, and shards do not depend on one another.
                     is_alone = table is None and shards is None
                     if sums.areas and is_alone and isinstance(observer, RegionObserver):
-                        observer.closed = sums.per_camera.closed(sums.areas.closed)
+                        observer.closed = sums.per_camera.closed_by_camera(sums.areas.closed)
         except KeyboardInterrupt:
             if not sums.done:
                 raise
             interrupted = True
         if table is not None:
             try:
-                with interrupts_held():
+                with hold_interrupts():
                     opened.close()
             except KeyboardInterrupt:
                 interrupted = True

@@ -17,7 +17,7 @@ from rastercov.base import (
     check_choice,
     frozen_record,
 )
-from rastercov.core.area.rows import gated, gated_reasons
+from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
 from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
@@ -47,7 +47,7 @@ SUMMED: ByName = {
 
 @frozen_record
 class JudgedPoses:
-    """A few poses that a network has judged and not yet added; see `judge`.
+    """A few poses that a network has judged and not yet added; see `classify_poses`.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
     ours.totals[own] += theirs.totals
 
 
-def _merged(parts: Sequence[Sums]) -> Sums:
+def _merge_sums(parts: Sequence[Sums]) -> Sums:
     """Sums of different poses of one batch together."""
     if len(parts) == 1:
         return parts[0]
@@ -185,14 +185,14 @@ def sums_of_rigs(
     reason is that of the camera that is missed most.
     """
     rows = led_by(camera, poses)
-    shares = gated(regions, camera, poses).areas() / np.maximum(mesh.areas, TINY)
+    shares = with_rule(regions, camera, poses).areas() / np.maximum(mesh.areas, TINY)
     shares[:, mesh.degenerate_mask] = 0.0
     folded = {name: np.zeros((len(poses), mesh.n_faces), kind) for name, kind in SUMMED.items()}
     folded["coverage"][rows] = np.minimum(shares, 1.0)
     folded["in_view_fraction"][rows] = figures["in_view_fraction"][rows]
     covered = (shares >= task.min_coverage) & (shares > 0)
     on = mesh.centroids, mesh.normals
-    reason = gated_reasons(figures["reason"], camera, poses, *on, has_limits=False)[0]
+    reason = rule_reasons(figures["reason"], camera, poses, *on, has_limits=False)[0]
     # Each camera may cover most of the face, and together they cover less: one is in the shadow.
     left = next((each.reason for each in regions.conditions), Reason.OCCLUDED)
     reason[~covered & (reason == Reason.COVERED)] = left
@@ -225,7 +225,7 @@ def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums]
     return of_camera, add
 
 
-def judge(
+def classify_poses(
     mesh: Mesh,
     task: Task,
     observer: Observer,
@@ -234,7 +234,7 @@ def judge(
     pairs: str = "none",
     apart: bool = False,
 ) -> Iterator[JudgedPoses]:
-    """Measure poses, a few at a time; see `Network.judge`."""
+    """Measure poses, a few at a time; see `Network.classify_poses`."""
     check_observer(observer)
     check_choice("pairs", pairs, CHOICES)
     faces = FacePass(observer.mesh, observer.camera, observer.threads, task)
@@ -243,7 +243,7 @@ def judge(
     # Used again for each batch; what no row is written to is never taken from the system.
     memory = PairRows(*(np.empty(n_rows, ROW_TYPES[name]) for name in PairRows._fields))
 
-    def judged(batch: Poses, seen: Measured) -> JudgedPoses:
+    def classify(batch: Poses, seen: Measured) -> JudgedPoses:
         sink = Sink(choice, batch.ids, np.zeros(len(batch), np.int64), memory)
         of_threads: list[dict[int, Sums]] = []
 
@@ -263,7 +263,7 @@ def judge(
             np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
             for part in memory
         )
-        whole = {camera: _merged(some) for camera, some in parts.items()}
+        whole = {camera: _merge_sums(some) for camera, some in parts.items()}
         rows = PairRows(*columns)
         result = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
         if result.leads is not None and result.regions is None:
@@ -278,4 +278,4 @@ def judge(
         return result
 
     together = rows_of_result(observer.camera, poses)
-    return (judged(batch, seen) for batch, seen in measurements(observer, poses, together))
+    return (classify(batch, seen) for batch, seen in measurements(observer, poses, together))

@@ -24,7 +24,14 @@ from rastercov.base import (
 from rastercov.base.typed import typed
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.coverage import Coverage
-from rastercov.core.coverage.judging import RESULT, SUMMED, JudgedPoses, _merged, judge, sums_of
+from rastercov.core.coverage.judging import (
+    RESULT,
+    SUMMED,
+    JudgedPoses,
+    _merge_sums,
+    classify_poses,
+    sums_of,
+)
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.reasons import BITS, NAMES, UNSEEABLE, Reason, nearer, reason_rows
 from rastercov.core.coverage.records import Sums
@@ -170,11 +177,11 @@ class Network(InNotebook):
     def add(self, coverage: "Coverage | JudgedPoses", camera: int | None = None) -> None:
         """Add further poses; ConfigError for those of another mesh or task.
 
-        With `camera`, an index, only poses of that camera count; they must come from `judge` with
-        `apart=True`.
+        With `camera`, an index, only poses of that camera count; they must come from
+        `classify_poses` with `apart=True`.
         """
         if isinstance(coverage, JudgedPoses):
-            self._add_judged(coverage, camera)
+            self._add_classified(coverage, camera)
             return
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError(OF_ONE_TASK)
@@ -221,9 +228,9 @@ class Network(InNotebook):
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError(OF_ONE_TASK)
-        return judge(self.mesh, self.task, observer, poses, pairs=pairs, apart=apart)
+        return classify_poses(self.mesh, self.task, observer, poses, pairs=pairs, apart=apart)
 
-    def _add_judged(self, batch: JudgedPoses, camera: int | None) -> None:
+    def _add_classified(self, batch: JudgedPoses, camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""
         wanted = RESULT if camera is None and batch.leads is not None else camera
         parts = [sums for index, sums in batch.sums.items() if wanted in (None, index)]
@@ -232,7 +239,7 @@ class Network(InNotebook):
         own = slice(None) if camera is None else batch.poses.camera == camera
         if wanted == RESULT:
             own = batch.leads
-        self._take(batch.poses.ids, batch.clipped, _merged(parts), own)
+        self._take(batch.poses.ids, batch.clipped, _merge_sums(parts), own)
         if self.task.min_angle_deg > 0:
             rows = batch.rows
             is_covered = rows.reason == Reason.COVERED
@@ -333,9 +340,9 @@ class Network(InNotebook):
     @property
     def unseeable_areas(self) -> FloatArray:
         """(F,) area that no pose can see (proved), m^2; see `rastercov.core.mesh.unseeable`."""
-        from rastercov.core.mesh.unseeable import unseeable_where_seen
+        from rastercov.core.mesh.unseeable import unseeable_in_view
 
-        return unseeable_where_seen(self.mesh, self.best)
+        return unseeable_in_view(self.mesh, self.best)
 
 
 def reasons_of(network: Network, covered: BoolArray) -> ByteArray:

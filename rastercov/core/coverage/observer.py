@@ -93,7 +93,7 @@ class Observer(Closing, ABC):
         Calls running in other threads complete normally.
         """
 
-    def _accepted(self, poses: ArrayLike | Poses) -> Poses:
+    def _accept(self, poses: ArrayLike | Poses) -> Poses:
         """Poses that this observer can measure, with room for what it finds of each face."""
         if not self._is_open:
             raise DeviceError("expected an open observer, got a closed one; open a new one")
@@ -123,7 +123,7 @@ class SampledObserver(Observer):
 
     def measure(self, poses: ArrayLike | Poses) -> FaceCounts:
         """The counts of samples themselves."""
-        return self._rasterizers.count(self._accepted(poses))
+        return self._rasterizers.count(self._accept(poses))
 
     def close(self) -> None:
         """Release the memory."""
@@ -142,7 +142,7 @@ class ExactObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
-        accepted = self._accepted(poses)
+        accepted = self._accept(poses)
         seen = room_for(len(accepted), self.mesh.n_faces)
         self._pass.observe(accepted, seen)
         return seen

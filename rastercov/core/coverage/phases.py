@@ -26,7 +26,7 @@ class Phases(Protocol):
     def check(self, mesh: Mesh, camera: Cameras, poses: Poses, task: Task) -> None:
         """Raise `ConfigError` for phases of another mesh, and for what does not go with them."""
 
-    def check_held(self, placed: Poses) -> None:
+    def check_motion(self, placed: Poses) -> None:
         """Raise `ConfigError` for more than `MOST_IMAGES`."""
 
     def images(self, placed: Poses) -> int:
@@ -49,16 +49,16 @@ class Phased:
     key = ""
     """Its entry of a summary: `in_words`, on the phases in which parts are covered, and `lines`."""
 
-    def asked(self, mesh: Mesh, value: object) -> Phases:
+    def phases_of(self, mesh: Mesh, value: object) -> Phases:
         """The phases of that argument; ConfigError for another value."""
         raise NotImplementedError  # each feature has its own
 
 
-def phased() -> tuple[Phased, ...]:
+def phased_features() -> tuple[Phased, ...]:
     """Hooks of all features."""
     return hooks_of(Phased)
 
 
-def said_of(summary: ReadByName) -> ReadByName:
+def question_in(summary: ReadByName) -> ReadByName:
     """Entry on phases of a summary; empty where the scene has one."""
-    return next((summary[each.key] for each in phased() if each.key in summary), {})
+    return next((summary[each.key] for each in phased_features() if each.key in summary), {})

@@ -73,10 +73,10 @@ def plain_cameras(camera: Cameras) -> ByName:
     Of a rig with a rule, that and the thresholds of its cameras, too.
     """
     cameras = cameras_of(camera)
-    return {"camera": cameras[0].to_json()} if len(cameras) == 1 else named_cameras(camera)
+    return {"camera": cameras[0].to_json()} if len(cameras) == 1 else name_cameras(camera)
 
 
-def named_cameras(camera: Cameras) -> ByName:
+def name_cameras(camera: Cameras) -> ByName:
     """Entry "cameras" with the names of all, as of `plain_cameras` of several."""
     entries = [
         {"name": name} | each.to_json()

@@ -20,7 +20,7 @@ class _Several(IntEnum):
     """Numbers of which some are rows of several reasons, with their names."""
 
     @classmethod
-    def _combined(cls, value: object) -> "_Several | None":
+    def _combine(cls, value: object) -> "_Several | None":
         """Member for several reasons."""
         if not isinstance(value, int | np.integer) or value not in range(
             FIRST_OF_SEVERAL, len(ROWS)
@@ -30,7 +30,7 @@ class _Several(IntEnum):
         made._name_, made._value_ = ROWS[value].upper(), int(value)
         return made
 
-    _missing_ = _combined
+    _missing_ = _combine
 
 
 class Reason(_Several):
@@ -107,11 +107,15 @@ class _Reasons(dict[str, Words]):
         advice = "no one change helps: another camera must meet all of these criteria"
         bits = sum(1 << TOGETHER.index(each) for each in names if each in TOGETHER)
         return Words(
-            _listed(labels), _listed(sentences), advice, every[0].colour, bits or every[0].hatch
+            _text_list(labels),
+            _text_list(sentences),
+            advice,
+            every[0].colour,
+            bits or every[0].hatch,
         )
 
 
-def _listed(texts: list[str]) -> str:
+def _text_list(texts: list[str]) -> str:
     return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 

@@ -19,7 +19,7 @@ from rastercov.base import (
     once_each,
     read_only,
 )
-from rastercov.base.memory import aligned_array
+from rastercov.base.memory import align_array
 from rastercov.core.camera import Camera
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.mesh import Mesh
@@ -216,4 +216,4 @@ def pinhole_of(camera: Camera) -> PinholeRecord:
 def workspace(n_vertices: int, lens: "PinholeRecord | ParallelLens | CurvedLens") -> FloatArray:
     """Memory of one thread for the projected vertices."""
     columns = COLUMNS if isinstance(lens, PinholeRecord | ParallelLens) else CURVED_COLUMNS
-    return aligned_array((n_vertices, columns), np.float64)
+    return align_array((n_vertices, columns), np.float64)

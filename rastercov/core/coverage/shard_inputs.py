@@ -118,7 +118,7 @@ def read_inputs(folder: Path) -> Inputs:
     return Inputs(json.loads(whole(folder, HEADER)), mesh, cameras, read_poses(folder))
 
 
-def opened_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
+def open_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
     """Function of a folder that opens a job; it stays open in this process, until two others are.
 
     Raises
@@ -128,7 +128,7 @@ def opened_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
     """
 
     @lru_cache(OPEN)
-    def opened(folder: Path, modified: int) -> T:
+    def open_inputs(folder: Path, modified: int) -> T:
         try:
             inputs = read_inputs(folder)
         except DamagedError as error:
@@ -140,6 +140,6 @@ def opened_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
             modified = (folder / HEADER).stat().st_mtime_ns
         except OSError:
             raise FolderLostError(f"{folder}: expected {HEADER}, got no such file") from None
-        return opened(folder, modified)
+        return open_inputs(folder, modified)
 
     return of

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base import AnyArray, ByName, ReadByName, own_folder, remove_folder
-from rastercov.base.output import named_folder, own_place
+from rastercov.base.output import name_folder, own_place
 from rastercov.base.versions import version_of
 from rastercov.core.area.regions import RegionObserver
-from rastercov.core.area.table import Regions, joined
+from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
 from rastercov.core.coverage.engine import Engine
@@ -36,14 +36,14 @@ from rastercov.core.coverage.shard_inputs import (
     Inputs,
     header_bytes,
     npz_bytes,
-    opened_once,
+    open_once,
     read_npz,
     write_inputs,
 )
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import ShardStore, Staff, fill
-from rastercov.shards.run import counted
+from rastercov.shards.run import count_poses_of
 from rastercov.shards.store import DamagedError
 from rastercov.shards.store import remove as remove_files
 
@@ -122,18 +122,18 @@ class EvaluationShards:
         return {int(self.poses.ids[row]): end for row, end in self.store.quarantined().items()}
 
     def parts(self, staff: Staff) -> Iterator[JudgedPoses]:
-        """Every shard in turn, as of `judged_parts`."""
+        """Every shard in turn, as of `classify_parts`."""
         store = self.store
         made: dict[int, bytes] = {}
 
         def make(number: int, did: Callable[[int], None]) -> bytes:
             poses = self.poses[store.rows(number)]
-            arrays = _measured(self.observer, poses, self.task, self.wanted, did)
-            made[number] = packed(store.folder, number, arrays)
+            arrays = _measure_poses(self.observer, poses, self.task, self.wanted, did)
+            made[number] = pack_rows(store.folder, number, arrays)
             return made[number]
 
-        for number in fill(store, make, partial(unpacked, store), staff):
-            arrays = unpacked(store, number, made.pop(number, None))
+        for number in fill(store, make, partial(unpack_rows, store), staff):
+            arrays = unpack_rows(store, number, made.pop(number, None))
             yield self._part(arrays, self.poses[store.rows(number)])
 
     def _part(self, arrays: dict[str, AnyArray], poses: Poses) -> JudgedPoses:
@@ -157,12 +157,12 @@ class EvaluationShards:
         )
 
 
-def packed(folder: Path, number: int | None, arrays: Mapping[str, AnyArray]) -> bytes:
+def pack_rows(folder: Path, number: int | None, arrays: Mapping[str, AnyArray]) -> bytes:
     """File of a shard, with the run in the folder and the number that it is of."""
     return npz_bytes({**arrays, "of": np.array(f"{folder.name} {number}")})
 
 
-def unpacked(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, AnyArray]:
+def unpack_rows(store: ShardStore, number: int, data: bytes | None = None) -> dict[str, AnyArray]:
     """Arrays of a shard; DamagedError for one of another run, and as of `ShardStore.read`."""
     arrays = read_npz(data or store.read(number) or b"")
     if str(arrays.pop("of", "")) != f"{store.folder.name} {number}":
@@ -181,7 +181,7 @@ def store_in(
 ) -> ShardStore:
     """Shards of n poses, or frames, in a folder that is named by the hash of their header."""
     own = above / hashlib.sha256(header_bytes(header)).hexdigest()[:16]
-    own_folder(named_folder(above) / own.name)
+    own_folder(name_folder(above) / own.name)
     mesh, cameras, poses = scene
     write_inputs(own, header, mesh, cameras, poses, LOG.warning, **arrays)
     return ShardStore(own, "shards/shard-{}.npz", n, header["poses_a_shard"], function)
@@ -199,12 +199,12 @@ def remove(report: Path) -> None:
         remove_folder(above)
 
 
-def kept_in(folder: Path) -> Path:
+def folder_of_shards(folder: Path) -> Path:
     """Folder in that of a report for the shards of its run; ConfigError for a link."""
     return own_place(folder / UNFINISHED)
 
 
-def judged_parts(
+def classify_parts(
     network: Network,
     observer: Observer,
     poses: Poses,
@@ -221,7 +221,7 @@ def judged_parts(
     if shards is not None:
         yield from shards.parts(staff)
         return
-    did = counted(len(poses), staff.progress)
+    did = count_poses_of(len(poses), staff.progress)
     for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
         yield batch
         did(len(batch.poses))
@@ -234,8 +234,8 @@ def is_long(n_poses: int, n_faces: int) -> bool:
 
 def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
     """Content of a shard, as `rastercov.shards.ShardStore` wants it."""
-    observer, poses, task, wanted = _opened(folder)
-    return packed(folder, number, _measured(observer, poses[chosen], task, wanted))
+    observer, poses, task, wanted = _open_inputs(folder)
+    return pack_rows(folder, number, _measure_poses(observer, poses[chosen], task, wanted))
 
 
 def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Observer:
@@ -245,14 +245,14 @@ def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Observe
     return open_observer(mesh, camera, wanted.engine)
 
 
-@opened_once
-def _opened(folder: Path, inputs: Inputs) -> tuple[Observer, Poses, Task, Wanted]:
+@open_once
+def _open_inputs(folder: Path, inputs: Inputs) -> tuple[Observer, Poses, Task, Wanted]:
     """Observer of a folder, its poses, thresholds and figures."""
-    task, wanted = asked_of(inputs)
+    task, wanted = question_of(inputs)
     return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
 
 
-def asked_of(inputs: Inputs) -> tuple[Task, Wanted]:
+def question_of(inputs: Inputs) -> tuple[Task, Wanted]:
     """Thresholds and figures of a folder."""
     entries = inputs.header["wanted"]
     engine = Engine(**entries["engine"] | {"threads": 1})
@@ -294,7 +294,7 @@ def hash_of(poses: Poses) -> str:
     return sha256(poses.world_from_camera, poses.ids, poses.camera)
 
 
-def _measured(
+def _measure_poses(
     observer: Observer,
     poses: Poses,
     task: Task,
@@ -306,13 +306,13 @@ def _measured(
     for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
         batches.append(batch)
         did(len(batch.poses))
-    arrays = {"ids": poses.ids} | _joined(poses, batches)
+    arrays = {"ids": poses.ids} | _join_batches(poses, batches)
     if wanted.by_area:
         arrays |= _below("regions", arrays_of_regions([batch.regions for batch in batches]))
     return arrays
 
 
-def _joined(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, AnyArray]:
+def _join_batches(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, AnyArray]:
     """Arrays of all batches of some poses, whatever their sizes and the number of threads."""
     rows = [batch.rows for batch in batches]
     ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
@@ -341,5 +341,5 @@ def _under(path: str, arrays: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
 
 def arrays_of_regions(values: Sequence[Any]) -> dict[str, AnyArray]:
     """Arrays of the regions of several batches, as those of one."""
-    both = joined(values)
+    both = join(values)
     return {name: np.asarray(getattr(both, name)) for name in OF_REGIONS}

@@ -109,7 +109,7 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
     pairs = zip(rows, places_of(mesh.face_group, np.array(rows)), strict=True)
     members = {row: faces for row, faces in pairs if len(faces)}
     visible, inside, silhouette, bound = np.zeros((4, len(poses), len(members)))
-    for at, seen in _observed(mesh, cameras, poses, engine):
+    for at, seen in _observe(mesh, cameras, poses, engine):
         for column, faces in enumerate(members.values()):
             visible[at, column] = seen.visible_pixels[:, faces].sum(axis=1)
             bound[at, column] = seen.area_error[:, faces].sum(axis=1)
@@ -119,7 +119,7 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
         used, corners = np.unique(mesh.faces[faces], return_inverse=True)
         alone = Mesh(mesh.vertices[used], corners.reshape(-1, 3))
         areas = np.empty((2, len(both)))
-        for at, seen in _observed(alone, (*cameras, *around), both, engine):
+        for at, seen in _observe(alone, (*cameras, *around), both, engine):
             areas[:, at] = seen.visible_pixels.sum(axis=1), seen.area_error.sum(axis=1)
         (inside[:, column], silhouette[:, column]), errors = areas.reshape(2, 2, -1)
         bound[:, column] = np.maximum(bound[:, column], errors.max(axis=0))
@@ -145,7 +145,7 @@ def check_groups(engine: Engine) -> None:
         )
 
 
-def _observed(
+def _observe(
     mesh: Mesh, cameras: Sequence[Camera], poses: Poses, engine: Engine
 ) -> Iterator[tuple[slice, Observation]]:
     """Observations of some poses after the other, with their rows."""

@@ -18,11 +18,11 @@ from rastercov.base import (
     MeshError,
     ResourceError,
     WholeArray,
-    checked_array,
+    check_array,
     finite_points,
     row_lengths,
 )
-from rastercov.base.arguments import owned
+from rastercov.base.arguments import own_array
 
 MOST_FACES = 2**31 - 1  # a pixel stores face index + 1
 BLOCK = 1 << 17  # faces processed at once, so that temporaries fit in the cache
@@ -60,20 +60,20 @@ def places_of(unusable: BoolArray, faces: IntArray) -> str:
     return f"faces {some(rows)}" if rows.any() else f"vertices {some(unusable)}, without a face"
 
 
-def checked_vertices(vertices: ArrayLike) -> FloatArray:
+def check_vertices(vertices: ArrayLike) -> FloatArray:
     """(V, 3) float64 copy, or MeshError, or ResourceError."""
-    points = checked_array("vertices", vertices, "iuf", "real numbers", MeshError)
+    points = check_array("vertices", vertices, "iuf", "real numbers", MeshError)
     _check_rows("vertices", "V", points, "pass x, y, z rows")
-    return owned("vertices", points, np.float64)
+    return own_array("vertices", points, np.float64)
 
 
-def checked_faces(faces: ArrayLike) -> IntArray:
+def check_faces(faces: ArrayLike) -> IntArray:
     """(F, 3) int64 copy with F in 1 ... 2^31 - 1, or MeshError, or ResourceError."""
-    corners = checked_array("faces", faces, "iu", "integers", MeshError)
+    corners = check_array("faces", faces, "iu", "integers", MeshError)
     if corners.size == 0:
         raise MeshError("expected faces of at least one row, got none; add triangles")
     _check_rows("faces", "F", corners, "triangulate quads first")
-    return owned("faces", corners, np.int64)
+    return own_array("faces", corners, np.int64)
 
 
 def _check_rows(name: str, letter: str, rows: AnyArray, advice: str) -> None:
@@ -95,12 +95,12 @@ def bounds_of(vertices: FloatArray, faces: AnyArray) -> FloatArray:
 
 def face_labels(name: str, values: ArrayLike, n_faces: int) -> IntArray:
     """(F,) int64 copy of one label per face, or of one label for all faces, or MeshError."""
-    labels = checked_array(name, values, "iu", "integers", MeshError)
+    labels = check_array(name, values, "iu", "integers", MeshError)
     if labels.shape not in ((), (n_faces,)):
         raise MeshError(
             f"expected {name} of shape ({n_faces},), got {labels.shape}; pass one value per face"
         )
-    return owned(name, np.broadcast_to(labels, n_faces), np.int64)
+    return own_array(name, np.broadcast_to(labels, n_faces), np.int64)
 
 
 def frozen(array: AnyArray) -> AnyArray:
@@ -199,11 +199,11 @@ def encloses_volume(vertices: FloatArray, faces: IntArray, part: IntArray) -> Bo
     return volume > 1e-12 * scale
 
 
-def checked_poses(name: str, given: ArrayLike) -> FloatArray:
+def check_poses(name: str, given: ArrayLike) -> FloatArray:
     """Poses (T, 4, 4), orthogonal, of some or of one; ConfigError unless rigid transforms."""
     rigid = "(T, 4, 4) rigid transforms"
     wanted = f"expected {name} to be {rigid}"
-    array = checked_array(name, given, "iuf", rigid, ConfigError)
+    array = check_array(name, given, "iuf", rigid, ConfigError)
     array = finite_points(name, array[None] if array.ndim == 2 else array, (-1, 4, 4), rigid)
     if not len(array):
         raise ConfigError(f"{wanted}, got none")

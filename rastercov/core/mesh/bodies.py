@@ -148,10 +148,10 @@ class Rest:
         return cls(made, own.astype(np.int32), of_vertex.astype(np.int32), n, mesh, kept)
 
     def __post_init__(self) -> None:
-        self.mesh.__dict__["welded_faces"] = frozen(self._welded())
+        self.mesh.__dict__["welded_faces"] = frozen(self._weld())
         self.mesh.__dict__["moved_from"] = Moved(self, np.empty((0, 4, 4)))
 
-    def _welded(self) -> IntArray:
+    def _weld(self) -> IntArray:
         """Faces by the first vertex of their body at each point."""
         position = np.arange(self.mesh.n_vertices)
         rows = (self.mesh.vertices + 0.0).view(np.uint64)  # -0.0 + 0.0 is 0.0
@@ -386,14 +386,16 @@ class Within:
     def _between(
         self, one: int, other: int, relative: FloatArray, tolerance: float, diagonal: float
     ) -> Between:
-        if not (_overlap(self.boxes[one], _moved(self.boxes[other], relative), tolerance)):
+        if not (_overlap(self.boxes[one], _move_points(self.boxes[other], relative), tolerance)):
             return NO_CONTACTS
-        if not _overlap(self.boxes[other], _moved(self.boxes[one], _inverse(relative)), tolerance):
+        if not _overlap(
+            self.boxes[other], _move_points(self.boxes[one], _inverse(relative)), tolerance
+        ):
             return NO_CONTACTS
         if self.part(one).flat.all() or self.part(other).flat.all():
             return NO_CONTACTS
         (tree, face), (other_tree, other_face) = self.tree(one), self.tree(other)
-        points = _moved(other_tree.points, relative)
+        points = _move_points(other_tree.points, relative)
         boxes, nodes = np.empty_like(other_tree.boxes), np.empty_like(other_tree.nodes)
         mesh_tree.grow_boxes(points, other_tree.faces, 0.0, boxes, nodes)
         marks, other_marks = np.zeros(len(face), np.bool_), np.zeros(len(other_face), np.bool_)
@@ -479,7 +481,7 @@ class BodyContacts(Contacts):
 
     def _between(self, tolerance: float) -> list[Between]:
         """Contacts of each pair of bodies that has any."""
-        boxes = moved_boxes(self.within.boxes, self.poses)
+        boxes = move_boxes(self.within.boxes, self.poses)
         there = np.flatnonzero(~np.isnan(boxes[:, 0, 0]))
         low, high = boxes.min(axis=1) - tolerance, boxes.max(axis=1) + tolerance
         between = []
@@ -493,7 +495,7 @@ class BodyContacts(Contacts):
         return between
 
 
-def placed(mesh: Mesh, poses: Mapping[str, FloatArray]) -> tuple[Mesh, IntArray]:
+def place_bodies(mesh: Mesh, poses: Mapping[str, FloatArray]) -> tuple[Mesh, IntArray]:
     """A mesh with some groups at other poses, (4, 4), and the face at rest of each of its faces."""
     rows = {name: row for row, name in enumerate(poses, start=1)}
     body = np.array([rows.get(group.name, 0) for group in mesh.groups])[mesh.face_group]
@@ -504,11 +506,11 @@ def placed(mesh: Mesh, poses: Mapping[str, FloatArray]) -> tuple[Mesh, IntArray]
 
 def diagonal_of(boxes: FloatArray, poses: FloatArray) -> float:
     """Diagonal of the box around all boxes (B, 8, 3) by poses (B, 4, 4), metres."""
-    corners = moved_boxes(boxes, poses).reshape(-1, 3)
+    corners = move_boxes(boxes, poses).reshape(-1, 3)
     return float(np.linalg.norm(np.nanmax(corners, axis=0) - np.nanmin(corners, axis=0)))
 
 
-def moved_boxes(boxes: FloatArray, poses: FloatArray) -> FloatArray:
+def move_boxes(boxes: FloatArray, poses: FloatArray) -> FloatArray:
     """Corners (..., 8, 3) moved by poses (..., 4, 4)."""
     return boxes @ np.swapaxes(poses[..., :3, :3], -1, -2) + poses[..., None, :3, 3]
 
@@ -523,5 +525,5 @@ def _inverse(pose: FloatArray) -> FloatArray:
     return matrices_of(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3])
 
 
-def _moved(points: FloatArray, pose: FloatArray) -> FloatArray:
+def _move_points(points: FloatArray, pose: FloatArray) -> FloatArray:
     return points @ pose[:3, :3].T + pose[:3, 3]

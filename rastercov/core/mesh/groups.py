@@ -31,7 +31,7 @@ from rastercov.base import (
     flag,
     members,
     printable,
-    shortened,
+    shorten,
 )
 from rastercov.base.files import is_same_file
 from rastercov.core.mesh.arrays import face_labels
@@ -41,12 +41,12 @@ MOST_LISTED, LONGEST_LISTED = 5, 60
 """Names in a line about another one, and characters of each."""
 
 
-def quoted(name: str) -> str:
+def quote(name: str) -> str:
     """A name in quotes, shortened."""
-    return repr(shortened(name, LONGEST_LISTED))
+    return repr(shorten(name, LONGEST_LISTED))
 
 
-def listed(names: Iterable[str], near: str = "") -> str:
+def list_names(names: Iterable[str], near: str = "") -> str:
     """All names where they are few; else those that are similar to `near`, and how many there are.
 
     For errors: one line, whatever the number of names.
@@ -57,7 +57,7 @@ def listed(names: Iterable[str], near: str = "") -> str:
         similar = difflib.get_close_matches(near[:LONGEST_LISTED], every[:10_000], 3, 0.5)
         chosen = similar or every[:MOST_LISTED]
     more = f" and {len(every) - len(chosen):,} more" if len(every) > len(chosen) else ""
-    return ", ".join(shortened(name, LONGEST_LISTED) for name in chosen) + more
+    return ", ".join(shorten(name, LONGEST_LISTED) for name in chosen) + more
 
 
 def parts_above(group: str) -> list[str]:
@@ -98,7 +98,7 @@ def names_beside(paths: Sequence[StrPath], names: Sequence[Sequence[str]]) -> li
     return texts
 
 
-def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
+def files_of_group(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
     """Rows of the files that a name means, and whether it means them without wildcards.
 
     A path before a name, and that before a stem. MeshError for a name that different files have.
@@ -113,7 +113,7 @@ def files_named(name: str, paths: Sequence[StrPath]) -> tuple[list[int], bool]:
         rows = [row for row, path in enumerate(files) if is_meant(path)]
         if len({files[row] for row in rows}) > 1:
             raise MeshError(
-                f"expected one file of the name {quoted(name)}, got {len(rows)}; give a path"
+                f"expected one file of the name {quote(name)}, got {len(rows)}; give a path"
             )
         if rows:
             return rows, True
@@ -133,12 +133,12 @@ def by_file(
     for name, value in entries:
         rows, rank = list(range(len(paths))), 0
         if name not in (None, "*"):
-            with errors_as(MeshError, f"{what} {quoted(name)}"):
-                rows, is_exact = files_named(name, paths)
+            with errors_as(MeshError, f"{what} {quote(name)}"):
+                rows, is_exact = files_of_group(name, paths)
             if not rows:
-                known = listed(map(str, paths), name)
+                known = list_names(map(str, paths), name)
                 raise MeshError(
-                    f"{what}: expected one of the mesh files {known}, got {quoted(name)}"
+                    f"{what}: expected one of the mesh files {known}, got {quote(name)}"
                 )
             rank = 2 if is_exact else 1
         for row in rows:
@@ -232,13 +232,13 @@ class Names:
         """Groups that a name means, in the order of the scene; MeshError where there is none."""
         if name in self._known and self._group_first:
             return [self._known[name]]
-        rows, is_exact = files_named(name, [each.path for each in self.files])
+        rows, is_exact = files_of_group(name, [each.path for each in self.files])
         own = [] if rows else self._own.get(name, [])
         if len(own) > 1:  # its name in a file, as if that were alone
             names = (word for word, group in self._known.items() if group in own and word != name)
             raise MeshError(
-                f"expected one file with a group {quoted(name)}, got {len(own)}; give one of "
-                f"{listed(names)}, or {quoted(f'*/{name}')} for all"
+                f"expected one file with a group {quote(name)}, got {len(own)}; give one of "
+                f"{list_names(names)}, or {quote(f'*/{name}')} for all"
             )
         if name in self._known:
             return [self._known[name]]
@@ -250,8 +250,8 @@ class Names:
         items = items or self._like(f"*/{name}")  # the levels above may be left out
         if not items:
             raise MeshError(
-                f"expected a mesh file or a group, got {quoted(name)}; correct the name (groups: "
-                f"{listed(self.groups, name)})"
+                f"expected a mesh file or a group, got {quote(name)}; correct the name (groups: "
+                f"{list_names(self.groups, name)})"
             )
         return [group for group in self.groups if group in items]
 
@@ -295,7 +295,7 @@ class Names:
             for place in find(name):
                 if place != name and result.get(place, value) != value and place not in values:
                     raise MeshError(
-                        f"expected one value for group {quoted(place)}, got two from other names; "
+                        f"expected one value for group {quote(place)}, got two from other names; "
                         "name the group itself"
                     )
                 result[place] = values.get(place, value)
@@ -387,7 +387,7 @@ class Group:
         return fields
 
 
-def checked_groups(
+def check_groups(
     groups: Iterable[Group] | None, face_group: ArrayLike | None, n_faces: int
 ) -> tuple[tuple[Group, ...], Int32Array]:
     """Groups of a mesh, by default one, and the (F,) index of each face's group, or MeshError."""
@@ -408,7 +408,7 @@ def checked_groups(
     return groups, labels.astype(np.int32)
 
 
-def flagged(
+def flag_groups(
     names: Names,
     groups: Sequence[Group],
     occluders: Iterable[str] | None,
@@ -418,9 +418,11 @@ def flagged(
     """Groups with a flag set on exactly the named ones; None keeps that flag."""
     is_all = isinstance(two_sided, str) and two_sided == "all"
     chosen: dict[str, set[str] | None] = {
-        "is_occluder": named("occluders", occluders, names),
-        "is_two_sided": set(names.groups) if is_all else named("two_sided", two_sided, names),
-        "is_target": named("targets", targets, names),
+        "is_occluder": names_of_groups("occluders", occluders, names),
+        "is_two_sided": set(names.groups)
+        if is_all
+        else names_of_groups("two_sided", two_sided, names),
+        "is_target": names_of_groups("targets", targets, names),
     }
     items = []
     for group in groups:
@@ -430,7 +432,7 @@ def flagged(
     return tuple(items)
 
 
-def named(argument: str, given: Iterable[str] | None, names: Names) -> set[str] | None:
+def names_of_groups(argument: str, given: Iterable[str] | None, names: Names) -> set[str] | None:
     """Groups of the given names; None for None."""
     if given is None:
         return None

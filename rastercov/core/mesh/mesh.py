@@ -32,7 +32,7 @@ from rastercov.base import (
     members,
     plural,
     printable,
-    shortened,
+    shorten,
     shown,
     size_in_words,
     suffix_of,
@@ -44,8 +44,8 @@ from rastercov.core.mesh.arrays import (
     blocks,
     bounds_of,
     check_coordinates,
-    checked_faces,
-    checked_vertices,
+    check_faces,
+    check_vertices,
     encloses_volume,
     face_labels,
     frozen,
@@ -57,10 +57,10 @@ from rastercov.core.mesh.groups import (
     FileGroups,
     Group,
     Names,
-    checked_groups,
-    flagged,
-    listed,
-    named,
+    check_groups,
+    flag_groups,
+    list_names,
+    names_of_groups,
     of_files,
     refuse_twice,
 )
@@ -97,13 +97,13 @@ class MeshSource:
         """Entries that name the file."""
         return {"name": self.name, "sha256": self.sha256, "n_faces": self.n_faces}
 
-    def turned(self, axis: ArrayLike, angle_deg: float) -> "MeshSource":
+    def rotate(self, axis: ArrayLike, angle_deg: float) -> "MeshSource":
         """The same with north rotated about an axis; none where it becomes steep."""
         if self.site.north_deg is None or not angle_deg:
             return self
         north = np.radians(self.site.north_deg)
         way = np.array(((np.cos(north), np.sin(north), 0.0),))
-        ((x, y, z),) = moved_points(way, 1.0, axis, angle_deg, (0, 0, 0)).tolist()
+        ((x, y, z),) = move_points(way, 1.0, axis, angle_deg, (0, 0, 0)).tolist()
         turned = None if abs(z) > 0.5 else float(np.degrees(np.arctan2(y, x)))
         return replace(self, site=self.site._replace(north_deg=turned))
 
@@ -172,8 +172,8 @@ class Mesh(InNotebook):
         notes: Sequence[str] = (),
         spaces: Sequence[tuple[Any, "Mesh"]] = (),
     ) -> None:
-        corners = checked_faces(faces)
-        points = checked_vertices(vertices)
+        corners = check_faces(faces)
+        points = check_vertices(vertices)
         n_faces = len(corners)
         outside = np.any((corners < 0) | (corners >= len(points)), axis=1)
         if outside.any():
@@ -183,7 +183,7 @@ class Mesh(InNotebook):
                 f"({plural(outside.sum(), 'such face')}); correct the indices"
             )
         check_coordinates(points, corners)
-        groups, labels = checked_groups(groups, face_group, n_faces)
+        groups, labels = check_groups(groups, face_group, n_faces)
         origin = np.arange(n_faces) if source_face is None else source_face
         fields: ByName = {
             "vertices": points,
@@ -200,7 +200,7 @@ class Mesh(InNotebook):
 
     def __repr__(self) -> str:
         names = " ".join(", ".join(group.name for group in self.groups).split())
-        return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {shortened(names, 200)})"
+        return f"Mesh({self.n_faces} faces, {self.n_vertices} vertices; {shorten(names, 200)})"
 
     def __reduce__(self) -> tuple[Any, ...]:  # arrays from a pickle must be read-only, too
         return Mesh, tuple(getattr(self, name) for name in self.__dataclass_fields__)
@@ -283,7 +283,7 @@ class Mesh(InNotebook):
         paths = paths_of(path)
         scales = [metres_per(each) for each in of_files("unit", unit, paths, "m")]
         places = of_files("transforms", transforms if len(transforms) else {}, paths, {})
-        if name := _built_in(paths):
+        if name := _built_in_mesh(paths):
             if len(paths) > 1 or scales != [1.0]:
                 others = [printable(str(each)) for each in paths]
                 others.remove(name)
@@ -306,7 +306,7 @@ class Mesh(InNotebook):
                 face_group=scene.face_group,
                 source_face=scene.source_face,
                 sources=[
-                    MeshSource(*file).turned(
+                    MeshSource(*file).rotate(
                         place.get("axis", (0, 0, 1)), place.get("angle_deg", 0)
                     )
                     for file, place in zip(files, places, strict=True)
@@ -318,7 +318,7 @@ class Mesh(InNotebook):
             mesh = mesh.moved(**place, groups=each.groups) if place else mesh
         parts = np.split(mesh.faces, np.cumsum([file.n_faces for file in mesh.sources])[:-1])
         refuse_twice((str(p), mesh.vertices, own) for p, own in zip(paths, parts, strict=True))
-        return mesh._with_flags(flagged(names, mesh.groups, occluders, two_sided, targets))
+        return mesh._with_flags(flag_groups(names, mesh.groups, occluders, two_sided, targets))
 
     @classmethod
     def joined(cls, parts: Sequence["Mesh"], names: Sequence[str] | None = None) -> "Mesh":
@@ -471,7 +471,9 @@ class Mesh(InNotebook):
         >>> [(group.name, group.role) for group in scene.groups]
         [('part', 'task'), ('ball', 'occluder')]
         """
-        return self._with_flags(flagged(names_of(self), self.groups, occluders, two_sided, targets))
+        return self._with_flags(
+            flag_groups(names_of(self), self.groups, occluders, two_sided, targets)
+        )
 
     def _with_flags(self, groups: tuple[Group, ...]) -> Self:
         """Mesh with other flags of the same groups; shares this mesh's arrays."""
@@ -533,10 +535,10 @@ class Mesh(InNotebook):
         [[-0.141, -0.141, 0.9], [0.141, 0.141, 1.1]]
         """
         faces = self.faces
-        vertices = moved_points(self.vertices, scale, axis, angle_deg, translation)
+        vertices = move_points(self.vertices, scale, axis, angle_deg, translation)
         if groups is not None:
-            moving = named("groups", groups, names_of(self)) or set()
-            is_moved = faces_named(self, moving)
+            moving = names_of_groups("groups", groups, names_of(self)) or set()
+            is_moved = faces_of_groups(self, moving)
             rows = faces + self.n_vertices * is_moved[:, None]
             used, corners = np.unique(rows, return_inverse=True)
             vertices = np.concatenate([self.vertices, vertices])[used]
@@ -545,9 +547,9 @@ class Mesh(InNotebook):
         others |= {"vertices": vertices, "faces": faces}
         if groups is None:
             place = scale, axis, angle_deg, translation
-            others["sources"] = [each.turned(axis, angle_deg) for each in self.sources]
+            others["sources"] = [each.rotate(axis, angle_deg) for each in self.sources]
             others["spaces"] = [
-                (product, Mesh(moved_points(each.vertices, *place), each.faces))
+                (product, Mesh(move_points(each.vertices, *place), each.faces))
                 for product, each in self.spaces
             ]
         return Mesh(**others)
@@ -844,7 +846,7 @@ class Mesh(InNotebook):
         return tuple(items)
 
 
-def _built_in(paths: Sequence[StrPath]) -> str | None:
+def _built_in_mesh(paths: Sequence[StrPath]) -> str | None:
     """First of some paths that names a built-in mesh; MeshError for one that is no file either."""
     for path in filterfalse(is_file, paths):
         if str(path) in BUILT_IN:
@@ -854,12 +856,12 @@ def _built_in(paths: Sequence[StrPath]) -> str | None:
             got = "a folder" if is_folder else f"none{similar(path)}"
             raise MeshError(
                 f"{printable(str(path))}: expected a mesh file or a built-in mesh, such as "
-                f"{listed(BUILT_IN, str(path).lower())}, got {got}"
+                f"{list_names(BUILT_IN, str(path).lower())}, got {got}"
             )
     return None
 
 
-def faces_named(mesh: Mesh, names: Collection[str]) -> BoolArray:
+def faces_of_groups(mesh: Mesh, names: Collection[str]) -> BoolArray:
     """(F,) faces of the groups with these names."""
     of_group = np.array([group.name in names for group in mesh.groups], np.bool_)
     return of_group[mesh.face_group]
@@ -882,7 +884,7 @@ def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:
     return Names(groups, files, group_first=paths is None)
 
 
-def moved_points(
+def move_points(
     points: FloatArray,
     scale: float,
     axis: ArrayLike,

@@ -27,7 +27,7 @@ from rastercov.base import (
     shown,
 )
 from rastercov.base.typed import typed
-from rastercov.core.mesh.groups import Group, listed
+from rastercov.core.mesh.groups import Group, list_names
 from rastercov.core.mesh.mesh import BUILT_IN, Mesh
 
 DATA = files("rastercov") / "data"
@@ -76,7 +76,7 @@ def teapot(n: int = 10, *, keep_degenerate: bool = False) -> Mesh:
     weights = np.stack([comb(3, i) * k**i * (n - k) ** (3 - i) for i in range(4)], axis=1)
     lattice = np.einsum("ui,vj,pijx->puvx", weights, weights, patches)
     points, corners = _weld(lattice)
-    faces = _triangulated(corners)
+    faces = _triangulate(corners)
     if not keep_degenerate:
         faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     return Mesh(vertices=points / (n**6 * POINTS_PER_UNIT / TEAPOT_UNIT), faces=faces)
@@ -177,7 +177,7 @@ def torus(
     points = np.stack(np.broadcast_arrays(r * np.cos(around), r * np.sin(around), z), axis=-1)
     numbers = np.arange(n_major * n_minor).reshape(n_major, n_minor)
     corners = np.pad(numbers, (0, 1), mode="wrap").T  # along a row: around the axis
-    return Mesh(vertices=points.reshape(-1, 3), faces=_triangulated(corners))
+    return Mesh(vertices=points.reshape(-1, 3), faces=_triangulate(corners))
 
 
 @typed
@@ -204,7 +204,7 @@ def sphere(subdivisions: int = 4, radius: float = 1.0) -> Mesh:
     (320, [[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])
     """
     _positive(radius=radius)
-    points, faces = _subdivided_icosahedron(subdivisions)
+    points, faces = _subdivide_icosahedron(subdivisions)
     points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
     return Mesh(vertices=points, faces=faces)
 
@@ -246,7 +246,7 @@ def icosahedron(
         raise MeshError(f"expected noise, a standard deviation, to be 0 or more, got {noise}")
     _positive(edge_length=edge_length)
     check_seed(seed)
-    points, faces = _subdivided_icosahedron(subdivisions)
+    points, faces = _subdivide_icosahedron(subdivisions)
     points += np.random.default_rng(seed).normal(scale=noise / 2**subdivisions, size=points.shape)
     return Mesh(vertices=points * edge_length, faces=faces)
 
@@ -292,7 +292,7 @@ def box(
         high = np.roll(np.stack([np.full_like(row, n), column, row], axis=-1), axis, axis=-1)
         sides += [low, high]
     points, corners = _weld(np.stack(sides))
-    return Mesh(vertices=(points / n - 0.5) * size + centre, faces=_triangulated(corners))
+    return Mesh(vertices=(points / n - 0.5) * size + centre, faces=_triangulate(corners))
 
 
 @typed
@@ -367,7 +367,7 @@ def by_name(name: str) -> Mesh:
     12
     """
     if name not in BUILT_IN:
-        near = listed(NAMES, name.lower())
+        near = list_names(NAMES, name.lower())
         raise MeshError(f"expected a built-in mesh, such as {near}, got {shown(name)}")
     return BUILT_IN[name]()
 
@@ -395,7 +395,7 @@ def _weld(lattice: IntArray) -> tuple[IntArray, NDArray[np.intp]]:
     return points, index.reshape(lattice.shape[:-1])
 
 
-def _triangulated(corners: AnyArray) -> AnyArray:
+def _triangulate(corners: AnyArray) -> AnyArray:
     """(F, 3) faces, two for each cell of (..., rows, columns) vertex indices.
 
     A face's normal is (direction along a row) x (direction along a column).
@@ -405,7 +405,7 @@ def _triangulated(corners: AnyArray) -> AnyArray:
     return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
 
 
-def _subdivided_icosahedron(times: int) -> tuple[FloatArray, NDArray[np.intp]]:
+def _subdivide_icosahedron(times: int) -> tuple[FloatArray, NDArray[np.intp]]:
     """Vertices and faces of an icosahedron with edges of length 1, each face split 4^times."""
     if not 0 <= times <= 9:
         raise MeshError(f"expected subdivisions in 0 ... 9, got {times}; 9 give 5,242,880 faces")

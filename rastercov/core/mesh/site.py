@@ -24,7 +24,7 @@ class Site(NamedTuple):
             *(own[0] if own and all(_is_same(own[0], x) for x in own) else None for own in columns)
         )
 
-    def known(self, given: ReadByName, name: str) -> tuple[Any, Any, Any]:
+    def known_values(self, given: ReadByName, name: str) -> tuple[Any, Any, Any]:
         """Direction of north, latitude and longitude, those given first; None if unknown.
 
         `name` is that of north for people.

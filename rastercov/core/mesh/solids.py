@@ -88,7 +88,7 @@ class Hiders(NamedTuple):
     centre: FloatArray
     diagonal: float
 
-    def placed(self, points: FloatArray) -> FloatArray:
+    def place(self, points: FloatArray) -> FloatArray:
         """Points (N, 3) in the scene of diagonal 1."""
         return (points - self.centre) / self.diagonal
 
@@ -100,7 +100,7 @@ def hiders_of(mesh: Mesh) -> Hiders:
     hiders = Hiders(None, solid, mesh.centre, mesh.diagonal or 1.0)
     if not len(solid):
         return hiders
-    return hiders._replace(tree=TriangleTree.over(hiders.placed(mesh.vertices), mesh.faces[solid]))
+    return hiders._replace(tree=TriangleTree.over(hiders.place(mesh.vertices), mesh.faces[solid]))
 
 
 class Backs:
@@ -124,7 +124,7 @@ class Backs:
         is_held = np.asarray(((low < points) & (points < high)).all(axis=1))
         near = np.flatnonzero(is_held)
         if len(near) and self._hiders.tree is not None:
-            placed = self._hiders.placed(points[near])
+            placed = self._hiders.place(points[near])
             is_held[near] = self._hiders.tree.behind(placed, self._counts)
         return is_held
 

@@ -20,13 +20,13 @@ from rastercov.base import (
     MeshError,
     finite_points,
     row_lengths,
-    shortened,
+    shorten,
     shown,
 )
 from rastercov.base.format import area
 from rastercov.base.typed import typed
-from rastercov.core.mesh.groups import Group, listed, named
-from rastercov.core.mesh.mesh import Mesh, faces_named, names_of
+from rastercov.core.mesh.groups import Group, list_names, names_of_groups
+from rastercov.core.mesh.mesh import Mesh, faces_of_groups, names_of
 from rastercov.core.mesh.shapes import box
 
 STEEPEST_DEG = 45.0
@@ -66,13 +66,13 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     ConfigError
         For an argument of another type.
     """
-    members = named("group", group, names_of(mesh)) or set()
+    members = names_of_groups("group", group, names_of(mesh)) or set()
     if not math.isfinite(height):
         raise MeshError(f"expected a finite height, got {height} m")
     upward = np.where(mesh.two_sided_mask, abs(mesh.normals[:, 2]), mesh.normals[:, 2])
-    chosen = faces_named(mesh, members) & (upward >= math.cos(math.radians(STEEPEST_DEG)))
+    chosen = faces_of_groups(mesh, members) & (upward >= math.cos(math.radians(STEEPEST_DEG)))
     if not chosen.any():
-        own = repr(listed(sorted(members)))
+        own = repr(list_names(sorted(members)))
         raise MeshError(
             f"expected a face of group {own} that faces up within {STEEPEST_DEG:g} degrees, got "
             "none"
@@ -85,7 +85,7 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     highest = _highest(sheet)
     if highest is sheet:
         return sheet
-    name = shortened(", ".join(sorted(members)), 60)
+    name = shorten(", ".join(sorted(members)), 60)
     lost = area(sheet.areas.sum() - highest.areas.sum(), whole=float(sheet.areas.sum()))
     note = f"sheet above {name}: of faces up to {LAYERS:g} m apart the highest counts, {lost} less"
     return Mesh(highest.vertices, highest.faces, notes=(note,))

@@ -37,26 +37,26 @@ def unseeable_areas(mesh: Mesh) -> FloatArray:
 
     Computed at the first call.
     """
-    return frozen(_computed(mesh))
+    return frozen(_compute(mesh))
 
 
-def unseeable_where_seen(mesh: Mesh, seen: FloatArray) -> FloatArray:
+def unseeable_in_view(mesh: Mesh, seen: FloatArray) -> FloatArray:
     """The same where cameras see a share, (F,), of each face: 0 of all if they see into a body.
 
     That is more than twice the margin of a face, which perspective may enlarge: the camera is
     inside a surface that is no body, then.
     """
-    return where_seen(mesh, unseeable_areas(mesh), seen)
+    return areas_in_view(mesh, unseeable_areas(mesh), seen)
 
 
-def where_seen(mesh: Mesh, areas: FloatArray, seen: FloatArray) -> FloatArray:
-    """Areas of faces, (F,), of which it is proved, or 0 of all, as of `unseeable_where_seen`."""
+def areas_in_view(mesh: Mesh, areas: FloatArray, seen: FloatArray) -> FloatArray:
+    """Areas of faces, (F,), of which it is proved, or 0 of all, as of `unseeable_in_view`."""
     with np.errstate(over="ignore"):  # a share of 1e10 of a face of 1e300 m^2 is seen, too
         is_seen = seen * mesh.areas > 2 * (mesh.areas - areas) + ROUNDING_REL * mesh.areas
     return np.zeros_like(areas) if is_seen[areas > 0].any() else areas
 
 
-def _computed(mesh: Mesh) -> FloatArray:
+def _compute(mesh: Mesh) -> FloatArray:
     result = np.zeros(mesh.n_faces)
     bodies = _bodies(mesh)
     if not len(bodies):

@@ -35,11 +35,11 @@ BACKENDS = ("auto", "cpu", "gl")
 class Drawer:
     """Hooks of a rasteriser beside that of the CPU."""
 
-    def opened(self, mesh: Mesh, camera: Camera, options: ReadByName) -> Rasterizer:
+    def open_rasterizer(self, mesh: Mesh, camera: Camera, options: ReadByName) -> Rasterizer:
         """The rasteriser; DeviceError where there is none."""
         raise DeviceError("expected a rasteriser of OpenGL, got none; use backend 'cpu'")
 
-    def examined(self) -> ByName:
+    def examine(self) -> ByName:
         """Devices, libraries and settings of this machine, and the self-test of the CPU."""
         raise DeviceError("expected OpenGL to examine, got none; use backend 'cpu'")
 
@@ -119,14 +119,14 @@ def open_rasterizer(
         from rastercov.core.raster.lens import LensRasterizer
 
         if backend == "gl":  # what would be refused for a pinhole is refused
-            drawer().opened(self_test.MESH, self_test.CAMERA, options).close()
+            drawer().open_rasterizer(self_test.MESH, self_test.CAMERA, options).close()
         return LensRasterizer(mesh, camera, **common, threads=options.get("threads"))
     if backend in ("auto", "cpu"):
         # It compiles, or loads what was compiled.
         from rastercov.core.raster.cpu import CPURasterizer
 
         return CPURasterizer(mesh, camera, **common, **options)
-    return drawer().opened(mesh, camera, common | options)
+    return drawer().open_rasterizer(mesh, camera, common | options)
 
 
 def drawer() -> Drawer:

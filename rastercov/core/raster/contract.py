@@ -227,7 +227,7 @@ class Rasterizer(Closing):
         (400, None)
         """
         self._check_open()
-        return self._counted(valid_poses(poses), flag("drawn", drawn))
+        return self._count_faces(valid_poses(poses), flag("drawn", drawn))
 
     def render(self, pose: ArrayLike) -> VisibilityBuffer:
         """Face index and depth at each pixel centre: one sample per pixel.
@@ -264,7 +264,7 @@ class Rasterizer(Closing):
         if len(poses) != 1:
             raise ConfigError(f"expected one pose to render, got {len(poses)}")
         check_picture(self.camera)
-        return self._named(*self._drawn(poses))
+        return self._buffer_of(*self._draw_faces(poses))
 
     def close(self) -> None:
         """Release the memory of the device: later calls raise `DeviceError`.
@@ -274,14 +274,14 @@ class Rasterizer(Closing):
         self._is_open = False
 
     @abstractmethod
-    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+    def _count_faces(self, poses: FloatArray, drawn: bool) -> FaceCounts:
         """Counts of all faces in poses, (P, 4, 4), and of faces alone where `drawn` is true."""
 
     @abstractmethod
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
+    def _draw_faces(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         """Face of the opaque part and depth at each pixel centre in one pose, (1, 4, 4)."""
 
-    def _named(self, face: Int32Array, depth: Float32Array) -> VisibilityBuffer:
+    def _buffer_of(self, face: Int32Array, depth: Float32Array) -> VisibilityBuffer:
         """Image by the faces of the mesh, from that by the faces of its opaque part."""
         return VisibilityBuffer(self._targets.face_of(face) if self._targets else face, depth)
 
@@ -298,7 +298,7 @@ class Rasterizer(Closing):
     def _with_targets(self, counts: FaceCounts, visible: IntArray, drawn: IntArray) -> FaceCounts:
         """Counts of the whole mesh from those of its opaque part and of its targets, (P, N)."""
         assert self._targets is not None
-        merged, alone = self._targets.merged, counts.drawn
+        merged, alone = self._targets.merge, counts.drawn
         all_drawn = None if alone is None else merged(alone, drawn)
         return replace(counts, visible=merged(counts.visible, visible), drawn=all_drawn)
 

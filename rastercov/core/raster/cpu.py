@@ -132,7 +132,7 @@ class CPURasterizer(Rasterizer):
         self._drawing = drawing_of(mesh, self._threads)
         self._check()
 
-    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+    def _count_faces(self, poses: FloatArray, drawn: bool) -> FaceCounts:
         grid, mesh, targets = self._grid, self.mesh.opaque, self._targets
         # A few large poses are split into parts, bands of rows, each with its own counts.
         is_large = mesh.n_faces + grid.n_samples // 8 >= LARGE_POSE
@@ -151,14 +151,14 @@ class CPURasterizer(Rasterizer):
         self._drawing.count_targets([self._canvas], looks, *of_targets, self._threads)
         return self._with_targets(result, *seen)
 
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
+    def _draw_faces(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         face, depth = self._draw_all(poses)
         return face[0], depth[0]
 
     def render_all(self, poses: ArrayLike) -> VisibilityBuffer:
         """`render` of many poses, (P, H, W), in threads; for images that are small."""
         self._check_open()
-        return self._named(*self._draw_all(valid_poses(poses)))
+        return self._buffer_of(*self._draw_all(valid_poses(poses)))
 
     def _draw_all(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         shape = len(poses), self.camera.height, self.camera.width

@@ -150,12 +150,14 @@ class SampleViews:
         for top in range(0, self.grid.height, self._rows):
             views = self._kept.get(top)
             if views is None:
-                views = tuple(self._made(top, min(top + self._rows, self.grid.height), threads))
+                views = tuple(
+                    self._make_views(top, min(top + self._rows, self.grid.height), threads)
+                )
                 if (top + self._rows) * self.grid.width <= MOST_KEPT or not top:
                     self._kept[top] = views
             yield views
 
-    def _made(self, top: int, bottom: int, threads: int) -> Iterator[LensView]:
+    def _make_views(self, top: int, bottom: int, threads: int) -> Iterator[LensView]:
         width, height = self.grid.width, bottom - top
         check_memory(
             f"the places of {width * height:,} samples",
@@ -306,13 +308,13 @@ class LensRasterizer(Rasterizer):
         self._drawing = drawing_of(mesh, self._threads)
         self._views = views_of(camera, supersample, roll, keeps_places=False)
 
-    def _counted(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+    def _count_faces(self, poses: FloatArray, drawn: bool) -> FaceCounts:
         grid, targets, threads = self._views.grid, self._targets, self._threads
         counts = Counts(len(poses), self.mesh.opaque.n_faces, grid, drawn, (1, threads))
         near, cull, clipped = limits(self.mesh, self.camera, poses)
         seen = np.zeros((2, len(poses), len(targets.rows) if targets else 0), np.int64)
         for views in self._views.bands(threads):
-            canvases, looks = _seen(views, poses, near, cull)
+            canvases, looks = _draw_views(views, poses, near, cull)
             counts.add(self._drawing, canvases, looks)
             if targets:
                 of_targets = targets.corners, seen[0], seen[1]
@@ -321,14 +323,14 @@ class LensRasterizer(Rasterizer):
         result = self._result(counts.visible, counts.drawn, background, clipped)
         return self._with_targets(result, *seen) if targets else result
 
-    def _drawn(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
+    def _draw_faces(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         shape = self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         pictures = views_of(self.camera, 1, 0.0, keeps_places=True)
         near, cull = picture_limits(self.mesh, self.camera, poses)
         of_faces = self._corners[0], len(pictures.frames) > 1
         for views in pictures.bands(self._threads):
-            seen, image = _seen(views, poses, near, cull), (face.ravel(), depth.ravel())
+            seen, image = _draw_views(views, poses, near, cull), (face.ravel(), depth.ravel())
             self._drawing.render_lanes(*seen, *of_faces, *image, self._threads)
         return face, depth
 
@@ -338,7 +340,7 @@ class LensRasterizer(Rasterizer):
         self._drawing.close()
 
 
-def _seen(
+def _draw_views(
     views: Sequence[LensView], poses: FloatArray, near: FloatArray, cull: BoolArray
 ) -> tuple[list[Canvas], Looks]:
     """Canvases of views, and the poses of each, for the loops."""

@@ -38,11 +38,11 @@ class Rasterizers:
     def __init__(
         self, mesh: Mesh, cameras: Sequence[Camera], *arguments: Any, **options: Any
     ) -> None:
-        def opened(index: int) -> Rasterizer:
+        def open_one(index: int) -> Rasterizer:
             return open_rasterizer(mesh, cameras[index], *arguments, **options)
 
-        first = opened(0)
-        self.info, self._opened, self._open = first.info, opened, {0: first}
+        first = open_one(0)
+        self.info, self._opened, self._open = first.info, open_one, {0: first}
         self._lock = threading.Lock()
 
     def count(self, poses: Poses) -> FaceCounts:

@@ -87,7 +87,7 @@ class TargetFaces:
         names = np.append(self.opaque, -1).astype(np.int32)
         return names[face]
 
-    def merged(self, opaque: CountArray, targets: IntArray) -> CountArray:
+    def merge(self, opaque: CountArray, targets: IntArray) -> CountArray:
         """Counts of all faces from those of the opaque ones and of the targets, (P, N)."""
         n_faces = len(self.opaque) + len(self.rows)
         merged: CountArray = np.empty((len(targets), n_faces), opaque.dtype)

@@ -179,7 +179,7 @@ struct Web {
         const Vector x = vector_of(axes[0]), y = vector_of(axes[1]), pole = vector_of(axes[2]);
         const double along_x = dot(u, x), along_y = dot(u, y), across = length2(along_x, along_y);
         const double a = std::atan2(across, dot(u, pole));
-        const double t = wrapped(std::atan2(along_y, along_x));
+        const double t = wrap(std::atan2(along_y, along_x));
         const int64_t i = cell(turn, t), j = cell(angle, a);
         const double p = std::clamp((t - turn[i]) / (turn[i + 1] - turn[i]), 0.0, 1.0);
         const double q = std::clamp((a - angle[j]) / (angle[j + 1] - angle[j]), 0.0, 1.0);
@@ -214,7 +214,7 @@ struct Web {
     }
     static double sine_of(double angle) { return angle < HALF ? std::sin(angle) : 0.0; }
 
-    double wrapped(double t) const {
+    double wrap(double t) const {
         const double from = std::fmod(t - turn[0], 2 * HALF);
         return turn[0] + (from < 0 ? from + 2 * HALF : from);
     }
@@ -234,7 +234,7 @@ struct Web {
         const bool has_pole = !(across > sine + ROUNDING);
         const double half =
             has_pole ? 2 * HALF : std::asin(std::min(sine / across, 1.0)) + ROUNDING;
-        const double start = half < HALF ? wrapped(t - half) : turn[0];
+        const double start = half < HALF ? wrap(t - half) : turn[0];
         int64_t i = cell(turn, start);
         double left = std::min(2 * half, 2 * HALF) + start - turn[i];
         Most most;

@@ -124,7 +124,7 @@ struct Depths {
 
 // The image of a face along parallel rays in the plane at the depth `unit`, in the frame of the
 // face: a camera at the origin sees it in the same pixels, as if it were there.
-inline Plane flattened(const Plane &plane, double unit) {
+inline Plane flatten(const Plane &plane, double unit) {
     Plane flat = plane;
     flat.origin.z = unit;
     flat.x_axis.z = flat.y_axis.z = 0.0;

@@ -504,7 +504,7 @@ void cut_pieces(const Planes &planes, const LensCriteria &criteria, const Seen &
                 circle.emplace(plane, disc.slope, criteria.pinhole.gap);
             }
             if (step == TO_VIEW) has_depths = set_depths(criteria, plane, depths);
-            if (criteria.unit > 0) plane = flattened(plane, criteria.unit);
+            if (criteria.unit > 0) plane = flatten(plane, criteria.unit);
             if (step == TO_VIEW && criteria.has_border)
                 cone.emplace(criteria.params, criteria.frame, plane);
         }

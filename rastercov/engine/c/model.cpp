@@ -54,8 +54,8 @@ rc_status rc_lens_prove(const rc_optics *optics, const double *coefficients, int
         constexpr double PI = std::numbers::pi;
         const auto region = lens::region_of(terms.code, terms.params, width, height,
                                             angle > 0 ? angle * (PI / 180) : PI);
-        auto row = lens::packed(terms.code, region, width, height, lens::EDGE_TOLERANCE,
-                                lens::FIELD_TOLERANCE);
+        auto row = lens::pack_lens(terms.code, region, width, height, lens::EDGE_TOLERANCE,
+                                   lens::FIELD_TOLERANCE);
         row[1] = terms.is_by_distance;
         row[2] = terms.has_closed_form;
         *lens = handles().add<rc_lens>(lens_from(std::move(row)));

@@ -217,8 +217,8 @@ struct Network {
         std::vector<Regions> own;
         std::vector<const Regions *> all;
         for (const Row &row : rows)
-            own.push_back(
-                chosen(covered_by(row, stage)->poses[0], [&](int32_t f) { return asked[f]; }));
+            own.push_back(choose_regions(covered_by(row, stage)->poses[0],
+                                         [&](int32_t f) { return asked[f]; }));
         for (const Regions &each : own) all.push_back(&each);
         add_poses(*made->all, all);
         return made;
@@ -540,7 +540,7 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     all->all->write_areas({levels.begin(), {views, n}});
     all->all->write_bounds({both.begin(), {2, n}});
     const Mask unseeable = unseeable_of(network.surface->mesh, levels, wanted.unseeable);
-    const auto whole = completed(*all);
+    const auto whole = complete_union(*all);
     const Partition parts(*whole->all);
     const bool has_rows = !network.rows.empty();
     Zones zones;

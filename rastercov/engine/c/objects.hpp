@@ -99,7 +99,7 @@ Handles &handles();
 std::string &last_error();
 
 // What is said where there may be no memory for a text.
-[[maybe_unused]] inline rc_status failed(rc_status status, const char *what) noexcept {
+[[maybe_unused]] inline rc_status fail_with(rc_status status, const char *what) noexcept {
 #ifdef __cpp_exceptions
     try {
         last_error() = what;
@@ -121,21 +121,21 @@ template <class Call> rc_status guard(const char *doing, Call call) noexcept {
         call();
         return RC_OK;
     } catch (const BadHandle &error) {
-        return failed(RC_BAD_HANDLE, error.what());
+        return fail_with(RC_BAD_HANDLE, error.what());
     } catch (const Error &error) {
-        return failed(RC_BAD_ARGUMENT, error.what());
+        return fail_with(RC_BAD_ARGUMENT, error.what());
     } catch (const Interrupted &) {
-        return failed(RC_STOPPED, "stopped by the callback; finished rows are kept");
+        return fail_with(RC_STOPPED, "stopped by the callback; finished rows are kept");
     } catch (const std::bad_alloc &) {
         char text[160];
         std::snprintf(text, sizeof text,
                       "expected memory for %s, got too little; pass fewer poses or free handles",
                       doing);
-        return failed(RC_OUT_OF_MEMORY, text);
+        return fail_with(RC_OUT_OF_MEMORY, text);
     } catch (const std::exception &error) {
-        return failed(RC_FAILED, error.what());
+        return fail_with(RC_FAILED, error.what());
     } catch (...) {
-        return failed(
+        return fail_with(
             RC_FAILED,
             "expected a std::exception from the callback, got another type; catch it there");
     }

@@ -70,7 +70,7 @@ std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject>
 }
 
 namespace {
-engine::Room<bool> asked_of(const SurfaceObject &surface) {
+engine::Room<bool> conditions_of(const SurfaceObject &surface) {
     const engine::MeshArrays &mesh = *surface.mesh.arrays;
     engine::Room<bool> asked(surface.mesh.n_faces());
     for (int64_t f = 0; f < asked.size(); f++) asked[f] = mesh.is_asked[f] && mesh.areas[f] > 0;
@@ -79,7 +79,7 @@ engine::Room<bool> asked_of(const SurfaceObject &surface) {
 
 } // namespace
 
-std::shared_ptr<UnionObject> completed(const UnionObject &from) {
+std::shared_ptr<UnionObject> complete_union(const UnionObject &from) {
     auto made = union_of(from.surface, from.all->views() + 1);
     Partition parts(*from.all);
     const std::vector<int32_t> none(size_t(parts.size()));
@@ -88,7 +88,7 @@ std::shared_ptr<UnionObject> completed(const UnionObject &from) {
     from.all->write_bounds({both.begin(), {2, n}});
     made->all->begin(parts.pieces(none), {parts.tag.data(), {parts.size()}}, {both.begin(), {n}},
                      {both.begin() + n, {n}});
-    const engine::Room<bool> asked = asked_of(*from.surface);
+    const engine::Room<bool> asked = conditions_of(*from.surface);
     made->all->fill(asked.rows());
     return made;
 }
@@ -154,7 +154,7 @@ rc_status rc_union_complete(const rc_union *unite, rc_union **complete) {
         expect_result(complete);
         const auto object = object_of(unite);
         const std::scoped_lock lock(object->changes);
-        *complete = handles().add<rc_union>(completed(*object));
+        *complete = handles().add<rc_union>(complete_union(*object));
     });
 }
 

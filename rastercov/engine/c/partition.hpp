@@ -62,7 +62,7 @@ bool is_inside(double x, double y, const double *corners, int64_t n, double slac
 std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject> &surface,
                                       int64_t views);
 // The union of one view more, with a further pose that covers all evaluated faces.
-std::shared_ptr<UnionObject> completed(const UnionObject &from);
+std::shared_ptr<UnionObject> complete_union(const UnionObject &from);
 // Adds what a union covers by `views` poses or more, or by fewer than -views, as a bit of sets.
 void add_set(engine::Union &sets, const engine::Union &more, int64_t views, int64_t bit);
 

@@ -22,7 +22,7 @@ smooth::Vector row_of(const engine::Room<double> &rows, int32_t face) {
 }
 
 // What at least k of some poses cover.
-Regions counted(const engine::Mesh &mesh, const Poses &poses, int64_t k) {
+Regions count_views(const engine::Mesh &mesh, const Poses &poses, int64_t k) {
     const int64_t n = mesh.n_faces();
     std::vector<int32_t> number(static_cast<size_t>(n));
     for (const Regions *each : poses)
@@ -30,7 +30,7 @@ Regions counted(const engine::Mesh &mesh, const Poses &poses, int64_t k) {
     // A face of fewer poses is not covered, and that is exact.
     const auto is_asked = [&](int32_t f) { return number[size_t(f)] >= k; };
     std::vector<Regions> some;
-    for (const Regions *each : poses) some.push_back(chosen(*each, is_asked));
+    for (const Regions *each : poses) some.push_back(choose_regions(*each, is_asked));
     Poses asked;
     for (const Regions &each : some) asked.push_back(&each);
     const area::Planes planes = mesh.arrays->planes();
@@ -186,7 +186,7 @@ struct Rule {
         if (parts.size() == 1) return std::move(parts[0]);
         Poses all;
         for (const Regions &each : parts) all.push_back(&each);
-        return counted(mesh, all, 1);
+        return count_views(mesh, all, 1);
     }
 
     Regions within_deviation(const Regions &found) const {
@@ -205,10 +205,10 @@ struct Rule {
         for (size_t d = 0; d < poses.size(); d++)
             (gate.needs && gate.needs[d] ? needed : others).push_back(poses[d]);
         const auto least = int64_t(needed.size());
-        Regions found = counted(mesh, least > 0 ? needed : others, least > 0 ? least : gate.k);
+        Regions found = count_views(mesh, least > 0 ? needed : others, least > 0 ? least : gate.k);
         if (least > 0 && gate.k > least) {
-            const Regions rest = counted(mesh, others, gate.k - least);
-            found = counted(mesh, {&found, &rest}, 2);
+            const Regions rest = count_views(mesh, others, gate.k - least);
+            found = count_views(mesh, {&found, &rest}, 2);
         }
         if (gate.least_deg > 0.0 || gate.most_deg < 180.0) found = within_angles(std::move(found));
         return gate.most_deviation > 0.0 ? within_deviation(found) : found;
@@ -223,8 +223,8 @@ struct Rule {
                 const smooth::Vector away = smooth::less(eyes[d], row_of(mesh.arrays->origin, f));
                 return smooth::dot(away, row_of(mesh.arrays->normal, f)) < 0;
             };
-            parts[0].push_back(chosen(*poses[d], [&](int32_t f) { return !is_behind(f); }));
-            parts[1].push_back(chosen(*poses[d], is_behind));
+            parts[0].push_back(choose_regions(*poses[d], [&](int32_t f) { return !is_behind(f); }));
+            parts[1].push_back(choose_regions(*poses[d], is_behind));
         }
         std::array<Regions, 2> found;
         for (size_t side = 0; side < 2; side++) {
@@ -234,7 +234,7 @@ struct Rule {
         }
         if (found[1].listed.empty()) return std::move(found[0]);
         if (found[0].listed.empty()) return std::move(found[1]);
-        return counted(mesh, {&found[0], &found[1]}, 1);
+        return count_views(mesh, {&found[0], &found[1]}, 1);
     }
 };
 

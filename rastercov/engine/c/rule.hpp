@@ -7,7 +7,7 @@
 namespace rastercov::c {
 
 // Regions of the faces that a test chooses.
-template <class Test> engine::Regions chosen(const engine::Regions &from, Test test) {
+template <class Test> engine::Regions choose_regions(const engine::Regions &from, Test test) {
     engine::Regions out;
     auto at = from.xy.begin();
     for (size_t p = 0; p < from.face.size(); p++) {

@@ -218,7 +218,7 @@ inline double facing(const CurvedSlopes &s) {
 
 // A direction of the world, or the way from the camera, in the camera axes of a pose, or of the
 // rotation of one.
-template <class N, class Pose> INLINE Triple<N> turned(const Triple<N> &way, const Pose &pose) {
+template <class N, class Pose> INLINE Triple<N> rotate(const Triple<N> &way, const Pose &pose) {
     const auto &[x, y, z] = way;
     return {x * N(pose(0, 0)) + y * N(pose(1, 0)) + z * N(pose(2, 0)),
             x * N(pose(0, 1)) + y * N(pose(1, 1)) + z * N(pose(2, 1)),

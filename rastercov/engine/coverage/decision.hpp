@@ -201,7 +201,7 @@ Judged judge_point(const Camera &camera, const Rules &rules, const Rotation &rot
     double height = -(x * normal.x + y * normal.y + z * normal.z);
     if (is_two_sided) height = std::abs(height);
     if (!(height > 0.0)) return {0, BACK_FACING, 0.0};
-    const auto [right, down, ahead] = turned(way, rotation);
+    const auto [right, down, ahead] = rotate(way, rotation);
     const auto [depth, is_inside] = place(camera, near, right, down, ahead);
     if (!is_inside && !place(widest(camera), near, right, down, ahead).is_inside)
         return {0, OUTSIDE, depth};
@@ -213,7 +213,7 @@ Judged judge_point(const Camera &camera, const Rules &rules, const Rotation &rot
     const auto asks =
         std::max({rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density});
     if (asks > 0.0) {
-        const auto [a, b, c] = turned(normal, rotation);
+        const auto [a, b, c] = rotate(normal, rotation);
         const auto slopes = jacobian(camera, right, down, ahead);
         if (!(per_m2(slopes, a, b, c) >= rules.min_pixels_per_m2 &&
               facing(slopes) >= rules.min_facing_density &&

@@ -128,7 +128,7 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
     face.state = field.state;
     face.part = field.part;
     face.area = field.area;
-    const Triple<N> normal = turned(read_triple<N>(scene.normals.begin() + 3 * f), view.pose());
+    const Triple<N> normal = rotate(read_triple<N>(scene.normals.begin() + 3 * f), view.pose());
     const Mask<N> is_two_sided = read_mask<N>(scene.two_sided.begin() + f);
     face.cosine = incidence_cosine(corners, normal, is_two_sided, camera);
     is.own = read<Whole<N>>(scene.own.begin() + f);

@@ -63,7 +63,7 @@ inline void project(FloatRows<3> vertices, Pose pose, double near, const CurvedL
     for (int64_t i = 0; i < vertices.rows(); i++) {
         const Triple<double> way = {vertices(i, 0) - pose(0, 3), vertices(i, 1) - pose(1, 3),
                                     vertices(i, 2) - pose(2, 3)};
-        const auto [x, y, z] = turned(way, pose);
+        const auto [x, y, z] = rotate(way, pose);
         double state = BEHIND;
         double u = NAN;
         double v = NAN;
@@ -87,8 +87,8 @@ inline void project(FloatRows<3> vertices, Pose pose, double near, const CurvedL
 }
 
 // Vertex in the axes of a plane.
-inline Triple<double> turned_to(const Vertex<double> &vertex, const lens::Frame &frame) {
-    return turned(Triple<double>{vertex[X], vertex[Y], vertex[Z]}, frame);
+inline Triple<double> rotate_to(const Vertex<double> &vertex, const lens::Frame &frame) {
+    return rotate(Triple<double>{vertex[X], vertex[Y], vertex[Z]}, frame);
 }
 
 // Fills `polygon` with a face in a plane, in its units; false where some of it is not there. The
@@ -97,7 +97,7 @@ inline bool lay_in_plane(const Corners<double> &corners, double near, const Curv
                          int64_t n, exact::Points polygon) {
     double least = INFINITY;
     for (int s = 0; s < 3; s++) {
-        const auto [x, y, depth] = turned_to(corners[s], lens.frames[n]);
+        const auto [x, y, depth] = rotate_to(corners[s], lens.frames[n]);
         const double z = lens.ahead_at(depth);
         polygon(s, 0) = x / z;
         polygon(s, 1) = y / z;
@@ -190,7 +190,7 @@ inline bool is_out_of_sight(const Corners<double> &corners, double near, const C
         bool above = true;
         bool below = true;
         for (int s = 0; s < 3; s++) {
-            const auto [x, y, z] = turned_to(corners[s], lens.frames[n]);
+            const auto [x, y, z] = rotate_to(corners[s], lens.frames[n]);
             const double ahead = lens.ahead_at(z);
             before = before && z < near;
             left = left && x < box.u_min * ahead;
@@ -214,7 +214,7 @@ inline Areas curved_areas(const Corners<double> &face, double near, const Curved
     const auto polygon = view_of(memory.polygon), spare = view_of(memory.spare);
     for (int64_t n = 0; n < lens.frames.rows(); n++) {
         for (int s = 0; s < 3; s++) {
-            const auto [x, y, z] = turned_to(face[s], lens.frames[n]);
+            const auto [x, y, z] = rotate_to(face[s], lens.frames[n]);
             corners(s, 0) = x;
             corners(s, 1) = y;
             corners(s, 2) = z;

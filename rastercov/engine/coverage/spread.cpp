@@ -166,9 +166,9 @@ template <class Camera>
 double density_at(const Triple<double> &point, Array<const double, 4, 4> pose,
                   const Triple<double> &normal, const Camera &camera) {
     const Triple<double> way = {point.x - pose(0, 3), point.y - pose(1, 3), point.z - pose(2, 3)};
-    const auto [right, down, depth] = turned(way, pose);
+    const auto [right, down, depth] = rotate(way, pose);
     if (!is_ahead(camera, right, down, depth)) return 0.0;
-    const auto [a, b, c] = turned(normal, pose);
+    const auto [a, b, c] = rotate(normal, pose);
     return along(jacobian(camera, right, down, depth), a, b, c);
 }
 

@@ -319,8 +319,8 @@ int64_t mark_segment(const Course &course, Array<double, 7> extent, int64_t n_cr
     const Ends s = ends_of(course.segment);
     const double u = s.u0, v = s.v0, du = s.u1 - u, dv = s.v1 - v;
     Part within =
-        narrowed(u, u + du, extent[U_MIN] - tolerance, extent[U_MAX] + tolerance, {0.0, 1.0});
-    within = narrowed(v, v + dv, extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, within);
+        narrow(u, u + du, extent[U_MIN] - tolerance, extent[U_MAX] + tolerance, {0.0, 1.0});
+    within = narrow(v, v + dv, extent[V_MIN] - tolerance, extent[V_MAX] + tolerance, within);
     const auto [t0, t1] = within;
     course.segment.ends[IS_VISIBLE] = t0 > 0 || t1 < 1 ? 1 : 0;
     if (t0 > t1) return n_crossings;
@@ -347,7 +347,7 @@ int64_t mark_segment(const Course &course, Array<double, 7> extent, int64_t n_cr
             // The outermost cells hold all that is beyond them.
             left = column > first ? grid.left + column / grid.per_u - tolerance : -INF;
             right = column < last ? grid.left + (column + 1) / grid.per_u + tolerance : INF;
-            const Part in_cell = narrowed(u, u + du, left, right, in_row);
+            const Part in_cell = narrow(u, u + du, left, right, in_row);
             if (in_cell.first <= in_cell.last)
                 n_crossings =
                     mark_in_cell(row * grid.columns + column, course, in_cell, n_crossings);
@@ -369,7 +369,7 @@ bool project_clipped(int64_t a, int64_t b, Vertices vertices, const Pinhole &cam
         }
     }
     const double fx = camera.fx, fy = camera.fy, cx = camera.cx, cy = camera.cy, near = camera.near;
-    Part part = narrowed_to_inside(p[2] - near, q[2] - near, {0.0, 1.0});
+    Part part = narrow_to_inside(p[2] - near, q[2] - near, {0.0, 1.0});
     const struct {
         int axis;
         double focal, offset;
@@ -378,8 +378,8 @@ bool project_clipped(int64_t a, int64_t b, Vertices vertices, const Pinhole &cam
                     {1, fy, cy - camera.v_min},
                     {1, -fy, camera.v_max - cy}};
     for (const auto &[axis, focal, offset] : borders)
-        part = narrowed_to_inside(focal * p[axis] + offset * camera.divisor_at(p[2]),
-                                  focal * q[axis] + offset * camera.divisor_at(q[2]), part);
+        part = narrow_to_inside(focal * p[axis] + offset * camera.divisor_at(p[2]),
+                                focal * q[axis] + offset * camera.divisor_at(q[2]), part);
     if (part.is_empty()) return false;
     const double reach = length(p[0], p[1], p[2]) + length(q[0], q[1], q[2]);
     segment.ends[START] = part.first == 0 ? a : NO_VERTEX;

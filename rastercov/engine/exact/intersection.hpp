@@ -68,8 +68,8 @@ inline int64_t take_intersection(int64_t t, int64_t m, int64_t n_sides, int64_t 
     const double du = line.du / slope, dv = line.dv / slope, offset = line.offset / slope;
     const double u = line.u0 + offset * dv, v = line.v0 - offset * du;
     const double reach = box(t, U_MAX) - box(t, U_MIN) + box(t, V_MAX) - box(t, V_MIN);
-    Part part = narrowed(u, u + du, box(t, U_MIN) - reach, box(t, U_MAX) + reach, {-INF, INF});
-    part = narrowed(v, v + dv, box(t, V_MIN) - reach, box(t, V_MAX) + reach, part);
+    Part part = narrow(u, u + du, box(t, U_MIN) - reach, box(t, U_MAX) + reach, {-INF, INF});
+    part = narrow(v, v + dv, box(t, V_MIN) - reach, box(t, V_MAX) + reach, part);
     error = std::max(error / slope, camera.pixel_error);
     const double slack = SURE * std::max(error, outline_error(m, camera, projected));
     for (int64_t s = 0; s < n_sides; s++) {

@@ -25,7 +25,7 @@ struct Part {
 constexpr Part NOWHERE = {1.0, 0.0};
 
 // Part of a range where a coordinate is in low ... high.
-inline Part narrowed(double start, double end, double low, double high, Part part) {
+inline Part narrow(double start, double end, double low, double high, Part part) {
     const double step = end - start;
     if (step == 0) return low <= start && start <= high ? part : NOWHERE;
     const double enters = (low - start) / step, leaves = (high - start) / step;
@@ -34,7 +34,7 @@ inline Part narrowed(double start, double end, double low, double high, Part par
 }
 
 // Part of a range where a value is >= 0.
-inline Part narrowed_to_inside(double start, double end, Part part) {
+inline Part narrow_to_inside(double start, double end, Part part) {
     if (start < 0 && end < 0) return NOWHERE;
     if (start < 0) part.first = std::max(part.first, start / (start - end));
     else if (end < 0) part.last = std::min(part.last, start / (start - end));
@@ -107,7 +107,7 @@ inline Part crosses(int64_t f, const Ends &s, Part part, double tolerance,
             if ((has_a ? end : start) < 0) return NOWHERE;
             continue;
         }
-        part = narrowed_to_inside(start, end, part);
+        part = narrow_to_inside(start, end, part);
         if (part.is_empty()) return NOWHERE;
     }
     const double w = uvw(i, W), wa = uvw(j, W) - w, wb = uvw(k, W) - w;
@@ -141,7 +141,7 @@ inline Part hidden_range(int64_t m, const Ends &s, Part part, double tolerance, 
         if (start < least && end < least) return NOWHERE;
         if (start >= most && end >= most) continue;
         const double margin = is_joined(m, side, n_lines, view) ? least : most;
-        part = narrowed_to_inside(start - margin, end - margin, part);
+        part = narrow_to_inside(start - margin, end - margin, part);
         if (part.is_empty()) return NOWHERE;
     }
     const Plane of = plane_of(m, camera, projected);
@@ -149,10 +149,10 @@ inline Part hidden_range(int64_t m, const Ends &s, Part part, double tolerance, 
     const double margin = 2 * of.error + 4 * DEPTH_TIE_REL * box(m, W_MAX);
     const double start = of.w + of.a * (s.u0 - of.u) + of.b * (s.v0 - of.v) - s.w0 - margin;
     const double end = of.w + of.a * (s.u1 - of.u) + of.b * (s.v1 - of.v) - s.w1 - margin;
-    part = narrowed_to_inside(start, end, part);
+    part = narrow_to_inside(start, end, part);
     // The sides of a needle that is grown meet far beyond its tip.
-    part = narrowed(s.u0, s.u1, box(m, U_MIN) - 2 * error, box(m, U_MAX) + 2 * error, part);
-    return narrowed(s.v0, s.v1, box(m, V_MIN) - 2 * error, box(m, V_MAX) + 2 * error, part);
+    part = narrow(s.u0, s.u1, box(m, U_MIN) - 2 * error, box(m, U_MAX) + 2 * error, part);
+    return narrow(s.v0, s.v1, box(m, V_MIN) - 2 * error, box(m, V_MAX) + 2 * error, part);
 }
 
 // Takes a part out of n ranges; returns how many are left. Where there is no room for another

@@ -30,26 +30,26 @@ struct Ball {
     }
     friend Ball operator-(const Ball &a, const Ball &b) { return a + -1.0 * b; }
     friend Ball operator*(double factor, const Ball &a) {
-        if (factor == 0.0) return limited(0.0, 0.0, 0.0, a.off < INFINITE);
+        if (factor == 0.0) return limit_to(0.0, 0.0, 0.0, a.off < INFINITE);
         return {a.re * factor, a.im * factor, a.off * std::abs(factor), a.is_near_pole};
     }
     friend Ball operator*(const Ball &a, double factor) { return factor * a; }
     friend Ball operator*(const Ball &a, const Ball &b) {
         const double off = a.size() * b.off + b.size() * a.off + a.off * b.off;
-        return limited(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re, off, off < INFINITE,
-                       a.is_near_pole || b.is_near_pole);
+        return limit_to(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re, off, off < INFINITE,
+                        a.is_near_pole || b.is_near_pole);
     }
     friend Ball operator/(const Ball &a, const Ball &b) { return a * b.inverse(); }
 
     // A ball where it is good, else one without limit.
-    static Ball limited(double re, double im, double off, bool is_good, bool near_pole = false) {
+    static Ball limit_to(double re, double im, double off, bool is_good, bool near_pole = false) {
         if (!is_good) return {0.0, 0.0, INFINITE, near_pole};
         return {re, im, off, near_pole};
     }
     Ball inverse() const {
         const double own = size();
         const Step one = Step(1.0) / Step(re, im);
-        return limited(one.real, one.imag, off / (own * (own - off)), own > off, is_near_pole);
+        return limit_to(one.real, one.imag, off / (own * (own - off)), own > off, is_near_pole);
     }
 };
 
@@ -100,8 +100,8 @@ inline Ball smaller(const Ball &one, const Ball &other) {
 inline Ball sqrt(const Ball &z) {
     // |sqrt z - sqrt c| = |z - c| / |sqrt z + sqrt c|; both roots are within 45 degrees of 1.
     const Step root = complex::root_of({z.re, z.im});
-    return Ball::limited(root.real, root.imag, z.off / std::sqrt(z.size()), z.re > z.off,
-                         z.is_near_pole);
+    return Ball::limit_to(root.real, root.imag, z.off / std::sqrt(z.size()), z.re > z.off,
+                          z.is_near_pole);
 }
 
 inline Ball atan(const Ball &z) {
@@ -110,8 +110,8 @@ inline Ball atan(const Ball &z) {
     const double to_minus_i = rounded::hypot(z.re, z.im + 1.0) - z.off;
     const bool is_off_cut = std::abs(z.im) + z.off < 1.0 || std::abs(z.re) > z.off;
     const Step angle = complex::atan_of({z.re, z.im});
-    return Ball::limited(angle.real, angle.imag, z.off / (to_i * to_minus_i),
-                         to_i > 0.0 && to_minus_i > 0.0 && is_off_cut);
+    return Ball::limit_to(angle.real, angle.imag, z.off / (to_i * to_minus_i),
+                          to_i > 0.0 && to_minus_i > 0.0 && is_off_cut);
 }
 
 // Theta / r, the integral of 1 / (r^2 + t^2) over t > z.
@@ -139,8 +139,8 @@ inline Ball atan2(const Ball &y, const Ball &x) {
     // Valid on the half plane x > 0 and around the y axis; a base turns the longitude to be there.
     constexpr double QUARTER = 0.5 * std::numbers::pi;
     Ball right = atan(y / x), side = (y.re >= 0.0 ? QUARTER : -QUARTER) - atan(x / y);
-    right = Ball::limited(right.re, right.im, right.off, x.re > x.off);
-    side = Ball::limited(side.re, side.im, side.off, std::abs(y.re) > y.off);
+    right = Ball::limit_to(right.re, right.im, right.off, x.re > x.off);
+    side = Ball::limit_to(side.re, side.im, side.off, std::abs(y.re) > y.off);
     return smaller(right, side);
 }
 

@@ -199,7 +199,7 @@ template <> INLINE Lanes sum_of(Lanes a, Lanes one, Lanes two, Lanes three) {
 
 // Base of the lens: point (x, y) of its plane. Z is One for points of the plane ahead.
 template <class Code, class N, class Depth>
-INLINE Point<N> based(Code code, const Params &p, N X, N Y, Depth depth) {
+INLINE Point<N> image_of_base(Code code, const Params &p, N X, N Y, Depth depth) {
     const auto Z = [&] {
         if constexpr (std::is_same_v<Depth, One>) return 1.0;
         else return depth;
@@ -281,7 +281,7 @@ inline bool is_radial(const Params &p) {
 }
 
 // Radial, tangential and thin-prism distortion of a point of the plane of the base.
-template <class N> INLINE Point<N> distorted(const Params &p, N x, N y) {
+template <class N> INLINE Point<N> distort(const Params &p, N x, N y) {
     const N radial = radial_factor(p, x * x + y * y);
     N a = x * radial;
     N b = y * radial;
@@ -298,7 +298,7 @@ template <class N> INLINE Point<N> distorted(const Params &p, N x, N y) {
 }
 
 // Tilt and pixels of a distorted point.
-template <class N> INLINE Pixel<N> imaged(const Params &p, N a, N b) {
+template <class N> INLINE Pixel<N> image_of(const Params &p, N a, N b) {
     if (p[T20] != 0.0 || p[T21] != 0.0) {
         const N w = 1.0 / (p[T20] * a + p[T21] * b + p[T22]);
         b = (p[T10] * a + p[T11] * b) * w;
@@ -314,11 +314,11 @@ INLINE Pixel<N> projected(Code code, const Params &p, N X, N Y, Depth Z) {
         if (code == EQUIRECTANGULAR) { // longitude is continuous within half a turn of B0
             const N a = p[B0] + atan2(X * p[B1] - Z * p[B2], Z * p[B1] + X * p[B2]);
             const N b = atan2(Y, sqrt(X * X + Z * Z));
-            return imaged<N>(p, a, b);
+            return image_of<N>(p, a, b);
         }
-    const auto [x, y] = based(code, p, X, Y, Z);
-    const auto [a, b] = distorted<N>(p, x, y);
-    return imaged<N>(p, a, b);
+    const auto [x, y] = image_of_base(code, p, X, Y, Z);
+    const auto [a, b] = distort<N>(p, x, y);
+    return image_of<N>(p, a, b);
 }
 
 } // namespace rastercov::lens

@@ -101,7 +101,7 @@ Ideal one_plane(int64_t code, const Region &valid, double width, double height) 
 }
 
 // Parameters of an equirectangular lens with longitudes around a quarter turn.
-Numbers turned(Numbers params, double sign) {
+Numbers rotate(Numbers params, double sign) {
     params[B0] = sign * PI / 2;
     params[B1] = 0.0;
     params[B2] = sign;
@@ -115,11 +115,11 @@ Numbers turned(Numbers params, double sign) {
 std::vector<std::pair<Outline, Numbers>> parts_of(int64_t code, const Numbers &params,
                                                   const double (&frame)[9]) {
     if (code != EQUIRECTANGULAR || (frame[0] == 0.0 && frame[2] == 0.0)) return {{SQUARE, params}};
-    if (frame[2] != 0.0) return {{SQUARE, turned(params, frame[2])}};
+    if (frame[2] != 0.0) return {{SQUARE, rotate(params, frame[2])}};
     if (frame[8] > 0.0) return {{SQUARE, params}};
     const double sign = frame[0]; // X = sign x on this side
-    return {{keep(SQUARE, {1.0, 0.0, 0.0}), turned(params, sign)},
-            {keep(SQUARE, {-1.0, 0.0, 0.0}), turned(params, -sign)}};
+    return {{keep(SQUARE, {1.0, 0.0, 0.0}), rotate(params, sign)},
+            {keep(SQUARE, {-1.0, 0.0, 0.0}), rotate(params, -sign)}};
 }
 
 // Greatest signed distance of a point from the sides of a convex polygon, < 0 inside.

@@ -48,8 +48,8 @@ void put_plane(const Proved &proved, double tolerance, Numbered &to) {
 }
 } // namespace
 
-std::vector<double> packed(int64_t code, const Region &valid, double width, double height,
-                           double edge_tolerance, double field_tolerance) {
+std::vector<double> pack_lens(int64_t code, const Region &valid, double width, double height,
+                              double edge_tolerance, double field_tolerance) {
     const auto planes =
         prove_all(ideal_planes(code, valid, width, height), width, height, edge_tolerance);
     double seen = 0.0;

@@ -199,7 +199,7 @@ std::pair<int64_t, int64_t> divide(const PlaneRecord &plane, Array<const double,
 constexpr double EDGE_TOLERANCE = 1e-9, FIELD_TOLERANCE = 5e-6;
 // All of a lens as one row, see packed.cpp: code, two flags for its caller, planes, size of the
 // image, its area that sees nothing, parameters, and what there is of each plane.
-std::vector<double> packed(int64_t code, const Region &valid, double width, double height,
-                           double edge_tolerance, double field_tolerance);
+std::vector<double> pack_lens(int64_t code, const Region &valid, double width, double height,
+                              double edge_tolerance, double field_tolerance);
 
 } // namespace rastercov::lens

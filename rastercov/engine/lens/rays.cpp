@@ -60,8 +60,8 @@ struct Moved {
 };
 
 Moved moved_point(const Params &p, double x, double y) {
-    const auto by_x = distorted(p, Step(x, STEP), Step(y));
-    const auto by_y = distorted(p, Step(x), Step(y, STEP));
+    const auto by_x = distort(p, Step(x, STEP), Step(y));
+    const auto by_y = distort(p, Step(x), Step(y, STEP));
     return {by_x.x.real,        by_x.y.real,        by_x.x.imag / STEP,
             by_y.x.imag / STEP, by_x.y.imag / STEP, by_y.y.imag / STEP};
 }

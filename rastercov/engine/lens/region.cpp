@@ -153,21 +153,21 @@ double farthest(const Params &p, double width, double height) {
     return most;
 }
 
-double flattened(double angle, bool is_along) {
+double flatten(double angle, bool is_along) {
     const double flat = rounded::cos(PI / SECTORS);
     return is_along ? rounded::atan2(rounded::sin(angle), rounded::cos(angle) * flat)
                     : rounded::atan2(rounded::sin(angle) * flat, rounded::cos(angle));
 }
 
 // Angle of the largest cone whose `around` is at most an angle, radians.
-double within(double angle) { return flattened(angle, rounded::cos(angle) <= 0.0); }
+double within(double angle) { return flatten(angle, rounded::cos(angle) <= 0.0); }
 
 bool is_finite(const Ray &ray) {
     return std::isfinite(ray.X) && std::isfinite(ray.Y) && std::isfinite(ray.Z);
 }
 } // namespace
 
-double around(double angle) { return flattened(angle, rounded::cos(angle) > 0.0); }
+double around(double angle) { return flatten(angle, rounded::cos(angle) > 0.0); }
 
 double base_limit(int64_t code, const Params &p) {
     const double most = around((is_planar(code) ? PLANE_DEG : WIDEST_DEG) * (PI / 180));
@@ -239,7 +239,7 @@ Region region_of(int64_t code, const Numbers &given, double width, double height
         p[SLOPE] = 0.0;
     } else {
         const double top = std::min(base_limit(code, view), around(max_angle));
-        const double edge = based(code, view, rounded::sin(top), 0.0, rounded::cos(top)).x;
+        const double edge = image_of_base(code, view, rounded::sin(top), 0.0, rounded::cos(top)).x;
         Numbers undistorted = given;
         std::fill(undistorted.begin() + K1, undistorted.begin() + T00, 0.0);
         undistorted[LIMIT] = FAR;

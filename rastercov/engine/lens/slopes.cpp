@@ -101,8 +101,8 @@ bool is_affine(const Ideal &plane) {
 //
 // With a step h a difference of first derivatives is off by h^2 / 6 times the fourth derivative,
 // one of second order by h^2 / 12 times the fifth, or h^2 / 3 for a mixed one.
-std::pair<double, double> sharpened(const Ideal &plane, double x, double y, double reach,
-                                    const double (&bounds)[N_ORDERS]) {
+std::pair<double, double> sharpen(const Ideal &plane, double x, double y, double reach,
+                                  const double (&bounds)[N_ORDERS]) {
     constexpr double STEP2 = APART * APART;
     double at[3][3][4]; // derivatives of pixels by x and y
     for (int i = -1; i <= 1; i++)
@@ -263,8 +263,8 @@ SlopeGrid slope_grid(const Ideal &plane) {
                 for (int64_t i = PARTS * column; i < PARTS * (column + 1); i++) {
                     const auto part = size_t(j * ALL + i);
                     std::tie(grid.second[part], grid.third[part]) =
-                        sharpened(plane, low_x + half_x / PARTS * double(2 * i + 1),
-                                  low_y + half_y / PARTS * double(2 * j + 1), reach, found.most);
+                        sharpen(plane, low_x + half_x / PARTS * double(2 * i + 1),
+                                low_y + half_y / PARTS * double(2 * j + 1), reach, found.most);
                 }
         }
     return grid;

@@ -31,7 +31,7 @@ struct Body {
 };
 
 // Point of the frame of `other` in that of `one`.
-inline void moved(Pose pose, const double *p, double *out) {
+inline void move_point(Pose pose, const double *p, double *out) {
     for (int k = 0; k < 3; k++)
         out[k] = pose(k, 0) * p[0] + pose(k, 1) * p[1] + pose(k, 2) * p[2] + pose(k, 3);
 }
@@ -47,7 +47,7 @@ double box_distance(const double *one, const double *other, Pose pose) {
             middle[i][k] = 0.5 * (boxes[i][k] - boxes[i][3 + k]);
             half[i][k] = -0.5 * (boxes[i][k] + boxes[i][3 + k]);
         }
-    moved(pose, middle[1], centre);
+    move_point(pose, middle[1], centre);
     for (int k = 0; k < 3; k++) way[k] = centre[k] - middle[0][k];
     for (int k = 0; k < 3; k++) {
         double radius = half[0][k];
@@ -66,7 +66,7 @@ double box_distance(const double *one, const double *other, Pose pose) {
     return std::max(total[0], total[1]);
 }
 
-inline double clamped(double s) { return std::min(std::max(s, 0.0), 1.0); }
+inline double clamp_to_unit(double s) { return std::min(std::max(s, 0.0), 1.0); }
 
 // True if a segment passes through a triangle; at its border rounding decides.
 bool pierces(Vector p, Vector q, const Triangle &t) {
@@ -84,11 +84,11 @@ double segment_distance(Vector p, Vector u, Vector q, Vector v) {
     const Vector from = p - q;
     const double a = dot(u, u), e = dot(v, v), b = dot(u, v), c = dot(u, from), f = dot(v, from);
     const double square = a * e - b * b;
-    double s = square > 0.0 ? clamped((b * f - c * e) / square) : 0.0, t = 0.0;
+    double s = square > 0.0 ? clamp_to_unit((b * f - c * e) / square) : 0.0, t = 0.0;
     if (e > 0.0) t = (b * s + f) / e;
     if (t < 0.0 || t > 1.0 || !(e > 0.0)) {
-        t = clamped(t);
-        s = a > 0.0 ? clamped((b * t - c) / a) : 0.0;
+        t = clamp_to_unit(t);
+        s = a > 0.0 ? clamp_to_unit((b * t - c) / a) : 0.0;
     }
     const Vector gap = from + scaled(u, s) - scaled(v, t);
     return dot(gap, gap);
@@ -145,7 +145,7 @@ double distance_of(const Body &one, const Body &other, Pose pose, double reach) 
         const int64_t end = std::min(start + LEAF, one.corners.rows());
         for (int64_t j = other_start; j < std::min(other_start + LEAF, other.corners.rows()); j++) {
             double b[9];
-            for (int k = 0; k < 3; k++) moved(pose, &other.corners(j, k, 0), b + 3 * k);
+            for (int k = 0; k < 3; k++) move_point(pose, &other.corners(j, k, 0), b + 3 * k);
             const Triangle turned = triangle_of(b);
             for (int64_t i = start; i < end; i++) {
                 const double *a = one.corners[i].data;

@@ -46,7 +46,7 @@ nb::object pack(int64_t code, Array<const double, SIZE> params, double angle, do
     return call_within_memory(DOING, [&] {
         return array_of(call_apart(
             DOING,
-            [&] { return packed(code, valid, width, height, edge_tolerance, field_tolerance); },
+            [&] { return pack_lens(code, valid, width, height, edge_tolerance, field_tolerance); },
             params));
     });
 }

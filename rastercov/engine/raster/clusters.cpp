@@ -34,7 +34,7 @@ constexpr int DIRECTIONS = 6;
 // So that slots of 32 bits number the vertices of all clusters.
 constexpr int64_t MOST_FACES = INT32_MAX / (3 * 8);
 
-int64_t padded(int64_t n, int64_t step) { return (n + step - 1) / step * step; }
+int64_t pad(int64_t n, int64_t step) { return (n + step - 1) / step * step; }
 
 struct Vector {
     double x, y, z;
@@ -158,8 +158,8 @@ Sizes split_at_medians(const Triples &faces, const Words &order,
                 size <= FACES ? n_vertices_of(faces, order, begin, end, marks, ++mark) : INT32_MAX;
             if (n_vertices <= VERTICES) {
                 starts[sizes.n++] = int32_t(begin);
-                sizes.n_slots += padded(size, LANES);
-                sizes.n_points += padded(n_vertices, VERTEX_STEP);
+                sizes.n_slots += pad(size, LANES);
+                sizes.n_points += pad(n_vertices, VERTEX_STEP);
                 continue;
             }
             const int64_t whole = size > FACES ? FACES : LANES;
@@ -210,12 +210,12 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
             corners[slot] = packed;
             face_of[slot++] = f;
         }
-        const int64_t width = padded(count, VERTEX_STEP);
+        const int64_t width = pad(count, VERTEX_STEP);
         for (int axis = 0; axis < 3; axis++)
             for (int64_t i = 0; i < width; i++)
                 out.points.all[3 * vertex + axis * width + i] =
                     vertices(held[std::min<int64_t>(i, count - 1)], axis);
-        slot = padded(slot, LANES);
+        slot = pad(slot, LANES);
         vertex += width;
         line_starts[k + 1] = int32_t(line);
         face_starts[k + 1] = int32_t(slot);
@@ -287,7 +287,7 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
 }
 
 // Faces by direction, those of one in their order; the first place of each direction.
-Room<int32_t> ordered_by(const Column<uint8_t> &directions, int64_t (&starts)[DIRECTIONS + 1]) {
+Room<int32_t> order_by(const Column<uint8_t> &directions, int64_t (&starts)[DIRECTIONS + 1]) {
     std::fill_n(starts, DIRECTIONS + 1, 0);
     for (const uint8_t direction : directions) starts[direction + 1]++;
     for (int k = 0; k < DIRECTIONS; k++) starts[k + 1] += starts[k];
@@ -335,7 +335,7 @@ ClusterMemory group_faces(const Points &given, const Triples &faces,
         const double scale = moved.extent > MIN_EXTENT ? 1 / moved.extent : 0.0;
         face_centroids(vertices, faces, moved.low, scale, is_wound, rows, directions.all());
         int64_t direction_starts[DIRECTIONS + 1];
-        order = ordered_by(directions.all(), direction_starts);
+        order = order_by(directions.all(), direction_starts);
         sizes =
             split_at_medians(faces, order.all(), direction_starts, rows, marks.all(), starts.all());
     }

@@ -196,7 +196,7 @@ alignas(CACHE_LINE) constexpr BitTable BIT_INDICES;
 // overwritten.
 INLINE int64_t append_set_bits(int64_t bits, int64_t base, int32_t *listed, int64_t n) {
 #if defined(__AVX512F__)
-    compressed(bits, lane_numbers() + Int(int32_t(base))).store(listed + n);
+    compress(bits, lane_numbers() + Int(int32_t(base))).store(listed + n);
     return n + count(bits & ALL_LANES);
 #else
     for (int k = 0; k < 2; k++) {

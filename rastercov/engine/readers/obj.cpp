@@ -107,7 +107,7 @@ class Objects {
     void read_group(Words words) {
         if (may_be_face(words)) _doubtful.push_back(_lines.number());
         const auto [at, is_new] =
-            _numbers.emplace(joined(words.subspan(1)), int64_t(_mesh.names.size()));
+            _numbers.emplace(join_words(words.subspan(1)), int64_t(_mesh.names.size()));
         if (is_new) _mesh.names.push_back(at->first);
         _group = at->second;
     }

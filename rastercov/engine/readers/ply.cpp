@@ -53,9 +53,9 @@ struct Property {
     bool has_corners() const { return name == "vertex_indices" || name == "vertex_index"; }
 };
 
-template <class All> String listed(const All &all) {
+template <class All> String list_all(const All &all) {
     String names;
-    for (const auto &each : all) names += text(names.empty() ? "" : ", ", quoted(Text(each.name)));
+    for (const auto &each : all) names += text(names.empty() ? "" : ", ", quote(Text(each.name)));
     return names;
 }
 
@@ -69,8 +69,8 @@ struct Element {
     template <class Is> Property &get(Text wanted, Is is_it) {
         for (Property &each : properties)
             if (is_it(each)) return each;
-        refuse_again("element ", quoted(name), ": expected a property ", quoted(wanted), ", got [",
-                     listed(properties), "]");
+        refuse_again("element ", quote(name), ": expected a property ", quote(wanted), ", got [",
+                     list_all(properties), "]");
     }
 };
 
@@ -100,7 +100,7 @@ bool Header::add(const Lines &lines) {
         return at != ORDERS.end();
     }
     if (first == "element" && words.size() == 3 && is_digits(words[2])) {
-        const String name = shown(words[1]);
+        const String name = show(words[1]);
         if (find(name)) lines.refuse("each element once", words);
         elements.push_back({name, 0, {}});
         return read_whole(words[2], elements.back().count);
@@ -111,7 +111,7 @@ bool Header::add(const Lines &lines) {
         const Type *const count_type = is_list ? type_of(words[2]) : nullptr;
         if (!type || (is_list ? !count_type || count_type->kind == 'f' : words.size() != 3))
             return false;
-        elements.back().properties.push_back({shown(words.back()), type, count_type});
+        elements.back().properties.push_back({show(words.back()), type, count_type});
         return true;
     }
     return first == "comment" || first == "obj_info" || first == "end_header";
@@ -156,8 +156,8 @@ class Body {
                 const int64_t n = each.count_type ? count_of(each, is_big) : 1;
                 const int64_t size = n * each.type->size, begin = int64_t(_at);
                 if (n < 0 || begin + size > int64_t(_data.size()))
-                    refuse_again("expected ", n, " values of ", quoted(each.name), " of element ",
-                                 quoted(element.name), " up to byte ", begin + size, ", got ",
+                    refuse_again("expected ", n, " values of ", quote(each.name), " of element ",
+                                 quote(element.name), " up to byte ", begin + size, ", got ",
                                  _data.size(), " bytes; truncated");
                 if (each.kept) add_values(each, n, is_big);
                 _at = size_t(begin + size);
@@ -278,13 +278,13 @@ void check_counts(Header &header, size_t n_left) {
         int64_t least = 0;
         for (const Property &own : each.properties)
             least += header.order == TEXT ? 2 : (own.count_type ? own.count_type : own.type)->size;
-        check_count(each.count, text("elements ", quoted(each.name)), std::max<int64_t>(1, least),
+        check_count(each.count, text("elements ", quote(each.name)), std::max<int64_t>(1, least),
                     n_left);
         has_surface |= each.is_surface();
     }
     if (!has_surface || !header.find("vertex"))
         refuse_again(
-            text("expected elements vertex and face, got [", listed(header.elements), "]"));
+            text("expected elements vertex and face, got [", list_all(header.elements), "]"));
 }
 
 void note_others(const Header &header, Strings &notes) {
@@ -297,7 +297,7 @@ void note_others(const Header &header, Strings &notes) {
             others.push_back({each.name.substr(0, 40), 0, {}});
     }
     if (!others.empty())
-        notes.push_back(text("ignored elements ", listed(others), ", which have vertices"));
+        notes.push_back(text("ignored elements ", list_all(others), ", which have vertices"));
 }
 } // namespace
 

@@ -50,12 +50,12 @@ class Solids {
         if (_is_open && is_word(words[0], "facet")) {
             read_facet();
         } else if (_is_open && (is_word(words[0], "endsolid") || is_word(words[0], "end"))) {
-            const String name = joined(words.subspan(1));
+            const String name = join_words(words.subspan(1));
             _is_open = false;
             _has_other_name = !name.empty() && name != _mesh.names.back();
         } else if (!_is_open && is_word(words[0], "solid")) {
             _is_open = true;
-            _mesh.names.push_back(joined(words.subspan(1)));
+            _mesh.names.push_back(join_words(words.subspan(1)));
         } else {
             _lines.refuse(_is_open ? "'facet' or 'endsolid'" : "'solid'", words);
         }

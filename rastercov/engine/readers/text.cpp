@@ -89,7 +89,7 @@ void merge_corners(MeshFile &mesh, const Limits &limits) {
     for (int64_t f = 0; f < n / 3; f++) mesh.polygon.push_back(f);
 }
 
-String quoted(Text words) {
+String quote(Text words) {
     const bool is_double = words.find('\'') != words.npos && words.find('"') == words.npos;
     const char quote = is_double ? '"' : '\'';
     String all(1, quote);
@@ -100,7 +100,7 @@ String quoted(Text words) {
     return all + quote;
 }
 
-String shown(Text bytes) {
+String show(Text bytes) {
     String all;
     for (const char each : bytes)
         if (each >= ' ' && each <= '~') all += each;
@@ -108,7 +108,7 @@ String shown(Text bytes) {
     return all;
 }
 
-String joined(Words words) {
+String join_words(Words words) {
     String all;
     for (const Text each : words) all.append(all.empty() ? "" : " ").append(each);
     return all;
@@ -182,9 +182,9 @@ void Lines::take(int64_t k, int64_t n, Text what) {
 }
 
 void Lines::refuse(Text wanted, Words got) const {
-    const String all = joined(got.first(std::min(got.size(), MOST_WORDS)));
+    const String all = join_words(got.first(std::min(got.size(), MOST_WORDS)));
     readers::refuse("line ", _number, ": expected ", wanted, ", got ",
-                    quoted(shown(Text(all).substr(0, LONGEST))), "; correct the line");
+                    quote(show(Text(all).substr(0, LONGEST))), "; correct the line");
 }
 
 void Lines::add_reals(Words from, Text wanted, Reals &to, size_t kept) const {

@@ -41,9 +41,9 @@ void fan_polygons(MeshFile &mesh, const Wholes &corners, const Wholes &n_corners
 void merge_corners(MeshFile &mesh, const Limits &limits);
 
 // Text in quotes, as Python writes it; and bytes that are not printable ASCII replaced by a mark.
-String quoted(Text words);
-String shown(Text bytes);
-String joined(Words words); // a space between two
+String quote(Text words);
+String show(Text bytes);
+String join_words(Words words); // a space between two
 // A count with its noun, such as "1,200 vertices".
 String plural(int64_t count, Text noun);
 

@@ -109,7 +109,7 @@ Matrix directions_of(Matrix a) {
     return v;
 }
 
-Point turned(const Point &p, const Matrix &by) {
+Point rotate(const Point &p, const Matrix &by) {
     Point out;
     for (int k = 0; k < 3; k++) out[k] = p[0] * by[0][k] + p[1] * by[1][k] + p[2] * by[2][k];
     return out;
@@ -119,9 +119,9 @@ Point turned(const Point &p, const Matrix &by) {
 double box_area(const std::vector<std::array<Point, 3>> &triangles, const Matrix &frame) {
     double total = 0.0;
     for (const auto &each : triangles) {
-        Point low = turned(each[0], frame), high = low;
+        Point low = rotate(each[0], frame), high = low;
         for (int i = 1; i < 3; i++) {
-            const Point at = turned(each[i], frame);
+            const Point at = rotate(each[i], frame);
             for (int k = 0; k < 3; k++) {
                 low[k] = std::min(low[k], at[k]);
                 high[k] = std::max(high[k], at[k]);
@@ -211,7 +211,7 @@ Placed place(const Welded &mesh, Room<int32_t> chosen, double tolerance, int64_t
     }
     const Matrix frame = frame_of(placed.points, corners);
     for (int64_t v = 0; v < n_vertices; v++) {
-        const Point at = turned(point_at(placed.points, v), frame);
+        const Point at = rotate(point_at(placed.points, v), frame);
         std::copy_n(at.begin(), 3, placed.points.begin() + 3 * v);
     }
     const Room<int32_t> fans = fans_of(corners, n_vertices, most_at_corner);

@@ -33,7 +33,7 @@ template <class Test> bool any_pinhole(const Camera &camera, const Pose &pose, T
     for (const IdealPlane &plane : camera.planes) {
         const lens::Frame &frame = plane.record.frame;
         const bool is_new = !last || !std::equal(frame.begin(), frame.end(), last->begin());
-        if (is_new && test(plane.pinhole, turned(pose, frame))) return true;
+        if (is_new && test(plane.pinhole, rotate(pose, frame))) return true;
         last = &frame;
     }
     return false;
@@ -85,7 +85,7 @@ Limits limits_of_parallel(const Surface &surface, const Camera &camera, const Po
 }
 } // namespace
 
-Pose turned(const Pose &pose, const lens::Frame &frame) {
+Pose rotate(const Pose &pose, const lens::Frame &frame) {
     Pose out = pose;
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {

@@ -23,6 +23,6 @@ Limits limits_of(const Surface &surface, const Camera &camera, const Pose &pose)
 double widest_of(const Lens &of);
 
 // The pose of the pinhole of an ideal plane.
-Pose turned(const Pose &pose, const lens::Frame &frame);
+Pose rotate(const Pose &pose, const lens::Frame &frame);
 
 } // namespace rastercov::engine

@@ -47,7 +47,7 @@ void set_frames(MeshArrays &mesh) {
 }
 
 // Corners by the first vertex at each place, among all vertices or those that are kept.
-Room<int64_t> welded(const MeshArrays &mesh, Faces faces, const Room<bool> *is_kept) {
+Room<int64_t> weld_corners(const MeshArrays &mesh, Faces faces, const Room<bool> *is_kept) {
     const int64_t n_vertices = mesh.vertices.size() / 3;
     Room<double> places(mesh.vertices.size());
     for (int64_t k = 0; k < places.size(); k++) places[k] = mesh.vertices[k] + 0.0; // no -0.0
@@ -76,7 +76,7 @@ void set_opaque(MeshArrays &mesh, Faces faces) {
             for (int k = 0; k < 3; k++) is_kept[faces(f, k)] = !is_target;
             n += !is_target;
         }
-    const Room<int64_t> corners = welded(mesh, faces, &is_kept);
+    const Room<int64_t> corners = weld_corners(mesh, faces, &is_kept);
     mesh.opaque = Room<int64_t>(3 * n);
     n = 0;
     for (int64_t f = 0; f < faces.rows(); f++)
@@ -130,7 +130,7 @@ Mesh make_mesh(exact::Vertices vertices, Faces faces, Column<const uint8_t> role
     const auto mesh = std::make_shared<MeshArrays>();
     mesh->vertices = Room<double>(vertices.size());
     std::copy(vertices.begin(), vertices.end(), mesh->vertices.begin());
-    mesh->faces = welded(*mesh, faces, nullptr);
+    mesh->faces = weld_corners(*mesh, faces, nullptr);
     const auto mask = [&](uint8_t bit, bool is_set) {
         Room<bool> found(n, !is_set);
         for (int64_t f = 0; f < roles.rows(); f++) found[f] = bool(roles[f] & bit) == is_set;

@@ -264,7 +264,7 @@ void PlaneSolver::measure_all() {
     int64_t n = 0;
     for (int64_t f = 0; f < _n_opaque; f++)
         if (state[f] & (LIVE | THIN)) _chosen.data()[n++] = int32_t(f);
-    solve(_chosen.first(measured(_chosen.first(n), _chosen.data())));
+    solve(_chosen.first(measure(_chosen.first(n), _chosen.data())));
     solve_targets();
 }
 
@@ -278,7 +278,7 @@ void PlaneSolver::solve(Int32Array faces) {
 }
 
 // Copies those of some opaque faces that are not left out; returns their number.
-int64_t PlaneSolver::measured(Int32Array faces, int32_t *out) {
+int64_t PlaneSolver::measure(Int32Array faces, int32_t *out) {
     int64_t n = 0;
     for (const int32_t f : faces) {
         if (_leaves_out && _left_out.data()[f] && _image.opaque().state[f] & LIVE) {
@@ -367,7 +367,7 @@ void PlaneSolver::certify() {
         events, _is_hidden.all(), view(projected), _parent.all(), _region.all(), _targets.all());
     const int64_t n_crossed = _counts.n_crossed, n_regions = _counts.n_regions;
     const Int32Array largest = {_targets.data() + n_crossed, {n_regions}};
-    const int64_t n_asked = measured(_targets.first(n_crossed), _chosen.data());
+    const int64_t n_asked = measure(_targets.first(n_crossed), _chosen.data());
     std::copy(largest.begin(), largest.end(), _chosen.data() + n_asked);
     const int64_t n_left = divide_crossed(_chosen.first(n_asked + n_regions),
                                           {contacts.starts.rows(), contacts.partners.rows()});
@@ -379,7 +379,7 @@ void PlaneSolver::certify() {
                                                        is_certified, _left.all(), CERTAIN_AREA_REL);
     _counts.n_doubtful = n_doubtful;
     _is_listed = n_doubtful == 0;
-    solve(_left.first(measured(_left.first(n_doubtful), _left.data())));
+    solve(_left.first(measure(_left.first(n_doubtful), _left.data())));
     solve_targets();
 }
 

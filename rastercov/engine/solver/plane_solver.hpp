@@ -126,7 +126,7 @@ class PlaneSolver {
     void solve_targets();
 
     void run(Int32Array faces, const exact::Projected &projected);
-    int64_t measured(Int32Array faces, int32_t *out);
+    int64_t measure(Int32Array faces, int32_t *out);
     void limit_errors(const Int32Array &faces);
     void list_faces();
     double crossing_tolerance() const;

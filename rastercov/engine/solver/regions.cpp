@@ -15,7 +15,7 @@ template <class T> void append(std::vector<T> &all, const std::vector<T> &more) 
 }
 } // namespace
 
-Regions copied(const area::Found &found) {
+Regions copy_regions(const area::Found &found) {
     Regions out;
     const int64_t n = found.used[0];
     out.xy.assign(found.xy.data, found.xy.data + 2 * found.used[1]);
@@ -95,10 +95,10 @@ void RegionCutter::cut(const PlaneSolver &solved, const area::Planes &planes,
             std::max({rules.min_pixels_per_m2, rules.min_pixel_density, rules.min_facing_density});
         if (densest > 0 || (criteria.by_distance && rules.z_n > 0)) then(area::TO_DENSITIES);
     }
-    out.push_back(copied(*found));
+    out.push_back(copy_regions(*found));
 }
 
-Regions joined(std::vector<Regions> parts, const area::Planes &planes) {
+Regions join_regions(std::vector<Regions> parts, const area::Planes &planes) {
     if (parts.empty()) return {};
     if (parts.size() == 1) return std::move(parts[0]);
     Regions all;

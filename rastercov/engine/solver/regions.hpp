@@ -42,9 +42,9 @@ class RegionCutter {
 };
 
 // What was found, with the faces that have an area or a bound.
-Regions copied(const area::Found &found);
+Regions copy_regions(const area::Found &found);
 
 // Regions of the planes of one pose in one table, by face.
-Regions joined(std::vector<Regions> parts, const area::Planes &planes);
+Regions join_regions(std::vector<Regions> parts, const area::Planes &planes);
 
 } // namespace rastercov::engine

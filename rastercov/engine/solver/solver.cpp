@@ -40,7 +40,7 @@ template <class Visit> void Solver::solve_planes(const View &view, bool is_measu
     for (size_t index = 0; index < planes.size(); index++) {
         const IdealPlane &plane = planes[index];
         const lens::Frame &frame = plane.record.frame;
-        const Pose pose = turned(view.pose, frame);
+        const Pose pose = rotate(view.pose, frame);
         const bool is_parallel = view.camera.is_parallel;
         const bool is_seen = _sums->may_see(plane, pose, is_parallel);
         if (std::is_same_v<Visit, NoVisit> && !is_seen) continue;
@@ -87,7 +87,7 @@ Regions Solver::find(const View &view, const area::Planes &planes, const CameraT
     solve_with(view, row, row != nullptr, [&](size_t index) {
         _cutter.cut(_plane, planes, task.planes[index], _is_lens, parts);
     });
-    return joined(std::move(parts), planes);
+    return join_regions(std::move(parts), planes);
 }
 
 } // namespace rastercov::engine

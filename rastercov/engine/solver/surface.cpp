@@ -13,7 +13,7 @@ using exact::BLOCK;
 int64_t blocks_of(int64_t n) { return (n + BLOCK - 1) / BLOCK; }
 
 // Contacts of the faces of a mesh in the order of the surface.
-Contacts sorted(Contacts own, const Int32Array &rank) {
+Contacts sort_contacts(Contacts own, const Int32Array &rank) {
     const int64_t n = rank.rows(), n_partners = own.partners.size();
     require(own.faces.size() == n && own.starts.size() == n + 1 && own.starts[0] == 0 &&
                 own.starts[n] == n_partners && std::is_sorted(own.starts.begin(), own.starts.end()),
@@ -71,7 +71,7 @@ const Contacts &Surface::contacts(double distance) const {
         if (own == decade) return *found;
     const int64_t n = n_opaque();
     Contacts found = {Room<bool>(n, false), Room<int64_t>(n + 1, 0), {}};
-    if (_finder.find) found = sorted(_finder.find(distance), rank());
+    if (_finder.find) found = sort_contacts(_finder.find(distance), rank());
     found.blocks = Room<bool>(blocks_of(n), false);
     for (int64_t f = 0; f < n; f++)
         if (found.faces[f]) found.blocks[f / BLOCK] = true;

@@ -31,8 +31,8 @@ struct FlatEdge {
         for (int64_t s = 0; s < polygon.rows() && !part.is_empty(); s++) {
             const exact::Line line = exact::side_at(polygon, polygon.rows(), s);
             const double slack = tolerance * area::length2(line.du, line.dv);
-            part = exact::narrowed_to_inside(line.value(x[0], y[0]) + slack,
-                                             line.value(x[1], y[1]) + slack, part);
+            part = exact::narrow_to_inside(line.value(x[0], y[0]) + slack,
+                                           line.value(x[1], y[1]) + slack, part);
         }
         return part;
     }

@@ -187,7 +187,7 @@ Tolerated ToleranceCutter::possible(const Posed &seen) {
             out.bound[f] = std::min(out.bound[f], planes.areas[f]);
         }
     });
-    result.regions = copied(_cut.all());
+    result.regions = copy_regions(_cut.all());
     result.regions.excess = result.regions.bound;
     return result;
 }

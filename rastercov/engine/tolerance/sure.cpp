@@ -243,7 +243,7 @@ Tolerated ToleranceCutter::sure(const Posed &nominal) {
     last->bound.fill(0.0);
     for (int64_t k = 0; k < nominal.rows.listed.rows(); k++)
         last->bound[nominal.rows.listed[k]] = nominal.rows.bound[k];
-    result.regions = copied(last->all());
+    result.regions = copy_regions(last->all());
     result.regions.excess = result.regions.bound;
     return result;
 }

@@ -31,7 +31,7 @@ from rastercov.base import (
 )
 from rastercov.base.files import PROJECTS, reason_of
 from rastercov.core.camera import Border, Conventions, Views
-from rastercov.core.camera.conventions import POSE_CONVENTIONS, lost
+from rastercov.core.camera.conventions import POSE_CONVENTIONS, what_is_lost
 from rastercov.core.camera.pose_file import read_poses
 from rastercov.core.camera.rig import check_central
 from rastercov.formats.cameras import (
@@ -215,7 +215,7 @@ def read_views(
     """
     border = Border(Conventions() if conventions is None else conventions)
     views = read_through(path, border, format)
-    return replace(views, notes=(*views.notes, *border.unused()))
+    return replace(views, notes=(*views.notes, *border.unused_keys()))
 
 
 def read_through(path: StrPath, border: Border, format: str | None = None) -> Views:
@@ -225,7 +225,7 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
         check_choice("format", format, tuple(READERS))
     # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
     with _naming(path, CameraError), np.errstate(all="ignore"):
-        place, result = _recognised(place, format)
+        place, result = _recognise(place, format)
         return READERS[result](Source(place), border)
 
 
@@ -250,7 +250,7 @@ def _path(path: StrPath) -> Path:
     return Path(path)
 
 
-def _recognised(path: Path, format: str | None) -> tuple[Path, str]:
+def _recognise(path: Path, format: str | None) -> tuple[Path, str]:
     """The file or folder to read, and its format."""
     if path.is_dir():
         return _of_folder(path, format)
@@ -431,7 +431,7 @@ def _contents(path: Path, views: Views, target: str) -> tuple[dict[str, bytes], 
     if views.has_unit and n_poses and target not in IN_METRES + OF_ONE_CAMERA:
         notes.append("lengths are in metres; the format has no unit")
     for camera, name in zip(views.rig.cameras, views.rig.names, strict=True):
-        fields = lost(camera) + (gltf.lost(camera) if target == "gltf" else [])
+        fields = what_is_lost(camera) + (gltf.what_is_lost(camera) if target == "gltf" else [])
         if fields:
             notes.append(f"written without the {', '.join(fields)} of {name!r}")
     if target.startswith("colmap"):

@@ -20,12 +20,12 @@ from rastercov.core.camera import (
     Camera,
     Foreign,
     Views,
-    centred_camera,
+    centre_camera,
     inverse_of,
-    shared_frames,
+    share_frames,
 )
 from rastercov.core.camera.conventions import motions
-from rastercov.formats.cameras.source import Entries, Source, checked, keys_of, number_of
+from rastercov.formats.cameras.source import Entries, Source, check_array_of, keys_of, number_of
 
 MODELS = {
     "none": Foreign("opencv"),
@@ -94,7 +94,7 @@ def read(source: Source, border: Border) -> Views:
         used,
         images,
         world_from_camera=inverse_of(np.array(matrices)),
-        frames=shared_frames(frames, images),
+        frames=share_frames(frames, images),
     )
 
 
@@ -110,11 +110,11 @@ def _id(entries: Entries, name: str) -> str:
 def _numbers(entries: Entries, name: str, *shapes: tuple[int, ...]) -> FloatArray:
     """Numbers of a text, or of a list of texts."""
     value = entries.need(name)
-    typed = [_typed(each) for each in value] if isinstance(value, list) else _typed(value)
-    return checked(typed, f"{entries.where}: {name}", *shapes)
+    typed = [_value_of(each) for each in value] if isinstance(value, list) else _value_of(value)
+    return check_array_of(typed, f"{entries.where}: {name}", *shapes)
 
 
-def _typed(value: object) -> object:
+def _value_of(value: object) -> object:
     return number_of(value) if isinstance(value, str) else value
 
 
@@ -149,7 +149,7 @@ def _camera(entries: Entries, version: tuple[float, ...]) -> Camera:
                 names.split(), _numbers(entries, "distortionParams", (count,)).tolist(), strict=True
             )
         )
-    return centred_camera(ours, (width, height), p)
+    return centre_camera(ours, (width, height), p)
 
 
 def _focals(entries: Entries, version: tuple[float, ...], width: int) -> tuple[float, float]:

@@ -10,9 +10,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera
+from rastercov.core.camera import Border, Camera, Foreign, Views, centre_camera
 from rastercov.core.camera.conventions import from_quaternions
-from rastercov.formats.cameras.source import Entries, Source, checked
+from rastercov.formats.cameras.source import Entries, Source, check_array_of
 
 MODELS = {
     "pinhole": Foreign("opencv"),
@@ -42,12 +42,12 @@ def read(source: Source, border: Border) -> Views:
         raise file.wrong("resolution", "a list of sizes", resolution)
     sizes = dict(enumerate(resolution))
     cameras = [
-        _camera(each, checked(sizes.get(row), f"{each.where}: resolution", (2,)).tolist())
+        _camera(each, check_array_of(sizes.get(row), f"{each.where}: resolution", (2,)).tolist())
         for row, (_, each) in enumerate(file.tables("intrinsics"))
     ]
     places = [each for _, each in file.tables("T_imu_cam")]
     rows = [[each.number(name) for name in MOTION] for each in places]
-    motion = checked(rows, f"{file.where}: T_imu_cam", (len(cameras), 7))
+    motion = check_array_of(rows, f"{file.where}: T_imu_cam", (len(cameras), 7))
     poses = from_quaternions(motion[:, :4], motion[:, 4:])
     names = [f"cam{row}" for row in range(len(cameras))]
     return border.views_of_rig(cameras, names, poses, "the IMU")
@@ -58,7 +58,7 @@ def _camera(entries: Entries, size: list[int]) -> Camera:
     values = entries.table("intrinsics")
     p = {name: values.number(name) for name in ("fx", "fy", "cx", "cy", *order.split())}
     p |= {"beta": p.get("beta", 1.0), "omega": p.get("w", 0.0)}
-    camera = centred_camera(ours, size, p)
+    camera = centre_camera(ours, size, p)
     if (radius := values.number("rpmax", 0.0)) > 0:
         return replace(camera, max_angle_deg=math.degrees(math.atan(radius)))
     return camera

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rastercov.base import CameraError, errors_as
-from rastercov.core.camera import Border, Camera, Views, centred_camera, inverse_of
+from rastercov.core.camera import Border, Camera, Views, centre_camera, inverse_of
 from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
@@ -38,7 +38,7 @@ def read(source: Source, border: Border) -> Views:
         border.note("depth_scale is not used: it is of depth images")
         p = {name: file.number(name) for name in sorted(OF_SENSOR)}
         size = file.side("width"), file.side("height")
-        return border.views([centred_camera("pinhole", size, p)], ["camera"])
+        return border.views([centre_camera("pinhole", size, p)], ["camera"])
     of_images = {source.path.name.partition(".")[0]: file}
     if MATRIX not in file:
         of_images = dict(Entries({"image": source.table}).tables("image"))
@@ -68,7 +68,7 @@ def _camera(image: Entries, size: tuple[int, int]) -> Camera:
         raise image.wrong(MATRIX, "[fx, skew, cx, 0, fy, cy, 0, 0, 1]", k.tolist())
     (fx, skew, cx), (_, fy, cy) = k[:2].tolist()
     with errors_as(CameraError, image.where or None):
-        return centred_camera(
+        return centre_camera(
             "pinhole", size, {"fx": fx, "fy": fy, "cx": cx, "cy": cy, "skew": skew}
         )
 

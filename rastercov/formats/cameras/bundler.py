@@ -16,7 +16,7 @@ import numpy as np
 from rastercov.base import CameraError, FloatArray, errors_as, plural, printable, row_lengths, shown
 from rastercov.core.camera import Border, Views, from_vectors, inverse_of, lens_camera
 from rastercov.core.camera.conventions import OPENGL_AXES, motions
-from rastercov.formats.cameras.source import Source, checked, number_of
+from rastercov.formats.cameras.source import Source, check_array_of, number_of
 
 HEADER = "# Bundle file"
 MOST_COMPARED = 20_000
@@ -151,7 +151,7 @@ def _numbers(text: str, n_cameras: int, per_camera: int) -> FloatArray:
             f"expected {n_cameras} cameras, got numbers for fewer; the file is truncated, export "
             "it again"
         )
-    return checked([*map(number_of, words)], "numbers of cameras", (wanted,)).reshape(
+    return check_array_of([*map(number_of, words)], "numbers of cameras", (wanted,)).reshape(
         n_cameras, per_camera
     )
 
@@ -194,8 +194,8 @@ def read_mvsnet(sources: Sequence[Source], border: Border) -> Views:
                 f"{len(words)} words; correct it"
             )
         numbers = [number_of(word) for word in words]
-        poses.append(checked(numbers[1:17], f"{name}: extrinsic", (16,)).reshape(4, 4))
-        k = checked(numbers[18:27], f"{name}: intrinsic", (9,)).reshape(3, 3)
+        poses.append(check_array_of(numbers[1:17], f"{name}: extrinsic", (16,)).reshape(4, 4))
+        k = check_array_of(numbers[18:27], f"{name}: intrinsic", (9,)).reshape(3, 3)
         if k[1, 0] or not np.array_equal(k[2], (0, 0, 1)):
             raise CameraError(
                 f"{name}: expected intrinsic to be [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], got "

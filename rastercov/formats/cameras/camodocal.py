@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rastercov.base import CameraError, FloatArray, shown
-from rastercov.core.camera import Border, Camera, Views, centred_camera
+from rastercov.core.camera import Border, Camera, Views, centre_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 MODELS = {
@@ -70,4 +70,4 @@ def _camera(file: Entries) -> Camera:
     table = Entries(values, file.part(", ".join(name for name in TABLES if name in file)))
     numbers = map(table.number, (theirs or order).split())
     p = dict(zip(order.split(), numbers, strict=True))
-    return centred_camera(ours, (file.side("image_width"), file.side("image_height")), p)
+    return centre_camera(ours, (file.side("image_width"), file.side("image_height")), p)

@@ -36,7 +36,7 @@ from rastercov.base import (
     shown,
 )
 from rastercov.base.files import open_file
-from rastercov.base.output import named_folder, remove_file, writing
+from rastercov.base.output import name_folder, remove_file, writing
 from rastercov.core.camera import (
     PROGRAMS,
     Border,
@@ -45,7 +45,7 @@ from rastercov.core.camera import (
     inverse_of,
     lens_camera,
     model_in,
-    shared_frames,
+    share_frames,
 )
 from rastercov.core.camera.conventions import from_quaternions, unique_names
 from rastercov.core.camera.pose import inverse
@@ -102,7 +102,7 @@ def read(source: Source, border: Border) -> Views:
     """Cameras and poses of a folder; cameras alone of a file `cameras.bin` or `cameras.txt`."""
     path = source.path
     if path.is_file():
-        cameras, row_of = _ordered(_one_file(path, "cameras", border))
+        cameras, row_of = _order_cameras(_one_file(path, "cameras", border))
         return border.views(cameras, _names(row_of))
     path.stat()  # OSError where there is none
     folder = model_folder(path)
@@ -117,7 +117,7 @@ def read(source: Source, border: Border) -> Views:
         there = (folder / f"{name}{suffix}").is_file()
         return _one_file(folder / f"{name}{suffix}", name, border) if there else None
 
-    cameras, row_of = _ordered(part("cameras"))
+    cameras, row_of = _order_cameras(part("cameras"))
     images: list[Image] | None = part("images")
     if images is None:
         images = []
@@ -139,7 +139,7 @@ def read(source: Source, border: Border) -> Views:
         world_from_camera=inverse_of(motions),
         camera=[row_of[image.camera_id] for image in images],
         images=[image.name for image in images],
-        frames=shared_frames([*map(frame_of.get, numbers)], numbers),
+        frames=share_frames([*map(frame_of.get, numbers)], numbers),
         rig_from_camera=places,
     )
 
@@ -148,7 +148,7 @@ def _names(ids: Iterable[int]) -> list[str]:
     return [f"camera {number}" for number in ids]
 
 
-def _ordered(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
+def _order_cameras(table: dict[int, Camera]) -> tuple[list[Camera], dict[int, int]]:
     """Cameras by id, and the row of each id."""
     if not table:
         raise CameraError("expected a COLMAP model, got one without cameras; export it again")
@@ -580,7 +580,7 @@ def write(folder: Path, contents: Mapping[str, bytes], *, overwrite: bool) -> No
             "overwrite"
         )
     is_new = not folder.exists()
-    named_folder(folder, parents=False)
+    name_folder(folder, parents=False)
     try:
         with ExitStack() as stack:  # all are written before any takes its place
             for name, data in contents.items():

@@ -37,7 +37,7 @@ from rastercov.formats.meshes.gltf_file import (
     unknown_names,
     world_node,
 )
-from rastercov.formats.meshes.polygons import broken_files_refused
+from rastercov.formats.meshes.polygons import refuse_broken_files
 
 MOST_ASPECT = 1.1
 """Largest ratio of fx and fy: a larger one is an image size that does not belong to the scene."""
@@ -60,7 +60,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """Cameras of a scene, one pose for each node with a camera."""
-    with errors_as(CameraError, caught=MeshError), broken_files_refused():
+    with errors_as(CameraError, caught=MeshError), refuse_broken_files():
         header = header_of(source.data)
         notes = unknown_names(header, CameraError)
         nodes = nodes_below(header, root_nodes(header), WORLD)
@@ -126,7 +126,7 @@ def _check_size(lens: Entries, aspect: float, size: tuple[int, int]) -> None:
         )
 
 
-def lost(camera: Camera) -> list[str]:
+def what_is_lost(camera: Camera) -> list[str]:
     """Parts of this camera that glTF's own does not hold."""
     is_middle = (camera.cx, camera.cy) == (camera.width / 2, camera.height / 2)
     lost = ["image size"] + ([] if is_middle else ["principal point"])

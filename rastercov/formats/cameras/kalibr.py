@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from rastercov.base import ByName, CameraError, ReadByName, shown
-from rastercov.core.camera import PROGRAMS, Border, Camera, Views, centred_camera, inverse_of
-from rastercov.formats.cameras.source import Entries, Source, checked, keys_of
+from rastercov.core.camera import PROGRAMS, Border, Camera, Views, centre_camera, inverse_of
+from rastercov.formats.cameras.source import Entries, Source, check_array_of, keys_of
 
 CAMERA_NAME = re.compile(r"cam(0|[1-9][0-9]{0,5})")
 WANTED = "cam0, cam1, ..."
@@ -124,12 +124,12 @@ def _camera(entries: Entries) -> Camera:
         raise entries.wrong("camera_model", f"pinhole with distortion {distortion}", model)
     intrinsics, _, coefficients = foreign.parameters.partition(" cy")
     p = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
-    p |= _named(entries, "intrinsics", f"{intrinsics} cy".split())
-    p |= _named(entries, "distortion_coeffs", coefficients.split())
-    return centred_camera(foreign.ours, entries.array("resolution", (2,)).tolist(), p)
+    p |= _name_values(entries, "intrinsics", f"{intrinsics} cy".split())
+    p |= _name_values(entries, "distortion_coeffs", coefficients.split())
+    return centre_camera(foreign.ours, entries.array("resolution", (2,)).tolist(), p)
 
 
-def _named(entries: Entries, name: str, names: Sequence[str]) -> dict[str, float]:
+def _name_values(entries: Entries, name: str, names: Sequence[str]) -> dict[str, float]:
     given = entries.need(name) if names else entries.get(name, [])
     what = f"{entries.where}: {name} ({' '.join(names)})"
-    return dict(zip(names, checked(given, what, (len(names),)).tolist(), strict=True))
+    return dict(zip(names, check_array_of(given, what, (len(names),)).tolist(), strict=True))

@@ -11,7 +11,7 @@ import numpy as np
 from rastercov.base import CameraError
 from rastercov.core.camera import Border, Views
 from rastercov.core.camera.conventions import motions
-from rastercov.formats.cameras.source import Source, checked, number_of
+from rastercov.formats.cameras.source import Source, check_array_of, number_of
 
 
 def is_mine(text: str) -> bool:
@@ -26,7 +26,7 @@ def read(source: Source, border: Border) -> Views:
     if not rows:
         raise CameraError("expected lines of 12 numbers, got none; name another file")
     values = [[number_of(word) for word in row] for row in rows]
-    matrices = np.array([checked(row, "a line", (12,)) for row in values]).reshape(-1, 3, 4)
+    matrices = np.array([check_array_of(row, "a line", (12,)) for row in values]).reshape(-1, 3, 4)
     poses = motions(matrices[:, :, :3], matrices[:, :, 3])
     return border.views(
         None,

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from rastercov.base import CameraError, FloatArray, Vocabulary, shown
-from rastercov.core.camera import PROGRAMS, Border, Camera, Views, lens_camera, shared_frames
+from rastercov.core.camera import PROGRAMS, Border, Camera, Views, lens_camera, share_frames
 from rastercov.core.camera.conventions import motions, panorama
 from rastercov.formats.cameras.source import Source, Words
 from rastercov.formats.meshes.xml_tree import children, local_name, look_at_names
@@ -91,7 +91,7 @@ def read(source: Source, border: Border) -> Views:
     reference = Words(chunk, "chunk").text("reference", "")
     if reference.startswith(("GEO", "PROJ", "COMPD")) and None not in scales:
         border.note("the chunk is georeferenced: poses are geocentric, in metres")
-    shared = shared_frames(frames, images)
+    shared = share_frames(frames, images)
     on_rig = np.array([mounts.get(key, np.eye(4)) for key in sensors])
     on_rig[:, :3, 3] *= next(iter(scales), None) or 1.0
     return border.views(

@@ -13,7 +13,7 @@ import numpy as np
 
 from rastercov.base import CameraError, shown
 from rastercov.core.camera import Border, Camera, Views, from_vectors, inverse_of
-from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.groups import list_names
 from rastercov.formats.cameras.opensfm import camera_of
 from rastercov.formats.cameras.source import Entries, Source, first_in, keys_of
 
@@ -41,7 +41,8 @@ def read(source: Source, border: Border) -> Views:
         if name not in known:
             where = "beside the file or in the folder above"
             border.note(
-                f"ignored lens distortion of {shown(name)}: {CAMERAS} has {listed([*known], name)}"
+                f"ignored lens distortion of {shown(name)}: {CAMERAS} has "
+                f"{list_names([*known], name)}"
                 if known
                 else f"ignored lens distortion: expected {CAMERAS} of the project {where}"
             )

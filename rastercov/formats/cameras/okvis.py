@@ -7,7 +7,7 @@ Source: OKVIS, okvis_multisensor_processing/src/VioParametersReader.cpp.
 
 import numpy as np
 
-from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera
+from rastercov.core.camera import Border, Camera, Foreign, Views, centre_camera
 from rastercov.formats.cameras.source import Entries, Source, first_in, keys_of
 
 MODELS = {
@@ -36,4 +36,4 @@ def _camera(entries: Entries) -> Camera:
     p = entries.named("distortion_coefficients", order.split())
     p |= entries.named("focal_length", ("fx", "fy"))
     p |= entries.named("principal_point", ("cx", "cy"))
-    return centred_camera(ours, entries.array("image_dimension", (2,)).tolist(), p)
+    return centre_camera(ours, entries.array("image_dimension", (2,)).tolist(), p)

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from rastercov.base import CameraError, shown
-from rastercov.core.camera import Border, Camera, Foreign, Views, centred_camera, inverse_of
+from rastercov.core.camera import Border, Camera, Foreign, Views, centre_camera, inverse_of
 from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
@@ -102,4 +102,4 @@ def _camera(own: Entries, kind: str) -> Camera:
     if names := order.split():
         name = own.any_of(*COEFFICIENTS) or COEFFICIENTS[0]
         p |= own.named(name, names)
-    return centred_camera(ours, (width, height), p)
+    return centre_camera(ours, (width, height), p)

@@ -20,7 +20,7 @@ from rastercov.core.camera import (
     from_vectors,
     inverse_of,
     lens_camera,
-    shared_frames,
+    share_frames,
 )
 from rastercov.formats.cameras.source import Entries, Source
 
@@ -101,7 +101,7 @@ def _instances(entries: Entries, images: Sequence[str]) -> tuple[list[str], list
                 raise instance.wrong("rig_camera_ids", "a table of images", ids)
             of_image |= {str(image): (name, str(camera)) for image, camera in ids.items()}
     result = [of_image.get(image, (None, "")) for image in images]
-    return shared_frames([frame for frame, _ in result], images), [camera for _, camera in result]
+    return share_frames([frame for frame, _ in result], images), [camera for _, camera in result]
 
 
 def _places(

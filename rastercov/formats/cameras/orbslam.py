@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.core.camera import Border, Camera, Views, centred_camera
+from rastercov.core.camera import Border, Camera, Views, centre_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 MODELS = {
@@ -51,4 +51,4 @@ def _camera(file: Entries, label: str, kind: str, size: Sequence[int]) -> Camera
     ours, coefficients = MODELS[kind]
     p = {name: file.number(f"{label}.{name}") for name in ("fx", "fy", "cx", "cy")}
     p |= {name: file.number(f"{label}.{name}", 0.0) for name in coefficients}
-    return centred_camera(ours, size, p)
+    return centre_camera(ours, size, p)

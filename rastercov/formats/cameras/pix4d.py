@@ -12,7 +12,7 @@ import numpy as np
 from rastercov.base import CameraError, shown
 from rastercov.core.camera import Border, Views, inverse_of, lens_camera
 from rastercov.core.camera.conventions import motions
-from rastercov.formats.cameras.source import Source, checked, number_of
+from rastercov.formats.cameras.source import Source, check_array_of, number_of
 
 HEADER = "fileName imageWidth imageHeight"
 LINES = (3, 3, 3, 3, 2, 3, 3, 3, 3)
@@ -40,7 +40,7 @@ def read(source: Source, border: Border) -> Views:
                 "export the file again"
             )
         rows = [
-            checked([*map(number_of, words)], f"{label}: the numbers", (count,))
+            check_array_of([*map(number_of, words)], f"{label}: the numbers", (count,))
             for words, count in zip(block, LINES, strict=True)
         ]
         k, r = np.array(rows[:3]), np.array(rows[6:])

@@ -7,7 +7,7 @@ Source: librealsense 2.56, tools/enumerate-devices; its documentation "Projectio
 
 import re
 
-from rastercov.core.camera import Border, Camera, Views, centred_camera
+from rastercov.core.camera import Border, Camera, Views, centre_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of, number_of
 
 BLOCK = re.compile(r'Intrinsic of "([^"\n]+)"[^\n]*\n((?:[ \t]*\w[\w ()]*:[^\n]*\n?)+)')
@@ -57,4 +57,4 @@ def _camera(entries: Entries) -> Camera:
     p = dict(zip(names, coefficients, strict=False))
     p |= {"fx": entries.number("fx"), "fy": entries.number("fy")}
     p |= {"cx": entries.number("ppx"), "cy": entries.number("ppy")}
-    return centred_camera(ours, (entries.side("width"), entries.side("height")), p)
+    return centre_camera(ours, (entries.side("width"), entries.side("height")), p)

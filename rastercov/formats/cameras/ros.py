@@ -16,7 +16,7 @@ import numpy as np
 from rastercov.base import ByName, CameraError, printable
 from rastercov.core.camera import Border, Camera, Views, model_in
 from rastercov.core.camera.conventions import yaml_matrix
-from rastercov.formats.cameras.source import Entries, Source, checked, keys_of, number_of
+from rastercov.formats.cameras.source import Entries, Source, check_array_of, keys_of, number_of
 
 BROWN = (0, 4, 5, 8, 12, 14)
 COUNTS = {
@@ -187,7 +187,7 @@ def _numbers(info: Entries, name: str, *counts: int) -> Any:
             )
     if isinstance(value, list) and not value and 0 in counts:
         return np.zeros(0)
-    return checked(value, f"{info.where}: {name}", *((count,) for count in counts))
+    return check_array_of(value, f"{info.where}: {name}", *((count,) for count in counts))
 
 
 def text_of(views: Views) -> str:

@@ -19,12 +19,12 @@ from rastercov.base import (
     file_bytes,
     finite_number,
     image_side,
-    parsed_json,
+    parse_json,
     read_toml,
     shown,
 )
 from rastercov.base.files import LARGEST_ARRAY, not_utf_8
-from rastercov.formats.meshes.xml_tree import local_name, parsed
+from rastercov.formats.meshes.xml_tree import local_name, parse_xml
 
 XML_BUDGET = 8 << 30
 """Bytes of memory that a tree of XML may need."""
@@ -63,7 +63,7 @@ class Source:
     @cached_property
     def json(self) -> Any:
         """Content of JSON; a name that comes twice in a table is an error."""
-        return parsed_json(self.data)
+        return parse_json(self.data)
 
     @cached_property
     def toml(self) -> ByName:
@@ -78,9 +78,9 @@ class Source:
                 f"expected at most {LARGEST_YAML} bytes of YAML, got {len(self.data)}; remove what "
                 "is not a camera"
             )
-        from rastercov.formats.cameras.yaml_tree import parsed_yaml  # loads PyYAML
+        from rastercov.formats.cameras.yaml_tree import parse_yaml  # loads PyYAML
 
-        return parsed_yaml(self.text)
+        return parse_yaml(self.text)
 
     @cached_property
     def is_json(self) -> bool:
@@ -97,7 +97,7 @@ class Source:
     def xml(self) -> Element:
         """Root element of XML."""
         with errors_as(CameraError, caught=MeshError):
-            return parsed(self.data, "it", XML_BUDGET)
+            return parse_xml(self.data, "it", XML_BUDGET)
 
 
 class Entries:
@@ -207,7 +207,7 @@ class Entries:
 
     def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
         """Finite numbers of one of these shapes, as a list or a list of rows."""
-        return checked(self.need(name), f"{self._start}{name}", *shapes)
+        return check_array_of(self.need(name), f"{self._start}{name}", *shapes)
 
     def named(self, name: str, names: Sequence[str]) -> dict[str, float]:
         """Numbers of a list, by their names in its order."""
@@ -231,10 +231,10 @@ class Words(Entries):
     def array(self, name: str, *shapes: tuple[int, ...]) -> FloatArray:
         """Finite numbers, as many as one of these lengths."""
         words = self.text(name).split()[:100]
-        return checked([*map(number_of, words)], f"{self._start}{name}", *shapes)
+        return check_array_of([*map(number_of, words)], f"{self._start}{name}", *shapes)
 
 
-def checked(value: object, what: str, *shapes: tuple[int, ...]) -> FloatArray:
+def check_array_of(value: object, what: str, *shapes: tuple[int, ...]) -> FloatArray:
     """Finite numbers of one of these shapes; `what` names them in errors."""
     shape = next((each for each in shapes if _fits(value, each)), None)
     if shape is None:

@@ -22,7 +22,7 @@ from rastercov.core.camera import (
     Views,
     lens_camera,
     model_in,
-    shared_frames,
+    share_frames,
 )
 from rastercov.core.camera.conventions import OPENGL_AXES, panorama
 from rastercov.formats.cameras.source import Entries, Source
@@ -103,7 +103,7 @@ def read(source: Source, border: Border) -> Views:
         cameras,
         images,
         world_from_camera=poses,
-        frames=shared_frames(times, range(len(times))),
+        frames=share_frames(times, range(len(times))),
     )
 
 

@@ -9,7 +9,7 @@ Source: TUM RGB-D benchmark, "File Formats".
 from rastercov.base import CameraError, shown
 from rastercov.core.camera import Border, Views
 from rastercov.core.camera.conventions import from_quaternions
-from rastercov.formats.cameras.source import Source, checked, number_of
+from rastercov.formats.cameras.source import Source, check_array_of, number_of
 
 
 def _rows(text: str) -> list[list[str]]:
@@ -35,7 +35,7 @@ def read(source: Source, border: Border) -> Views:
                 f"{shown(' '.join(row))}; correct the line"
             )
     values = [[number_of(word) for word in row[1:]] for row in rows]
-    numbers = checked(values, "the lines", (len(rows), 7))
+    numbers = check_array_of(values, "the lines", (len(rows), 7))
     poses = from_quaternions(numbers[:, [6, 3, 4, 5]], numbers[:, :3])
     return border.views(
         None,

@@ -42,7 +42,7 @@ SCALARS = ("str", "int", "float", "bool", "null")
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
-def parsed_yaml(text: str) -> Any:
+def parse_yaml(text: str) -> Any:
     """Content of a YAML text; `UnparsedError` for anything else."""
     # OpenCV writes %YAML:1.0, which is no directive of YAML, and reads names without a space after
     # the colon, as many files of ORB-SLAM2 have them.

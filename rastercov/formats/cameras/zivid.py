@@ -5,7 +5,7 @@ Pixels are counted from their centres. There is no image size, and no pose.
 Source: Zivid SDK, CameraIntrinsics; its article "Camera Intrinsics".
 """
 
-from rastercov.core.camera import Border, Views, centred_camera
+from rastercov.core.camera import Border, Views, centre_camera
 from rastercov.formats.cameras.source import Entries, Source, keys_of
 
 
@@ -20,4 +20,4 @@ def read(source: Source, border: Border) -> Views:
     matrix, lens = file.table("CameraMatrix"), file.table("Distortion")
     p = {name.lower(): matrix.number(name) for name in ("FX", "FY", "CX", "CY")}
     p |= {name.lower(): lens.number(name) for name in ("K1", "K2", "P1", "P2", "K3")}
-    return border.views([centred_camera("opencv", border.image_size(), p)])
+    return border.views([centre_camera("opencv", border.image_size(), p)])

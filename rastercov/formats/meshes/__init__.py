@@ -40,9 +40,9 @@ from rastercov.formats.meshes.polygons import (
     PEAK_BYTES_PER_FACE,
     Polygons,
     broken,
-    broken_files_refused,
     check,
     check_indices,
+    refuse_broken_files,
 )
 
 Reader = Callable[..., Polygons]
@@ -127,7 +127,7 @@ def _read_file(
         reader = partial(gltf.read_gltf, bytes_beside=beside.read)
     elif reader is step.read_step:
         reader = partial(step.read_step, deflection_mm=deflection_mm)
-    with broken_files_refused():
+    with refuse_broken_files():
         polygons = reader(data, memory_budget)
     faces, n_vertices = polygons.faces, len(polygons.vertices)
     check(len(faces), "expected triangles, got no faces", "export the surface, not points")
@@ -157,7 +157,7 @@ def of_gltf(path: StrPath, read: Callable[[ByName, Sequence[memoryview], int], V
     """
     try:
         reader, data = _reader_and_bytes(path, LARGEST_FILE)
-        with broken_files_refused():
+        with refuse_broken_files():
             if reader is gltf.read_glb:
                 header, buffers, _ = gltf.content_of_glb(data)
             else:

@@ -27,10 +27,10 @@ from rastercov.formats.meshes.polygons import (
     check_affine,
     check_budget,
     check_indices,
-    reversed_rows,
+    reverse_rows,
     strip_triangles,
 )
-from rastercov.formats.meshes.skins import BYTES_PER_JOINT, BYTES_PER_POINT, Influences, placed
+from rastercov.formats.meshes.skins import BYTES_PER_JOINT, BYTES_PER_POINT, Influences, place_skin
 from rastercov.formats.meshes.xml_tree import (
     below,
     children,
@@ -38,7 +38,7 @@ from rastercov.formats.meshes.xml_tree import (
     integers,
     local_name,
     look_at_names,
-    parsed,
+    parse_xml,
     transform_numbers,
 )
 
@@ -68,7 +68,7 @@ NAMES = Vocabulary(
 
 def read(data: bytes, budget: int) -> Polygons:
     """Polygons of a COLLADA file in metres, one group per node, in scene order."""
-    root = parsed(data, "the file", budget)
+    root = parse_xml(data, "the file", budget)
     name = local_name(root)
     check(name == "COLLADA", f"expected an element COLLADA, got {name[:40]!r}")
     return _Scene(root, budget).polygons()
@@ -179,17 +179,17 @@ class _Scene:
         for matrix in children(changed, "bind_shape_matrix"):
             place = _matrix(matrix.text) @ place
         if shape.n_faces and (of_targets := children(changed, "targets")):
-            shape = self._morphed(shape, of_targets[0], changed.get("method") == "RELATIVE")
+            shape = self._morph(shape, of_targets[0], changed.get("method") == "RELATIVE")
         elif shape.n_faces and (of_vertices := children(changed, "vertex_weights")):
             what = f"controller {_name(controller)!r}"
             check(not shape.is_placed, f"{what}: expected a geometry, got another skin")
-            shape = self._posed(what, shape, place, changed, of_vertices[0], roots)
+            shape = self._pose_shape(what, shape, place, changed, of_vertices[0], roots)
         elif shape.n_faces:
             self._skinned[_name(controller)] = None
         self._controlled[controller, roots] = place, shape, name
         return place, shape, name
 
-    def _morphed(self, shape: PolygonShape, targets: Element, is_relative: bool) -> PolygonShape:
+    def _morph(self, shape: PolygonShape, targets: Element, is_relative: bool) -> PolygonShape:
         """Shape with its morph targets by their weights."""
         inputs = _sources_in(targets)
         names = self._words(inputs["MORPH_TARGET"])
@@ -207,7 +207,7 @@ class _Scene:
             points = points + weight * own
         return shape._replace(points=points)
 
-    def _posed(
+    def _pose_shape(
         self,
         what: str,
         shape: PolygonShape,
@@ -246,14 +246,14 @@ class _Scene:
         weights = self._source(given["WEIGHT"].attrib["source"], 1)[:, 0]
         check_indices(at["WEIGHT"], len(weights), what)
         by = Influences(np.repeat(np.arange(n), n_each), at["JOINT"], weights[at["WEIGHT"]])
-        points, is_mirrored, note = placed(
+        points, is_mirrored, note = place_skin(
             what, shape.points, world_from_joint @ joint_from_shape @ place, by
         )
         if note:
             self._more_notes[note] = None
         first = np.cumsum(shape.n_corners) - shape.n_corners
         turns = np.repeat(is_mirrored[shape.corners[first]], shape.n_corners)
-        rows = np.where(turns, reversed_rows(shape.n_corners), np.arange(len(turns)))
+        rows = np.where(turns, reverse_rows(shape.n_corners), np.arange(len(turns)))
         return shape._replace(points=points, corners=shape.corners[rows], is_placed=True)
 
     def _world_from_joint(self, what: str, name: str, roots: Skeletons) -> FloatArray:

@@ -44,7 +44,12 @@ from rastercov.formats.meshes.polygons import (
     names_in_tree,
     strip_triangles,
 )
-from rastercov.formats.meshes.skins import BYTES_PER_INFLUENCE, BYTES_PER_POINT, Influences, placed
+from rastercov.formats.meshes.skins import (
+    BYTES_PER_INFLUENCE,
+    BYTES_PER_POINT,
+    Influences,
+    place_skin,
+)
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 CAD_FACES = "TM_brep_faces"
@@ -183,7 +188,7 @@ def scene_polygons(
     shapes = _Shapes(Accessors(header, buffers, budget), rows)
     vertices, faces, labels = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, int)]
     names: list[str] = []
-    used, _, paths = named_meshes(header, rows, is_tree=by_cad_face)
+    used, _, paths = name_meshes(header, rows, is_tree=by_cad_face)
     n_vertices = 0
     for each in used:
         node, _, world_from_node, _ = rows[each]
@@ -220,7 +225,7 @@ Node = tuple[ByName, str, FloatArray, int]
 """A node, its name or that above, world_from_node, and the row of the parent, -1 for none."""
 
 
-def named_meshes(
+def name_meshes(
     header: ByName, rows: Sequence[Node], *, is_tree: bool = False
 ) -> tuple[list[int], list[str], list[str]]:
     """Rows of the nodes with a mesh, their own names, and by row those by their place in the tree.
@@ -440,7 +445,7 @@ class _Shapes:
         self._skins[index] = matrices
         return matrices
 
-    def _posed(
+    def _pose_shape(
         self, skin: "_Skin", attributes: ByName, points: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
         """Points of a primitive where its joints place them, and those that are mirrored."""
@@ -463,7 +468,7 @@ class _Shapes:
             )
             own = np.repeat(np.arange(n), 4), joints.ravel(), weights.ravel()
             by = Influences(*map(np.append, by, own))
-        moved, is_mirrored, note = placed(where, points, matrices, by)
+        moved, is_mirrored, note = place_skin(where, points, matrices, by)
         if note:
             self._of_skins[note] = None
         return moved, is_mirrored
@@ -573,7 +578,7 @@ class _Shapes:
                 own = self._points(position, deltas)
                 is_mirrored = np.zeros(n_new, np.bool_)
                 if skin is not None:
-                    own, is_mirrored = self._posed(skin, attributes, own)
+                    own, is_mirrored = self._pose_shape(skin, attributes, own)
                 points.append(own)
                 mirrored.append(is_mirrored)
             corners = np.arange(n_new)

@@ -26,7 +26,7 @@ from rastercov.base import (
     UnparsedError,
     UnreadableError,
     Vocabulary,
-    parsed_json,
+    parse_json,
     shown,
 )
 from rastercov.formats.meshes.polygons import broken, check, check_budget
@@ -73,7 +73,7 @@ def _check_room(what: str, size: int, at: int, end: int) -> None:
 def json_header(text: bytes, what: str) -> ByName:
     """JSON object of a glTF 2.0 scene; `what` names the text in errors."""
     try:
-        header = parsed_json(text, _no_number)
+        header = parse_json(text, _no_number)
     except UnparsedError as error:
         raise broken(f"expected a readable {what}, got: {error.reason}") from error
     except UnreadableError as error:
@@ -195,7 +195,7 @@ class Accessors:
         else:
             values = np.zeros((n, n_columns), dtype)
         if sparse:
-            values = self._replaced(where, sparse, values)
+            values = self._replace(where, sparse, values)
         if is_normalised:
             values = np.maximum(values / np.iinfo(dtype).max, -1)
         return values
@@ -218,7 +218,7 @@ class Accessors:
         window = self._window(f"accessor {index}", accessor, self.count(index), np.dtype("<f4"), 1)
         return window[:, 0].astype(np.float64)
 
-    def _replaced(self, where: str, sparse: ByName, values: AnyArray) -> AnyArray:
+    def _replace(self, where: str, sparse: ByName, values: AnyArray) -> AnyArray:
         """Values of an accessor after the replacements of its sparse part."""
         n, n_values = json_count(sparse, "count"), len(values)
         kind = COMPONENTS.get(sparse["indices"]["componentType"], "")
@@ -323,7 +323,7 @@ def objects(
 def unread_data(header: ByName) -> list[str]:
     """Notes on accessors that nothing names, and on bytes of views that no accessor reads."""
     accessors, views = json_list(header, "accessors"), json_list(header, "bufferViews")
-    used = set(_used(header | {"accessors": []}))
+    used = set(_used_accessors(header | {"accessors": []}))
     n_unused = sum(index not in used for index in range(len(accessors)))
     notes = [f"ignored {n_unused} accessors that nothing uses"] if n_unused else []
     spans: dict[int, list[tuple[int, int, int]]] = {}
@@ -365,15 +365,15 @@ def _width(owner: ByName) -> int:
     return int(COMPONENTS.get(owner.get("componentType", 0), "00")[1])
 
 
-def _used(each: object, has_accessors: bool = False) -> Iterator[int]:
+def _used_accessors(each: object, has_accessors: bool = False) -> Iterator[int]:
     """Whole numbers in all places that may have the index of an accessor."""
     if isinstance(each, dict):
         for key, value in each.items():
             if key != "extras":
-                yield from _used(value, has_accessors or key in NAMES_ACCESSORS)
+                yield from _used_accessors(value, has_accessors or key in NAMES_ACCESSORS)
     elif isinstance(each, list):
         for value in each:
-            yield from _used(value, has_accessors)
+            yield from _used_accessors(value, has_accessors)
     elif has_accessors and type(each) is int:
         yield each
 
@@ -405,7 +405,7 @@ class GlbBuffer:
         """Index of a new view, which begins at a multiple of 4 bytes."""
         view = {"buffer": 0, "byteOffset": self._n_bytes, "byteLength": len(data)}
         self._views.append(view)
-        piece = _padded(data, b"\0")
+        piece = _pad(data, b"\0")
         self._pieces.append(piece)
         self._n_bytes += len(piece)
         return len(self._views) - 1
@@ -438,7 +438,7 @@ class GlbBuffer:
             "bufferViews": self._views,
             "accessors": self._accessors,
         }
-        text = _padded(json.dumps(header, allow_nan=False).encode(), b" ")
+        text = _pad(json.dumps(header, allow_nan=False).encode(), b" ")
         total = 12 + 8 + len(text) + 8 + self._n_bytes
         return b"".join(
             (
@@ -451,6 +451,6 @@ class GlbBuffer:
         )
 
 
-def _padded(data: bytes, filler: bytes) -> bytes:
+def _pad(data: bytes, filler: bytes) -> bytes:
     """Data whose length is a multiple of 4."""
     return data + filler * (-len(data) % 4)

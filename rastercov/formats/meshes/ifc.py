@@ -28,7 +28,7 @@ from rastercov.formats.meshes.polygons import (
     Polygons,
     check,
     check_budget,
-    converted,
+    convert_file,
 )
 
 NO_SURFACES = (
@@ -82,7 +82,7 @@ Solid = tuple[Product, FloatArray, IntArray]
 
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of an IFC file in metres, one group a product, in the order of the file."""
-    made, notes, site = _made(data, budget)
+    made, notes, site = _make_solids(data, budget)
     spaces, solids = ([s for s in made if (s[0].type == SPACE) == is_space] for is_space in (1, 0))
     check(solids, "expected a product with a surface, got none")
     starts = np.cumsum([0] + [len(points) for _, points, _ in solids])
@@ -111,7 +111,7 @@ def read(data: bytes, budget: int) -> Polygons:
     )
 
 
-def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str], Site]:
+def _make_solids(data: bytes, budget: int) -> tuple[list[Solid], list[str], Site]:
     """Products with triangles, spaces among them, notes, and the site."""
     if find_spec("ifcopenshell") is None:
         raise MeshError(
@@ -120,7 +120,7 @@ def _made(data: bytes, budget: int) -> tuple[list[Solid], list[str], Site]:
         )
     options = [str(min(MOST_FACES, budget // PEAK_BYTES_PER_FACE))]
     fault = "expected an IFC file that IfcOpenShell reads"
-    made = converted(CONVERT, data, options, fault, "export it again, as IFC2X3 or IFC4")
+    made = convert_file(CONVERT, data, options, fault, "export it again, as IFC2X3 or IFC4")
     with np.load(io.BytesIO(made), allow_pickle=False) as arrays:
         texts = json.loads(str(arrays["texts"]))
         check_budget(texts["n_faces"], budget)
@@ -160,7 +160,7 @@ def convert() -> None:
         if len(faces):
             shapes[shape.id] = np.array(shape.geometry.verts).reshape(-1, 3), faces
         n_faces += len(faces)
-        if n_faces > most:  # an error, see `_made`
+        if n_faces > most:  # an error, see `_make_solids`
             break
     none = Counter(each.is_a() for each in products if each.id() not in shapes)
     notes += [

@@ -33,7 +33,7 @@ from rastercov.base import (
     RastercovError,
     ResourceError,
     WholeArray,
-    shortened,
+    shorten,
 )
 from rastercov.base.errors import OUT_OF_MEMORY
 from rastercov.base.memory import free_memory
@@ -109,7 +109,7 @@ def check(is_right: object, fault: str, advice: str = "export it again") -> None
 
 
 @contextmanager
-def broken_files_refused() -> Iterator[None]:
+def refuse_broken_files() -> Iterator[None]:
     """Turn errors of a look-up or of a computation in the block into a MeshError."""
     try:
         yield
@@ -126,7 +126,9 @@ def broken_files_refused() -> Iterator[None]:
         raise broken(f"expected a file that follows its format, got {got}") from error
 
 
-def converted(program: str, data: bytes, options: Sequence[str], fault: str, advice: str) -> bytes:
+def convert_file(
+    program: str, data: bytes, options: Sequence[str], fault: str, advice: str
+) -> bytes:
     """Bytes of the file that a program writes in a process of its own, which a fault may end.
 
     Its first argument is the file, the others are `options`; the standard input is `data`. Where it
@@ -163,7 +165,7 @@ def _reason(ended: "subprocess.CompletedProcess[bytes]", memory: int) -> str:
     text = re.sub(r"\x1b\[[0-9;]*m", "", text)
     lines = [" ".join(line.replace("*", " ").split()) for line in text.splitlines()]
     errors = [line for line in lines if "ERR" in line] or [line for line in lines if line]
-    return shortened(errors[-1], 54) if errors else "no reason"
+    return shorten(errors[-1], 54) if errors else "no reason"
 
 
 def check_indices(values: WholeArray, n: int, where: str) -> None:
@@ -339,7 +341,7 @@ class Assembly:
         for label, place, shape in self._shapes(whole, np.eye(4)):
             points.append(shape.points @ place[:3, :3].T + place[:3, 3])
             is_mirrored = np.linalg.det(place[:3, :3]) < 0  # it would face inwards
-            rows = reversed_rows(shape.n_corners) if is_mirrored else slice(None)
+            rows = reverse_rows(shape.n_corners) if is_mirrored else slice(None)
             corners.append(shape.corners[rows] + n_points)
             n_corners.append(shape.n_corners)
             labels.append(np.full(len(shape.n_corners), label))
@@ -405,7 +407,7 @@ class Assembly:
                 yield label, np.eye(4) if piece.is_placed else place @ matrix, piece
 
 
-def reversed_rows(n_corners: IntArray) -> IntArray:
+def reverse_rows(n_corners: IntArray) -> IntArray:
     """Indices that reverse the corners of each polygon but its first one."""
     polygon = np.repeat(np.arange(len(n_corners)), n_corners)
     first = (np.cumsum(n_corners) - n_corners)[polygon]

@@ -28,7 +28,7 @@ class Influences(NamedTuple):
     weight: FloatArray
 
 
-def placed(
+def place_skin(
     where: str, points: FloatArray, world_from_shape: FloatArray, by: Influences
 ) -> tuple[FloatArray, BoolArray, str]:
     """Points in the world, those where the skin is mirrored, and a note, or "".

@@ -27,7 +27,7 @@ from rastercov.base import (
 )
 from rastercov.formats.meshes.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
 from rastercov.formats.meshes.gltf_file import Accessors, chunks, json_list, json_name, json_object
-from rastercov.formats.meshes.polygons import Polygons, converted
+from rastercov.formats.meshes.polygons import Polygons, convert_file
 
 DEFLECTION_MM = 0.1
 """Largest distance between a curved surface and its triangles, in the unit of cascadio."""
@@ -99,15 +99,15 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
     except UnicodeDecodeError:
         data = data.decode("cp1252", "replace").encode()
         notes = ["read names as Windows-1252: they are not UTF-8"]
-    notes += _left_out(data)
+    notes += _left_out_names(data)
     data = STYLED.sub(rb"UNREAD_\1", with_product_names(data))
     used = deflection_mm or DEFLECTION_MM
-    header, binary, more = chunks(_converted(data, used))
+    header, binary, more = chunks(_convert(data, used))
     error_mm, size_mm, error = _error(header, binary, budget)
     wanted = DEFLECTION_REL * size_mm
     if deflection_mm is None and 0 < wanted < min(used, error_mm):
         used = wanted
-        header, binary, more = chunks(_converted(data, used))
+        header, binary, more = chunks(_convert(data, used))
         *_, error = _error(header, binary, budget)
     _name_nodes(header)
     polygons = scene_polygons(header, [binary], budget, [*more, *notes], by_cad_face=True)
@@ -220,7 +220,7 @@ _REFERENCE = re.compile(rb"#(\d+)")
 _STRING = re.compile(rb"'((?:[^']|'')*)'")
 
 
-def _left_out(data: bytes) -> list[str]:
+def _left_out_names(data: bytes) -> list[str]:
     """Notes on shapes that are marked as invisible, and on products without geometry."""
     if b"INVISIBILITY" not in data and b"NEXT_ASSEMBLY_USAGE" not in data:
         return []
@@ -228,7 +228,7 @@ def _left_out(data: bytes) -> list[str]:
     kinds: dict[bytes, bytes] = {number: kind for number, kind, _ in matches}
     texts: dict[bytes, bytes] = {number: text for number, _, text in matches}
     notes = []
-    if hidden := list(dict.fromkeys(_hidden(kinds, texts))):
+    if hidden := list(dict.fromkeys(_hidden_names(kinds, texts))):
         notes.append(f"read bodies that the file marks as invisible: {first_of(hidden)}")
     if empty := list(dict.fromkeys(_without_geometry(kinds, texts))):
         notes.append(f"products without geometry in this file: {first_of(empty)}")
@@ -244,7 +244,7 @@ def _name_in(text: bytes) -> str:
     return next((name for each in _STRING.findall(text) if (name := _plain(each))), "")
 
 
-def _hidden(kinds: dict[bytes, bytes], texts: dict[bytes, bytes]) -> Iterator[str]:
+def _hidden_names(kinds: dict[bytes, bytes], texts: dict[bytes, bytes]) -> Iterator[str]:
     """Names of shapes with INVISIBILITY, by their styles, layers or representations."""
     above: dict[bytes, list[bytes]] = {}
     for number, text in texts.items():
@@ -350,7 +350,7 @@ def with_product_names(data: bytes) -> bytes:
     above = dict(OF_PRODUCT.findall(data))
     products = {row: text(name) or text(own) for row, own, name in PRODUCT.findall(data)}
 
-    def named(result: "re.Match[bytes]") -> bytes:
+    def name_of(result: "re.Match[bytes]") -> bytes:
         name, product = text(result[2]), products.get(above.get(above.get(result[4])))
         if not product:
             return result[0]
@@ -360,10 +360,10 @@ def with_product_names(data: bytes) -> bytes:
             name = product + b" (" + name + b")"
         return result[1] + b"'" + name + b"'" + result[3]
 
-    return OCCURRENCE.sub(named, data)
+    return OCCURRENCE.sub(name_of, data)
 
 
-def _converted(data: bytes, deflection_mm: float) -> bytes:
+def _convert(data: bytes, deflection_mm: float) -> bytes:
     """GLB file of a STEP file."""
     if find_spec("cascadio") is None:
         raise MeshError(
@@ -372,4 +372,4 @@ def _converted(data: bytes, deflection_mm: float) -> bytes:
         )
     numbers = [str(deflection_mm), str(ANGULAR_DEFLECTION)]
     fault = "expected a STEP file that Open CASCADE reads"
-    return converted(CONVERT, data, numbers, fault, "export it again, as AP214 or AP242")
+    return convert_file(CONVERT, data, numbers, fault, "export it again, as AP214 or AP242")

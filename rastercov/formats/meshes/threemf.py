@@ -26,10 +26,10 @@ from rastercov.formats.meshes.polygons import (
     Polygons,
     PolygonShape,
     broken,
-    broken_files_refused,
     check,
     check_budget,
     check_indices,
+    refuse_broken_files,
 )
 from rastercov.formats.meshes.xml_tree import (
     BYTES_PER_XML_BYTE,
@@ -39,7 +39,7 @@ from rastercov.formats.meshes.xml_tree import (
     local_name,
     look_at_names,
     namespaces,
-    parsed,
+    parse_xml,
     table,
     transform_numbers,
 )
@@ -93,7 +93,7 @@ _Key = tuple[str, str]
 def read(data: bytes, budget: int) -> Polygons:
     """Triangles of a 3MF file in metres, one group per instance, in the order of the build."""
     try:
-        with broken_files_refused(), zipfile.ZipFile(io.BytesIO(data)) as archive:
+        with refuse_broken_files(), zipfile.ZipFile(io.BytesIO(data)) as archive:
             return _Model(archive, budget).polygons()
     except DAMAGED as error:
         raise broken(f"expected a readable ZIP archive, got: {error}") from None
@@ -162,7 +162,7 @@ class _Model:
         check(is_read, f"expected {path[:80]!r} to be deflated or stored, got another compression")
         with self._archive.open(info) as file:
             text = file.read(info.file_size + 1)
-        root = self._parts[path] = parsed(text, f"its part {path[:80]!r}", self._bytes_left)
+        root = self._parts[path] = parse_xml(text, f"its part {path[:80]!r}", self._bytes_left)
         self._bytes_left -= info.file_size * BYTES_PER_XML_BYTE
         if path != RELATIONSHIPS:
             _check_extensions(root, text)

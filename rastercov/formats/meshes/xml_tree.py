@@ -31,7 +31,7 @@ LONG_NAMESPACE = re.compile(
 """A namespace of 256 characters or more, or spaces that might hide one."""
 
 
-def parsed(text: bytes, what: str, budget: int) -> Element:
+def parse_xml(text: bytes, what: str, budget: int) -> Element:
     """Root element of a text; `what` names it in errors."""
     check_budget(0, budget, n_bytes=len(text) * BYTES_PER_XML_BYTE)
     root = None
@@ -62,16 +62,16 @@ def _tree(text: bytes) -> Element:
             raise
     builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate("utf-8")
 
-    def named(name: str) -> str:
+    def name_of(name: str) -> str:
         prefix, _, own = name.rpartition(":")
         return f"{{{prefix}}}{own}" if prefix else own
 
     def start(name: str, given: dict[str, str]) -> None:
-        own = {named(key): value for key, value in given.items() if not key.startswith("xmlns")}
-        builder.start(named(name), own)
+        own = {name_of(key): value for key, value in given.items() if not key.startswith("xmlns")}
+        builder.start(name_of(name), own)
 
     parser.StartElementHandler, parser.CharacterDataHandler = start, builder.data
-    parser.EndElementHandler = lambda name: builder.end(named(name))
+    parser.EndElementHandler = lambda name: builder.end(name_of(name))
     parser.Parse(text, True)
     return builder.close()
 

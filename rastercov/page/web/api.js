@@ -45,19 +45,19 @@ export class Server {
 
   open = () => this.#json("open");
   load = () => this.#json("load");
-  store = (changes) => this.#json("store", posted(changes));
+  store = (changes) => this.#json("store", postOf(changes));
   job = () => this.#json("job");
   ping = () => this.#json("ping", { signal: AbortSignal.timeout(8000) });
-  startJob = (what) => this.#json("job", posted(what));
-  cancelJob = () => this.#json("job/cancel", posted({}));
+  startJob = (what) => this.#json("job", postOf(what));
+  cancelJob = () => this.#json("job/cancel", postOf({}));
   drawing = () => this.#json("drawing");
-  keepDrawing = (changes) => this.#json("drawing", posted(changes));
-  save = (what) => this.#json("save", posted(what));
-  download = async (what) => (await this.#ask("download", posted(what))).blob();
+  keepDrawing = (changes) => this.#json("drawing", postOf(changes));
+  save = (what) => this.#json("save", postOf(what));
+  download = async (what) => (await this.#ask("download", postOf(what))).blob();
 
   /** Answer to a question: JSON, or a frame. */
   async ask(question) {
-    const answer = await this.#ask("ask", posted(question));
+    const answer = await this.#ask("ask", postOf(question));
     return answer.headers.get("Content-Type") === "application/json" ? answer.json() : frameOf(await answer.arrayBuffer());
   }
 
@@ -88,7 +88,7 @@ export class Server {
   }
 }
 
-const posted = (body) => ({
+const postOf = (body) => ({
   method: "POST",
   headers: { "Content-Type": "application/json" },
   body: JSON.stringify(body),

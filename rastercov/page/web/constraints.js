@@ -3,7 +3,7 @@
  * The server has the last word; here they only stop a drag where it would.
  */
 
-import { BOX_EDGES, add, boxCorners, centreOf, distance, moved, subtract } from "rastercov/maths.js";
+import { BOX_EDGES, add, boxCorners, centreOf, distance, movePose, subtract } from "rastercov/maths.js";
 
 const ALLOWED = [0.1, 0.6, 0.35, 0.8];
 const FORBIDDEN = [0.85, 0.15, 0.2, 0.9];
@@ -57,13 +57,13 @@ function drawBall(sketch, centre, radius, colour) {
  * The pose that is wanted, moved to the nearest mounting place; null where it would enter a keep-out, or
  * where constraints are not kept, the pose as it is.
  */
-export function allowedPose(constraints, state, wanted) {
+export function allowPose(constraints, state, wanted) {
   const isKept = state.is_kept ?? constraints?.is_kept;
   if (!constraints || !isKept) return wanted;
   const centre = centreOf(wanted);
   const place = nearestPlace(constraints.boxes ?? [], centre);
   const isOut = (constraints.keep_out ?? []).some((part) => isInside(part, place));
-  return isOut ? null : moved(wanted, subtract(place, centre));
+  return isOut ? null : movePose(wanted, subtract(place, centre));
 }
 
 function nearestPlace(boxes, point) {

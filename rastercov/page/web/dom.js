@@ -1,6 +1,6 @@
 /** Elements of the page: made from a tag, properties and children, never from text with markup. */
 
-import { formatted } from "rastercov/plain.js";
+import { formatNumber } from "rastercov/plain.js";
 import { area, distance, number, percent as percentOf } from "rastercov/texts.js";
 
 const flat = (children) => children.flat(Infinity).filter((child) => (child ?? null) !== null);
@@ -83,7 +83,7 @@ export function menu(text, title, items) {
 const KEPT_KEY = "rastercov-page:";
 
 /** What this browser remembers of the page under a name, or `otherwise`. */
-export function remembered(name, otherwise) {
+export function recall(name, otherwise) {
   try {
     return JSON.parse(localStorage.getItem(KEPT_KEY + name)) ?? otherwise;
   } catch {
@@ -105,7 +105,7 @@ export function remember(name, value) {
 export function section(title, children, { isOpen = true, name = title } = {}) {
   const made = element(
     "details.section",
-    { open: name === null ? isOpen : remembered(`section ${name}`, isOpen) },
+    { open: name === null ? isOpen : recall(`section ${name}`, isOpen) },
     element("summary", title),
     children,
   );
@@ -128,7 +128,7 @@ export function side(name, label, ...children) {
     show(isFolded);
     remember(`side ${name}`, isFolded);
   };
-  show(remembered(`side ${name}`, window !== window.top)); // a frame of another page is mostly picture
+  show(recall(`side ${name}`, window !== window.top)); // a frame of another page is mostly picture
   made.unfold = () => made.classList.contains("folded") && keep(false);
   return made;
 }
@@ -172,13 +172,13 @@ export const figure = (value, digits = 3) => (Number.isNaN(value ?? NaN) ? "–"
 export const percent = (value) => ((value ?? null) === null ? "–" : percentOf(value / 100));
 
 /** Covered part of a summary, percent: by area, or by whole faces where the result is. */
-export const coveredPercent = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);
+export const coverageText = ({ covered, covered_area: exact }) => (exact ? exact.percent : covered?.area_percent);
 
 /** Words on the frames in which parts are covered, after a space; none of one frame. */
 export const when = ({ scene }) => (scene.when ? ` ${scene.when}` : "");
 
 /** Whole number with commas between thousands. */
-export const count = (n) => formatted(n, ",");
+export const count = (n) => formatNumber(n, ",");
 
 let unit = "m";
 

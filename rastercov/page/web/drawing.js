@@ -133,7 +133,7 @@ export class Drawing {
 
   /** Shows the bytes of an image at its place; false, and a line, where it is none. */
   async #show(kept, bytes) {
-    const { fault, type } = judged(kept.name, bytes);
+    const { fault, type } = checkDrawing(kept.name, bytes);
     if (fault) return this.session.emit("fault", fault);
     const url = await dataUrl(new Blob([bytes], { type }));
     const image = Object.assign(new Image(), { src: url });
@@ -293,7 +293,7 @@ const dataUrl = (blob) =>
   });
 
 /** Type of a drawing by its first bytes, or one line on what is wrong with it, before it is decoded. */
-function judged(name, bytes) {
+function checkDrawing(name, bytes) {
   if (bytes.length > MOST_BYTES) return { fault: `${name}: expected at most ${MOST_BYTES >> 20} MB; reduce it` };
   const found = headOf(bytes);
   if (!found) return { fault: `${name}: expected a PNG, JPEG or SVG; open meshes and rigs with rastercov view` };

@@ -5,7 +5,7 @@
  */
 
 import { check, choice, element, figure, inUnit, toggle } from "rastercov/dom.js";
-import { formatted } from "rastercov/plain.js";
+import { formatNumber } from "rastercov/plain.js";
 
 /**
  * Makes an input a text of the rig. What is typed is the rig's once `onChange(text)` takes it, with true;
@@ -76,7 +76,7 @@ export function numberBox(options, onValue) {
   return { input, fault, set: (value) => write(shown(value)) };
 }
 
-const shown = (value) => ((value ?? null) === null ? "" : formatted(value, ".6g"));
+const shown = (value) => ((value ?? null) === null ? "" : formatNumber(value, ".6g"));
 
 /** One line about a typed number, or "" where it may pass. */
 function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {

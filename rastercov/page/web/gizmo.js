@@ -14,13 +14,13 @@ import {
   directionFromCamera,
   dot,
   length,
-  moved,
+  movePose,
   scale,
   subtract,
-  turned,
+  rotatePose,
   unit,
 } from "rastercov/maths.js";
-import { allowedPose } from "rastercov/constraints.js";
+import { allowPose } from "rastercov/constraints.js";
 
 const ARM = 84; // pixels
 const RING = 62;
@@ -198,7 +198,7 @@ export class Gizmo {
 
   /** The pose, or the nearest one that the plan allows a camera; other devices may be anywhere. */
   #allowed(device, pose) {
-    return "rides" in device ? pose : allowedPose(this.session.scene.constraints, this.session.state, pose);
+    return "rides" in device ? pose : allowPose(this.session.scene.constraints, this.session.state, pose);
   }
 
   /** Function from a place of the pointer to the pose there. */
@@ -215,17 +215,17 @@ export class Gizmo {
       return (x, y, isCoarse) => {
         let turn = sense * (angle(x, y) - first);
         if (isCoarse) turn = Math.round(turn / (Math.PI / 12)) * (Math.PI / 12);
-        return turned(start, axis, turn);
+        return rotatePose(start, axis, turn);
       };
     }
     const ray = (x, y) => rayAt(view, x, y);
     if (kind === "arrow") {
       const first = alongAxis(centre, axis, ray(startX, startY));
-      return (x, y) => moved(start, scale(axis, alongAxis(centre, axis, ray(x, y)) - first));
+      return (x, y) => movePose(start, scale(axis, alongAxis(centre, axis, ray(x, y)) - first));
     }
     const normal = directionFromCamera(look.pose, [0, 0, 1]);
     const first = onPlane(centre, normal, ray(startX, startY));
-    return (x, y) => moved(start, subtract(onPlane(centre, normal, ray(x, y)), first));
+    return (x, y) => movePose(start, subtract(onPlane(centre, normal, ray(x, y)), first));
   }
 
   /** Key over the picture: arrows and page keys move the chosen device, with Alt they turn it. */
@@ -248,9 +248,9 @@ export class Gizmo {
     let wanted;
     if (event.altKey) {
       const angle = TURN_STEP * fine;
-      wanted = turned(pose, up, -step[0] * angle);
-      wanted = turned(wanted, column(wanted, 0), step[1] * angle);
-      wanted = turned(wanted, column(wanted, 2), step[2] * angle);
+      wanted = rotatePose(pose, up, -step[0] * angle);
+      wanted = rotatePose(wanted, column(wanted, 0), step[1] * angle);
+      wanted = rotatePose(wanted, column(wanted, 2), step[2] * angle);
     } else {
       const size = NUDGE * fine * length(subtract(bounds[1], bounds[0]));
       const right = unit(
@@ -258,7 +258,7 @@ export class Gizmo {
       );
       const ahead = cross(up, right);
       const by = [scale(right, step[0]), scale(ahead, step[1]), scale(up, step[2])].reduce(add);
-      wanted = moved(pose, scale(by, size));
+      wanted = movePose(pose, scale(by, size));
     }
     const next = this.#allowed(device, wanted);
     if (!next) return true;

@@ -1,9 +1,9 @@
 /** Legend of the colours, with the menu of what they mean, and the summary of the coverage. */
 
 import { UNITS } from "rastercov/fields.js";
-import { legendOfPieces, shownPieces, whyNoPieces } from "rastercov/pieces.js";
-import { button, choice, count, coveredPercent, cssColour, cssHatch, element, figure, fill, percent, when } from "rastercov/dom.js";
-import { formatted } from "rastercov/plain.js";
+import { legendOfPieces, piecesToShow, whyNoPieces } from "rastercov/pieces.js";
+import { button, choice, count, coverageText, cssColour, cssHatch, element, figure, fill, percent, when } from "rastercov/dom.js";
+import { formatNumber } from "rastercov/plain.js";
 import { with_bound } from "rastercov/texts.js";
 
 const BUSY_AFTER = 400; // ms
@@ -22,7 +22,7 @@ export function legend(session, view) {
   session.on("mode", () => (menu.value = session.mode));
   session.on("frame view", () => {
     const { figures } = session;
-    const pieces = shownPieces(session, view);
+    const pieces = piecesToShow(session, view);
     const { words, isOffered } = pieces ? { words: "Percentages refer to exact areas." } : whyNoPieces(session, view);
     unit.textContent = words;
     draw.hidden = !isOffered;
@@ -125,11 +125,11 @@ export function summary(session) {
     root.classList.remove("busy");
   });
   session.on("frame", ({ summary: now }) => {
-    const covered = coveredPercent(now);
+    const covered = coverageText(now);
     root.hidden = covered === undefined; // of a page on something else
     main.textContent = percent(covered);
     const by = covered - (firsts[session.state.goal ?? ""] ??= covered);
-    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${formatted(Math.abs(by), ".1f")} points`;
+    change.textContent = Math.abs(by) < 0.05 ? "" : `${by > 0 ? "+" : "−"}${formatNumber(Math.abs(by), ".1f")} points`;
     change.className = `change ${by > 0 ? "up" : "down"}`;
     change.title = "percentage points since this page was opened";
     const exact = now.covered_area;

@@ -11,8 +11,8 @@ import { metres, squareMetres } from "rastercov/dom.js";
 import { fragmentOf, rigOfFragment, through } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles, taskFile } from "rastercov/live_files.js";
 import { Work } from "rastercov/live_jobs.js";
-import { History, described, edited, focusOf, opticsOf } from "rastercov/live_rig.js";
-import { LIVE_MODES, painted } from "rastercov/live_paint.js";
+import { History, described, editState, focusOf, opticsOf } from "rastercov/live_rig.js";
+import { LIVE_MODES, paintFaces } from "rastercov/live_paint.js";
 import { labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
 import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
@@ -27,7 +27,7 @@ const CHANGED = "the rig has changed since; the page now shows the new rig";
 const NO_ANSWER = "not available in an exported page: use rastercov view";
 
 /** Bytes of base64 of zlib; those of an array. */
-export async function inflated(text) {
+export async function inflate(text) {
   if (ArrayBuffer.isView(text)) return text.buffer.slice(text.byteOffset, text.byteOffset + text.byteLength);
   try {
     return (await through(bytesOf(text), new DecompressionStream("deflate"))).buffer;
@@ -93,15 +93,15 @@ export class Live {
 
   async #open() {
     const { engine, mesh, worker, scene, state } = this.data;
-    const [vertices, faces, groups] = await Promise.all([mesh.vertices, mesh.faces, mesh.groups].map(inflated));
+    const [vertices, faces, groups] = await Promise.all([mesh.vertices, mesh.faces, mesh.groups].map(inflate));
     this.groupOf = new Uint16Array(groups);
     this.vertices = new Float64Array(vertices);
     this.faces = new Int32Array(faces);
     this.n = this.groupOf.length;
     if (engine) await this.#start(engine, mesh, worker, scene);
-    const sold = this.server ? {} : JSON.parse(new TextDecoder().decode(await inflated(this.data.catalogue)));
+    const sold = this.server ? {} : JSON.parse(new TextDecoder().decode(await inflate(this.data.catalogue)));
     this.catalogue = Object.entries(sold).map(([name, plain]) => [name, wordsOf(plain)]);
-    const [own] = edited({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
+    const [own] = editState({ ...state, sold, models: this.data.models }, { do: "restore", rig: state }); // refuses what is no rig
     this.first = this.#named(own);
     this.history = new History(await this.#linked(this.first));
     await this.load();
@@ -109,7 +109,7 @@ export class Live {
 
   /** The engine, with the surfaces of the task and of each goal. */
   async #start(engine, mesh, worker, scene) {
-    const bytes = await inflated(engine);
+    const bytes = await inflate(engine);
     const goals = (this.data.goals ?? []).map((each) => ({ ...each, limits: [{ ...each, goal: each.name, name: `goal ${each.name}` }] }));
     const parts = [{ ...mesh, name: "", limits: scene.required ?? [] }, ...goals];
     this.parts = new Map(parts.map((each) => [each.name, partOf(each, this.groupOf)]));
@@ -117,7 +117,7 @@ export class Live {
     const surface = { vertices: this.vertices, faces: this.faces, group: this.groupOf, parts: asked };
     this.asking = new Asking(worker, new Uint8Array(bytes), surface);
     this.lenses = Object.fromEntries(
-      await Promise.all(Object.entries(this.data.lenses).map(async ([name, text]) => [name, new Float64Array(await inflated(text))])),
+      await Promise.all(Object.entries(this.data.lenses).map(async ([name, text]) => [name, new Float64Array(await inflate(text))])),
     );
     const areas = await this.asking.ask("areas");
     const { colours } = this.data;
@@ -239,7 +239,7 @@ export class Live {
       const { prover } = this.data;
       if (!prover && this.server) continue;
       if (!prover) refuse(`expected a lens model that this page supports, got ${camera.model}; use rastercov view`);
-      const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflated(prover)), opticsOf(camera));
+      const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflate(prover)), opticsOf(camera));
       this.lenses[camera.lens] = row;
       this.borders[camera.lens] = Array.from({ length: border.length / 3 }, (_, k) => [...border.subarray(3 * k, 3 * k + 3)]);
       for (const old of Object.keys(this.borders).slice(0, -MOST_LENSES)) {
@@ -258,7 +258,7 @@ export class Live {
   async #linked(state) {
     try {
       const rig = await rigOfFragment(location.hash, state);
-      return rig ? await this.#proved(edited(state, { do: "restore", rig })[0]) : state;
+      return rig ? await this.#proved(editState(state, { do: "restore", rig })[0]) : state;
     } catch {
       return state; // an address that was cut short
     }
@@ -420,7 +420,7 @@ export class Live {
     const areas = new Map([[this.goal, found.required], ...others.map(({ name }, at) => [name, rest[at].required])]);
     const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
     const figures = { ...found.faces, stations, levels: this.data.scene.levels };
-    const { levels, palette, ...shown } = painted(this.own, mode, figures);
+    const { levels, palette, ...shown } = paintFaces(this.own, mode, figures);
     // The engine has no figures of what is lost where groups need other numbers of views.
     const lost = this.server && rig.needed && !isDrag ? await this.ask("by_camera") : [];
     const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
@@ -457,7 +457,7 @@ export class Live {
       if (action.do === "task" && !this.server) checkTask(action.changes, this.data);
       const [before, shown] = [history.state, this.shown(history.state)];
       const { action: settled, notice } = await this.#settled(action, shown);
-      const [made, words] = edited({ ...shown, sold: await this.#sold(action, shown) }, settled);
+      const [made, words] = editState({ ...shown, sold: await this.#sold(action, shown) }, settled);
       const state = await this.#proved(await this.#described(this.atRest(made, shown, before), before));
       if (words && revision !== history.revision) throw new Refused(CHANGED, 409);
       if (words) history.take(state, words, isDrag);

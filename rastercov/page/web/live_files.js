@@ -114,7 +114,7 @@ function goalOf({ name, groups, limit, is_most: isMost, task }, state, defaults)
 }
 
 /** Shares that are required, as the goal of a plan; null without any. */
-function requiredOf(required) {
+function requirementOf(required) {
   const shares = required.filter(({ limit }) => limit > 0);
   const [whole] = shares.filter(({ place }) => place === null);
   const groups = shares.filter(({ place }) => place !== null).map(({ place, limit }) => `${toml(place)} = ${limit}`);
@@ -125,7 +125,7 @@ function requiredOf(required) {
 /** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
 function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, high], is_room: isRoom, required = [] }) {
   const used = [...new Set(stations.map((each) => each.camera))];
-  const goal = requiredOf(required);
+  const goal = requirementOf(required);
   if (unit !== "m" || gates.length || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) {
     return goal ? ["[selection]", ...goal] : [];
   }
@@ -143,12 +143,12 @@ function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, hi
 /** This page as a file, with a state in place of the one that it was opened with. */
 export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) {
   const own = { ...data, samples: [], readers: "", isPlayground: false };
-  const [points, corners, groups] = await Promise.all([vertices, faces, groupOf].map(deflated));
+  const [points, corners, groups] = await Promise.all([vertices, faces, groupOf].map(deflate));
   own.mesh = { ...data.mesh, vertices: points, faces: corners, groups };
   const { stations, cameras, task, needed = null } = state;
   own.state = { ...data.state, stations, cameras, task, needed };
   const names = [...new Set(Object.values(cameras).flatMap(({ lens }) => lens ?? []))];
-  const rows = await Promise.all(names.map(async (name) => [name, await deflated(lenses[name])]));
+  const rows = await Promise.all(names.map(async (name) => [name, await deflate(lenses[name])]));
   own.lenses = Object.fromEntries(rows);
   const head = document.head.cloneNode(true);
   head.querySelector("#live").textContent = JSON.stringify(own).replaceAll("<", "\\u003c");
@@ -158,7 +158,7 @@ export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) 
 }
 
 /** Bytes of an array as base64 of zlib. */
-const deflated = async (array) => base64Of(await through(array, new CompressionStream("deflate")));
+const deflate = async (array) => base64Of(await through(array, new CompressionStream("deflate")));
 
 /** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL and infinity apart. */
 function toml(value) {

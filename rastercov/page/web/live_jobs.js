@@ -7,7 +7,7 @@
  */
 
 import { refuse } from "rastercov/api.js";
-import { edited, focusOf, stationOf } from "rastercov/live_rig.js";
+import { editState, focusOf, stationOf } from "rastercov/live_rig.js";
 import { add, clamp, column, cross, dot, length, multiply, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 import { distances_tried } from "rastercov/texts.js";
@@ -82,13 +82,13 @@ export class Work {
       if (!best && number === 0 && !job.done) throw new Error("expected uncovered area, got none; no further camera is needed");
       if (!best && number === 0) throw new Error(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
       if (!best) break;
-      for (const each of best.more) [state] = edited(state, { do: "add", ...each });
+      for (const each of best.more) [state] = editState(state, { do: "add", ...each });
       gain += best.gain;
     }
     const n = state.stations.length;
     const words = isPlace ? `place ${n} ${n === 1 ? "camera" : "cameras"}` : ADD;
     history.take(live.atRest(state, shown, before), words);
-    return `${words}: ${gained(gain, state, isPlace ? "" : "more ")}`;
+    return `${words}: ${gainText(gain, state, isPlace ? "" : "more ")}`;
   }
 
   /** A compass search around the pose of a station: the best of twelve steps, smaller ones where none is better. */
@@ -127,9 +127,9 @@ export class Work {
       best = next;
     }
     if (best.m2 <= start) return `${words}: no better pose found`;
-    const [made] = edited(state, { do: "pose", station: id, pose: best.pose });
+    const [made] = editState(state, { do: "pose", station: id, pose: best.pose });
     history.take(live.atRest(made, state, before), words);
-    return `${words}: ${gained(best.m2 - start, state)}`;
+    return `${words}: ${gainText(best.m2 - start, state)}`;
   }
 
   /** Follows a plan that an earlier page of the program began. */
@@ -165,7 +165,7 @@ export class Work {
     const [least, pieces] = await Promise.all([worth(state), live.open(state, shown, before)]);
     let best = null;
     const known = live.candidatesOf(camera);
-    const drawn = (known ?? (await this.#poses(state.cameras[camera], pieces, numbers(seed + 1)))).map((pose) => placed(state, camera, pose));
+    const drawn = (known ?? (await this.#poses(state.cameras[camera], pieces, numbers(seed + 1)))).map((pose) => placeRule(state, camera, pose));
     const tried = known ? drawn : await this.#clear(state, drawn);
     if (drawn.length && !tried.length && seed === 0) throw new Error(`none of ${drawn.length} places tried is free for a camera; change the lens`);
     job.total = tried.length;
@@ -216,7 +216,7 @@ const CANCELLED = new Error("cancelled");
 const EDITED = new Error("the rig was edited meanwhile; start again");
 
 /** {camera, pose} of a camera at a pose, or of all those of its rig with a rule, of which the first is there. */
-function placed({ gates = [] }, camera, pose) {
+function placeRule({ gates = [] }, camera, pose) {
   const gate = gates.find(({ names }) => names.includes(camera));
   if (!gate) return [{ camera, pose }];
   if (!gate.places) refuse("expected a rig whose cameras have fixed relative poses, got one without; place its cameras by hand");
@@ -245,7 +245,7 @@ function neighbours(pose, step, angle) {
 }
 
 /** Words on a gain of `worthOf`. */
-const gained = (m2, { task, needed }, more = "more ") =>
+const gainText = (m2, { task, needed }, more = "more ") =>
   `${squareMetres(m2)} ${more}covered${Math.max(...(needed ? Object.values(needed) : [task.views])) < 2 ? "" : ", summed over views"}`;
 
 /** Middle, normal and area of each piece that is not covered; what is never seen is none. */

@@ -49,7 +49,7 @@ function classesOf(own, mode, values, { stations, measured }) {
 }
 
 /** Faces in the colours of a mode, {levels, palette, legend, scale}; `figures` as `facesOf` and the solver have them. */
-export function painted(own, mode, figures) {
+export function paintFaces(own, mode, figures) {
   const values = VALUES[mode](figures, own.classes);
   if (own.scales[mode]) return onScale(own, own.scales[mode], values);
   const { first, occluder, words, colours, hatches } = classesOf(own, mode, values, figures);

@@ -24,7 +24,7 @@ const withStation = (state, station) => ({
 });
 
 /** The pose, or a refusal of what is no rigid motion. */
-function checkedPose(pose) {
+function checkPose(pose) {
   const axes = [0, 1, 2].map((at) => column(pose, at));
   const isRight = axes.every((a, i) => axes.every((b, j) => Math.abs(dot(a, b) - (i === j)) <= RIGID));
   if (pose.length !== 16 || !pose.every(Number.isFinite) || !isRight || !(dot(cross(axes[0], axes[1]), axes[2]) > 0)) {
@@ -54,12 +54,12 @@ function withNew(before, camera, pose, name = "") {
   const state = withCamera(before, camera);
   if (state.stations.length >= MOST_STATIONS) refuse(`expected up to ${MOST_STATIONS} cameras; delete some`);
   const id = Math.max(-1, ...state.stations.map((each) => each.id)) + 1;
-  const station = { id, name: freeName(state, name || `camera ${id + 1}`), camera, pose: checkedPose(pose), is_on: true };
+  const station = { id, name: freeName(state, name || `camera ${id + 1}`), camera, pose: checkPose(pose), is_on: true };
   return { ...state, stations: [...state.stations, { ...station, place: "allowed" }] };
 }
 
 /** The pose with a point in the middle of the image; its up stays as near as it can. */
-function aimed(pose, point) {
+function aim(pose, point) {
   const eye = column(pose, 3);
   const forward = unit(subtract(point, eye));
   if (!(length(subtract(point, eye)) > 1e-9)) refuse("expected a point away from the camera; choose another one");
@@ -73,16 +73,16 @@ const EDITS = {
   none: (state) => [state, ""],
   pose: (state, { station, pose }) => {
     const own = stationOf(state, station);
-    return [withStation(state, { ...own, pose: checkedPose(pose) }), `move ${own.name}`];
+    return [withStation(state, { ...own, pose: checkPose(pose) }), `move ${own.name}`];
   },
   device: (state, { device, pose }) => {
     const own = state.devices?.find((each) => each.id === device && each.pose) ?? refuse(`expected equipment of the scene, got '${device}'; choose another`);
-    const moved = { ...own, pose: checkedPose(pose) };
+    const moved = { ...own, pose: checkPose(pose) };
     return [{ ...state, devices: state.devices.map((each) => (each === own ? moved : each)) }, `move ${own.name}`];
   },
   aim: (state, { station, point }) => {
     const own = stationOf(state, station);
-    return [withStation(state, { ...own, pose: checkedPose(aimed(own.pose, point)) }), `aim ${own.name}`];
+    return [withStation(state, { ...own, pose: checkPose(aim(own.pose, point)) }), `aim ${own.name}`];
   },
   add: (state, { camera, pose }) => [withNew(state, camera, pose), "add a camera"],
   duplicate: (state, { station }) => {
@@ -112,7 +112,7 @@ const EDITS = {
   },
   camera: (state, { camera, changes }) => {
     if (!(camera in state.cameras)) refuse(`there is no camera ${camera}; choose one from the list`);
-    const cameras = { ...state.cameras, [camera]: changedCamera(state.cameras[camera], changes, state.models) };
+    const cameras = { ...state.cameras, [camera]: changeCamera(state.cameras[camera], changes, state.models) };
     return [{ ...state, cameras }, `change the lens of ${camera}`];
   },
   new_camera: (state, { name, source }) => {
@@ -129,19 +129,19 @@ const EDITS = {
   restore: (state, { rig }) => {
     const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));
     if (unknown) refuse(`there is no camera ${unknown.camera}; choose one from the list`);
-    const stations = rig.stations.map((each) => ({ place: "allowed", ...each, pose: checkedPose(each.pose) }));
+    const stations = rig.stations.map((each) => ({ place: "allowed", ...each, pose: checkPose(each.pose) }));
     return [{ ...state, ...rig, cameras: { ...state.cameras, ...rig.cameras }, stations }, "restore the rig"];
   },
 };
 
 /** [the state after an edit, words for the history]; no words where nothing is to be undone. */
-export function edited(state, action) {
+export function editState(state, action) {
   const edit = EDITS[action.do] ?? refuse(`this page cannot do that (${action.do}); use rastercov view`);
   return edit(state, action);
 }
 
 /** A camera with other values. */
-function changedCamera(camera, changes, models) {
+function changeCamera(camera, changes, models) {
   let made = { ...camera, plain: { ...camera.plain } };
   for (const [name, value] of Object.entries(changes)) {
     const at = models[camera.model]?.indexOf(name) ?? -1;
@@ -165,7 +165,7 @@ export function opticsOf({ model, plain }) {
 
 const lensOf = (camera) => (camera.model === "pinhole" && !camera.plain.skew ? null : JSON.stringify(opticsOf(camera)));
 
-function scaled(camera, factor) {
+function scaleCamera(camera, factor) {
   const { plain } = camera;
   const { fx, fy, focal_length: f } = plain;
   const made = { ...plain, fx: fx * factor, fy: fy * factor };
@@ -202,13 +202,13 @@ const CHANGES = {
     const { width, cx, fx } = camera.plain;
     const half = (0.5 * width) / Math.tan((value * Math.PI) / 180);
     const apart = cx * (width - cx);
-    return scaled(camera, (half + Math.sqrt(Math.max(0, half ** 2 + apart))) / fx);
+    return scaleCamera(camera, (half + Math.sqrt(Math.max(0, half ** 2 + apart))) / fx);
   },
-  fx: (camera, value) => scaled(camera, positive("fx", value) / camera.plain.fx),
-  px_per_m: (camera, value) => scaled(camera, positive("px_per_m", value) / camera.plain.fx),
+  fx: (camera, value) => scaleCamera(camera, positive("fx", value) / camera.plain.fx),
+  px_per_m: (camera, value) => scaleCamera(camera, positive("px_per_m", value) / camera.plain.fx),
   magnification: (camera, value) => {
     if (!camera.magnification) refuse(`expected a telecentric lens for magnification, got model ${camera.model}; change fx`);
-    return scaled(camera, positive("magnification", value) / camera.magnification);
+    return scaleCamera(camera, positive("magnification", value) / camera.magnification);
   },
   cx: (camera, value) => ({ ...camera, plain: { ...camera.plain, cx: value } }),
   cy: (camera, value) => ({ ...camera, plain: { ...camera.plain, cy: value } }),

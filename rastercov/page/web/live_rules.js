@@ -49,7 +49,7 @@ export function nearest({ rows }, failed) {
  * the camera or limit that fails, the last where none does, or -1; and the largest `deviation` at the corners
  * of those that are measured, metres.
  */
-export function measuredFaces(mesh, rig, judged, solver) {
+export function measureFaces(mesh, rig, judged, solver) {
   const names = [...new Set(rig.rows.flatMap(({ gate }) => gate?.names ?? []))];
   const n = judged[0]?.reasons.length ?? 0;
   const labels = [...names.map((name) => `${name} fails`), rig.reasons.baseline, rig.reasons.uncertain, "covered"];

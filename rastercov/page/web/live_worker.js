@@ -8,7 +8,7 @@
 import { Engine, EngineError } from "rastercov/live_engine.js";
 import { Solver } from "rastercov/live_solver.js";
 import { OF_RULES, facesOf, leastIncidence } from "rastercov/live_paint.js";
-import { measuredFaces } from "rastercov/live_rules.js";
+import { measureFaces } from "rastercov/live_rules.js";
 
 const RAYS_OF_SIDE = 8;
 const NO_MEMORY = "expected enough memory for this rig, got too little; close other pages, delete cameras, or use rastercov view";
@@ -56,7 +56,7 @@ export class Figures {
     const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
     const faces = facesOf(own, judged, rig.need);
     if (mode === "incidence") faces.incidence = leastIncidence(this.mesh, rig, judged);
-    if (OF_RULES.includes(mode)) faces.measured = measuredFaces(this.mesh, rig, judged, solver);
+    if (OF_RULES.includes(mode)) faces.measured = measureFaces(this.mesh, rig, judged, solver);
     return { ...found, alone, faces };
   }
 

@@ -21,7 +21,7 @@ import { withScene } from "rastercov/playground.js";
 import { SceneView } from "rastercov/scene_view.js";
 import { Session } from "rastercov/session.js";
 import { startCard } from "rastercov/start_card.js";
-import { Jobs, connectionBanner, messages, offerLost } from "rastercov/status.js";
+import { Jobs, connectionBanner, messages, offerRestart } from "rastercov/status.js";
 import { tabs } from "rastercov/tabs.js";
 import { Tools } from "rastercov/tools.js";
 import { whyPanel, zonesPanel } from "rastercov/why.js";
@@ -109,7 +109,7 @@ async function open() {
   followPieces(session, view);
   session.watch();
   if (session.canEdit) jobs.resume();
-  offerLost(session, lines);
+  offerRestart(session, lines);
   if (recorded || live.data.served?.why) for (const words of session.scene.notes ?? []) session.emit("notice", words);
 }
 

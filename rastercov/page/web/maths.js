@@ -86,7 +86,7 @@ export function rigidInverse(pose) {
 }
 
 /** Pose turned about a world axis (of length 1) through its own centre; axes stay orthonormal. */
-export function turned(pose, axis, angle) {
+export function rotatePose(pose, axis, angle) {
   const cosine = Math.cos(angle);
   const sine = Math.sin(angle);
   const turn = (v) =>
@@ -97,7 +97,7 @@ export function turned(pose, axis, angle) {
 }
 
 /** Pose moved by a world vector. */
-export function moved(pose, by) {
+export function movePose(pose, by) {
   const copy = [...pose];
   copy[3] += by[0];
   copy[7] += by[1];
@@ -136,7 +136,7 @@ export function poseFromAngles(heading, elevation, roll, up, centre) {
   const flat = add(scale(east, Math.cos(h)), scale(north, Math.sin(h)));
   const forward = add(scale(flat, Math.cos(e)), scale(up, Math.sin(e)));
   const right = unit(cross(flat, up));
-  return turned(poseOf(right, cross(forward, right), forward, centre), forward, radians(roll));
+  return rotatePose(poseOf(right, cross(forward, right), forward, centre), forward, radians(roll));
 }
 
 /**

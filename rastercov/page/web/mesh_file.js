@@ -25,11 +25,11 @@ export async function readMesh(name, bytes, module) {
   const extension = kind.toLowerCase();
   try {
     checkSize(bytes.length);
-    if (extension === "glb") return finished(readGlb(bytes, MOST_FACES), stem);
+    if (extension === "glb") return finish(readGlb(bytes, MOST_FACES), stem);
     if (!["stl", "obj", "ply", "off"].includes(extension)) {
       refuse(`expected an .stl, .obj, .ply, .off or .glb file, got ${kind ? `.${kind.slice(0, 20)}` : "no extension"}; convert it, or use rastercov view`);
     }
-    return finished(await readPlain(extension, bytes, await Engine.of(await module())), stem);
+    return finish(await readPlain(extension, bytes, await Engine.of(await module())), stem);
   } catch (error) {
     const shown = printable(name).slice(0, 60);
     const words = error.status ? error.message.replace("split it, or raise memory_budget", "or use rastercov view") : `expected a file that follows its format, got inconsistent data (${error.message}); export it again`;
@@ -55,7 +55,7 @@ function readPlain(extension, bytes, engine) {
 }
 
 /** Without empty groups, and with names of the others. */
-function finished({ vertices, faces, groupOf, names, notes }, stem) {
+function finish({ vertices, faces, groupOf, names, notes }, stem) {
   const used = [...new Set(groupOf)].sort((a, b) => a - b);
   if (used.length > MOST_GROUPS) refuse(`expected up to ${MOST_GROUPS} groups, got ${used.length}; merge some`);
   const taken = new Set();

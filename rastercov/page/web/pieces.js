@@ -71,7 +71,7 @@ export function whyNoPieces(session, view) {
 }
 
 /** Pieces that are shown now, or null: those of this rig, in the colours of reasons. */
-export function shownPieces(session, view) {
+export function piecesToShow(session, view) {
   const { pieces, state, mode } = session;
   const isShown = pieces && view.options.hasPieces && mode === "reason" && pieces.key === keyOf(state);
   return isShown ? pieces : null;

@@ -12,7 +12,7 @@ function whole(x, decimals) {
 }
 
 /** |x| with a point before some decimals. */
-function fixed(x, decimals) {
+function toFixed(x, decimals) {
   const text = String(whole(x, decimals)).padStart(decimals + 1, "0");
   return decimals > 0 ? [text.slice(0, -decimals), text.slice(-decimals)].join(".") : text;
 }
@@ -26,17 +26,17 @@ function significant(x, digits) {
 }
 
 /** As Python's format(x, spec), for specs "", "," and [,][.digits](e|f|g). */
-export function formatted(x, spec = "") {
+export function formatNumber(x, spec = "") {
   if (typeof x === "string") return x;
   if (!Number.isFinite(x)) return String(x).toLowerCase().replace("inity", "");
   const [, comma, given, kind] = /(,?)\.?(\d*)(.?)/.exec(spec);
   const digits = given ? Number(given) : kind ? 6 : 0;
-  let text = fixed(x, digits);
+  let text = toFixed(x, digits);
   if (kind === "e" || kind === "g") {
     const most = kind === "g" ? digits : digits + 1;
     const [own, exponent] = significant(x, most);
     const isLong = kind === "e" || exponent < -4 || exponent >= most;
-    text = isLong ? own : fixed(x, most - 1 - exponent);
+    text = isLong ? own : toFixed(x, most - 1 - exponent);
     if (kind === "g" && text.includes(".")) text = text.replace(/\.?0+$/, "");
     if (isLong) text += (exponent < 0 ? "e-" : "e+") + String(Math.abs(exponent)).padStart(2, "0");
   }
@@ -45,7 +45,7 @@ export function formatted(x, spec = "") {
 }
 
 /** As Python's text.format(**values), of texts by their names. */
-export const filled = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name]);
+export const fillText = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) => values[name]);
 
 /** As Python's text.removesuffix(end). */
 export const withoutEnd = (text, end) => (text.endsWith(end) ? text.slice(0, -end.length) : text);

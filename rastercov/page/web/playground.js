@@ -5,7 +5,7 @@
 
 import { Refused } from "rastercov/api.js";
 import { button, choice, count, element, figure, fill } from "rastercov/dom.js";
-import { inflated } from "rastercov/live.js";
+import { inflate } from "rastercov/live.js";
 import { cross, dot, subtract } from "rastercov/maths.js";
 import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
 
@@ -15,11 +15,11 @@ const UNIT_OF = { glb: "m" };
 
 /** The data of a page with the scene that its reader chooses; other pages have theirs. */
 export async function withScene(data) {
-  return data.mesh ? data : withSurface(data, await chosen(data));
+  return data.mesh ? data : withSurface(data, await chooseData(data));
 }
 
 /** Shows the ways to begin; ends with {title, vertices, faces, groupOf, groups}, in metres. */
-function chosen(data) {
+function chooseData(data) {
   return new Promise((resolve) => {
     const fault = element("p.fault", { role: "alert" });
     const more = element("div");
@@ -31,7 +31,7 @@ function chosen(data) {
       await new Promise((drawn) => setTimeout(drawn, 30));
       try {
         checkSize(file.size);
-        const mesh = await readMesh(file.name, new Uint8Array(await file.arrayBuffer()), () => inflated(data.readers));
+        const mesh = await readMesh(file.name, new Uint8Array(await file.arrayBuffer()), () => inflate(data.readers));
         fill(more, unitForm(file.name, mesh, resolve));
         more.querySelector("select").focus();
       } catch (error) {
@@ -41,7 +41,7 @@ function chosen(data) {
     };
     input.addEventListener("change", () => take(input.files[0]));
     const open = async (sample) => {
-      const [vertices, faces, groups] = await Promise.all([sample.vertices, sample.faces, sample.groups].map(inflated));
+      const [vertices, faces, groups] = await Promise.all([sample.vertices, sample.faces, sample.groups].map(inflate));
       resolve({ ...sample, vertices: new Float64Array(vertices), faces: new Int32Array(faces), groupOf: new Uint16Array(groups), groups: sample.names });
     };
     const drop = (event) => {

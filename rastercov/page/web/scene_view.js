@@ -8,7 +8,7 @@
 import { creasesOf } from "rastercov/creases.js";
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
 import { add, centroid, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
-import { shownPieces } from "rastercov/pieces.js";
+import { piecesToShow } from "rastercov/pieces.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
 import { loadShaders } from "rastercov/shaders.js";
 import { ViewCamera } from "rastercov/view_camera.js";
@@ -98,7 +98,7 @@ export class SceneView {
 
   #colour() {
     if (!this.session.levels || this.isLost) return;
-    const pieces = shownPieces(this.session, this);
+    const pieces = piecesToShow(this.session, this);
     this.mesh.setLevels(pieces ? pieces.base : this.session.levels);
     this.mesh.setPieces(pieces);
     this.mesh.setPalette(this.session.palette, this.session.figures.legend);

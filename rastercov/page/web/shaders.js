@@ -4,17 +4,17 @@ const texts = new Map();
 
 /** Text of one stage, such as "viewer_mesh.vert". */
 async function source(name) {
-  if (!texts.has(name)) texts.set(name, embedded(name) ?? (await fetched(name)));
+  if (!texts.has(name)) texts.set(name, embeddedText(name) ?? (await fetchText(name)));
   return texts.get(name);
 }
 
 /** Text in the export's JSON of shaders, or null. */
-function embedded(name) {
+function embeddedText(name) {
   const holder = document.getElementById("shaders");
   return holder ? JSON.parse(holder.textContent)[name] : null;
 }
 
-async function fetched(name) {
+async function fetchText(name) {
   const response = await fetch(`/static/shaders/${name}.glsl`);
   if (!response.ok) throw new Error(`shader ${name}.glsl is missing; reinstall rastercov`);
   return response.text();
@@ -34,7 +34,7 @@ export const loadShaders = (names) => Promise.all(names.map(source));
 export function program(gl, stages, attributes, defines = {}) {
   const made = gl.createProgram();
   const kinds = [gl.VERTEX_SHADER, gl.FRAGMENT_SHADER];
-  stages.forEach((name, at) => gl.attachShader(made, compiled(gl, kinds[at], name, defines)));
+  stages.forEach((name, at) => gl.attachShader(made, compile(gl, kinds[at], name, defines)));
   attributes.forEach((name, at) => gl.bindAttribLocation(made, at, name));
   gl.linkProgram(made);
   if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost()) {
@@ -49,7 +49,7 @@ export function program(gl, stages, attributes, defines = {}) {
   return { program: made, uniforms };
 }
 
-function compiled(gl, kind, name, defines) {
+function compile(gl, kind, name, defines) {
   const head = ["#version 300 es", "precision highp float;", "precision highp int;"];
   for (const [key, value] of Object.entries(defines)) head.push(`#define ${key} ${value}`);
   const shader = gl.createShader(kind);

@@ -57,7 +57,7 @@ export function connectionBanner(session) {
 }
 
 /** What an earlier page of this tab kept can be put back. */
-export function offerLost(session, lines) {
+export function offerRestart(session, lines) {
   const kept = session.lost();
   if (!kept) return;
   const line = lines.say(

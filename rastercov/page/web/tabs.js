@@ -1,6 +1,6 @@
 /** Panels behind tabs; arrows go from tab to tab, as the ARIA pattern has it. */
 
-import { element, remember, remembered } from "rastercov/dom.js";
+import { element, remember, recall } from "rastercov/dom.js";
 
 /**
  * @param {[string, HTMLElement][]} panels titles and contents
@@ -45,7 +45,7 @@ export function tabs(panels, first) {
     heads[shown].focus();
     event.preventDefault();
   });
-  show(Math.min(remembered("tab", first), panels.length - 1));
+  show(Math.min(recall("tab", first), panels.length - 1));
   return {
     onShow: (listener) => (onShow = listener),
     root: element("div.tabbed", list, bodies),

@@ -1,6 +1,6 @@
 /** Section of the panel "Cameras": variants of the rig side by side, with coverage and cost. */
 
-import { button, coveredPercent, element, figure, fill, percent, section } from "rastercov/dom.js";
+import { button, coverageText, element, figure, fill, percent, section } from "rastercov/dom.js";
 
 export function variantsSection(session) {
   const table = element("table.variants");
@@ -50,10 +50,10 @@ function free(session) {
 function tableOf(session, rows) {
   const columns = [
     ["cameras", "cameras that are on", (row) => String(row.cameras)],
-    ["covers", "of the evaluated area", (row) => percent(coveredPercent(row)) + (row.is_of_task ? "" : "*")],
+    ["covers", "of the evaluated area", (row) => percent(coverageText(row)) + (row.is_of_task ? "" : "*")],
     ["cost", "total cost; each camera costs as much as the nearest candidate of the plan", (row) => figure(row.cost, 4), "cost"],
   ].filter(([, , , key]) => !key || rows.some((row) => typeof row[key] === "number"));
-  const best = Math.max(...rows.map((row) => coveredPercent(row) ?? 0));
+  const best = Math.max(...rows.map((row) => coverageText(row) ?? 0));
   return [
     element(
       "thead",
@@ -86,7 +86,7 @@ function rowOf(session, row, columns, best) {
     row.is_shown ?? true ? "tr.chosen" : "tr",
     element("th", { scope: "row" }, name),
     columns.map(([text, , value]) =>
-      element(text === "covers" && coveredPercent(row) === best ? "td.best" : "td", value(row)),
+      element(text === "covers" && coverageText(row) === best ? "td.best" : "td", value(row)),
     ),
     element("td", isKept ? drop : null),
   );

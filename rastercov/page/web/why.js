@@ -1,7 +1,7 @@
 /** Panel at the right: why a face is covered or not, and the dead zones of the network. */
 
 import { button, count, element, fill, percent, section, squareMetres } from "rastercov/dom.js";
-import { shownPieces } from "rastercov/pieces.js";
+import { piecesToShow } from "rastercov/pieces.js";
 import { keyOf } from "rastercov/session.js";
 import { planeOf } from "rastercov/tools.js";
 
@@ -36,7 +36,7 @@ export function whyPanel(session, view) {
       const answer = await session.server.why(face);
       if (turn !== asked) return;
       body.dataset.face = face;
-      fill(body, answer.levels ? recorded(session, view, answer) : explained(session, view, answer));
+      fill(body, answer.levels ? recordedAnswer(session, view, answer) : explain(session, view, answer));
     } catch (error) {
       if (turn === asked) fill(body, element("p.fault", {}, error.message));
     }
@@ -49,14 +49,14 @@ export function whyPanel(session, view) {
 }
 
 /** Answer of the server: words, then one card a camera. */
-function explained(session, view, answer) {
+function explain(session, view, answer) {
   // Open are the chosen camera, and the first few that something could be done about.
   const telling = answer.cameras.filter((camera) => !UNTELLING.has(camera.reason)).slice(0, MOST_OPEN);
   const isOpen = (camera) => camera.station === session.chosen || telling.includes(camera);
   return [
     element("p.verdict", {}, answer.words),
     faceFacts(answer.face, answer.group),
-    shownPieces(session, view)
+    piecesToShow(session, view)
       ? element("p.soft", {}, `Reasons and figures refer to the ${answer.isOfCentre ? "centre of the face" : "whole face"}; the view shows the parts that are not covered.`)
       : null,
     button("Centre the view on the face", () => flyToFace(view, answer.face), { kind: "link" }),
@@ -120,7 +120,7 @@ function cameraCard(session, view, camera, isOpen) {
 }
 
 /** What a static export knows of a face. */
-function recorded(session, view, answer) {
+function recordedAnswer(session, view, answer) {
   const group = session.scene.groups[session.faceGroups[answer.face]];
   const { area } = planeOf(view.corners(answer.face));
   const rows = answer.levels.map(({ label, value }) =>

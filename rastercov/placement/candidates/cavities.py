@@ -75,8 +75,8 @@ from rastercov.placement.candidates.pool import (
     Framing,
     face_rows,
     fit_vertices,
-    rolled_candidates,
-    rolled_frames,
+    roll_candidates,
+    roll_frames,
 )
 from rastercov.shards import Progress, silent
 
@@ -135,7 +135,7 @@ class Hemicube(Closing):
         depth = self._rasterizer.render_all(poses).depth.reshape(-1, *self._is_above.shape)
         return depth[:, self._is_above] * self._stretch
 
-    def blurred(self, values: FloatArray, reach: int) -> FloatArray:
+    def blur(self, values: FloatArray, reach: int) -> FloatArray:
         """(D,) mean over the (2 reach + 1)^2 nearest pixels of the same image."""
         sums = np.zeros((2, *self._is_above.shape))
         sums[0, self._is_above], sums[1] = values, self._is_above
@@ -222,7 +222,7 @@ class OpenDirections:
         self.open_share = float((is_open @ hemicube.solid_angles).max() / (2 * np.pi))
         # Rank: open from all points of the face, within a wide opening, close to the normal.
         share = is_open.mean(axis=0)
-        wide = sum(hemicube.blurred(share, max(1, hemicube.side // n)) for n in (32, 8))
+        wide = sum(hemicube.blur(share, max(1, hemicube.side // n)) for n in (32, 8))
         score = share * wide * hemicube.directions[:, 2]
         order = np.argsort(-score, kind="stable")
         order = order[share[order] > 0]
@@ -242,7 +242,7 @@ class OpenDirections:
         """(M,) distance from which the whole face is in view for every roll."""
         camera, framing = self.camera, self.framing
         upright = look_at(directions, np.zeros(3), framing.up)[:, :3, :3]
-        frames = rolled_frames(upright, framing.rolls_deg)
+        frames = roll_frames(upright, framing.rolls_deg)
         starts = np.arange(len(directions))
         seen = np.einsum("ki,mrij->rmkj", self.corners - self.target, frames)
         distances = [fit_vertices(camera, framing, of_roll, starts) for of_roll in seen]
@@ -327,7 +327,7 @@ class Enclosure:
             beyond = np.maximum(box[0] - points, points - box[1]).max(axis=1)
             # Tens of microseconds each.
             rows = [row for row in np.flatnonzero(beyond <= self._lift) if not result[row]]
-            why = {row: self._excluded(box, centres[row]) for row in rows}
+            why = {row: self._exclude(box, centres[row]) for row in rows}
             rows = [row for row in rows if why[row]]
             if rows:
                 of_part = self._parts.faces[self._parts.starts[part] : self._parts.starts[part + 1]]
@@ -340,7 +340,7 @@ class Enclosure:
             for row, why in enumerate(result)
         ]
 
-    def _excluded(self, box: FloatArray, target: FloatArray) -> str:
+    def _exclude(self, box: FloatArray, target: FloatArray) -> str:
         """Reason why no camera can be in a closed space within a box, (2, 3); "" for none."""
         ends = box_corners(box)
         deep = float(np.linalg.norm(ends - target, axis=1).max())
@@ -569,7 +569,7 @@ def openings(
             break
         with Hemicube(mesh, level[0]) as hemicube:
             closed: list[OpenDirections] = []
-            for site in _searched(hemicube, waiting, level[1]):
+            for site in _search_directions(hemicube, waiting, level[1]):
                 if site.rays is None and level != levels[-1]:
                     closed.append(site)
                 else:
@@ -578,16 +578,16 @@ def openings(
             waiting = closed
     progress(n_sites, n_sites)
 
-    def allowed(poses: FloatArray) -> BoolArray:
+    def is_allowed(poses: FloatArray) -> BoolArray:
         candidates = Candidates.of(poses, "cavity")
         place = filter_candidates(candidates, mesh, clearance, keep_out)[1]
         return np.asarray(place == Place.ALLOWED)
 
-    _place([site for site in sites if site.rays is not None], allowed, framing.up, views)
-    return _gathered(rows, owner, sites, framing, least)
+    _place([site for site in sites if site.rays is not None], is_allowed, framing.up, views)
+    return _gather_openings(rows, owner, sites, framing, least)
 
 
-def _searched(
+def _search_directions(
     hemicube: Hemicube, sites: Sequence[OpenDirections], n_points: int
 ) -> Iterator[OpenDirections]:
     """Search `n_points` of each site, and yield it."""
@@ -609,10 +609,10 @@ def _place(sites: Sequence[OpenDirections], allowed: Allowed, up: Vector, views:
     for is_first, n_rays in ((True, FIRST_RAYS), (False, MORE_RAYS)):
         left, at_once = [s for s in sites if not s.poses], PLACES_AT_ONCE // (n_rays * STEPS)
         for start in range(0, len(left), at_once):
-            _judge(left[start : start + at_once], is_first, allowed, up, views)
+            _classify(left[start : start + at_once], is_first, allowed, up, views)
 
 
-def _judge(
+def _classify(
     sites: Sequence[OpenDirections], is_first: bool, allowed: Allowed, up: Vector, views: int
 ) -> None:
     """Keep the nearest allowed position on each of the first rays of some sites, or the others."""
@@ -633,7 +633,7 @@ def _judge(
         site.poses = list(good[chosen])
 
 
-def _gathered(
+def _gather_openings(
     rows: IntArray, owner: IntArray, sites: Sequence[OpenDirections], framing: Framing, least: float
 ) -> Openings:
     """Openings of the faces, each with its better side."""
@@ -658,7 +658,7 @@ def _gathered(
         least=least,
         places=column("n_places", np.int64),
         proof=tuple(site.proof for site in chosen),
-        candidates=rolled_candidates(upright, "cavity", index, framing),
+        candidates=roll_candidates(upright, "cavity", index, framing),
     )
 
 

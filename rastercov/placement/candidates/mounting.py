@@ -30,10 +30,10 @@ from rastercov.core.camera import Camera, fibonacci_sphere, look_at
 from rastercov.core.camera.viewpoints import enclosing_distance
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import unit
-from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.groups import list_names
 from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.clearance import NearestSurface, nearest_obstacle
-from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, rolled_candidates
+from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, roll_candidates
 from rastercov.placement.candidates.rooms import Room
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
@@ -285,7 +285,7 @@ def on_box(
         grids.append(np.stack(np.meshgrid(*across, indexing="ij"), axis=-1).reshape(-1, 3))
     eyes = np.concatenate(grids) if grids else np.zeros((0, 3))
     eyes = eyes[np.sort(np.unique(eyes, axis=0, return_index=True)[1])]
-    return _aimed(mesh, framing, eyes, aim or at_middle(), source)
+    return _take_aim(mesh, framing, eyes, aim or at_middle(), source)
 
 
 @typed
@@ -461,7 +461,7 @@ def in_room(
     kept = np.flatnonzero(room.contains(eyes))
     kept = kept[_spread_out(eyes[kept], spacing)]
     every = [
-        _aimed(mesh, framing, eyes[kept], rule, IN_ROOM + room.name, rows[kept])
+        _take_aim(mesh, framing, eyes[kept], rule, IN_ROOM + room.name, rows[kept])
         for rule in list(aims) or [at_point(room.middle)]
     ]
     return reduce(Candidates.__add__, every)
@@ -483,7 +483,9 @@ def _of_groups(mesh: Mesh, names: Sequence[str]) -> BoolArray:
     """(F,) faces of the groups of these names; ConfigError for an unknown one."""
     known = [group.name for group in mesh.groups]
     if unknown := sorted(set(names) - set(known)):
-        raise ConfigError(f"expected a group, got {shown(unknown[0])}; groups are {listed(known)}")
+        raise ConfigError(
+            f"expected a group, got {shown(unknown[0])}; groups are {list_names(known)}"
+        )
     return np.isin(mesh.face_group, [known.index(name) for name in names])
 
 
@@ -509,7 +511,7 @@ def _around(
             raise ConfigError(f"expected distances above 0 m, got {shown(distances)}; correct them")
     outward = fibonacci_sphere(count, height) @ _upright(framing).T
     eyes = (middle + radii[:, None, None] * outward).reshape(-1, 3)
-    return _aimed(mesh, framing, eyes, at_point(middle), source)
+    return _take_aim(mesh, framing, eyes, at_point(middle), source)
 
 
 def _whole_in_view(mesh: Mesh, camera: Camera, framing: Framing, centre: FloatArray) -> float:
@@ -531,7 +533,7 @@ def _upright(framing: Framing) -> FloatArray:
     return np.stack((first, np.cross(up, first), up), axis=1)
 
 
-def _aimed(
+def _take_aim(
     mesh: Mesh, framing: Framing, eyes: FloatArray, aim: Aim, source: str, index: ArrayLike = -1
 ) -> Candidates:
     """Views from `eyes` by a rule, each with every roll; positions at their target are left out."""
@@ -541,7 +543,7 @@ def _aimed(
     eyes, targets = eyes[seeing], targets[seeing]
     if not len(eyes):
         return Candidates.of(np.zeros((0, 4, 4)), source)
-    return rolled_candidates(look_at(eyes, targets, framing.up), source, index, framing)
+    return roll_candidates(look_at(eyes, targets, framing.up), source, index, framing)
 
 
 def _box(mesh: Mesh, bounds: ArrayLike | None, outward: float) -> tuple[FloatArray, FloatArray]:

@@ -151,7 +151,7 @@ def square_views(
     normal = np.add.reduceat(mesh.normals[faces], starts)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     upright = look_at(normal, np.zeros(3), framing.up)[:, :3, :3]
-    frames = rolled_frames(upright, framing.rolls_deg)
+    frames = roll_frames(upright, framing.rolls_deg)
     corners = (mesh.vertices[mesh.faces[faces]] - middle) - target[group][:, None]
     if camera.is_parallel:
         views = [
@@ -214,7 +214,7 @@ def _side_by_side(
     return np.concatenate(owner), np.concatenate(places)
 
 
-def rolled_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
+def roll_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
     """Camera axes turned about the view: (N, 3, 3) and (R,) -> (N, R, 3, 3).
 
     The x axis turns towards the y axis: the camera turns clockwise seen from behind, the image
@@ -511,14 +511,14 @@ def from_poses(
             )
         poses = views.poses
     given = valid_poses(poses)
-    return rolled_candidates(given, "poses", np.arange(len(given)), framing)
+    return roll_candidates(given, "poses", np.arange(len(given)), framing)
 
 
-def rolled_candidates(
+def roll_candidates(
     upright: FloatArray, source: str, index: ArrayLike, framing: Framing
 ) -> Candidates:
     """Candidates of (N, 4, 4) poses, each with every roll, and N indices or one for all."""
-    rolled = rolled_frames(upright[:, :3, :3], framing.rolls_deg)
+    rolled = roll_frames(upright[:, :3, :3], framing.rolls_deg)
     eyes = np.repeat(upright[:, None, :3, 3], len(framing.rolls_deg), axis=1)
     return candidates_of(rolled, eyes, source, index, framing)
 

@@ -23,11 +23,11 @@ from rastercov.base import (
     plural,
 )
 from rastercov.base.typed import typed
-from rastercov.core.coverage.doubts import named_places
+from rastercov.core.coverage.doubts import name_places
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import TriangleTree
-from rastercov.core.mesh.groups import quoted
-from rastercov.core.mesh.mesh import faces_named
+from rastercov.core.mesh.groups import quote
+from rastercov.core.mesh.mesh import faces_of_groups
 from rastercov.formats.meshes.ifc import Product
 from rastercov.placement.candidates.clearance import NearestSurface
 
@@ -197,14 +197,14 @@ def _middle(outline: Any, height: float) -> FloatArray:
     return np.array([within.x, within.y, height])
 
 
-def space_named(spaces: Sequence[tuple[Product, Mesh]], name: str) -> Mesh:
+def space_of_name(spaces: Sequence[tuple[Product, Mesh]], name: str) -> Mesh:
     """Solid of the space of a name; ConfigError where there is none, or there are several."""
     called = [space for space in spaces if space[0].is_called(name)]
     if len(called) != 1:
         words = [own.label + f" ({own.global_id})" * len(called[:1]) for own, _ in called or spaces]
         words[MOST_SPACES:] = ["..."] if len(words) > MOST_SPACES else []
         raise ConfigError(
-            f"expected one space called {quoted(name)}, got {len(called) or 'none'}; spaces are "
+            f"expected one space called {quote(name)}, got {len(called) or 'none'}; spaces are "
             f"{', '.join(words) or 'in IFC files, and none is in the meshes'}"
         )
     return called[0][1]
@@ -234,7 +234,7 @@ class _Space:
         ways = ways[np.linalg.norm(ways, axis=1) <= REACH]
         self.ways = ways[np.argsort((ways**2).sum(axis=1), kind="stable")]
         start = self._place_near(inside[None])
-        self.is_room = self._flooded(start[start >= 0])
+        self.is_room = self._flood(start[start >= 0])
         reached = np.append(self._position(np.flatnonzero(self.is_room)), inside[None], axis=0)
         self.bounds = np.stack((reached.min(axis=0), reached.max(axis=0)))
         is_open = (np.abs(self.bounds - self.centre) > extent / 2 + free).any()
@@ -291,7 +291,7 @@ class _Space:
         starts = (points - self.centre) / self.size
         return self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
 
-    def _flooded(self, front: IntArray) -> BoolArray:
+    def _flood(self, front: IntArray) -> BoolArray:
         """Free places that are reached from some, step by step along the axes, up to the border."""
         border = np.ones(self.shape, np.bool_)
         border[1:-1, 1:-1, 1:-1] = False
@@ -308,7 +308,7 @@ def around_faces(mesh: Mesh, groups: Sequence[str], distance: float) -> Any:
     """Area within a horizontal distance of the faces of some groups, m, as polygons of shapely."""
     import shapely
 
-    faces = mesh.faces[faces_named(mesh, groups)]
+    faces = mesh.faces[faces_of_groups(mesh, groups)]
     shapes = shapely.convex_hull(shapely.multipoints(mesh.vertices[faces, :2]))
     return shapely.buffer(shapely.union_all(shapes), distance, quad_segs=8)
 
@@ -323,7 +323,7 @@ def between_heights(sheet: Mesh, low: float, high: float) -> Mesh:
     return Mesh(sheet.vertices[used], faces.reshape(-1, 3), notes=sheet.notes)
 
 
-def clipped_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
+def clip_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
     """Part of a surface that faces up, within all of some outlines; MeshError for none."""
     import shapely
 
@@ -347,4 +347,4 @@ def wrong_side(rooms: Sequence[Room], eyes: FloatArray) -> list[str]:
         return []
     is_in = np.any([room.contains(eyes) for room in rooms], axis=0)
     of = ", ".join(room.name for room in rooms)
-    return named_places(f"outside of the rooms ({of}) or behind a wall", eyes, ~is_in)
+    return name_places(f"outside of the rooms ({of}) or behind a wall", eyes, ~is_in)

@@ -135,12 +135,12 @@ def segment(
     alpha = _angle("alpha_deg", alpha_deg)
     beta = None if beta_deg is None else _angle("beta_deg", beta_deg)
     check_choice("merge", merge, tuple(MERGES))
-    labels = _grown(mesh, alpha)
+    labels = _grow_segments(mesh, alpha)
     if beta is not None and (n_grown := int(labels.max(initial=-1)) + 1) > 1:
         sums = _sums(labels, mesh.normals, n_grown)
         owner = MERGES[merge](sums, _least_cosine(beta))
         labels = np.where(labels >= 0, np.append(owner, -1)[labels], -1)
-    return _described(mesh, _renumbered(labels), alpha, beta)
+    return _describe_segments(mesh, _renumber(labels), alpha, beta)
 
 
 def _angle(name: str, value: float) -> float:
@@ -156,7 +156,7 @@ def _least_cosine(angle_deg: float) -> float:
     return max(float(np.cos(np.radians(angle_deg + ANGLE_TOLERANCE_DEG))), 1e-9)
 
 
-def _grown(mesh: Mesh, alpha_deg: float) -> IntArray:
+def _grow_segments(mesh: Mesh, alpha_deg: float) -> IntArray:
     """Segment of each face; growth passes through faces without area, which have none."""
     role = np.full(mesh.n_faces, kernels.TASK, np.uint8)
     role[mesh.degenerate_mask] = kernels.PASSED
@@ -236,7 +236,7 @@ def _sums(labels: IntArray, values: FloatArray, count: int) -> FloatArray:
     return np.stack([np.bincount(labels[chosen], column, count) for column in columns], axis=1)
 
 
-def _renumbered(labels: IntArray) -> IntArray:
+def _renumber(labels: IntArray) -> IntArray:
     """Labels without gaps, in the same order; both steps keep the lowest label of a segment."""
     chosen = labels >= 0
     out = np.full(len(labels), -1, np.int64)
@@ -244,7 +244,9 @@ def _renumbered(labels: IntArray) -> IntArray:
     return out
 
 
-def _described(mesh: Mesh, labels: IntArray, alpha: float, beta: float | None) -> Segmentation:
+def _describe_segments(
+    mesh: Mesh, labels: IntArray, alpha: float, beta: float | None
+) -> Segmentation:
     count = int(labels.max(initial=-1)) + 1
     chosen = labels >= 0
     sizes = np.bincount(labels[chosen], minlength=count).astype(np.int64)

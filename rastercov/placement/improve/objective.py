@@ -26,7 +26,7 @@ from rastercov.base import (
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.failures import CentrePass
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera import Poses, eyes_of, led_by, renumbered, rows_of_result
+from rastercov.core.camera import Poses, eyes_of, led_by, renumber, rows_of_result
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.network import least_cosine
 from rastercov.core.coverage.observer import Observer
@@ -132,7 +132,7 @@ class Objective:
 
     def cameras(self, poses: ArrayLike | Poses) -> tuple[Poses, IntArray]:
         """Poses of all cameras of (P, 4, 4) poses, and the row of the pose that each is of."""
-        placed = renumbered(poses)
+        placed = renumber(poses)
         if self.mounts is None:
             return placed, np.arange(len(placed))
         return self.mounts.cameras(placed)
@@ -147,7 +147,7 @@ class Objective:
 
     def eyes(self, poses: ArrayLike | Poses) -> FloatArray:
         """(P width, 3) camera centres of each row of poses, metres."""
-        placed = renumbered(poses)
+        placed = renumber(poses)
         if self.mounts is None:
             return eyes_of(self.observer.camera, placed)
         centres = self.mounts.eyes(placed)
@@ -162,13 +162,13 @@ class Objective:
 
     def listed(self, poses: FloatArray | Poses) -> Lists:
         """Faces that each row of (P, 4, 4) poses covers, in ascending order."""
-        return self._united(poses, self._listed)
+        return self._unite(poses, self._list)
 
     def estimated(self, poses: FloatArray | Poses) -> Lists:
         """Faces that each pose covers, by the quickest estimate there is; here `listed`."""
-        return self._united(poses, self._estimated)
+        return self._unite(poses, self._estimate)
 
-    def _united(self, poses: FloatArray | Poses, find: Callable[[Poses], Lists]) -> Lists:
+    def _unite(self, poses: FloatArray | Poses, find: Callable[[Poses], Lists]) -> Lists:
         """Lists of the rows of poses, of the mounts that they are of."""
         placed, owner = self.cameras(poses)
         if self.mounts is not None:
@@ -178,9 +178,9 @@ class Objective:
             counts = np.zeros(len(poses) * width, np.int64)
             counts[owner * width + places_on_rigs(owner)] = np.diff(result.starts)
             return Lists(np.concatenate(([0], np.cumsum(counts))), result.items)
-        return result if self.mounts is None else self.mounts.united(result, owner, len(poses))
+        return result if self.mounts is None else self.mounts.unite(result, owner, len(poses))
 
-    def _listed(self, poses: Poses) -> Lists:
+    def _list(self, poses: Poses) -> Lists:
         """Faces that each camera covers."""
         rows: list[AnyArray] = []
         if len(poses):
@@ -189,8 +189,8 @@ class Objective:
                 self.watch(len(batch.pose_ids))
         return Lists.of(rows)
 
-    def _estimated(self, poses: Poses) -> Lists:
-        return self._listed(poses)
+    def _estimate(self, poses: Poses) -> Lists:
+        return self._list(poses)
 
     def covers(self, poses: FloatArray | Poses) -> BoolArray:
         """(P width, F) faces that each row of poses covers."""
@@ -345,7 +345,7 @@ class CellObjective(Objective):
         """Mesh of the cells."""
         return self.cells.elements
 
-    def _listed(self, poses: Poses) -> Lists:
+    def _list(self, poses: Poses) -> Lists:
         """Cells that each camera covers, in ascending order."""
         rows: list[AnyArray] = []
         if len(poses):
@@ -357,8 +357,8 @@ class CellObjective(Objective):
                 self.watch(len(shares.pose_ids))
         return Lists.of(rows)
 
-    def _estimated(self, poses: Poses) -> Lists:
-        """Cells whose centre each camera covers, in about a seventh of the time of `_listed`."""
+    def _estimate(self, poses: Poses) -> Lists:
+        """Cells whose centre each camera covers, in about a seventh of the time of `_list`."""
         rows: list[AnyArray] = []
         together = rows_of_result(self.finder.camera, poses)
         for at in range(0, int(together[-1]) + 1 if len(poses) else 0, POSES_A_BATCH):
@@ -406,14 +406,14 @@ class TogetherObjective(Objective):
         names = [f"{row}" for row in range(sum(len(each.groups) for each in meshes))]
         return Mesh.joined(meshes, names)
 
-    def _listed(self, poses: Poses) -> Lists:
+    def _list(self, poses: Poses) -> Lists:
         """Faces of all parts that each camera covers."""
-        return self._joined([each._listed(poses) for each in self.parts], len(poses))
+        return self._join_lists([each._list(poses) for each in self.parts], len(poses))
 
-    def _estimated(self, poses: Poses) -> Lists:
-        return self._joined([each._estimated(poses) for each in self.parts], len(poses))
+    def _estimate(self, poses: Poses) -> Lists:
+        return self._join_lists([each._estimate(poses) for each in self.parts], len(poses))
 
-    def _joined(self, lists: Sequence[Lists], n_poses: int) -> Lists:
+    def _join_lists(self, lists: Sequence[Lists], n_poses: int) -> Lists:
         """Lists of the rows of all parts."""
         self.watch(n_poses)
         starts = np.cumsum([0, *(len(each.need) for each in self.parts)]).tolist()

@@ -165,7 +165,7 @@ class PoseSpace:
             bad = np.flatnonzero(place != Place.ALLOWED)
             if not len(bad):
                 break
-            points[bad] = self.nearest_in_boxes(self._pushed(points[bad], place[bad]))
+            points[bad] = self.nearest_in_boxes(self._push(points[bad], place[bad]))
             place[bad] = self.judge(points[bad])
         return points, place == Place.ALLOWED
 
@@ -215,7 +215,7 @@ class PoseSpace:
     def _surface(self) -> NearestSurface | None:
         return nearest_obstacle(self.mesh)
 
-    def _pushed(self, points: FloatArray, place: ByteArray) -> FloatArray:
+    def _push(self, points: FloatArray, place: ByteArray) -> FloatArray:
         """Points moved along the line to the nearest evaluated face, or to the nearest surface."""
         least, greatest = self.stand_off
         near = self._task.query(points)

@@ -32,9 +32,9 @@ from rastercov.base import (
     check_seed,
     frozen_record,
 )
-from rastercov.base.interrupts import interrupts_held
+from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.typed import typed
-from rastercov.core.camera import Poses, renumbered
+from rastercov.core.camera import Poses, renumber
 from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
@@ -185,7 +185,7 @@ def refine(
     (True, 'budget spent')
     """
     began = time.perf_counter()
-    placed = renumbered(poses)
+    placed = renumber(poses)
     start = placed.world_from_camera
     steps = _steps(space, start, step)
     check_seed(seed)
@@ -332,17 +332,17 @@ class NetworkSearch:
         covers, eyes = (np.delete(each, row, axis=0) for each in (self.covers, self.eyes))
         rest = covers.reshape(-1, covers.shape[-1]), eyes.reshape(-1, 3)
 
-        def added(lists: Lists, trial_eyes: FloatArray) -> IntArray:
+        def gains_of(lists: Lists, trial_eyes: FloatArray) -> IntArray:
             return self.objective.worth_added(*rest, lists, trial_eyes.reshape(-1, 3))
 
-        gains = added(trials.covers, trials.eyes)
+        gains = gains_of(trials.covers, trials.eyes)
         exact = Lists.of([np.flatnonzero(each) for each in self.covers[row]])
-        gains -= added(self._own[row] or exact, self.eyes[row])
+        gains -= gains_of(self._own[row] or exact, self.eyes[row])
         if trials.measured:
             rows = list(trials.measured)
             known = [part.row(at) for part in trials.measured.values() for at in range(part.n)]
-            gains[rows] = added(Lists.of(known), trials.eyes[rows])
-            gains[rows] -= added(exact, self.eyes[row])
+            gains[rows] = gains_of(Lists.of(known), trials.eyes[rows])
+            gains[rows] -= gains_of(exact, self.eyes[row])
         best = int(gains.argmax())
         return int(gains[best]), best
 
@@ -374,7 +374,7 @@ class NetworkSearch:
 
     def _move(self, row: int, level: int, trial: int) -> None:
         trials = self._trials[row][level]
-        with interrupts_held():
+        with hold_interrupts():
             self.poses[row] = trials.poses[trial]
             entry = trials.measured.get(trial, self._rows(trials.covers, trial))
             self.covers[row] = False

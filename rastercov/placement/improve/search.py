@@ -148,7 +148,7 @@ def optimise(
         poses = valid_poses(start)
         space.require(poses, "camera")
     rng = np.random.default_rng(seed)
-    poses = np.concatenate((poses, _drawn(space, budget - len(poses), rng)))
+    poses = np.concatenate((poses, _draw_poses(space, budget - len(poses), rng)))
     own = Poses.of(poses[:cameras], camera=camera).camera
     placed = Poses.of(poses, camera=np.resize(own, budget))
     rows: list[AnyArray] = []
@@ -162,7 +162,7 @@ def optimise(
             raise
         is_interrupted = True
     placed = placed[: len(rows) // objective.width]
-    chosen, trace, rounds = _exchanged(objective, placed, rows, cameras)
+    chosen, trace, rounds = _exchange_cameras(objective, placed, rows, cameras)
     shares = objective.share(np.array(trace))
     return Optimised(
         poses=frozen(placed.world_from_camera[chosen]),
@@ -176,7 +176,7 @@ def optimise(
     )
 
 
-def _exchanged(
+def _exchange_cameras(
     objective: Objective, placed: Poses, rows: list[AnyArray], cameras: int
 ) -> tuple[list[int], list[int], int]:
     """Poses of a network, its worth after each exchange, and the number of rounds.
@@ -210,7 +210,7 @@ def _exchanged(
     return chosen, trace, rounds
 
 
-def _drawn(space: PoseSpace, count: int, rng: np.random.Generator) -> FloatArray:
+def _draw_poses(space: PoseSpace, count: int, rng: np.random.Generator) -> FloatArray:
     """(count, 4, 4) poses at random allowed positions, towards random points of `space.aim`."""
     eyes = space.sample(count, rng)
     low, high = np.asarray(space.aim)

@@ -42,13 +42,13 @@ def tour(costs: FloatArray, stop: IntArray | None = None) -> IntArray:
     ways = np.zeros((len(costs) + 1,) * 2)  # the end is at no cost
     ways[:-1, :-1] = costs
     of = np.array([-1, *own, n])
-    path = _improved(np.array([*_greedy(costs, of), len(costs)]), ways, of)
+    path = _improve_tour(np.array([*_greedy(costs, of), len(costs)]), ways, of)
     rng = np.random.default_rng(0)
     for _ in range(min(KICKS, MOST_WORK // n)):
         a, b, c = np.sort(rng.choice(np.arange(1, n + 1), 3, replace=False))
         others = [rng.choice(np.flatnonzero(of == of[node])) for node in (*path[b:c], *path[a:b])]
         trial = np.concatenate([path[:a], others, path[c:]])
-        trial = _improved(trial, ways, of)
+        trial = _improve_tour(trial, ways, of)
         if length(trial, ways) < length(path, ways):
             path = trial
     return path[1:-1] - 1
@@ -88,24 +88,24 @@ def _greedy(costs: FloatArray, of: IntArray) -> list[int]:
     return path
 
 
-def _improved(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
+def _improve_tour(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
     """The path after the moves that shorten it, the best one first."""
     tolerance = GAIN_REL * ways.max(initial=0.0)
     while True:
-        gain, better = _reversed(path, ways)
+        gain, better = _reverse_part(path, ways)
         for size in range(1, LONGEST_PART + 1):
             for step in (1, -1):
-                other = _moved(path, ways, size, step)
+                other = _move_part(path, ways, size, step)
                 gain, better = max((gain, better), other, key=lambda each: each[0])
         if not gain > tolerance:
-            better = _chosen(path, ways, of)
+            better = _improve_choice(path, ways, of)
             gain = length(path, ways) - length(better, ways)
         if not gain > tolerance:
             return path
         path = better
 
 
-def _chosen(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
+def _improve_choice(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
     """The best choices at the stops of a path, in its order."""
     at, least, before = path[:1], np.zeros(1), list[tuple[IntArray, IntArray]]()
     for stop in of[path[1:]]:
@@ -120,7 +120,7 @@ def _chosen(path: IntArray, ways: FloatArray, of: IntArray) -> IntArray:
     return np.array(better[::-1])
 
 
-def _reversed(path: IntArray, ways: FloatArray) -> tuple[float, IntArray]:
+def _reverse_part(path: IntArray, ways: FloatArray) -> tuple[float, IntArray]:
     """Greatest gain by a part in the other direction, and the path with it."""
     before, own, after = path[:-2], path[1:-1], path[2:]
     now = ways[before, own][:, None] + ways[own, after][None]
@@ -131,7 +131,7 @@ def _reversed(path: IntArray, ways: FloatArray) -> tuple[float, IntArray]:
     return float(gain[first, last]), better
 
 
-def _moved(path: IntArray, ways: FloatArray, size: int, step: int) -> tuple[float, IntArray]:
+def _move_part(path: IntArray, ways: FloatArray, size: int, step: int) -> tuple[float, IntArray]:
     """Greatest gain by a part of some stops elsewhere, turned for step -1, and the path with it."""
     first = np.arange(1, len(path) - size)
     start, end = path[first], path[first + size - 1]

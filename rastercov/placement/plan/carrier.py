@@ -48,7 +48,7 @@ class CarriedPoses(Protocol):
 class Carrier(Protocol):
     """Moves the cameras of a plan by joints, and occludes a part of their images."""
 
-    def measured(
+    def measure(
         self, finder: RegionPass, mounted: Poses, known: FloatArray | None
     ) -> tuple[list[Regions], CarriedPoses]:
         """Regions of each of K mounts with it in the image, and its joints.
@@ -61,7 +61,7 @@ class Carrier(Protocol):
             Joints that are taken for poses that they lead to, before any other.
         """
 
-    def refined(
+    def refine(
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
@@ -78,7 +78,7 @@ class CarrierHooks:
     files: Sequence[str] = ()
     """Names of files of a placement."""
 
-    def made(
+    def make(
         self,
         plan: Plan,
         mesh: Mesh,

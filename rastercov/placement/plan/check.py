@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.advice.headline import by_reason, faces_gained, first_lines, other_lines
+from rastercov.advice.headline import by_reason, first_lines, gain_in_faces, other_lines
 from rastercov.base import (
     ByName,
     ConfigError,
@@ -28,7 +28,7 @@ from rastercov.base import (
     frozen_record,
     hooks_of,
     json_bytes,
-    parsed_json,
+    parse_json,
     plural,
 )
 from rastercov.base.checks import is_number, share_meant
@@ -38,41 +38,41 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
-from rastercov.core.camera import Cameras, Poses, Rig, Views, gates_of, names_of_poses, renumbered
+from rastercov.core.camera import Cameras, Poses, Rig, Views, gates_of, names_of_poses, renumber
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.coverage.required import HOLDS
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.groups import Names, listed, parts_above, quoted, rows_at, rows_of
+from rastercov.core.mesh.groups import Names, list_names, parts_above, quote, rows_at, rows_of
 from rastercov.formats.cameras import read_views
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
-from rastercov.placement.plan.goals import OwnGoal, goals_apart, permits_of
+from rastercov.placement.plan.goals import OwnGoal, permits_of, separate_goals
 from rastercov.placement.plan.network import (
     Measured,
     Requirement,
     Rows,
+    classify_areas,
+    classify_network,
     counting,
-    doubts_of,
+    find_uncovered,
     goal_lines,
-    judge,
-    judge_areas,
-    left_over,
     limits_of,
-    measured,
+    measure_network,
     most_views,
     observer_of,
     seeable_areas,
     summary_of,
     views_by_group,
+    warnings_of,
     with_areas,
 )
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.product import Demand, Verdicts
-from rastercov.placement.plan.scene import free_places, named_scene, places_of
+from rastercov.placement.plan.scene import free_places, name_scene, places_of
 from rastercov.placement.select.problem import weights_of
 from rastercov.placement.uncovered import Leftover
 
@@ -255,7 +255,7 @@ class Checked(InOneLine, InNotebook):
             return by_reason(areas_by_reason(self._zones, members))
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
         why = ", ".join(
-            f"{share['faces']:,} {REASONS[name].label}{faces_gained(share)}"
+            f"{share['faces']:,} {REASONS[name].label}{gain_in_faces(share)}"
             for name, share in shares
         )
         return f"{plural(entry['left']['faces'], 'face')} uncovered: {why}"
@@ -443,15 +443,15 @@ def check(
     chosen = given.rig if isinstance(given, Views) else None
     if isinstance(given, Views):
         images = given.images
-        plan, given = seen_by_cameras(plan, given)
-    rig = renumbered(given)
-    plan = _with_chosen(plan, chosen, poses_file)
+        plan, given = plan_of_cameras(plan, given)
+    rig = renumber(given)
+    plan = _with_choice(plan, chosen, poses_file)
     rig.check_cameras(len(plan.rig))
     demand.check(plan, rig)
     plan.build_task(views)  # its errors come before the work
     with step("scene"):
-        whole, plan, names = named_scene(plan)
-        mesh, goals = goals_apart(plan, whole)
+        whole, plan, names = name_scene(plan)
+        mesh, goals = separate_goals(plan, whole)
     if baseline is not None:
         check_task(baseline, _task_of(plan, views))
     demand.check_scene(plan, mesh)
@@ -461,11 +461,11 @@ def check(
     apart: dict[str, Checked] = {}
     of_goals: list[tuple[OwnGoal, Requirement]] = []
     for goal in goals:
-        result = _checked(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
+        result = _check_rig(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
         apart[goal.name] = replace(result, poses_file=poses_file, names=shown)
-        of_goals.append((goal, goal.required(*result.requirements)))
+        of_goals.append((goal, goal.requirement_of(*result.requirements)))
     permits = permits_of([(goal, each.high) for goal, each in of_goals])
-    checked = _checked(plan, mesh, rig, limits, views, step, permits)
+    checked = _check_rig(plan, mesh, rig, limits, views, step, permits)
     required = [
         replace(each, plan_limit=asked[each.group])
         if asked.get(each.group, each.limit) != each.limit
@@ -487,10 +487,10 @@ def check(
         checked = replace(checked, assured=under)
     if baseline is None:
         return checked
-    return replace(checked, against=compare(baseline, parsed_json(json_bytes(record(checked)))))
+    return replace(checked, against=compare(baseline, parse_json(json_bytes(record(checked)))))
 
 
-def _with_chosen(plan: Plan, chosen: Rig | None, poses_file: Path) -> Plan:
+def _with_choice(plan: Plan, chosen: Rig | None, poses_file: Path) -> Plan:
     """The plan with the equipment that `place` chose and wrote beside the poses."""
     for each in hooks_of(PlanFeature):
         if each.is_chosen(plan):
@@ -499,11 +499,11 @@ def _with_chosen(plan: Plan, chosen: Rig | None, poses_file: Path) -> Plan:
                     f"{poses_file.name}: expected chosen {each.word} for {plan.name}, got none; "
                     "give the poses.json that place wrote"
                 )
-            plan = each.with_chosen(plan, chosen)
+            plan = each.add_choice(plan, chosen)
     return plan
 
 
-def _checked(
+def _check_rig(
     plan: Plan,
     mesh: Mesh,
     rig: Poses,
@@ -519,7 +519,7 @@ def _checked(
     with observer_of(plan, mesh) as observer:
         objective = Objective.of(observer, task, **counted)
         with step("coverage") as progress:
-            cameras = measured(objective, rig, progress)
+            cameras = measure_network(objective, rig, progress)
         with step("area") as progress:
             if phases is not None:
                 areas = phases.areas(plan.rig, cameras.placed, task)
@@ -535,14 +535,16 @@ def _checked(
                 wanted = views_by_group(plan, views)
                 cameras.areas.dead_zones(plan.rig, cameras.placed, wanted, progress)
         with step("uncovered faces") as progress:
-            leftover = left_over(observer, cameras, progress, views=counted["views"])
+            leftover = find_uncovered(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network, cameras.areas)
     masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
 
     def status_of(wanted: Limits, rows: Rows | None = None) -> tuple[Requirement, ...]:
         if cameras.areas is not None:
-            return judge_areas(cameras.areas, wanted, counted["views"], rows=rows, seeable=seeable)
-        return judge(mesh, weights, wanted, *masks, rows=rows)
+            return classify_areas(
+                cameras.areas, wanted, counted["views"], rows=rows, seeable=seeable
+            )
+        return classify_network(mesh, weights, wanted, *masks, rows=rows)
 
     alone = rows_at(mesh.groups)
     every = status_of({name: limits.get(name, 0.0) for name in alone}, alone)
@@ -571,8 +573,8 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
         try:
             if set(names.groups_of(name)).isdisjoint(scored):
                 lines.append(
-                    f"expected a group of the task, got {quoted(name)}, which occludes or has a "
-                    f"separate goal; use {listed(scored)}"
+                    f"expected a group of the task, got {quote(name)}, which occludes or has a "
+                    f"separate goal; use {list_names(scored)}"
                 )
         except MeshError as error:
             lines.append(str(error))
@@ -584,7 +586,7 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
     return whole | {name: limit for name, limit in every.items() if rows_of(scored, name)}
 
 
-def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
+def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     """The plan with its cameras, or those of the file, and the poses with the camera of each.
 
     Poses may name rigs of the plan: they are those of all cameras of each.
@@ -602,7 +604,7 @@ def seen_by_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
         return plan.with_cameras(views.rig), views.poses
     rigs, named = set(plan.mounts.names) - set(plan.rig.names), set(views.camera_names)
     if rigs and not plan.rig.is_one and (not named or rigs & named):
-        return plan, plan.mounts.cameras(plan.mounts.placed(views))[0]
+        return plan, plan.mounts.cameras(plan.mounts.place(views))[0]
     if len(plan.rig) > 1 or (plan.cameras and views.camera_names):
         return plan, views.with_cameras(plan.rig).poses
     used = np.unique(views.poses.camera)
@@ -619,7 +621,7 @@ def _task_of(plan: Plan, views: int | None) -> ByName:
     """Everything that results depend on beside the scene, as in a file of JSON."""
     own: ByName = {"by": plan.unit_of_result()[0], **counting(plan.task)}
     own["views"] = views or own["views"]
-    return dict(parsed_json(json_bytes(plan.build_task(views)._entries() | own)))
+    return dict(parse_json(json_bytes(plan.build_task(views)._entries() | own)))
 
 
 def to_json(checked: Checked) -> ByName:
@@ -642,7 +644,7 @@ def to_json(checked: Checked) -> ByName:
         "cameras": len(checked.cameras.placed),
         "size_m": np.ptp(checked.mesh.bounds, axis=0).tolist(),
         "warnings": list(checked.mesh.warnings),
-        "result_warnings": (warned := doubts_of(checked.plan, checked.cameras)),
+        "result_warnings": (warned := warnings_of(checked.plan, checked.cameras)),
         "doubts": warned,
         "requirements": [
             asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}

@@ -39,7 +39,7 @@ from rastercov.base.arguments import (
     Quantity,
     Reads,
     annotations_of,
-    documented,
+    document_fields,
     reader_of,
 )
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
@@ -80,7 +80,7 @@ class PlanSections(NamedTuple):
     selection: type[Entry] = Entry
 
 
-def extended(section: str, base: type[Entry] = Entry) -> Any:
+def extend_entry(section: str, base: type[Entry] = Entry) -> Any:
     """Entry with those of all features in a section, by its name in `PlanSections`."""
     own = [getattr(each, section) for each in hooks_of(PlanSections)]
     others = [each for each in own if each is not Entry]
@@ -129,7 +129,7 @@ def fields_of(
     """
     types, by_name = annotations_of(source), {field.name: field for field in fields(source)}
     columns: ByName = {}
-    for name, words in documented(source).items():
+    for name, words in document_fields(source).items():
         if name in leave_out:
             continue
         made, hint = by_name[name].default_factory, _plan_type(types[name])

@@ -45,7 +45,7 @@ from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import Jointed
-from rastercov.core.mesh.groups import listed
+from rastercov.core.mesh.groups import list_names
 from rastercov.core.mesh.site import Site
 from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.rooms import Room
@@ -117,19 +117,19 @@ def lines_of(error: ValidationError, table: ReadByName, model: type[BaseModel]) 
         elif kind == "extra_forbidden":
             *inner, name = each["loc"]
             known = sorted(_entries(inner, model))
-            line = _known(known, str(name))
+            line = _known_name(known, str(name))
             if tags := _entries(inner[:-1], model).get(str(name)):
                 line = f"{first_of(known, 3)} for {inner[-1]}, got {shown(name)}, which goes with "
                 line += f"{first_of(tags, 2)}; leave it out"
             lines[path] = f"{path}: expected {line}"
         elif kind == "union_tag_not_found":
             tag = each["ctx"]["discriminator"].strip("'")
-            lines[f"{path}.{tag}"] = f"{_joined(path, tag)}: expected an entry, got none; add it"
+            lines[f"{path}.{tag}"] = f"{_join_path(path, tag)}: expected an entry, got none; add it"
         elif kind == "union_tag_invalid":
             context = each["ctx"]
             known = context["expected_tags"].replace("'", "").split(", ")
-            path = _joined(path, context["discriminator"].strip("'"))
-            lines[path] = f"{path}: expected {_known(known, context['tag'])}"
+            path = _join_path(path, context["discriminator"].strip("'"))
+            lines[path] = f"{path}: expected {_known_name(known, context['tag'])}"
         else:
             text = " ".join(each["msg"].removeprefix("Value error, ").split())
             lines[path] = f"{path}: {text}" if path else text
@@ -142,22 +142,22 @@ def _path(location: tuple[int | str, ...], table: object, kind: str) -> str:
     for place, part in enumerate(location):
         is_last = place == len(location) - 1
         if isinstance(here, Mapping) and part in here:
-            path, here = _joined(path, str(part)), here[part]
+            path, here = _join_path(path, str(part)), here[part]
         elif isinstance(here, list) and isinstance(part, int) and part < len(here):
             path, here = f"{path}[{part}]", here[part]
         elif is_last and kind == "missing":
-            path = _joined(path, str(part))
+            path = _join_path(path, str(part))
     return path
 
 
-def _joined(path: str, part: str) -> str:
+def _join_path(path: str, part: str) -> str:
     part = part if re.fullmatch("[A-Za-z0-9_-]+", part) else json.dumps(part)
     return f"{path}.{part}" if path else part
 
 
-def _known(names: Sequence[str], name: str) -> str:
+def _known_name(names: Sequence[str], name: str) -> str:
     """Known names beside an unknown one, those that are similar if there are many."""
-    known = f"one of {listed(names, name)}" if names else "no entry"
+    known = f"one of {list_names(names, name)}" if names else "no entry"
     return f"{known}, got {shown(name)}; correct the name"
 
 
@@ -206,7 +206,7 @@ class Plan(PlanModel):
 
     @property
     def goal_of_groups(self) -> dict[str, str]:
-        """Words on the separate goal of each group that has one, of a plan of `named_scene`."""
+        """Words on the separate goal of each group that has one, of a plan of `name_scene`."""
         return {
             group: f"goal {name}"
             for name, goal in self.goals.items()
@@ -264,7 +264,7 @@ class Plan(PlanModel):
             for name, section in self.rigs.items():
                 with errors_at(self.name, f"rigs.{name}"):
                     rigs[name] = section.build(self.folder, built, own)
-            self._mounts = self._equipped(Mounts.of({**built, **rigs}))
+            self._mounts = self._equip(Mounts.of({**built, **rigs}))
         return self._mounts
 
     @model_validator(mode="after")
@@ -280,16 +280,16 @@ class Plan(PlanModel):
         """True where nothing moves, neither a part of the scene nor what carries cameras."""
         return all(each.is_still(self) for each in hooks_of(PlanFeature))
 
-    def _equipped(self, mounts: Mounts) -> Mounts:
+    def _equip(self, mounts: Mounts) -> Mounts:
         """Mounts with the equipment of the plan."""
-        equipment = self.built_equipment()
+        equipment = self.build_equipment()
         for word, each in equipment.items():
             with errors_at(self.name, word):
                 each.carried_by(mounts.rig.names)
         rig = mounts.rig._with(equipment={**mounts.rig.equipment, **equipment})
         return replace(mounts, rig=rig)
 
-    def built_equipment(self) -> dict[str, Equipment]:
+    def build_equipment(self) -> dict[str, Equipment]:
         """Equipment of the cameras; PlanError where there can be none."""
         equipments: dict[str, Equipment] = {}
         for each in hooks_of(PlanFeature):
@@ -341,10 +341,10 @@ class Plan(PlanModel):
         """
         other = self.model_copy()
         other._rooms, other._site = {}, mesh.site
-        other.built_equipment()  # refuses what the site contradicts
+        other.build_equipment()  # refuses what the site contradicts
         if other._mounts is not None:
             for each in hooks_of(PlanFeature):
-                rig = each.sited(other, other._mounts.rig)
+                rig = each.site(other, other._mounts.rig)
                 other._mounts = replace(other._mounts, rig=rig)
         for name, section in self.rooms.items():
             with errors_at(self.name, f"rooms.{name}"):
@@ -373,7 +373,7 @@ class Plan(PlanModel):
         """The same plan with other cameras, each a mount of its own; a rig with a rule is one."""
         other = self.model_copy()
         mounts = Mounts.of({"rig": rig}) if rig.is_one else Mounts.of_cameras(rig)
-        other._mounts = self._equipped(mounts)
+        other._mounts = self._equip(mounts)
         return other
 
     def without_cameras(self) -> Self:
@@ -455,7 +455,7 @@ class PlanFeature:
         """False where it moves a part of the scene, or what carries cameras."""
         return True
 
-    def jointed(self, body: BodyEntry, folder: Path) -> Jointed | None:
+    def read_joints(self, body: BodyEntry, folder: Path) -> Jointed | None:
         """Joints of a body, where it has some; MeshError for a file that cannot be read."""
         return None
 
@@ -467,21 +467,21 @@ class PlanFeature:
         """True where there are candidates for it."""
         return False
 
-    def sited(self, plan: Plan, rig: Rig) -> Rig:
+    def site(self, plan: Plan, rig: Rig) -> Rig:
         """The rig at the site of the plan, which is now known."""
         return rig
 
-    def with_chosen(self, plan: Plan, rig: Rig | None) -> Plan:
+    def add_choice(self, plan: Plan, rig: Rig | None) -> Plan:
         """The plan with the equipment of a rig; for None without any, and all that needs it."""
         raise NotImplementedError  # each feature has its own
 
 
-def jointed_of(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
+def moving_bodies(bodies: Sequence[BodyEntry], folder: Path, name: str) -> list[Jointed]:
     """Bodies with joints of those of a file; PlanError for one that cannot be read."""
     result = list[Jointed]()
     for row, body in enumerate(bodies):
         with errors_at(name, f"bodies[{row}]"):
-            own = (each.jointed(body, folder) for each in hooks_of(PlanFeature))
+            own = (each.read_joints(body, folder) for each in hooks_of(PlanFeature))
             result += [each for each in own if each is not None]
     return result
 

@@ -28,7 +28,7 @@ from rastercov.placement.plan.entries import (
     Positive,
     Some,
     Triple,
-    extended,
+    extend_entry,
     only_one,
 )
 
@@ -86,11 +86,11 @@ class Table(NamedTuple):
     stationary: Mesh | None
 
 
-BESIDE = extended("candidates")
+BESIDE = extend_entry("candidates")
 """Entries of what is placed beside cameras."""
 
 
-class Generator(extended("candidates")):  # type: ignore[misc] # a base made of fields
+class Generator(extend_entry("candidates")):  # type: ignore[misc] # a base made of fields
     """Entries of all generators of candidate poses."""
 
     rolls_deg: Some[Number] = [0.0]
@@ -112,11 +112,11 @@ class Generator(extended("candidates")):  # type: ignore[misc] # a base made of 
         """True for cameras that a `Carrier` moves."""
         return False
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """Candidates of a mount, once for each aim; each generator has its own."""
         raise NotImplementedError  # of what is carried, which the plan makes
 
-    def sampled_at(self, mesh: Mesh) -> str:
+    def sampling_text(self, mesh: Mesh) -> str:
         """Sentence on the surface at which its sampling distance holds, if it has one."""
         return ""
 

@@ -16,7 +16,7 @@ from pydantic import (
 
 from rastercov.base import hooks_of
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.mesh import faces_named
+from rastercov.core.mesh.mesh import faces_of_groups
 from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.pool import Candidates
@@ -55,15 +55,15 @@ class PerSegment(Square):
     merge: Literal["leader", "closest", "none"] = "leader"
     """Method of merging segments."""
 
-    def segmented(self, mesh: Mesh) -> Segmentation:
+    def segment(self, mesh: Mesh) -> Segmentation:
         """Segments of a mesh."""
         if self.merge == "none":
             return segment(mesh, self.alpha_deg, None)
         return segment(mesh, self.alpha_deg, self.beta_deg, merge=self.merge)
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
-        yield pool.per_segment(*spot.view, segmentation=self.segmented(spot.mesh))
+        yield pool.per_segment(*spot.view, segmentation=self.segment(spot.mesh))
 
 
 class PerFace(Square):
@@ -73,12 +73,12 @@ class PerFace(Square):
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         mesh = spot.mesh
         faces = mesh.task_mask
         if self.groups:
-            faces = faces & faces_named(mesh, self.groups)
+            faces = faces & faces_of_groups(mesh, self.groups)
         yield pool.per_face(*spot.view, faces=faces)
 
 
@@ -89,7 +89,7 @@ class PerCavity(Square):
     views: Count = 3
     """Maximum number of candidates per face."""
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """None: they depend on the visibility of the others."""
         return iter(())
 
@@ -105,7 +105,7 @@ class Around(Framed):
     distances: Some[Positive] | None = None
     """Radii, m; by default one at which the whole part is in view."""
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         yield getattr(mounting, self.generator)(*spot.view, **self._own(Framed))
 
@@ -128,7 +128,7 @@ class InRoom(Aimed):
     groups: list[Name] = []
     """Faces of these groups only; all if empty."""
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         room = spot.room(self.room)
         aims = [mounting.at_point(room.middle) if aim.middle else aim.rule() for aim in self.aim]
@@ -145,7 +145,7 @@ class MountingGrid(Aimed):
     """Highest corner of the box, m; by default that of the scene."""
     _check = model_validator(mode="after")(both_or_none)
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         mount = MOUNTS[type(self)]
         bounds = None if self.low is None else np.array([self.low, self.high])
@@ -199,14 +199,12 @@ class PoseFile(Generator):
     file: File
     """Pose file: .json or .npy of rastercov, or of another program that states its unit."""
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         from_poses, mounts = pool.from_poses(*spot.view, poses=spot.folder / self.file), spot.mounts
         views = read_views(spot.folder / self.file)
         if len(mounts) > 1 and views.camera_names:  # each pose has its own camera
-            from_poses = from_poses.take(
-                mounts.placed(views).camera[from_poses.index] == spot.index
-            )
+            from_poses = from_poses.take(mounts.place(views).camera[from_poses.index] == spot.index)
         yield from_poses
 
 

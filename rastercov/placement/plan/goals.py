@@ -32,14 +32,14 @@ from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
 from rastercov.placement.improve.objective import CellObjective, Objective, TogetherObjective
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.plan.entries import extended
+from rastercov.placement.plan.entries import extend_entry
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
     Requirement,
+    classify_areas,
+    classify_network,
     counting,
-    judge,
-    judge_areas,
-    measured,
+    measure_network,
     most_views,
     observer_of,
     seeable_areas,
@@ -93,7 +93,7 @@ class OwnGoal:
         by_face = self.plan.unit_of_result()[0] == "face"
         return of + task_in_words(asdict(self.plan.build_task()), by_face=by_face)
 
-    def required(self, requirement: Requirement) -> Requirement:
+    def requirement_of(self, requirement: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""
         if self.is_most:
             return requirement.at_most(self.name, self.limit)
@@ -129,13 +129,13 @@ def permits_of(goals: Sequence[tuple[OwnGoal, float]]) -> Callable[[Cameras, Pos
     return permits if rest else None
 
 
-def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
+def separate_goals(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
     """The scene of the task, without the groups of goals, and the goals.
 
     Parameters
     ----------
     plan, mesh
-        Of `named_scene`.
+        Of `name_scene`.
 
     Raises
     ------
@@ -158,14 +158,14 @@ def goals_apart(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
         OwnGoal(
             name=name,
             plan=_plan_of(plan, goal),
-            mesh=_from_both_sides(only_scored(none, goal.groups or rest), goal),
+            mesh=_from_both_sides(keep_scored(none, goal.groups or rest), goal),
             limit=goal.coverage or goal.at_most or 0.0,
             is_most=goal.coverage is None,
             groups=tuple(goal.groups or ()),
         )
         for name, goal in plan.goals.items()
     )
-    return only_scored(mesh, rest), goals
+    return keep_scored(mesh, rest), goals
 
 
 def _from_both_sides(mesh: Mesh, goal: GoalSection) -> Mesh:
@@ -184,14 +184,14 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
     own = {name: getattr(goal, name) for name in Task.__dataclass_fields__ if hasattr(goal, name)}
     changes: ByName = {name: value for name, value in own.items() if value is not None}
     if goal.at_most is not None:
-        changes = dict.fromkeys(extended("task").model_fields) | changes
+        changes = dict.fromkeys(extend_entry("task").model_fields) | changes
         changes = {name: getattr(Task, name) for name in own} | changes
     elif isinstance(plan.task.views, dict):
         changes = {"views": 1} | changes
     return plan.model_copy(update={"task": plan.task.model_copy(update=changes), "goals": {}})
 
 
-def only_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
+def keep_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
     """The mesh with some groups evaluated; others occlude, but targets among them are omitted."""
     own, groups = set(names), mesh.groups
     is_gone = np.array([group.is_target and group.name not in own for group in groups])
@@ -284,18 +284,18 @@ class OpenGoal:
     def requirement(self, mounted: Poses) -> Requirement:
         """Requirement of the goal, by cameras or rigs in their places."""
         goal, plan = self.goal, self.goal.plan
-        cameras = measured(self.of.faces, mounted)
+        cameras = measure_network(self.of.faces, mounted)
         limits: dict[str | None, float] = {None: goal.limit}
         if self.of.cells is None:
             weights = self.of.faces.integer_weights
             masks = cameras.covered, cameras.certain, cameras.possible
-            (result,) = judge(goal.mesh, weights, limits, *masks)
+            (result,) = classify_network(goal.mesh, weights, limits, *masks)
         else:
             cameras = with_areas(plan, cameras, self.of.cells.finder)
             assert cameras.areas is not None
             seeable = seeable_areas(plan, cameras.network)
-            (result,) = judge_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
-        return goal.required(result)
+            (result,) = classify_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
+        return goal.requirement_of(result)
 
     def problem(self, placed: Poses, progress: Progress) -> Problem:
         """The problem of choosing candidates, (C,) mounts in their places, for the goal alone."""
@@ -395,7 +395,9 @@ def with_goals(
     problem = without_candidates(problem, rows)
     if parts:
         assert isinstance(wanted, FewestCameras)
-        problem = _stacked(problem, [(name, without_candidates(p, rows)) for name, _, p in parts])
+        problem = _stack_goals(
+            problem, [(name, without_candidates(p, rows)) for name, _, p in parts]
+        )
         shares_of = {f"{OF_TASK}/{name}": share for name, share in wanted.groups.items()}
         shares_of |= {OF_TASK: wanted.coverage} if wanted.coverage else {}
         shares_of |= {f"{OF_GOALS}/{name}": limit for name, limit, _ in parts}
@@ -427,7 +429,7 @@ def without_candidates(problem: Problem, candidates: IntArray) -> Problem:
     return replace(problem, bits=CoveredBits.of(words, problem.bits.n_faces))
 
 
-def _stacked(problem: Problem, goals: Sequence[tuple[str, Problem]]) -> Problem:
+def _stack_goals(problem: Problem, goals: Sequence[tuple[str, Problem]]) -> Problem:
     """One problem of the elements of several; those of each fill whole words of bits."""
     every = [problem, *(each for _, each in goals)]
     if len({each.bits.n_rows for each in every}) > 1:

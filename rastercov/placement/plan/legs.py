@@ -151,7 +151,7 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
     known: dict[tuple[int, int], FloatArray | None] = {}
     stops = np.concatenate((home[None], eyes))
 
-    def measured(order: IntArray) -> tuple[Course, float]:
+    def measure(order: IntArray) -> tuple[Course, float]:
         """Course in an order, and its length, rounded."""
         over, total = [], 0.0
         is_clear = space.is_clear(eyes[order])
@@ -170,7 +170,7 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
         over[-1] = None if last is None else last[::-1]
         return Course(order, over), round(total, 6)
 
-    best, least = measured(rows)
+    best, least = measure(rows)
     if n > MOST_TOURED:
         return best
     ways = np.linalg.norm(stops[:, None] - stops[None], axis=2)
@@ -183,7 +183,7 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
         for (a, b), between in known.items():
             cost = dear if between is None else length_of(stops[a], *between, stops[b])
             ways[a, b] = ways[b, a] = cost
-        other, length = measured(tour(ways))
+        other, length = measure(tour(ways))
         if length < least:
             best, least = other, length
         if len(known) == n_known or all(is_straight(other.over)):

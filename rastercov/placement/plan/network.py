@@ -32,11 +32,11 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.core.area.by_camera import ByCamera, cameras_apart
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import gated
-from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, renumbered, rows_of_result
-from rastercov.core.camera.conventions import centre_doubt
+from rastercov.core.area.rows import with_rule
+from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, renumber, rows_of_result
+from rastercov.core.camera.conventions import centre_warning
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batches
-from rastercov.core.coverage.doubts import doubts
+from rastercov.core.coverage.doubts import find_warnings
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import Network, share_of_faces
 from rastercov.core.coverage.observer import Observer, open_observer
@@ -74,7 +74,7 @@ from rastercov.placement.uncovered import (
     CandidateBounds,
     Leftover,
     NearestCameras,
-    left_by,
+    find_rest,
 )
 from rastercov.shards import Progress, silent
 
@@ -248,7 +248,7 @@ def _rows(mesh: Mesh, limits: Mapping[str | None, float]) -> Rows:
     return {None: range(len(names))} | {place: rows_of(names, place) for place in limits if place}
 
 
-def judge(
+def classify_network(
     mesh: Mesh,
     integer_weights: IntArray,
     limits: Mapping[str | None, float],
@@ -303,7 +303,7 @@ def seeable_areas(
         return None
     from rastercov.core.mesh.unseeable import unseeable_areas
 
-    in_any = areas.never_seen() if areas is not None else None
+    in_any = areas.unseen_areas() if areas is not None else None
     hidden, proved = in_any or (network.unseeable_areas, unseeable_areas(network.mesh))
     if not hidden.any() and proved.any():
         raise ConfigError(
@@ -327,7 +327,7 @@ def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray
     return areas.covered.area[level, rows] >= (1 - WHOLE_REL) * frames_of(mesh).areas
 
 
-def judge_areas(
+def classify_areas(
     areas: AreaNetwork,
     limits: Mapping[str | None, float],
     views: int | Mapping[str, int],
@@ -335,7 +335,7 @@ def judge_areas(
     rows: Rows | None = None,
     seeable: FloatArray | None = None,
 ) -> tuple[AreaRequirement, ...]:
-    """Evaluate each required share by exact area with its bound; arguments as for `judge`.
+    """Evaluate required shares by exact area, with a bound, by the arguments of `classify_network`.
 
     A requirement holds where the certainly covered area reaches it, fails where the area with its
     bound does not. With `reachable`, shares are of the area that it covers, with its bound, too;
@@ -485,8 +485,8 @@ def with_areas(
         parts = (poses[first:last] for first, last in pairwise(limits))
     done = 0
     for some in parts:
-        result = finder.find(some, closed=apart.closed(areas.closed))
-        together = gated(result, plan.rig, some)
+        result = finder.find(some, closed=apart.closed_by_camera(areas.closed))
+        together = with_rule(result, plan.rig, some)
         # With a curve or without, the same figures.
         for own in np.eye(len(together.pose_ids), dtype=np.bool_):
             areas.add(together.of_poses(own))
@@ -551,12 +551,12 @@ def of_plan(lines: Iterable[str]) -> list[str]:
     return [line.replace("--unit", "unit of [[meshes]]") for line in lines]
 
 
-def doubts_of(plan: Plan, cameras: Measured) -> list[str]:
+def warnings_of(plan: Plan, cameras: Measured) -> list[str]:
     """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
     lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.eyes)
-    lines += of_plan(doubts(cameras.network, plan.rig, cameras.placed))
+    lines += of_plan(find_warnings(cameras.network, plan.rig, cameras.placed))
     for index in np.unique(cameras.placed.camera):
-        lines += centre_doubt(plan.rig.names[index], plan.rig.cameras[index])
+        lines += centre_warning(plan.rig.names[index], plan.rig.cameras[index])
     return lines if cameras.areas is None else [*lines, *cameras.areas.doubts()]
 
 
@@ -579,7 +579,7 @@ def goal_lines(requirements: Sequence[Requirement], where: str = "") -> tuple[st
     return line(worst, has_share=False), others
 
 
-def measured(
+def measure_network(
     objective: Objective,
     poses: ArrayLike | Poses,
     progress: Progress = silent,
@@ -595,7 +595,7 @@ def measured(
     progress : callable
         Called with the poses done and the total.
     """
-    mesh, mounted = objective.observer.mesh, renumbered(poses)
+    mesh, mounted = objective.observer.mesh, renumber(poses)
     placed, owner = objective.cameras(mounted)
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(placed), mesh.n_faces), np.bool_)
@@ -627,7 +627,7 @@ def measured(
     )
 
 
-def left_over(
+def find_uncovered(
     observer: Observer,
     cameras: Measured,
     progress: Progress,
@@ -635,16 +635,16 @@ def left_over(
     bounds: CandidateBounds | None = None,
     views: int | Mapping[str, int] = 1,
 ) -> Leftover:
-    """Faces that a measured network does not cover, with reasons; arguments as for `left_by`.
+    """Faces that a measured network does not cover, with reasons; arguments as for `find_rest`.
 
     By area, those that it does not cover as a whole.
     """
     covered = cameras.covered
     if cameras.areas is not None:
         covered = covered | whole_faces(cameras.areas, views)
-    others = renumbered(np.zeros((0, 4, 4)) if candidates is None else candidates)
+    others = renumber(np.zeros((0, 4, 4)) if candidates is None else candidates)
     items = cameras.placed, cameras.network, cameras.nearest, covered
-    return left_by(observer, *items, others, progress, bounds)
+    return find_rest(observer, *items, others, progress, bounds)
 
 
 def certain_and_possible(batch: Coverage) -> BoolArray:

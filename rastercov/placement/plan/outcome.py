@@ -113,21 +113,21 @@ def _write_summary(path: Path, plan: Path, cases: Sequence[Case]) -> None:
     failing = [case for case in cases if case.status]
     words = [e.status if e.status in ("error", "undecided") else "fails" for e in failing]
     lines = [f"{TITLE} {plan.name}: {min(words, default='holds')}"]
-    lines += [COLUMNS] if failing else ["", *(_marked(case.lines[0]) for case in cases[:1])]
+    lines += [COLUMNS] if failing else ["", *(_mark(case.lines[0]) for case in cases[:1])]
     for kind, most in MOST_ROWS.items():
         own = [case for case in failing if case.kind == kind]
         for case in own[:most]:
             cells = [words[failing.index(case)], case.lines[0], "\n".join(case.lines[1:])]
-            lines.append(f"| {' | '.join(map(_marked, cells))} |".replace("\n", "<br>"))
+            lines.append(f"| {' | '.join(map(_mark, cells))} |".replace("\n", "<br>"))
         if own[most:]:
             count = sum(case.zones or 1 for case in own[most:])
             lines.append(f"| | and {plural(count, f'more {kind}')} | |")
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _marked(text: str) -> str:
+def _mark(text: str) -> str:
     """A text with the marks of Markdown as they are."""
-    return re.sub(r"[\\|`*_<>\[\]]", r"\\\g<0>", _printed(text))
+    return re.sub(r"[\\|`*_<>\[\]]", r"\\\g<0>", _printable(text))
 
 
 def _write_junit(path: Path, plan: Path, cases: Sequence[Case]) -> None:
@@ -136,13 +136,13 @@ def _write_junit(path: Path, plan: Path, cases: Sequence[Case]) -> None:
     counts = {"tests": str(len(kinds)), "failures": str(kinds.count("failure"))}
     counts["errors"] = str(kinds.count("error"))
     suites = ElementTree.Element("testsuites", {"name": "rastercov"} | counts)
-    about = {"name": _printed(f"rastercov check {plan.name}"), "skipped": "0"}
+    about = {"name": _printable(f"rastercov check {plan.name}"), "skipped": "0"}
     suite = ElementTree.SubElement(suites, "testsuite", about | counts)
     for (name, status, lines, *_), kind in zip(cases, kinds, strict=True):
-        about = {"classname": _printed(f"rastercov.{plan.stem}"), "name": _printed(name)}
+        about = {"classname": _printable(f"rastercov.{plan.stem}"), "name": _printable(name)}
         case = ElementTree.SubElement(suite, "testcase", about)
-        outcome = {"type": status, "message": _printed(lines[0])} if status else {}
-        ElementTree.SubElement(case, kind, outcome).text = _printed("\n".join(lines))
+        outcome = {"type": status, "message": _printable(lines[0])} if status else {}
+        ElementTree.SubElement(case, kind, outcome).text = _printable("\n".join(lines))
     ElementTree.indent(suites)
     document: bytes = ElementTree.tostring(suites, encoding="utf-8", xml_declaration=True)
     write_bytes(path, document + b"\n")
@@ -165,6 +165,6 @@ def refuse_other(junit: Path | None, summary: Path | None) -> None:
             )
 
 
-def _printed(text: str) -> str:
+def _printable(text: str) -> str:
     """`text` without characters that XML 1.0 cannot represent."""
     return "".join(c if c in "\n\t" or c.isprintable() else "?" for c in text)

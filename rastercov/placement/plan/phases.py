@@ -67,14 +67,14 @@ class PlanPhases(Protocol):
     def carrying(self, cameras: Sequence[str]) -> Self:
         """The same for cameras of some names."""
 
-    def placed(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
+    def place(self, at: Sequence[float]) -> tuple[Mesh, IntArray, dict[str, FloatArray]]:
         """The mesh in a phase, the face at rest of each of its faces, and poses of bodies by name.
 
         `at` has the number of a phase, and perhaps values of joints in place of those that they
         have there; ConfigError for a phase that is none, and joints outside their limits.
         """
 
-    def described(self) -> ByName:
+    def describe(self) -> ByName:
         """Entries for the scene of a page, ready for JSON."""
 
     def values(self, camera: Cameras, placed: Poses, task: Task) -> Mapping[str, FloatArray]:

@@ -27,12 +27,12 @@ from rastercov.base import (
     ResourceError,
     check_memory,
     frozen_record,
-    named,
+    name_file,
     percent,
     suffix_of,
 )
 from rastercov.base.format import distance
-from rastercov.base.locks import locked
+from rastercov.base.locks import lock
 from rastercov.base.output import is_own_folder, own_place
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.failures import failures_of_rows
@@ -41,7 +41,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.area.zones import areas_by_reason, dead_zones
-from rastercov.core.camera import Poses, Rig, gates_of, renumbered, unit_doubts
+from rastercov.core.camera import Poses, Rig, gates_of, renumber, unit_warnings
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.observer import Observer
@@ -73,7 +73,7 @@ from rastercov.placement.plan.phases import PlanPhases
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,
-    filtered_pool,
+    filter_pool,
     framing_of,
     free_places,
     keep_outs,
@@ -86,7 +86,7 @@ from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     Problem,
-    grouped,
+    group_goal,
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
@@ -407,7 +407,7 @@ class _Measuring:
                 described = describe(observer, poses, task, None, job.cells, mounts)
                 header = json.dumps(described, sort_keys=True)
                 self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
-                step.enter_context(named(self.used[-1]))
+                step.enter_context(name_file(self.used[-1]))
                 options |= {"folder": own_place(self.used[-1]), "workers": job.workers}
                 options["watch"] = self.tally.add
             self.parts.append(build_matrix(observer, poses, task, **options))
@@ -475,8 +475,8 @@ def _with_cavities(
             )
             into.append((opened.candidates.of_camera(index), cost))
         before = len(candidate_pool.candidates)
-        candidate_pool = filtered_pool(plan, job.whole, into)
-        further = renumbered(candidate_pool.candidates.placed[before:])
+        candidate_pool = filter_pool(plan, job.whole, into)
+        further = renumber(candidate_pool.candidates.placed[before:])
     matrix, problem = measuring.problem("visibility matrix of cavities", candidate_pool, further)
     if job.cells is None:
         missed = unseen
@@ -522,7 +522,7 @@ def _for_goal(
     all_of = with_goals(problem, wanted, objectives.goals, placed, given, job.clock)
     notes = list(all_of.notes)
     try:
-        problem = grouped(all_of.problem, all_of.wanted)
+        problem = group_goal(all_of.problem, all_of.wanted)
     except ConfigError as error:
         on = "" if cells is None else f" (on patches up to {distance(cells.size)} long)"
         said = (
@@ -582,7 +582,7 @@ def _of_unit(plan: Plan, mesh: Mesh, proposed: Candidates) -> str:
     reach = no_limit(plan.constraints.stand_off)[1]
     if not _has_open_unit(plan):
         return ""
-    lines = unit_doubts(mesh, plan.rig, plan.mounts.cameras(proposed.placed)[0], reach)
+    lines = unit_warnings(mesh, plan.rig, plan.mounts.cameras(proposed.placed)[0], reach)
     return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
 
@@ -605,7 +605,7 @@ def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
     return lines
 
 
-def sampled(plan: Plan, candidates: Poses) -> Poses:
+def sample_candidates(plan: Plan, candidates: Poses) -> Poses:
     """Cameras of some candidates, by which reasons are given."""
     return plan.mounts.cameras(_sample(candidates))[0]
 
@@ -638,7 +638,7 @@ def _why_nothing(
 ) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     what = "no face" if job.cells is None else "no patch"
-    of_what, shares = _shares(objectives, observer, sampled(job.plan, left), task)
+    of_what, shares = _shares(objectives, observer, sample_candidates(job.plan, left), task)
     why = ", ".join(f"{percent(share)} {REASONS[name].label}" for name, share in shares.items())
     is_blurred = next(iter(shares), "") == "out_of_focus"
     is_given = all("unit" in entry.model_fields_set for entry in job.plan.meshes)
@@ -691,7 +691,7 @@ def _forget(folder: Path, used: list[Path]) -> None:
         try:
             if not is_own_folder(old) or read_header(old) is None:
                 continue
-            with locked(old):
+            with lock(old):
                 remove_halves(old)
                 remove(old, OF_A_MATRIX)
         except (ConfigError, OSError):  # not a matrix, in use, or write-protected
@@ -702,4 +702,4 @@ def without(candidates: Candidates, quarantined: Mapping[int, str]) -> Poses:
     """Poses of candidates without some."""
     is_left = np.ones(len(candidates), np.bool_)
     is_left[list(quarantined)] = False
-    return renumbered(candidates.take(is_left).placed)
+    return renumber(candidates.take(is_left).placed)

@@ -31,42 +31,42 @@ from rastercov.base import (
 from rastercov.base.output import own_place
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera import Poses, is_joint, led_by, names_of_poses, renumbered, unit_doubts
+from rastercov.core.camera import Poses, is_joint, led_by, names_of_poses, renumber, unit_warnings
 from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
-from rastercov.core.mesh.groups import listed, rows_of
+from rastercov.core.mesh.groups import list_names, rows_of
 from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
 from rastercov.placement.plan.carrier import CarriedPoses, Carrier, carriers
-from rastercov.placement.plan.check import seen_by_cameras
+from rastercov.placement.plan.check import plan_of_cameras
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generators import PoseFile
 from rastercov.placement.plan.goals import (
     Objectives,
     OwnGoal,
-    goals_apart,
     open_objectives,
     permits_of,
     place_of,
+    separate_goals,
 )
 from rastercov.placement.plan.network import (
     CellRequirement,
     Measured,
     Requirement,
-    doubts_of,
-    judge,
-    judge_areas,
-    left_over,
+    classify_areas,
+    classify_network,
+    find_uncovered,
     limits_of,
-    measured,
+    measure_network,
     of_plan,
     seeable_areas,
     views_by_group,
+    warnings_of,
     whole_faces,
     with_areas,
 )
@@ -79,11 +79,11 @@ from rastercov.placement.plan.prepare import (
     cells_of,
     prepare,
     quiet,
-    sampled,
+    sample_candidates,
     without,
 )
 from rastercov.placement.plan.product import Product
-from rastercov.placement.plan.scene import CandidatePool, named_scene
+from rastercov.placement.plan.scene import CandidatePool, name_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
 from rastercov.placement.plan.withheld import views_for_zones
@@ -217,8 +217,8 @@ class Placement(InOneLine, InNotebook):
         """Warnings about likely mistakes in the input."""
         plan, prepared = self.prepared.plan, self.prepared
         if not len(self.cameras.placed):  # nothing is covered from any candidate
-            return of_plan(unit_doubts(prepared.mesh, plan.rig, prepared.pool.candidates.placed))
-        return doubts_of(plan, self.cameras)
+            return of_plan(unit_warnings(prepared.mesh, plan.rig, prepared.pool.candidates.placed))
+        return warnings_of(plan, self.cameras)
 
     @property
     def chosen(self) -> IntArray:
@@ -316,29 +316,29 @@ def place(
     eyes: Poses | None = None
     if plan.existing is not None:
         views = read_views(plan.folder / plan.existing.file)
-        plan, given = seen_by_cameras(plan, views)
+        plan, given = plan_of_cameras(plan, views)
         given.check_cameras(len(plan.rig))
         if plan.chooses_cameras:
-            plan = plan.with_given(_staying(plan, renumbered(given), views.images))
+            plan = plan.with_given(_staying(plan, renumber(given), views.images))
         else:
-            eyes = renumbered(given)
+            eyes = renumber(given)
     _check_goals(plan)
     _check_before_work(plan)
     clock = Clock(step)
     with clock("scene"):
-        whole, plan, _ = named_scene(plan)
-        mesh, goals = goals_apart(plan, whole)
+        whole, plan, _ = name_scene(plan)
+        mesh, goals = separate_goals(plan, whole)
     for each in hooks_of(Products):
         each.check(plan, mesh)
     job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not beside:
         return job.cameras(plan, (*STEPS, *last_steps()))
     chooser = next(each for each in hooks_of(Chooser) if each.word == beside)
-    chosen = chooser.chosen(job, plan, eyes)
+    chosen = chooser.choose(job, plan, eyes)
     if chosen.interrupted:
         return chosen
     with open_objectives(chosen.prepared.plan, mesh, chosen.prepared.cells) as objectives:
-        return job.improved(chosen, objectives, last_steps())
+        return job.improve(chosen, objectives, last_steps())
 
 
 def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
@@ -348,7 +348,9 @@ def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
     moved = []
     for row, each in enumerate(plan.existing.move):
         if each not in (names if isinstance(each, str) else range(len(given))):
-            known = f"{len(given)} cameras" + (f" ({listed(names, str(each))})" if images else "")
+            known = f"{len(given)} cameras" + (
+                f" ({list_names(names, str(each))})" if images else ""
+            )
             raise PlanError(
                 plan.name,
                 f"existing.move[{row}]: expected one of {known}, got {each!r}; correct it",
@@ -417,11 +419,11 @@ class Run:
             if is_lowered(prepared):
                 prepared = _with_shortfall(prepared, finder, self.clock)
             with self.clock("selection"):
-                chosen = _selected(prepared)
-            placement = _placed(prepared, chosen, objectives, self.clock.seconds)
-            return self.improved(placement, objectives, steps)
+                chosen = _select(prepared)
+            placement = _make_placement(prepared, chosen, objectives, self.clock.seconds)
+            return self.improve(placement, objectives, steps)
 
-    def improved(
+    def improve(
         self, placement: Placement, objectives: Objectives, steps: Sequence[Improvement]
     ) -> Placement:
         """The placement after the steps that it asks for."""
@@ -444,12 +446,12 @@ class Chooser:
 
     word: str
 
-    def chosen(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
+    def choose(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
         """Choice for cameras that are there; with cameras, too, for None."""
         raise NotImplementedError  # each feature has its own
 
 
-def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
+def _select(prepared: Prepared, seconds: float | None = None) -> Selection:
     """Selection of a problem, with the cameras that stay, which cost nothing."""
     if isinstance(prepared.selection, AllSelection):
         every = np.setdiff1d(np.arange(prepared.problem.n_candidates), prepared.barred)
@@ -470,14 +472,14 @@ def _selected(prepared: Prepared, seconds: float | None = None) -> Selection:
     )
 
 
-def _placed(
+def _make_placement(
     prepared: Prepared, chosen: Selection, objectives: Objectives, steps: dict[str, float]
 ) -> Placement:
     """The network of a selection, measured by face."""
     left, rows = prepared.pool.candidates, chosen.chosen
     # Beside cameras that stay, those of the problem count cameras.
     chosen = replace(chosen, cost=float(np.sort(prepared.pool.costs[rows]).sum()))
-    cameras, requirements = measured_by_face(prepared, left.placed[rows], objectives)
+    cameras, requirements = measure_by_face(prepared, left.placed[rows], objectives)
     return Placement(
         prepared=prepared,
         selection=chosen,
@@ -492,16 +494,18 @@ def _placed(
     )
 
 
-def measured_by_face(
+def measure_by_face(
     prepared: Prepared, mounted: Poses, objectives: Objectives
 ) -> tuple[Measured, tuple[Requirement, ...]]:
     """Cameras or rigs measured by face, and the requirements of a plan by face."""
-    cameras = measured(objectives.faces, mounted)
+    cameras = measure_network(objectives.faces, mounted)
     seeable_areas(prepared.plan, cameras.network)  # refuses cameras that see into bodies
     is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
     reachable = prepared.problem.reachable if is_part else None
     weights, limits = objectives.faces.integer_weights, limits_of(prepared.selection)
-    required = judge(prepared.mesh, weights, limits, cameras.covered, reachable=reachable)
+    required = classify_network(
+        prepared.mesh, weights, limits, cameras.covered, reachable=reachable
+    )
     return cameras, (*required, *(each.requirement(mounted) for each in objectives.goals))
 
 
@@ -520,7 +524,7 @@ def _by_area(
     plan, limits = prepared.plan, limits_of(prepared.selection)
     carried: CarriedPoses | None = None
     if prepared.carrier is not None:
-        cameras, carried = _carried(placement, prepared.carrier, on_cells.finder)
+        cameras, carried = _measure_carried(placement, prepared.carrier, on_cells.finder)
     elif (phases := prepared.phases) is None:
         finder = on_cells.finder
         cameras = with_areas(plan, placement.cameras, finder, None, progress, has_curve=True)
@@ -542,29 +546,31 @@ def _by_area(
     cameras.areas.allowed = prepared.allowed._replace(permits=permits_of(list(goals)))
     candidates = without(prepared.pool.candidates, prepared.quarantined)
     if not prepared.problem.reachable.any() and not len(cameras.placed) and len(candidates):
-        cameras.areas.instead = sampled(plan, candidates)
+        cameras.areas.instead = sample_candidates(plan, candidates)
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared.selection) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
         covered = on_cells.covered(covers, on_cells.eyes(cameras.mounted))
         cells, reachable = on_cells.elements, problem.reachable
-        result = judge(cells, problem.integer_weights, limits, covered, reachable=reachable)
+        result = classify_network(
+            cells, problem.integer_weights, limits, covered, reachable=reachable
+        )
         required = tuple(CellRequirement(**asdict(each)) for each in result)
     else:
         seeable = seeable_areas(plan, cameras.network, cameras.areas)
-        required = judge_areas(
+        required = classify_areas(
             cameras.areas, limits, plan.task.views, prepared.reachable, seeable=seeable
         )
     return replace(placement, cameras=cameras, requirements=(*required, *of_goals), carried=carried)
 
 
-def _carried(
+def _measure_carried(
     placement: Placement, own: Carrier, finder: RegionPass
 ) -> tuple[Measured, CarriedPoses]:
     """The network with its exact area, as each camera sees the scene and what carries it."""
     plan, known = placement.prepared.plan, placement.carried
     joints = None if known is None else known.joints
-    parts, carried = own.measured(finder, placement.cameras.mounted, joints)
+    parts, carried = own.measure(finder, placement.cameras.mounted, joints)
     areas, curve = AreaNetwork(finder.mesh, finder.task), [0.0]
     for part, count in zip(parts, np.bincount(placement.cameras.owner), strict=True):
         areas.add(part)
@@ -584,7 +590,7 @@ def _carried(
     return cameras, carried
 
 
-def _seen_past_carrier(
+def _look_past_carrier(
     placement: Placement, objectives: Objectives, progress: Progress
 ) -> Placement:
     """The placement with other candidates for those whose images the carrier hides too much of.
@@ -601,7 +607,7 @@ def _seen_past_carrier(
             prepared = areas.prepared.without(areas.chosen[areas.carried.is_hidden])
         except ConfigError:  # the rest does not reach the goal
             break
-        areas = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        areas = _make_placement(prepared, _select(prepared), objectives, placement.steps)
         areas = _by_area(areas, objectives)
         best = max(best, areas, key=lambda each: each.worth)
     if best.carried is None or not _is_hidden(best):
@@ -651,7 +657,7 @@ def _is_short(placement: Placement) -> bool:
     return isinstance(goal, FewestCameras) and not placement.is_met
 
 
-def _selected_anew(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+def _select_anew(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
     """The placement with cameras selected anew until its exact area meets the goal.
 
     Each time as much more of the cells is wanted as the area falls short. Where that does not help,
@@ -660,12 +666,12 @@ def _selected_anew(placement: Placement, objectives: Objectives, progress: Progr
     areas = best = placement
     until = time.perf_counter() + placement.prepared.selection.time_limit
     for _ in range(RAISES):
-        tighter = _raised(areas)
+        tighter = _raise_goals(areas)
         if tighter.problem.goal == areas.prepared.problem.goal:  # all that candidates reach
             break
         left = max(until - time.perf_counter(), 1.0)
-        chosen = _selected(tighter, left)
-        areas = _by_area(_placed(tighter, chosen, objectives, placement.steps), objectives)
+        chosen = _select(tighter, left)
+        areas = _by_area(_make_placement(tighter, chosen, objectives, placement.steps), objectives)
         best = max(best, areas, key=lambda each: each.worth)
         if not _is_short(areas):
             return areas
@@ -691,7 +697,7 @@ def _within_limits(placement: Placement, objectives: Objectives, progress: Progr
             prepared = areas.prepared.without(new[[shares.argmax()]])
         except ConfigError:  # the rest does not reach the goal
             break
-        areas = _placed(prepared, _selected(prepared), objectives, placement.steps)
+        areas = _make_placement(prepared, _select(prepared), objectives, placement.steps)
         if objectives.cells is not None:
             areas = _by_area(areas, objectives)
         best = max(best, areas, key=lambda each: each.worth)
@@ -718,7 +724,7 @@ def _shortest(placement: Placement, objectives: Objectives, progress: Progress) 
     of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
     for count in range(1, n):
         first = phases.first(areas, int(np.count_nonzero(of_row < count)))
-        result = judge_areas(first, limits, 1, reachable)
+        result = classify_areas(first, limits, 1, reachable)
         if all(each.status == HOLDS for each in result):
             rows = list(range(count))
             shorter = _of_rows(placement, objectives, rows)
@@ -763,7 +769,9 @@ def _fewest(placement: Placement, objectives: Objectives, progress: Progress) ->
         for tried, each in enumerate(sets[:MOST_TRIED]):
             progress(tried, MOST_TRIED)
             chosen = of([*given, *each], 0.0 if given else prepared.pool.costs[-1])
-            areas = _by_area(_placed(prepared, chosen, objectives, placement.steps), objectives)
+            areas = _by_area(
+                _make_placement(prepared, chosen, objectives, placement.steps), objectives
+            )
             if areas.is_met:
                 best, count = areas, count - 1
                 break
@@ -780,7 +788,7 @@ def is_lowered(prepared: Prepared) -> bool:
     return is_partial and not _is_of_reachable(prepared.selection)
 
 
-def _raised(placement: Placement) -> Prepared:
+def _raise_goals(placement: Placement) -> Prepared:
     """The same task, with more to cover than now by as much as the exact area falls short.
 
     Goals on cells are raised from what the selection reaches, which may be more than they are: to
@@ -800,7 +808,7 @@ def _raised(placement: Placement) -> Prepared:
         if not each.is_most
     }
 
-    def raised(share: float, rows: slice | list[int], lack: float) -> float:
+    def raise_share(share: float, rows: slice | list[int], lack: float) -> float:
         of = max(1, whole[rows].sum())
         reached, limit = now[rows].sum() / of, most[rows].sum() / of
         return max(share, float(min(reached + lack, limit))) if lack else share
@@ -808,9 +816,9 @@ def _raised(placement: Placement) -> Prepared:
     shares, names = dict(problem.goal.groups), list(problem.groups)
     for place, lack in short.items():  # of a part all groups, which may have goals of their own
         for row in [] if place is None else rows_of(names, place):
-            more = raised(shares.get(names[row], 0.0), [row], lack)
+            more = raise_share(shares.get(names[row], 0.0), [row], lack)
             shares |= {names[row]: more} if more else {}
-    share = raised(problem.goal.coverage, slice(None), short.get(None, 0.0))
+    share = raise_share(problem.goal.coverage, slice(None), short.get(None, 0.0))
     goal = replace(problem.goal, coverage=share, groups=shares)
     return replace(prepared, problem=replace(problem, goal=goal))
 
@@ -843,7 +851,7 @@ def _optimise(placement: Placement, objectives: Objectives, progress: Progress) 
         start=start,
         camera=placement.cameras.mounted.camera,
     )
-    moved = _moved(placement, objectives, result.poses, "searched")
+    moved = _move_cameras(placement, objectives, result.poses, "searched")
     return replace(moved, optimised=result, interrupted="search" if result.is_interrupted else "")
 
 
@@ -852,16 +860,16 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
     watched = with_progress(objectives.moved, progress, selection.refine_budget)
     budget, own = max(selection.refine_budget, len(start)), placement.prepared.carrier
     if own is not None and (carried := placement.carried) is not None:
-        refinement, joints = own.refined(watched, start, carried.joints, budget)
+        refinement, joints = own.refine(watched, start, carried.joints, budget)
         known = replace(placement, carried=carried.with_joints(joints))
-        moved = _moved(known, objectives, refinement.poses, "refined")
+        moved = _move_cameras(known, objectives, refinement.poses, "refined")
         if moved.cameras is placement.cameras:
             moved = replace(moved, carried=carried)
     else:
         space, seed = placement.prepared.pool.space, selection.seed
         stays = placement.chosen < len(placement.prepared.plan.given)
         refinement = refine(watched, space, start, budget=budget, seed=seed, fixed=stays)
-        moved = _moved(placement, objectives, refinement.poses, "refined")
+        moved = _move_cameras(placement, objectives, refinement.poses, "refined")
     is_interrupted = refinement.status == INTERRUPTED
     if not is_interrupted:
         moved = _without_idle(moved, objectives)
@@ -900,14 +908,14 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
 def _of_rows(placement: Placement, objectives: Objectives, rows: list[int]) -> Placement:
     """The placement with some of its cameras or rigs."""
     mounted = placement.cameras.mounted[np.array(rows, np.int64)]
-    return placed_at(placement, objectives, mounted, [placement.origin[row] for row in rows])
+    return place_at(placement, objectives, mounted, [placement.origin[row] for row in rows])
 
 
-def placed_at(
+def place_at(
     placement: Placement, objectives: Objectives, mounted: Poses, origin: Sequence[str]
 ) -> Placement:
     """The placement with other cameras or rigs, measured, each with its source."""
-    cameras, required = measured_by_face(placement.prepared, mounted, objectives)
+    cameras, required = measure_by_face(placement.prepared, mounted, objectives)
     copy = replace(placement, cameras=cameras, origin=tuple(origin), requirements=required)
     return copy if objectives.cells is None else _by_area(copy, objectives)
 
@@ -917,7 +925,7 @@ def _explain_uncovered(
 ) -> Placement:
     prepared, observer = placement.prepared, objectives.faces.observer
     wanted = progress, prepared.measured, prepared.bounds, prepared.plan.task.views
-    rest = left_over(observer, placement.cameras, *wanted)
+    rest = find_uncovered(observer, placement.cameras, *wanted)
     if prepared.cells is not None and is_joint(prepared.mounts.rig):
         # Not faces that single cameras of a rig with a rule cover.
         cells = prepared.cells
@@ -935,7 +943,9 @@ def _explain_uncovered(
     return replace(placement, leftover=rest, withheld=withheld)
 
 
-def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how: str) -> Placement:
+def _move_cameras(
+    placement: Placement, objectives: Objectives, poses: FloatArray, how: str
+) -> Placement:
     """The placement with its cameras at new poses.
 
     Cameras stay where that loses a goal, or where moves that gain on cells lose in exact area.
@@ -946,7 +956,7 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
         for name, old, new in zip(placement.origin, before, poses, strict=True)
     ]
     mounted = Poses.of(poses, camera=placement.cameras.mounted.camera)
-    moved = placed_at(placement, objectives, mounted, origin)
+    moved = place_at(placement, objectives, mounted, origin)
     if moved.worth < placement.worth:
         return replace(placement, kept_poses=(*placement.kept_poses, how))
     return moved
@@ -954,11 +964,11 @@ def _moved(placement: Placement, objectives: Objectives, poses: FloatArray, how:
 
 STEPS: tuple[Improvement, ...] = (
     ("area", lambda result: result.prepared.cells is not None, _by_area),
-    *((each.key, _is_hidden, _seen_past_carrier) for each in carriers()),
+    *((each.key, _is_hidden, _look_past_carrier) for each in carriers()),
     (
         "stricter selection",
         lambda result: result.cameras.areas and _is_short(result) and not result.prepared.is_beyond,
-        _selected_anew,
+        _select_anew,
     ),
     (
         "limits of goals",

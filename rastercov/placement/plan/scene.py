@@ -46,12 +46,12 @@ from rastercov.placement.candidates.clearance import (
 )
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
-from rastercov.placement.candidates.rooms import around_faces, between_heights, clipped_sheet
+from rastercov.placement.candidates.rooms import around_faces, between_heights, clip_sheet
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
-from rastercov.placement.plan.file import Plan, PlanError, errors_at, jointed_of
+from rastercov.placement.plan.file import Plan, PlanError, errors_at, moving_bodies
 from rastercov.placement.plan.generator import Framed, Generator, GeneratorScene
 from rastercov.placement.plan.generators import PerCavity, PerSegment
 from rastercov.placement.plan.phases import hooks
@@ -61,11 +61,11 @@ AnyEntry = TypeVar("AnyEntry", bound=Entry)
 
 
 def scene(plan: Plan) -> Mesh:
-    """All meshes and targets of a plan as one, see `named_scene`."""
-    return named_scene(plan)[0]
+    """All meshes and targets of a plan as one, see `name_scene`."""
+    return name_scene(plan)[0]
 
 
-def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
+def name_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     """All meshes and targets of a plan as one, with the roles of their groups.
 
     Groups keep their names where there is one mesh; of several they are `file/group`. Each target
@@ -88,7 +88,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     lines: list[str] = []
     for row, entry in enumerate(plan.meshes):
         try:
-            parts.append(_loaded(plan, entry))
+            parts.append(_load_entry(plan, entry))
             own = [group.name for group in parts[-1].groups]
             names = Names(own, [FileGroups(str(entry.built_in or entry.path), own)])
             entries.append(_with_names(entry, f"meshes[{row}]", names, lines))
@@ -100,7 +100,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     files = [entry.built_in or str(entry.path) for entry in entries]
     with errors_at(plan.name, "meshes", MeshError):
         refuse_twice((f, part.vertices, part.faces) for f, part in zip(files, parts, strict=True))
-    mesh = parts[0] if len(parts) == 1 else _joined(plan, parts)
+    mesh = parts[0] if len(parts) == 1 else _join_meshes(plan, parts)
     groups = iter(mesh.groups)
     of_files = [
         FileGroups(
@@ -112,7 +112,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     mesh = _with_roles(plan, mesh, [[group.name for group in part.groups] for part in parts])
     plan = plan.with_rooms(mesh)
     is_carried = any(each.is_carried for each in plan.candidates)
-    bodies = jointed_of(() if is_carried else plan.bodies, plan.folder, plan.name)
+    bodies = moving_bodies(() if is_carried else plan.bodies, plan.folder, plan.name)
     mesh = Mesh.joined([mesh, *(each.mesh for each in bodies)]) if bodies else mesh
     mesh, failed = _with_targets(plan, mesh, of_files)
     lines = list(failed.values())
@@ -143,7 +143,7 @@ def named_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     return mesh, plan, names
 
 
-def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
+def _load_entry(plan: Plan, entry: MeshEntry) -> Mesh:
     if entry.built_in is not None:
         mesh = shapes.by_name(entry.built_in)
     else:
@@ -159,7 +159,7 @@ def _loaded(plan: Plan, entry: MeshEntry) -> Mesh:
     return mesh if place == TransformEntry() else mesh.moved(**place.model_dump())
 
 
-def _joined(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
+def _join_meshes(plan: Plan, parts: Sequence[Mesh]) -> Mesh:
     """One mesh of several, in their order."""
     files = [entry.built_in or plan.folder / str(entry.path) for entry in plan.meshes]
     own = [
@@ -240,7 +240,7 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
         if entry.near:
             near = [group for each in entry.near for group in names.groups_of(each)]
             outlines.append(around_faces(mesh, near, entry.within))
-        sheet = clipped_sheet(sheet, outlines) if outlines else sheet
+        sheet = clip_sheet(sheet, outlines) if outlines else sheet
         if entry.facing is None:
             return sheet
         lengths = {"spacing": entry.spacing, "size": entry.size}
@@ -264,7 +264,7 @@ OF_GROUPS = ("groups", "two_sided", "nearest", "views")
 def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> AnyEntry:
     """An entry with names of groups where it has others; `lines` gets one for each unknown name."""
 
-    def known(at: str, value: object, find: Callable[[Any], Any]) -> Any:
+    def find_known(at: str, value: object, find: Callable[[Any], Any]) -> Any:
         try:
             return find(value)
         except MeshError as error:
@@ -275,11 +275,11 @@ def _with_names(entry: AnyEntry, path: str, names: Names, lines: list[str]) -> A
     for field in type(entry).model_fields:
         value, at = getattr(entry, field), f"{path}.{field}"
         if isinstance(value, list) and field in OF_GROUPS:
-            items = [each for name in value for each in known(at, name, names.groups_of)]
+            items = [each for name in value for each in find_known(at, name, names.groups_of)]
             changes[field] = list(dict.fromkeys(items))
         elif isinstance(value, dict) and field in OF_GROUPS:
             find = names.places_of if field == "groups" else names.groups_of
-            changes[field] = known(at, value, partial(names.by_group, find=find))
+            changes[field] = find_known(at, value, partial(names.by_group, find=find))
         elif isinstance(value, Entry):
             changes[field] = _with_names(value, at, names, lines)
         elif isinstance(value, list) and any(isinstance(each, Entry) for each in value):
@@ -355,7 +355,7 @@ class CandidatePool:
 def segmentation_of(plan: Plan, mesh: Mesh) -> Segmentation | None:
     """Segments for the first `per_segment` entry; None where there is no such entry."""
     own = (entry for entry in plan.candidates if isinstance(entry, PerSegment))
-    return next((entry.segmented(mesh) for entry in own), None)
+    return next((entry.segment(mesh) for entry in own), None)
 
 
 def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
@@ -375,13 +375,13 @@ def candidate_pool(plan: Plan, mesh: Mesh) -> CandidatePool:
             continue
         try:
             for index, cost in mounts_of_entry(plan, entry):
-                made = _made(plan, mesh, entry, index)
+                made = _make_candidates(plan, mesh, entry, index)
                 parts += [(part.of_camera(index), cost) for part in made]
         except RastercovError as error:
             lines.append(f"candidates[{row}]: {error}")
     if lines:
         raise PlanError(plan.name, lines)
-    return filtered_pool(plan, mesh, parts)
+    return filter_pool(plan, mesh, parts)
 
 
 def mounts_of_entry(plan: Plan, entry: Generator) -> list[tuple[int, float]]:
@@ -392,7 +392,7 @@ def mounts_of_entry(plan: Plan, entry: Generator) -> list[tuple[int, float]]:
     ]
 
 
-def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePool:
+def filter_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePool:
     """Pool of the candidates that satisfy the constraints of the plan.
 
     Without spaces of its own, a plan allows boxes around its candidates.
@@ -419,13 +419,13 @@ def filtered_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePoo
         costs=np.concatenate([np.zeros(len(given)), *costs])[allowed],
         made=made,
         proposed=candidates,
-        refused=(*candidates.refused, *_misplaced(mesh, space, candidates, place)),
+        refused=(*candidates.refused, *_refusals_of(mesh, space, candidates, place)),
         space=space,
         parts=tuple(parts),
     )
 
 
-def _misplaced(
+def _refusals_of(
     mesh: Mesh, space: PoseSpace, candidates: Candidates, place: ByteArray
 ) -> Iterator[Refusal]:
     """Candidates at forbidden positions."""
@@ -508,14 +508,16 @@ def framing_of(plan: Plan, entry: Generator) -> Framing:
     return value_of(entry, Framing, **others)
 
 
-def _made(plan: Plan, mesh: Mesh, entry: Generator, index: int) -> Iterator[Candidates]:
+def _make_candidates(plan: Plan, mesh: Mesh, entry: Generator, index: int) -> Iterator[Candidates]:
     """Candidates of an entry for a mount by its index; once for each aim."""
     for each in carriers() if entry.is_carried else ():
-        yield from each.made(plan, mesh, entry, lambda other: _made(plan, mesh, other, index))
+        yield from each.make(
+            plan, mesh, entry, lambda other: _make_candidates(plan, mesh, other, index)
+        )
         return
     own = plan.folder, plan.room, plan.constraints.clearance
     spot = GeneratorScene(mesh, plan.mounts, index, framing_of(plan, entry), *own)
-    yield from entry.made(spot)
+    yield from entry.make(spot)
 
 
 def _boxes(part: Candidates) -> Iterator[FloatArray]:

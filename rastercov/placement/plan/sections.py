@@ -44,7 +44,7 @@ from rastercov.core.mesh.shapes import NAMES
 from rastercov.formats.cameras import read_views
 from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
-from rastercov.placement.candidates.rooms import Room, space_named
+from rastercov.placement.candidates.rooms import Room, space_of_name
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.plan.candidate_entry import CandidateEntry
 from rastercov.placement.plan.entries import (
@@ -63,7 +63,7 @@ from rastercov.placement.plan.entries import (
     Triple,
     among,
     both_or_none,
-    extended,
+    extend_entry,
     fields_of,
     only_one,
     together,
@@ -86,7 +86,7 @@ def _catalogue(info: ValidationInfo) -> Path | None:
     return (info.context or {}).get("catalogue")
 
 
-OF_FEATURES = extended("cameras")
+OF_FEATURES = extend_entry("cameras")
 
 
 class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_out=OF_A_LIST)):  # type: ignore[misc]
@@ -248,7 +248,7 @@ class GoalSection(fields_of(Task, is_optional=True, leave_out=OF_NO_GOAL)):  # t
         return self
 
 
-class RigSection(extended("rig")):  # type: ignore[misc] # a base made of fields
+class RigSection(extend_entry("rig")):  # type: ignore[misc] # a base made of fields
     """Cameras that move together: of the plan, all of a file with their poses, or a preset."""
 
     cameras: Some[RigCamera] | None = None
@@ -374,7 +374,7 @@ class RoomSection(Entry):
     def build(self, mesh: Mesh, name: str) -> Room:
         """The room in a mesh; an error where the entries do not make one."""
         if self.space is not None:
-            return Room.of_solid(space_named(mesh.spaces, self.space), name)
+            return Room.of_solid(space_of_name(mesh.spaces, self.space), name)
         if self.polygon is None or self.z is None:
             return Room.at(mesh, self.inside or (), self.opening, name)
         return Room.of_polygon(self.polygon, (self.z[0], self.z[1]), name)
@@ -435,7 +435,7 @@ class TargetEntry(Entry):
         return self
 
 
-class BodyEntry(extended("bodies")):  # type: ignore[misc] # a base made of fields
+class BodyEntry(extend_entry("bodies")):  # type: ignore[misc] # a base made of fields
     """Groups that move together."""
 
     name: Name
@@ -447,7 +447,7 @@ class BodyEntry(extended("bodies")):  # type: ignore[misc] # a base made of fiel
 # Ignored types below: mypy does not follow the classes that `fields_of` makes.
 
 
-OF_TASK = extended("counting", extended("task"))
+OF_TASK = extend_entry("counting", extend_entry("task"))
 
 
 class TaskSection(fields_of(Task, base=OF_TASK, leave_out=("views",))):  # type: ignore[misc]
@@ -553,7 +553,7 @@ class Optimise(Entry):
         return given
 
 
-class SelectionBase(extended("selection")):  # type: ignore[misc] # a base made of fields
+class SelectionBase(extend_entry("selection")):  # type: ignore[misc] # a base made of fields
     """Entries of every goal."""
 
     method: Literal["greedy", "integer"] = "greedy"
@@ -582,7 +582,7 @@ class FewestSelection(fields_of(FewestCameras, base=SelectionBase)):  # type: ig
         return self
 
 
-BESIDE_CAMERAS = extended("best", SelectionBase)
+BESIDE_CAMERAS = extend_entry("best", SelectionBase)
 
 
 class BestSelection(fields_of(BestCoverage, base=BESIDE_CAMERAS)):  # type: ignore[misc]
@@ -656,7 +656,7 @@ OF_DEVICES: ByName = {
 """Entries of devices on cameras."""
 
 
-class PlanModel(extended("plan", create_model("devices", __base__=Entry, **OF_DEVICES))):  # type: ignore[misc]
+class PlanModel(extend_entry("plan", create_model("devices", __base__=Entry, **OF_DEVICES))):  # type: ignore[misc]
     """A camera-placement plan for `rastercov place` and `rastercov check`."""
 
     meshes: Some[MeshEntry]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.advice.headline import advice_line, area_gained
+from rastercov.advice.headline import advice_line, gain_in_area
 from rastercov.base import ByName, first_of, percent, plural
 from rastercov.base.format import area, coordinates
 from rastercov.core.area.failures import failures_of_rows
@@ -22,7 +22,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import even_points
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed, longer
-from rastercov.core.area.rows import gated
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.zones import (
     LEAST_PERCENT,
     DeadZones,
@@ -39,7 +39,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.plan.network import (
     AreaRequirement,
-    judge_areas,
+    classify_areas,
     limits_of,
     views_by_group,
 )
@@ -104,7 +104,7 @@ def area_of_all(prepared: Prepared, finder: RegionPass, progress: Progress) -> A
     areas = AreaNetwork(prepared.mesh, finder.task)
     rows, done = rows_of_result(finder.camera, poses), 0
     for some in in_batches(poses, prepared.mesh.n_faces, finder.threads, rows):
-        areas.add(gated(finder.find(some, closed=areas.closed), finder.camera, some))
+        areas.add(with_rule(finder.find(some, closed=areas.closed), finder.camera, some))
         done += len(some)
         progress(done, len(poses))
     return areas
@@ -119,7 +119,7 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
         areas = area_of_all(prepared, finder, progress)
     if areas is None:
         return None
-    required = judge_areas(areas, limits_of(prepared.selection), plan.task.views)
+    required = classify_areas(areas, limits_of(prepared.selection), plan.task.views)
     failing = [each for each in required if each.status == FAILS]
     if not failing:
         return None
@@ -134,7 +134,7 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
         members = prepared.mesh.task_mask & np.isin(prepared.mesh.face_group, own)
         why = areas_by_reason(zones, members)
         missing = [
-            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}{area_gained(share)}"
+            f"{percent(share['area_percent'] / 100)} {REASONS[name].label}{gain_in_area(share)}"
             + _by_group(zones, own, code_of(map(NAMES.index, name.split(BETWEEN))))
             for name, share in why.items()
             if share["area_percent"] >= LEAST_PERCENT
@@ -188,7 +188,7 @@ def ways(prepared: Prepared, shortfall: Shortfall, finder: RegionPass, clock: Cl
             for change in kind:
                 tried.append((lack_of(change), change.words))
                 progress(len(tried), total)
-                if tried[-1][0] <= NEAR and (line := _reached(prepared, shortfall, change)):
+                if tried[-1][0] <= NEAR and (line := _reach_note(prepared, shortfall, change)):
                     lines.append(line)
                     break
         if is_free:
@@ -269,7 +269,7 @@ def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[PlanChange]
     return lack
 
 
-def _reached(prepared: Prepared, shortfall: Shortfall, change: PlanChange) -> str:
+def _reach_note(prepared: Prepared, shortfall: Shortfall, change: PlanChange) -> str:
     """Line on a change with which the exact area reaches the goal; "" where it does not."""
     scene, method = (prepared.mesh, change.camera, change.task), prepared.plan.task.method
     with closing(RegionPass(*scene, method=method, only_task=True)) as finder:
@@ -279,7 +279,7 @@ def _reached(prepared: Prepared, shortfall: Shortfall, change: PlanChange) -> st
 
 def _line(prepared: Prepared, shortfall: Shortfall, areas: AreaNetwork, words: str) -> str:
     """Line on a change where an area reaches the goal."""
-    required = judge_areas(areas, limits_of(prepared.selection), prepared.plan.task.views)
+    required = classify_areas(areas, limits_of(prepared.selection), prepared.plan.task.views)
     if not all(each.status == HOLDS for each in required):
         return ""
     names = {each.name for each in shortfall.required}
@@ -301,7 +301,7 @@ def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> 
         own = kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
         regions = finder.find(placed, closed=shortfall.areas.closed)
-        shortfall.areas.add(gated(regions, camera, placed))
+        shortfall.areas.add(with_rule(regions, camera, placed))
         used.append(f"({coordinates(tried['position'], 2)})")
         words = f"candidates also at {first_of(used)} m"
         if line := _line(prepared, shortfall, shortfall.areas, words):

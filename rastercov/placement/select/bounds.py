@@ -123,7 +123,7 @@ def bound_of(reduced: ReducedProblem, state: Cover, deadline: Deadline = NEVER) 
     if not _asks_for_any(reduced):
         is_share = isinstance(reduced.problem.goal, BestCoverage)
         return share_of(reduced.problem, 0.0) if is_share else 0.0
-    return _proved(reduced, best_prices(reduced, state, deadline=deadline)[0])
+    return _proved_bound(reduced, best_prices(reduced, state, deadline=deadline)[0])
 
 
 def _asks_for_any(reduced: ReducedProblem) -> bool:
@@ -133,10 +133,10 @@ def _asks_for_any(reduced: ReducedProblem) -> bool:
     return reduced.least_total > 0 or bool((reduced.least > 0).any())
 
 
-def _proved(among: Reduced, value: float) -> float:
+def _proved_bound(among: Reduced, value: float) -> float:
     """Bound of the share or the cost from that of prices, with the rounding of its sum."""
     if not isinstance(among.problem.goal, BestCoverage):
-        return rounded_up(value - BOUND_SAFETY_REL * abs(value), among.costs)
+        return round_up(value - BOUND_SAFETY_REL * abs(value), among.costs)
     whole = int(among.integer_weights.sum())
     weight = math.floor(value * (1 + BOUND_SAFETY_REL) * whole + BOUND_SAFETY_REL)
     return share_of(among.problem, min(whole, weight))
@@ -321,7 +321,7 @@ def cheapest(
     return share
 
 
-def rounded_up(cost: float, costs: FloatArray) -> float:
+def round_up(cost: float, costs: FloatArray) -> float:
     """Lower bound of a sum of costs, rounded up to an integer where all costs are; at least 0."""
     if len(costs) and bool((costs == np.floor(costs)).all()):
         cost = math.ceil(cost - 1e-6)
@@ -369,10 +369,12 @@ def core_and_bound(
     state.become(chosen)
     for _ in range(MOST_ROUNDS):
         rows = core_rows(large, needed, earned, most_pairs)
-        core = large.listed(rows)
+        core = large.list_rows(rows)
         if len(rows) == large.n_candidates or not _asks_for_any(core):
             return core, rows, bound_of(core, state)
-        result = _priced(large, best_prices(core, state, None if best is None else best.price)[1])
+        result = _prices_of(
+            large, best_prices(core, state, None if best is None else best.price)[1]
+        )
         if best is None:
             # Prices of 0 prove nothing, but smaller ones than those of the core may.
             none = np.zeros(len(large.kept)), np.zeros(large.n_candidates)
@@ -384,11 +386,11 @@ def core_and_bound(
                 break
         earned = best.earned
     assert best is not None
-    core = large.listed(rows := core_rows(large, needed, best.earned, most_pairs))
-    return core, rows, _proved(large, best.value)
+    core = large.list_rows(rows := core_rows(large, needed, best.earned, most_pairs))
+    return core, rows, _proved_bound(large, best.value)
 
 
-def _priced(large: Presolved, price: FloatArray) -> Prices:
+def _prices_of(large: Presolved, price: FloatArray) -> Prices:
     """Bound of prices over all candidates; one pass."""
     unit = 2.0 ** (PRICE_BITS - math.ceil(math.log2(float(price.sum()) + 1.0)))
     rounded = np.floor(price * unit).astype(np.int64)

@@ -71,7 +71,7 @@ class Cover(ABC):
     @property
     def cost(self) -> float:
         """Cost of the chosen cameras."""
-        return float(self.among.costs[self.ranked()].sum())
+        return float(self.among.costs[self.rank()].sum())
 
     @property
     def is_met(self) -> bool:
@@ -80,7 +80,7 @@ class Cover(ABC):
             self.covered >= self.among.least_total
         )
 
-    def ranked(self) -> list[int]:
+    def rank(self) -> list[int]:
         """Chosen cameras in an order that does not depend on their numbers."""
         return sorted(self.chosen, key=lambda camera: int(self.among.rank[camera]))
 
@@ -108,7 +108,7 @@ class Cover(ABC):
         """Candidate with the greatest gain, -1 where no gain is positive."""
         return self._next(self._no_room, NO_LIMIT, most_cost, by_cost)
 
-    def next_needed(self) -> int:
+    def next_face(self) -> int:
         """Candidate with the greatest gain by cost towards the unmet requirements, -1 for none."""
         room = np.maximum(self.among.least - self.done, 0) << PROGRESS_BITS
         total = max(0, self.among.least_total - self.covered) << PROGRESS_BITS

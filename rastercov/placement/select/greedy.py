@@ -86,11 +86,11 @@ def select_greedy(
     presolved = presolve(problem)
     most = MOST_LISTED_PAIRS if core_pairs is None else core_pairs
     if problem.has_rigs or problem.is_spread or int(presolved.sizes.sum()) <= most:
-        core = presolved.listed()
+        core = presolved.list_rows()
         state = construct(core)
         bound = bound_of(core, state)
     else:
-        chosen = constructed(lambda: LazyCover(presolved))
+        chosen = construct_cover(lambda: LazyCover(presolved))
         most = MOST_CORE_PAIRS if core_pairs is None else core_pairs
         core, rows, bound = core_and_bound(presolved, chosen, most)
         state = CoverState(core)
@@ -98,16 +98,16 @@ def select_greedy(
     if effort > 0:
         state = improve(state, bound, effort, seed)
     return finish(
-        "greedy", problem, core.candidates[state.ranked()], bound, time.perf_counter() - began
+        "greedy", problem, core.candidates[state.rank()], bound, time.perf_counter() - began
     )
 
 
 def construct(reduced: ReducedProblem) -> CoverState:
     """Cover built by the greedy rule, one camera at a time."""
-    return constructed(lambda: CoverState(reduced))
+    return construct_cover(lambda: CoverState(reduced))
 
 
-def constructed(empty: Callable[[], AnyCover]) -> AnyCover:
+def construct_cover(empty: Callable[[], AnyCover]) -> AnyCover:
     """Cover built by the greedy rule from an empty one; `empty` may be called twice."""
     state = empty()
     goal = state.goal
@@ -118,7 +118,7 @@ def constructed(empty: Callable[[], AnyCover]) -> AnyCover:
         # By gain per cost alone, many cheap cameras may exclude one that is better than all.
         other = empty()
         while goal.cameras is None or len(other.chosen) < goal.cameras:
-            if (camera := other.next_best(_left(other))) < 0:
+            if (camera := other.next_best(_lacking_views(other))) < 0:
                 break
             other.add(camera)
         return other if other.covered > state.covered else state
@@ -152,7 +152,7 @@ def improve(
             steps = STEPS_A_KICK * MOST_KICKS
             fewer = weighting.fewer(state, bound, steps, effort, seed, deadline)
         else:
-            fewer = _kicked(state, bound, effort, seed, deadline)
+            fewer = _kick(state, bound, effort, seed, deadline)
         for better in fewer:
             best = better
     state.barred[:] = 0
@@ -161,7 +161,7 @@ def improve(
     return state
 
 
-def _kicked(
+def _kick(
     state: CoverState, bound: float, effort: int, seed: int, deadline: Deadline
 ) -> Iterator[set[int]]:
     """Selections of `improve`, each better than the one before."""
@@ -173,7 +173,7 @@ def _kicked(
         if state.work > effort or not current or _reaches(state, best_value, bound):
             return
         deadline.check()
-        ranked = state.ranked()
+        ranked = state.rank()
         n_lost = int(rng.integers(1, min(most_lost, len(ranked)) + 1))
         lost = [ranked[place] for place in rng.choice(len(ranked), n_lost, replace=False)]
         for camera in lost:
@@ -225,16 +225,16 @@ def _next(state: Cover) -> int:
     if not isinstance(goal, BestCoverage):
         if state.is_met:
             return -1
-        camera = state.next_needed()
+        camera = state.next_face()
         return camera if camera >= 0 else state.next_first_half()
     if goal.cameras is not None and len(state.chosen) >= goal.cameras:
         return -1
-    most_cost = _left(state)
+    most_cost = _lacking_views(state)
     camera = state.next_best(most_cost, by_cost=goal.budget is not None)
     return camera if camera >= 0 else state.next_first_half(most_cost)
 
 
-def _left(state: Cover) -> float:
+def _lacking_views(state: Cover) -> float:
     """Remaining budget."""
     budget = getattr(state.goal, "budget", None)
     return np.inf if budget is None else budget * (1 + 1e-12) - state.cost
@@ -245,11 +245,11 @@ def _swap(state: CoverState, deadline: Deadline) -> None:
     gains = True
     while gains:
         gains = False
-        for camera in state.ranked():
+        for camera in state.rank():
             deadline.check()
             before = state.worth
             state.remove(camera)
-            other = state.next_best(_left(state))
+            other = state.next_best(_lacking_views(state))
             if other < 0:
                 state.add(camera)
                 continue
@@ -263,7 +263,7 @@ def _swap(state: CoverState, deadline: Deadline) -> None:
 
 def _prune(state: Cover, deadline: Deadline = NEVER) -> None:
     """Remove cameras that the requirements do not need, the most expensive first."""
-    for camera in sorted(state.ranked(), key=lambda camera: -float(state.among.costs[camera])):
+    for camera in sorted(state.rank(), key=lambda camera: -float(state.among.costs[camera])):
         deadline.check()
         state.remove(camera)
         if not state.is_met:

@@ -38,7 +38,7 @@ from rastercov.base import (
     ResourceError,
     check_seed,
 )
-from rastercov.base.limits import limited
+from rastercov.base.limits import limit_time
 from rastercov.base.streams import no_printing
 from rastercov.base.typed import typed
 from rastercov.engine import placement_selection as kernels
@@ -47,7 +47,7 @@ from rastercov.placement.select.bounds import (
     Deadline,
     TimeUpError,
     bound_of,
-    rounded_up,
+    round_up,
     share_of,
 )
 from rastercov.placement.select.cover import CoverState
@@ -93,7 +93,7 @@ def select_by(asked: "SelectionBase", problem: Problem, seconds: float | None = 
     if asked.method == "greedy":
         return select_greedy(problem, seed=asked.seed)
     limit = seconds or asked.time_limit
-    with limited("selection", limit):
+    with limit_time("selection", limit):
         return select_integer(problem, time_limit=limit, seed=asked.seed)
 
 
@@ -142,7 +142,7 @@ def select_integer(
     if not time_limit > 0:
         raise ConfigError(f"expected time_limit above 0 s, got {time_limit!r}; give seconds")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
-    reduced = presolve(problem).listed()
+    reduced = presolve(problem).list_rows()
     if len(reduced.face) > MOST_PAIRS:
         raise ResourceError(
             f"expected at most {MOST_PAIRS} pairs of candidate and face, got {len(reduced.face)}; "
@@ -214,7 +214,7 @@ class _Search:
         if not np.isfinite(bound):  # stopped before the first bound
             return
         if not self.is_best_coverage:
-            bound = rounded_up(bound - BOUND_SAFETY_REL * abs(bound), self.reduced.costs)
+            bound = round_up(bound - BOUND_SAFETY_REL * abs(bound), self.reduced.costs)
             self.bound = max(self.bound, bound)
             return
         integer_weights = self.reduced.integer_weights
@@ -280,9 +280,9 @@ class _Program:
         self.last_bound = float(event.data_out.mip_dual_bound)
 
     def _take_solution(self, event: Any) -> None:
-        self.last_chosen = self._chosen_of(event.data_out.mip_solution)
+        self.last_chosen = self._choice_of(event.data_out.mip_solution)
 
-    def _chosen_of(self, columns: Sequence[float]) -> set[int]:
+    def _choice_of(self, columns: Sequence[float]) -> set[int]:
         values = np.array(columns[: self.reduced.n_candidates])
         return set(np.flatnonzero(values > 0.5).tolist())
 
@@ -325,7 +325,7 @@ class _Program:
         ended = ends.get(solver.getModelStatus(), "time_limit")
         info = solver.getInfo()
         is_feasible = info.primal_solution_status == 2
-        chosen = self._chosen_of(solver.getSolution().col_value) if is_feasible else None
+        chosen = self._choice_of(solver.getSolution().col_value) if is_feasible else None
         bound = self._bound(info.mip_dual_bound)
         return chosen, bound, ended if interrupted == math.inf else "interrupted"
 
@@ -373,7 +373,7 @@ class _Program:
         highspy, reduced = self.highspy, self.reduced
         goal, n_candidates, n_faces = reduced.problem.goal, reduced.n_candidates, reduced.n_faces
         # One row per face: its candidates, times their cameras, and -views in its column z.
-        counts, covering, times = _merged_pairs(reduced)
+        counts, covering, times = _merge_pairs(reduced)
         ends = np.cumsum(counts)
         index, value = np.insert(covering, ends, self.columns), np.insert(times, ends, -self.views)
         starts = ends - counts + np.arange(n_faces)
@@ -410,7 +410,7 @@ class _Program:
         self.solver.addRow(least, inf, len(columns), columns.astype(np.int32), values)
 
 
-def _merged_pairs(reduced: ReducedProblem) -> tuple[IntArray, Int32Array, FloatArray]:
+def _merge_pairs(reduced: ReducedProblem) -> tuple[IntArray, Int32Array, FloatArray]:
     """Candidates of each face: their number, (F,), each once, (N,), and its cameras, (N,)."""
     starts, covering = reduced.starts, reduced.owner[reduced.covering]
     is_first = np.ones(len(covering), np.bool_)

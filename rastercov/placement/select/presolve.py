@@ -8,7 +8,7 @@ The remaining candidates are ranked by the faces they cover, not by their number
 breaks ties: shuffling the candidates of a problem does not change the result.
 
 Two passes over the bits, after that of `Problem.reachable`. Lists of pairs are made of the bits of
-all remaining candidates, or of some (`Presolved.listed`).
+all remaining candidates, or of some (`Presolved.list_rows`).
 
 G. L. Steele, D. Lea, C. H. Flood. Fast Splittable Pseudorandom Number Generators. 2014, for the
 mixing of 64 bits.
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from rastercov.base import BoolArray, FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.engine import placement_bits
-from rastercov.placement.bits import CoveredBits, by_face, packed, spread_out
+from rastercov.placement.bits import CoveredBits, by_face, pack_bits, spread_out
 from rastercov.placement.select.problem import FewestCameras, Problem
 
 
@@ -97,11 +97,11 @@ class Presolved(Reduced):
         Of some candidates, or all, each of one camera.
         """
         kinds = np.arange(len(self.least))[:, None]
-        masks = packed(faces & self.remains & (self.kind == kinds))
+        masks = pack_bits(faces & self.remains & (self.kind == kinds))
         chosen = self.candidates if rows is None else self.candidates[rows]
         return self.bits.sums(np.stack([spread_out(values)] * len(masks)), masks, chosen)
 
-    def listed(self, rows: IntArray | None = None) -> "ReducedProblem":
+    def list_rows(self, rows: IntArray | None = None) -> "ReducedProblem":
         """The problem with all candidates, or some, (N,) ascending, in lists.
 
         All remaining faces are in it, also those that these candidates do not cover.
@@ -117,7 +117,7 @@ class Presolved(Reduced):
         column = np.full(problem.n_faces, -1, np.int32)
         column[kept] = np.arange(len(kept))
         column = spread_out(column, np.int32)
-        camera_indptr, face = self.bits.listed(cameras, packed(self.remains), column)
+        camera_indptr, face = self.bits.listed(cameras, pack_bits(self.remains), column)
         face_starts, covering = by_face(camera_indptr, face, len(kept))
         views = problem.views[kept].astype(np.int32)
         eyes = centroids = np.empty((0, 3))
@@ -210,7 +210,7 @@ def presolve(problem: Problem) -> Presolved:
     kind, least, least_total = kinds_of(problem)
     keys = _hashes_of(np.arange(n_faces, dtype=np.uint64)).view(np.int64).T
     values = spread_out(np.concatenate((keys, np.ones((1, n_faces), np.int64))))
-    sums = bits.sums(values, np.stack([packed(counted)] * len(values)))
+    sums = bits.sums(values, np.stack([pack_bits(counted)] * len(values)))
     hashes, sizes = np.ascontiguousarray(sums[:, :2]).view(np.uint64), sums[:, 2]
     if problem.is_spread:
         hashes = hashes + np.uint64(3) * _hashes_of_eyes(problem)
@@ -220,7 +220,7 @@ def presolve(problem: Problem) -> Presolved:
     if problem.has_rigs:
         hashes, sizes = np.add.reduceat(hashes, first), np.add.reduceat(sizes, first)
     copies = int(problem.views[counted].max(initial=1))
-    rank = ranked(hashes, sizes, problem.costs, copies)
+    rank = rank_faces(hashes, sizes, problem.costs, copies)
     candidates = np.flatnonzero(rank >= 0)
 
     kept, integer_weights = np.flatnonzero(counted), problem.integer_weights
@@ -229,7 +229,7 @@ def presolve(problem: Problem) -> Presolved:
         cameras = np.flatnonzero(remains >= 0)
         amounts = _hashes_of(remains[cameras].astype(np.uint64)).view(np.int64)
         owners = np.ascontiguousarray(bits.totals(amounts, cameras)[:, :n_faces].T)
-        kept, integer_weights = merged(problem, kept, kind, owners.view(np.uint64))
+        kept, integer_weights = merge_faces(problem, kept, kind, owners.view(np.uint64))
     is_kept = np.zeros(n_faces, np.bool_)
     is_kept[kept] = True
     return Presolved(
@@ -270,7 +270,7 @@ def _without_needless_pairs(problem: Problem) -> CoveredBits:
     """
     words = np.zeros((problem.bits.n_rows, problem.bits.n_words), np.uint64)
     most = int(np.diff(problem.rows).max())
-    needs = [packed(problem.views > n) for n in range(most)]
+    needs = [pack_bits(problem.views > n) for n in range(most)]
     for first, last in zip(problem.rows[:-1], problem.rows[1:], strict=True):
         rig = problem.bits.take(np.arange(first, last)).parts[0]
         placement_bits.count_up(rig, words[first:last])
@@ -297,7 +297,9 @@ def kinds_of(problem: Problem) -> tuple[Int32Array, IntArray, int]:
     return kind, np.concatenate(([0], least[named])), total
 
 
-def ranked(hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copies: int) -> IntArray:
+def rank_faces(
+    hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copies: int
+) -> IntArray:
     """(C,) rank of each candidate that remains, -1 for the others.
 
     Parameters
@@ -316,7 +318,7 @@ def ranked(hashes: NDArray[np.uint64], sizes: IntArray, costs: FloatArray, copie
     return rank
 
 
-def merged(
+def merge_faces(
     problem: Problem, kept: IntArray, kind: Int32Array, hashes: NDArray[np.uint64]
 ) -> tuple[IntArray, IntArray]:
     """First face of each set of equal ones, and (F,) weights with the sum of each set there.

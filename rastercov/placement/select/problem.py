@@ -34,14 +34,14 @@ from rastercov.base import (
     frozen_record,
     shown,
 )
-from rastercov.base.format import percents_apart
+from rastercov.base.format import distinct_percents
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.area.cells import Cells
 from rastercov.core.camera import eyes_of
 from rastercov.core.coverage.network import ViewSpread, least_cosine
 from rastercov.core.coverage.required import SHARE_TOLERANCE
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.groups import listed, rows_of
+from rastercov.core.mesh.groups import list_names, rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
@@ -212,7 +212,7 @@ class Problem:
             return
         if unknown := sorted(set(goal.groups) - set(self.groups)):
             raise ConfigError(
-                f"expected a group, got {unknown[0]!r}; groups are {listed(self.groups)}"
+                f"expected a group, got {unknown[0]!r}; groups are {list_names(self.groups)}"
             )
         whole, least, total = self.required
         reached = self.by_group(self.reachable)
@@ -331,7 +331,7 @@ def _unreachable(group: str, most: float, share: float, problem: Problem) -> Con
     if not able:
         return ConfigError("expected candidates that cover something, got none; add others")
     remedy = "" if group else ", give of_reachable,"
-    reached, wanted = percents_apart(most, share)
+    reached, wanted = distinct_percents(most, share)
     every = f"All {able} candidates together reach" if able > 1 else "The only candidate reaches"
     return ConfigError(
         f"{every} {reached} of {group or 'the area'}, expected {wanted}; reduce it{remedy} or add "
@@ -379,7 +379,7 @@ def _check(problem: Problem) -> None:
         )
 
 
-def grouped(problem: Problem, goal: Goal) -> Problem:
+def group_goal(problem: Problem, goal: Goal) -> Problem:
     """The problem with another goal, of groups or of parts, which are its groups then.
 
     Of a part with goals in it, the rest is a group, which has to reach what the part lacks where
@@ -509,7 +509,7 @@ def problem_of(
         eyes=eyes,
         centroids=elements.centroids,
     )
-    return grouped(problem, goal)
+    return group_goal(problem, goal)
 
 
 def _elements_of(matrix: VisibilityMatrix, mesh: Mesh | Cells) -> Mesh:
@@ -551,7 +551,7 @@ def views_of(mesh: Mesh, views: int | Mapping[str, int]) -> IntArray:
         return np.full(mesh.n_faces, views)
     names = [group.name for group in mesh.groups]
     if unknown := sorted(set(views) - set(names)):
-        raise ConfigError(f"expected a group, got {unknown[0]!r}; groups are {listed(names)}")
+        raise ConfigError(f"expected a group, got {unknown[0]!r}; groups are {list_names(names)}")
     return np.array([views.get(name, 1) for name in names])[mesh.face_group]
 
 

@@ -40,17 +40,19 @@ class Layer:
         """(P,) multipolygons in the CRS of maps, metres; local ones without a place."""
         if self.place is None:
             return self.found.polygons
-        return self._moved(self.place.on_map, MAP_GRID)
+        return self._transform(self.place.on_map, MAP_GRID)
 
     @cached_property
     def geodetic(self) -> NDArray[np.object_]:
         """(P,) multipolygons in longitude and latitude of WGS 84, degrees."""
         place = self.place
         assert place is not None
-        moved = self._moved(lambda points: _in_one_piece(place.geodetic(points)), GEODETIC_GRID)
+        moved = self._transform(lambda points: _in_one_piece(place.geodetic(points)), GEODETIC_GRID)
         return np.array([*map(_within_world, moved), None], object)[:-1]
 
-    def _moved(self, to: Callable[[FloatArray], FloatArray], grid: float) -> NDArray[np.object_]:
+    def _transform(
+        self, to: Callable[[FloatArray], FloatArray], grid: float
+    ) -> NDArray[np.object_]:
         """Polygons at the mean height of each in other coordinates, on a grid of these."""
         moved = []
         for polygon, height in zip(self.found.polygons, self.found.height, strict=True):

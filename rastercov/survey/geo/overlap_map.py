@@ -115,16 +115,16 @@ def write(overlap_map: OverlapMap, place: GeoReference | None, path: Path) -> No
     if path.suffix.lower() == ".png":
         most = int(overlap_map.images.max(initial=0))
         pixels = overlap_map.images.astype(np.uint8) if most < 256 else overlap_map.images
-        write_bytes(path, _encoded(pixels, "PNG"))
+        write_bytes(path, _encode(pixels, "PNG"))
         x, y = overlap_map.corner + np.array((0.5, -0.5)) * overlap_map.cell
         lines = [overlap_map.cell, 0.0, 0.0, -overlap_map.cell, x, y]
         world = path.with_suffix(".pgw")
         write_bytes(world, "".join(f"{line!r}\n" for line in map(float, lines)).encode())
         return
-    write_bytes(path, _encoded(overlap_map.images, "TIFF", _tags(overlap_map, place)))
+    write_bytes(path, _encode(overlap_map.images, "TIFF", _tags(overlap_map, place)))
 
 
-def _encoded(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
+def _encode(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
     file, more = io.BytesIO(), {"compression": "tiff_adobe_deflate"} if kind == "TIFF" else {}
     if tags is not None:
         own = TiffImagePlugin.ImageFileDirectory_v2()

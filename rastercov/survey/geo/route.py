@@ -9,7 +9,7 @@ import shapely
 from rastercov.base import ByName, FloatArray, plural, row_lengths
 from rastercov.base.format import length
 from rastercov.report.drawing import SheetFrame, scale_bar
-from rastercov.report.plan_geometry import edges_between, seen_from_above
+from rastercov.report.plan_geometry import edges_between, outline_from_above
 from rastercov.survey.flight import Flight
 
 LEAST, LARGEST = np.array((90.0, 40.0)), np.array((180.0, 140.0))
@@ -55,7 +55,7 @@ def route_of(flight: Flight) -> ByName:
     return {
         "dot": min(max(step / 4, LEAST_DOT), DOT),
         "size": frame.size,
-        "surface": frame.path(seen_from_above(mesh).simplify(1e-4 * frame.scale)),
+        "surface": frame.path(outline_from_above(mesh).simplify(1e-4 * frame.scale)),
         **{name: frame.path(shapely.MultiLineString(list(own))) for name, own in lines.items()},
         "home": home.tolist(),
         "waypoints": [
@@ -111,12 +111,12 @@ def _labels(home: FloatArray, at: FloatArray) -> tuple[int, list[tuple[float, fl
             continue
         rows = [row for row in range(n) if _is_numbered(row, every, n)]
         texts = ["home", *(str(row + 1) for row in rows)]
-        labels = _placed(texts, np.stack((home, *at[rows])), at, FAR if every >= n else 1)
+        labels = _place_labels(texts, np.stack((home, *at[rows])), at, FAR if every >= n else 1)
         if len(labels) == len(texts):
             return every, labels
 
 
-def _placed(
+def _place_labels(
     texts: Sequence[str], points: FloatArray, at: FloatArray, far: int
 ) -> list[tuple[float, float, str]]:
     """Labels beside points, clear of each other, above few waypoints, up to one without room."""

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from rastercov.core.camera.viewpoints import look_at
-from rastercov.placement.candidates.pool import Candidates, rolled_candidates
+from rastercov.placement.candidates.pool import Candidates, roll_candidates
 from rastercov.placement.plan.entries import Count, Number, Positive
 from rastercov.placement.plan.generator import Generator, GeneratorScene
 
@@ -22,10 +22,10 @@ class Ring(Generator):
     height: Number = 0.0
     """Its height above the centre of the part, m."""
 
-    def made(self, spot: GeneratorScene) -> Iterator[Candidates]:
+    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
         """See `Generator`."""
         angle = np.arange(self.count) * (2 * np.pi / self.count)
         level = np.full(self.count, self.height)
         ring = np.stack((self.radius * np.cos(angle), self.radius * np.sin(angle), level), axis=1)
         poses = look_at(spot.mesh.centre + ring, spot.mesh.centre, spot.framing.up)
-        yield rolled_candidates(poses, "ring", np.arange(self.count), spot.framing)
+        yield roll_candidates(poses, "ring", np.arange(self.count), spot.framing)

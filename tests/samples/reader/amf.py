@@ -28,7 +28,7 @@ from rastercov.formats.meshes.xml_tree import (
     integers,
     local_name,
     look_at_names,
-    parsed,
+    parse_xml,
 )
 
 METRES = {"millimeter": 1e-3, "inch": 0.0254, "feet": 0.3048, "meter": 1.0, "micron": 1e-6}
@@ -43,7 +43,7 @@ def read(data: bytes, budget: int) -> Polygons:
     """Triangles of all objects, in metres."""
     if data.startswith(b"PK"):
         data = _unzip(data, budget)
-    root = parsed(data, "the AMF file", budget)
+    root = parse_xml(data, "the AMF file", budget)
     check(local_name(root) == "amf", f"expected an element amf, got {local_name(root)[:40]!r}")
     unit = root.get("unit", "millimeter")
     check(unit in METRES, f"expected a unit of {', '.join(METRES)}, got {unit[:40]!r}")

@@ -6,7 +6,7 @@ import numpy as np
 from misuse_values import FOLDER, POSES
 
 import rastercov as rc
-from rastercov.core.coverage.phases import phased
+from rastercov.core.coverage.phases import phased_features
 
 LAMPS = rc.Lamps([rc.Lamp.point(intensity=5), rc.Lamp.ring(0.1, points=3, intensity=5)], POSES)
 OF_SENSOR = {"exposure_time": 0.01, "f_number": 4.0, "pixel_size": 3e-6, "full_well": 1e4} | {
@@ -21,7 +21,9 @@ FILES = {
     "lamp.ies": "IES\nTILT=NONE\n1 9 1 2 1 1 2 0 0 0 1 1 9\n0 90\n0\n9 0\n",
     "lamps.toml": "[lamps.a]\nintensity_cd = 5\nrig = true\n",
 }
-ALONE = {"method": rc.Engine("exact", threads=1)} | dict.fromkeys(each.word for each in phased())
+ALONE = {"method": rc.Engine("exact", threads=1)} | dict.fromkeys(
+    each.word for each in phased_features()
+)
 CALLS = {
     "evaluate, lit": ALONE | {"by": "area", "fields": [], "lamps": LAMPS},
     "regions, lit": ALONE | {"lamps": LAMPS},

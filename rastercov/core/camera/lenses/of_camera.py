@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import CameraError, FloatArray, checked_array, read_only, shown
+from rastercov.base import CameraError, FloatArray, check_array, read_only, shown
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.lenses.planes import Proved, planes_in
 from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord
@@ -143,7 +143,7 @@ class LensModel:
         shape: tuple[int, ...],
     ) -> FloatArray:
         wanted = f"real numbers of shape (..., {n})"
-        given = checked_array(name, values, "iuf", wanted, CameraError)
+        given = check_array(name, values, "iuf", wanted, CameraError)
         if given.ndim < 1 or given.shape[-1] != n:
             raise CameraError(f"expected {name} of shape (..., {n}), got {given.shape}")
         flat = np.ascontiguousarray(given, np.float64).reshape(-1, n)
@@ -220,7 +220,7 @@ def ideal_camera(camera: Camera, plane: Proved) -> Camera:
     return replace(scaled, near=camera.near, model=MODEL)
 
 
-def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
+def _keep_with_camera(function: Callable[..., Found]) -> Callable[..., Found]:
     """Keep the result of a function of a lens, which takes seconds, for all that have the lens."""
     result = lru_cache(maxsize=MOST_LENSES)(function)
 
@@ -239,7 +239,7 @@ def _kept(function: Callable[..., Found]) -> Callable[..., Found]:
     return of_camera
 
 
-@_kept
+@_keep_with_camera
 def lens_of(camera: Camera) -> LensModel:
     """Lens of a camera, the pinhole's own for one without distortion.
 
@@ -253,7 +253,7 @@ def lens_of(camera: Camera) -> LensModel:
     return LensModel(camera.width, camera.height, *terms_of(camera), camera.max_angle_deg)
 
 
-@_kept
+@_keep_with_camera
 def planes_of(camera: Camera) -> tuple[Proved, ...]:
     """Ideal planes of the lens of a camera."""
     return lens_of(camera).proved
@@ -263,36 +263,36 @@ def curved_lens(camera: Camera) -> CurvedLens:
     """Lens of a camera for the loops."""
     lens, records = lens_of(camera), [each.record for each in planes_of(camera)]
 
-    def stacked(name: str) -> Any:
+    def stack(name: str) -> Any:
         return read_only(np.array([getattr(record, name) for record in records]))
 
-    def padded(name: str) -> tuple[Any, Any]:
+    def pad(name: str) -> tuple[Any, Any]:
         polygons = [getattr(record, name) for record in records]
         rows = np.zeros((len(polygons), MOST_SIDES, 2))
         for row, polygon in zip(rows, polygons, strict=True):
             row[: len(polygon)] = polygon
         return read_only(rows), read_only(np.array([len(each) for each in polygons], np.int64))
 
-    regions, region_sides = padded("region")
-    holes, hole_sides = padded("hole")
+    regions, region_sides = pad("region")
+    holes, hole_sides = pad("hole")
     return CurvedLens(
         lens.code,
         read_only(lens.params),
         float(camera.width),
         float(camera.height),
         not MODELS[camera.model].is_planar,
-        stacked("frame"),
-        stacked("params"),
+        stack("frame"),
+        stack("params"),
         regions,
         region_sides,
         holes,
         hole_sides,
-        stacked("longest"),
-        stacked("parts_of"),
-        stacked("is_graded"),
-        stacked("bend"),
-        stacked("arc_half"),
-        stacked("arc_bend"),
+        stack("longest"),
+        stack("parts_of"),
+        stack("is_graded"),
+        stack("bend"),
+        stack("arc_half"),
+        stack("arc_bend"),
         records[0].tolerance,
         unit_of(camera),
     )
