@@ -90,7 +90,7 @@ class Session(viewer.Session):
             "open": lambda: open_live(self) | {"engine": ""} | self.more,
             "load": self.load,
             "ping": lambda: {"revision": self.load()["revision"], "measured": []},
-            "job": self.work.described,
+            "job": self.work.describe,
             "startJob": lambda: self.work.start(given),
             "cancelJob": self.work.cancel,
             "drawing": self.describe_drawing,
@@ -131,7 +131,7 @@ class Session(viewer.Session):
         self.call("keepDrawing", changes)
 
     def described(self):
-        return self.scene.described()
+        return self.scene.describe()
 
     @property
     def history(self):

@@ -30,9 +30,10 @@ def entries_of(name):
 
 
 def size_of(name):
-    """Files that an addition touches, and the lines that it adds."""
+    """Files that an addition touches beside its twin, and the lines that it adds."""
     entries = entries_of(name)
     paths = {*entries["files"], *(each["path"] for each in entries["edits"])}
+    paths = {each for each in paths if not each.startswith("rastercov/reference/")}
     lines = [
         (SAMPLES / name / each).read_text(encoding="utf-8") for each in entries["files"].values()
     ]
@@ -45,7 +46,7 @@ def size_of(name):
 
 def copy(root, folder):
     """The package as links, which `add` replaces by files."""
-    left_out = shutil.ignore_patterns("*.cpp", "*.hpp", "*.pyc")
+    left_out = shutil.ignore_patterns("*.pyc")
     shutil.copytree(
         root / "rastercov", folder / "rastercov", copy_function=os.symlink, ignore=left_out
     )

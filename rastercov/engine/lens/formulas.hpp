@@ -8,8 +8,8 @@
 //     tilt         (a, b) -> (a, b)       homography of a tilted sensor
 //     pixels       u = fx a + skew b + cx,  v = fy b + cy
 //
-// A new base has its law in `based` and the inverse in `ray_of`; what else a number needs is an
-// overload of sqrt, atan2 or angle_over_r.
+// A new base has its law in `image_of_base` and the inverse in `ray_of`; what else a number needs
+// is an overload of sqrt, atan2 or angle_over_r.
 //
 // Sources: reference/lenses.py. Intervals and balls, by which images are bounded: series.hpp and
 // ball.hpp. N. Shibata, F. Petrogalli. SLEEF: A Portable Vectorized Library
@@ -226,7 +226,8 @@ INLINE Point<N> image_of_base(Code code, const Params &p, N X, N Y, Depth depth)
     return {X * g, Y * g};
 }
 
-// Ray of unit length of a point of the plane of the base, the inverse of `based`.
+// Ray of unit length of a point of the plane of the base, the inverse of
+// `image_of_base`.
 inline Ray ray_of(int64_t code, const Params &p, double x, double y) {
     constexpr double PI = std::numbers::pi;
     const double r = rounded::hypot(x, y);
