@@ -27,6 +27,8 @@ TITLE, GOAL = "## rastercov check", "coverage of "
 COLUMNS = "\n| status | requirement or dead zone | cause and advice |\n|--|--|--|"
 KINDS = {"": "system-out", "error": "error"}
 """Elements of JUnit by status, where that is no failure."""
+WORDS = {"": "", "error": "error", "undecided": "undecided"}
+"""Words of a summary by status, where that is not "fails"."""
 OURS = rb"<\?xml[^>]*>\s*<testsuites name=.rastercov.[ >]|" + TITLE.encode()
 """Start of a file that an earlier check wrote."""
 
@@ -103,26 +105,34 @@ def _against(against: Against, level: int | None) -> list[Case]:
 def write(junit: Path | None, summary: Path | None, plan: Path, cases: Sequence[Case]) -> None:
     """Write the files that are asked for."""
     if junit is not None:
-        _write_junit(junit, plan, [case for case in cases if not case.zones])
+        _write_junit(junit, plan, cases)
     if summary is not None:
         _write_summary(summary, plan, cases)
 
 
 def _write_summary(path: Path, plan: Path, cases: Sequence[Case]) -> None:
-    """Write the failures in Markdown, a table row per case, those that lose most first."""
-    failing = [case for case in cases if case.status]
-    words = [e.status if e.status in ("error", "undecided") else "fails" for e in failing]
-    lines = [f"{TITLE} {plan.name}: {min(words, default='holds')}"]
+    """Write the worst failures in Markdown, a table row per case."""
+    failing = _worst(cases)
+    words = [WORDS.get(case.status, "fails") for case in failing]
+    lines = [f"{TITLE} {plan.name}: {min(filter(None, words), default='holds')}"]
     lines += [COLUMNS] if failing else ["", *(_mark(case.lines[0]) for case in cases[:1])]
+    for word, case in zip(words, failing, strict=True):
+        cells = [word, case.lines[0], "\n".join(case.lines[1:])]
+        lines.append(f"| {' | '.join(map(_mark, cells))} |".replace("\n", "<br>"))
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _worst(cases: Sequence[Case]) -> list[Case]:
+    """Failures of each kind that lose most, and a line that counts the others."""
+    worst = list[Case]()
     for kind, most in MOST_ROWS.items():
-        own = [case for case in failing if case.kind == kind]
-        for case in own[:most]:
-            cells = [words[failing.index(case)], case.lines[0], "\n".join(case.lines[1:])]
-            lines.append(f"| {' | '.join(map(_mark, cells))} |".replace("\n", "<br>"))
+        own = [case for case in cases if case.status and case.kind == kind]
+        worst += own[:most]
         if own[most:]:
             count = sum(case.zones or 1 for case in own[most:])
-            lines.append(f"| | and {plural(count, f'more {kind}')} | |")
-    write_text(path, "\n".join(lines) + "\n")
+            line = f"and {plural(count, f'more {kind}')}"
+            worst.append(Case(line, "", [line], kind))
+    return worst
 
 
 def _mark(text: str) -> str:
@@ -131,7 +141,9 @@ def _mark(text: str) -> str:
 
 
 def _write_junit(path: Path, plan: Path, cases: Sequence[Case]) -> None:
-    """Write the outcome as JUnit XML, with a test case for each."""
+    """Write the worst failures and what holds as JUnit XML, with a test case for each."""
+    shown = [*_worst(cases), *(case for case in cases if not case.status)]
+    cases = [case for case in shown if not case.zones]
     kinds = [KINDS.get(case.status, "failure") for case in cases]
     counts = {"tests": str(len(kinds)), "failures": str(kinds.count("failure"))}
     counts["errors"] = str(kinds.count("error"))
