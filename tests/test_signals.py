@@ -241,7 +241,7 @@ class Named:
 def refused():
     type("Owner", (), {"name": Named()})  # Python 3.11 makes a RuntimeError of what is raised
 
-rastercov.cli._refused_for_memory = refused
+rastercov.cli._refuse_for_memory = refused
 """
 
 

@@ -81,7 +81,7 @@ def test_poses_that_kill_are_found_and_left_out(tmp_path):
     watch = Watch()
     run(job, watch)
     assert watch.numbers == list(range(6))
-    table = {number: left for number in range(6) if (left := job.left_out(number))}
+    table = {number: left for number in range(6) if (left := job.missing_rows(number))}
     assert {n: set(poses) for n, poses in table.items()} == {1: {1, 2}, 4: {3}}
     assert set(table[1].values()) == {"was killed by SIGKILL"}
     assert {made.number: made.quarantined for made in watch.made if made.quarantined} == table

@@ -204,7 +204,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
     assert of_zones <= {"cam fails", "proj fails"}
     shown = network_of(result, said, "heads", regions_of(result))
     assert [shown.noun, *shown.names] == ["pose", "camera 1", "camera 3"]
-    drawn = shown.drawn()
+    drawn = shown.draw()
     assert {"overview", "zones"} <= drawn.keys()
     every = {0, *devices.values()}
     assert len(hatches) >= 4  # two sides of both

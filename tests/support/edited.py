@@ -122,7 +122,7 @@ class Session(viewer.Session):
         """The rig of the page, as it asks about it."""
         self.call("load")
         asked = viewer.check_entries(viewer.Of, self.call("asked"))
-        return self.taken(asked.rig, asked.at, asked.goal)
+        return self.take(asked.rig, asked.at, asked.goal)
 
     def described_state(self):
         return self.call("state")

@@ -106,7 +106,7 @@ def find_bits(folder):
     rc.placement.build_matrix((mesh, camera), poses, rc.Task(), folder)
     matrix = MatrixFolder.open(folder)
     work(matrix.store, 0)
-    print("bits of", matrix.covered(0.3, mesh.n_faces)[0].n_faces, "faces")
+    print("bits of", matrix.rows_and_areas(0.3, mesh.n_faces)[0].n_faces, "faces")
 
 
 if __name__ == "__main__":

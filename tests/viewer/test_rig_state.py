@@ -138,8 +138,8 @@ def test_poses_have_their_cameras_and_those_that_are_off_are_left_out(fresh):
 def test_equal_rigs_are_one_state_so_that_what_is_measured_stays(fresh):
     rig = TakenRig.model_validate(rig_of(fresh))
     again = TakenRig.model_validate(rig.model_dump())
-    assert fresh.taken(rig, [], "").state is fresh.taken(again, [], "").state
+    assert fresh.take(rig, [], "").state is fresh.take(again, [], "").state
     moved = again.model_copy(update={"stations": again.stations[1:]})
-    other = fresh.taken(moved, [], "").state
-    assert other.whole is fresh.taken(rig, [], "").state.whole
+    other = fresh.take(moved, [], "").state
+    assert other.whole is fresh.take(rig, [], "").state.whole
     assert np.array_equal(other.stations[0].pose, np.reshape(again.stations[1].pose, (4, 4)))

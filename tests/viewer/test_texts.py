@@ -29,7 +29,7 @@ def test_the_page_writes_numbers_as_python_does(node, tmp_path):
 @NEEDS_NODE
 @pytest.mark.parametrize("value", [62.25, 0.5, 2.5, 1e22, 5e-324, -0.0, 1.7e308, math.inf])
 def test_ends_and_ties(node, tmp_path, value):
-    given = [["formatted", "inf" if math.isinf(value) else value, spec] for spec in SPECS[2:]]
+    given = [["formatNumber", "inf" if math.isinf(value) else value, spec] for spec in SPECS[2:]]
     (tmp_path / "cases.json").write_text(json.dumps(given))
     assert node("texts.mjs", tmp_path / "cases.json") == [format(value, each) for each in SPECS[2:]]
 

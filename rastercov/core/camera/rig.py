@@ -49,7 +49,7 @@ from rastercov.core.camera.equipment import Equipment, equipment_of, equipment_w
 from rastercov.core.camera.gate import Gate
 from rastercov.core.camera.parallel import FAR
 from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.rule import All, Rule, compile_rule, rename
+from rastercov.core.camera.rule import All, Rule, compile_rule, rename_devices
 from rastercov.core.camera.rule import Any as AnyOf
 from rastercov.core.mesh import Mesh
 
@@ -301,7 +301,7 @@ class Rig(InOneLine):
             gates |= {first + row: gate for row, gate in rig.gates.items()}
             tasks |= {names[first + rig.names.index(name)]: own for name, own in rig.tasks.items()}
             first += len(rig)
-        rule = rename(rigs[0].rule, rigs[0].names, names) if len(rigs) == 1 else AnyOf()
+        rule = rename_devices(rigs[0].rule, rigs[0].names, names) if len(rigs) == 1 else AnyOf()
         return made._with(tasks=tasks, fixed=tuple(fixed), gates=gates, rule=rule)
 
     def _with(self, **changes: object) -> "Rig":

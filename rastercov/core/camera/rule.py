@@ -308,7 +308,7 @@ def compile_rule(
     return {"rule": rule, "gates": {} if gate is None else {0: gate}}
 
 
-def rename(rule: Rule, before: Sequence[str], after: Sequence[str]) -> Rule:
+def rename_devices(rule: Rule, before: Sequence[str], after: Sequence[str]) -> Rule:
     """The rule of devices that have other names."""
     names = dict(zip(before, after, strict=True))
     if isinstance(rule, AtLeast):
