@@ -489,9 +489,11 @@ def _part(mesh: Mesh, own: Mesh) -> ByName:
     Targets that `own` is without are occluders that hide nothing.
     """
     kept = np.flatnonzero(np.isin(mesh.face_group, np.unique(own.face_group)))
-    is_closed = own.opaque.can_cull_back_faces
     roles = [
-        now.is_occluder + 2 * each.is_target + 4 * now.is_two_sided + 8 * is_closed
+        now.is_occluder
+        + 2 * each.is_target
+        + 4 * now.is_two_sided
+        + 8 * own.opaque.can_cull_back_faces
         for each, now in zip(mesh.groups, own.groups, strict=True)
     ]
     areas = unseeable_areas(own)

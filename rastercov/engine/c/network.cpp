@@ -514,10 +514,10 @@ void link(Zones &zones, const engine::Room<double> &excess, const int32_t *group
 }
 
 // Drops the pieces of no zone, which may be covered.
-Zones certain(const Zones &from) {
+Zones certain(Zones from) {
     Zones out;
-    out.surface = from.surface;
-    out.sizes = from.sizes;
+    out.surface = std::move(from.surface);
+    out.sizes = std::move(from.sizes);
     for (size_t p = 0; p < from.face.size(); p++) {
         if (from.zone[p] < 0) continue;
         out.add(from, int64_t(p), from.views[p], from.reason[p]);
@@ -551,7 +551,7 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     engine::Room<double> excess(n);
     std::copy_n(both.begin() + n, n, excess.begin());
     link(zones, excess, wanted.groups);
-    return certain(zones);
+    return certain(std::move(zones));
 }
 } // namespace
 } // namespace rastercov::c
