@@ -4,7 +4,8 @@ Rigs of random scenes are edited by the modules of the page, in Node with its en
 Python: pinholes, lenses and panoramas, rigs with a rule, plans with goals, and lamps, for which
 the page asks the program. Covered area with its bound, figures of each camera, states of goals,
 dead zones with their reasons and words, reasons at the middle of faces, and advice: none may
-differ. Of a text that has a figure at a tie of two roundings the digit may.
+differ. Both have the pieces of one engine; sums in another order, and roots of another library,
+may differ by `REL`.
 """
 
 import math
@@ -29,12 +30,14 @@ from rastercov.page.scene import Scene
 from rastercov.page.session import remove_head
 
 RIGS = 500
+ONCE_WRONG = (16, 17, 63)
+"""Seeds of a small part: closed bodies, a rule with bounds, and advice."""
 EDITS = 2
 """Edits of each rig, after which it is compared again."""
 FACES = 4
 """Faces of each rig whose reasons and advice are compared."""
-REL = 1e-9
-"""Part of a figure, and of the evaluated area, that is rounding."""
+REL = 1e-12
+"""Part of a figure, and of the area, that is rounding of a sum of some thousand terms."""
 
 
 class Own(Session):
@@ -52,7 +55,7 @@ def attack(report: Report, effort: float) -> None:
         return
     wrong, seen = Counter[str](), Counter[str]()
     with TemporaryDirectory() as folder:
-        for seed in range(max(4, round(RIGS * effort))):
+        for seed in dict.fromkeys((*ONCE_WRONG, *range(round(RIGS * effort)))):
             compare(seed, Path(folder), wrong, seen)
     for name, n in sorted(seen.items()):
         report.add(f"page: {name}", n, "")
@@ -119,38 +122,36 @@ def _edit(session: Own, rng: np.random.Generator) -> None:
 def _differences(session: Own, rng: np.random.Generator, seen: Counter[str]) -> set[str]:
     """Names of what differs."""
     head, _ = acted(session)
-    summary, answers = head["summary"], session.now()
+    answers = session.now()
     told = answers.answer("frame", mode="reason", options={}, station=None)
-    expected = remove_head(told)[0]["summary"]
-    found, total = set(), float(np.asarray(session.scene.mesh.areas).sum())
-    # Sines of two libraries differ in the last digit, and with them what a lens leaves undecided.
-    doubt = expected["covered_area"]["bound_percent"]
-    if not _alike(summary["covered_area"], expected["covered_area"], total):
-        found.add("area")
-    for one, same in zip(summary["by_camera"], expected["by_camera"], strict=True):
-        for name in ("station", "area_percent", "alone_percent"):
-            if not _equal(one[name], same[name], 100.0, doubt):
-                found.add("cameras")
-    states = [
-        [{name: each[name] for name in ("goal", "status", "words")} for each in own["required"]]
-        for own in (summary, expected)
-    ]
-    if states[0] != states[1]:
-        found.add("goals")
+    summary, expected = head["summary"], remove_head(told)[0]["summary"]
+    total, found = float(np.asarray(session.scene.mesh.areas).sum()), set()
+    for name, of in (("area", "covered_area"), ("cameras", "by_camera"), ("goals", "required")):
+        one, same = (_stripped(own[of]) for own in (summary, expected))
+        if not _alike(one, same, total):
+            found.add(name)
+            print(f"  page:    {one}\n  program: {same}")
     zones, wanted = session.call("zones"), session.zones()
     seen["zones"] += len(wanted)
     if len(zones) != len(wanted):
         found.add("zones")
     for one, same in zip(zones, wanted, strict=False):
-        numbers = [*zip(one["centre"], same["centre"], strict=True), (one["area"], same["area"])]
-        if not all(_equal(a, b, total, doubt * total / 100) for a, b in numbers) or any(
-            one[name] != same[name] for name in ("reason", "group", "faces")
-        ):
-            found.add("zones")
-        if one["words"] != same["words"]:
+        words = one.pop("words"), same.pop("words")
+        if words[0] != words[1]:
             found.add("words of zones")
-            print(f"  page:    {one['words']}\n  program: {same['words']}")
+            print(f"  page:    {words[0]}\n  program: {words[1]}")
+        if not _alike(one, same, total):
+            found.add("zones")
+            print(f"  page:    {one}\n  program: {same}")
     return found | _of_faces(session, rng, seen)
+
+
+def _stripped(entries: object) -> object:
+    """Entries of a summary without those of results by face, which a page has none of."""
+    if isinstance(entries, list):
+        return [_stripped(each) for each in entries]
+    assert isinstance(entries, dict)
+    return {name: each for name, each in entries.items() if name not in ("faces", "asked")}
 
 
 def _of_faces(session: Own, rng: np.random.Generator, seen: Counter[str]) -> set[str]:
@@ -158,19 +159,25 @@ def _of_faces(session: Own, rng: np.random.Generator, seen: Counter[str]) -> set
     mesh, state, found = session.moment.mesh, session.state, set()
     faces = np.flatnonzero(mesh.task_mask & (np.asarray(mesh.areas) > 0))
     faces = rng.choice(faces, min(FACES, len(faces)), replace=False)
-    for face in faces.tolist() if session.is_own and state.on else ():
-        said, served = session.call("why", face)["cameras"], session.why(face)["cameras"]
+    for face in faces.tolist():
+        told = session.call("why", face)
+        said, served = told["cameras"], session.why(face)["cameras"]
+        if not told.get("isOfCentre"):
+            seen["faces that the program answers"] += 1
+            continue
         for station, one, same in zip(state.on, said, served, strict=True):
             camera = state.cameras[station.camera]
             point = np.asarray(mesh.centroids)[face][None]
             task = state.whole.tasks.get(station.camera, state.task)
-            ((_, reason, _),) = failures_of_rows(
+            ((_, (reason,), (hider,)),) = failures_of_rows(
                 mesh, camera, task, rc.Poses.of(station.pose), point, np.array([face])
             )
+            group = None if hider < 0 else int(mesh.face_group[hider])
             seen["reasons of faces"] += 1
-            if one["reason"] != NAMES[reason[0]].lower():
+            hidden_by = one["occluder"] and one["occluder"]["group"]
+            if (one["reason"], hidden_by) != (NAMES[reason].lower(), group):
                 found.add("reasons")
-                print(f"  page:    {one['reason']}\n  program: {NAMES[reason[0]]} of face {face}")
+                print(f"  page:    {one['reason']}\n  program: {NAMES[reason]} of face {face}")
             is_same = one["reason"] == same["reason"] and one["occluder"] == same["occluder"]
             if is_same and one["help"] != same["help"]:
                 found.add("advice")
@@ -178,24 +185,16 @@ def _of_faces(session: Own, rng: np.random.Generator, seen: Counter[str]) -> set
     return found
 
 
-def _equal(one: object, same: object, size: float, doubt: float = 0.0) -> bool:
-    if not isinstance(one, float | int) or not isinstance(same, float | int):
-        return one == same
-    return math.isclose(one, same, rel_tol=REL, abs_tol=REL * size + doubt)
-
-
-def _alike(one: dict, same: dict, total: float) -> bool:
-    """True if covered areas are equal, and bounds alike."""
-    if one.keys() != same.keys():
-        return False
-    for name, value in same.items():
-        if name == "by_views":
-            pairs = zip(one[name], value, strict=True)
-            if not all(_equal(a["m2"], b["m2"], total) for a, b in pairs):
-                return False
-        elif name.startswith(("bound", "doubtful")):
-            if not value / 3 - REL * total <= one[name] <= 3 * value + REL * total:
-                return False
-        elif not _equal(one[name], value, total):
-            return False
-    return True
+def _alike(one: object, same: object, total: float) -> bool:
+    """True of equal entries; numbers may differ by the rounding of sums and of roots."""
+    if isinstance(same, dict) and isinstance(one, dict):
+        return one.keys() >= same.keys() and all(
+            _alike(one[name], each, total) for name, each in same.items()
+        )
+    if isinstance(same, list) and isinstance(one, list):
+        return len(one) == len(same) and all(
+            _alike(*each, total) for each in zip(one, same, strict=True)
+        )
+    if isinstance(same, float) and isinstance(one, float | int):
+        return math.isclose(one, same, rel_tol=REL, abs_tol=REL * max(1.0, total))
+    return one == same

@@ -543,7 +543,7 @@ def why(measurements: Measurements, figures: NetworkFigures, face: int) -> ByNam
         "centre": mesh.centroids[face].tolist(),
         "normal": mesh.normals[face].tolist(),
         "words": _words(mesh, figures, face),
-        "cameras": [_of_station(measurements, state, each, face) for each in asked],
+        "cameras": [_of_station(measurements, figures, each, face) for each in asked],
     }
 
 
@@ -573,9 +573,12 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     return f"Face of {size}: not covered, {why} in the camera that passes most criteria."
 
 
-def _of_station(measurements: Measurements, state: RigState, station: Station, face: int) -> ByName:
+def _of_station(
+    measurements: Measurements, figures: NetworkFigures, station: Station, face: int
+) -> ByName:
     """Figures of the face in one camera."""
-    mesh, camera, task = measurements.mesh, state.camera_of(station), state.task_of(station.camera)
+    mesh, state = measurements.mesh, figures.state
+    camera, task = state.camera_of(station), state.task_of(station.camera)
     observer = measurements.observer(camera)
     batch = next(evaluate_batches(observer, station.pose[None], task, fields=OF_A_FACE))
     table = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
@@ -603,6 +606,8 @@ def _of_station(measurements: Measurements, state: RigState, station: Station, f
         "inside the image": percent(table["in_view_fraction"]),
     }
     hider = "" if occluder is None else occluder["name"]
+    if figures.areas is not None:
+        table["drawn_pixels"] = 0.0  # a result by area does not ask for pixels of whole faces
     tip = advice(name, table, depth, task, camera, hider, state.unit)
     rig = state.rig()
     lead = Poses.of(station.pose[None], camera=[rig.names.index(station.camera)])

@@ -130,7 +130,7 @@ class Session(viewer.Session):
     def draw(self, changes):
         self.call("keepDrawing", changes)
 
-    def described(self):
+    def describe(self):
         return self.scene.describe()
 
     @property
@@ -209,5 +209,5 @@ class Work:
     def draw(self, changes):
         self.call("keepDrawing", changes)
 
-    def described(self):
+    def describe(self):
         return self._said

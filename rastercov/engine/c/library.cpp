@@ -196,8 +196,7 @@ rc_status rc_surface_create(const double *vertices, int64_t n_vertices, const in
         expect_array(vertices, "vertices");
         expect_array(faces, "faces");
         for (int64_t f = 0; roles && f < n_faces; f++)
-            expect(roles[f] < 8, "roles of 0 to 7", roles[f],
-                   "combine RC_OCCLUDER, RC_TARGET and RC_TWO_SIDED");
+            expect(roles[f] < 16, "roles of 0 to 15", roles[f], "see RC_OCCLUDER");
         const auto made = std::make_shared<SurfaceObject>();
         made->mesh = engine::make_mesh({vertices, {n_vertices}}, {faces, {n_faces}},
                                        {roles, {roles ? n_faces : 0}});

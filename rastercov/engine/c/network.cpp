@@ -206,9 +206,7 @@ struct Network {
 
     // A union of what the rows cover, counted up to some views.
     std::shared_ptr<UnionObject> united(int64_t views) {
-        auto made = union_of(surface, views);
-        for (const Row &row : rows) add_poses(*made->all, {&covered_by(row, {})->poses[0]});
-        return made;
+        return united({}, Mask(n_faces(), true), views);
     }
 
     // What the rows cover of some faces without the criteria of a stage, added at once.
@@ -216,9 +214,9 @@ struct Network {
         auto made = union_of(surface, views);
         std::vector<Regions> own;
         std::vector<const Regions *> all;
+        const auto is_asked = [&](int32_t f) { return asked[f]; };
         for (const Row &row : rows)
-            own.push_back(choose_regions(covered_by(row, stage)->poses[0],
-                                         [&](int32_t f) { return asked[f]; }));
+            own.push_back(choose_regions(covered_by(row, stage)->poses[0], is_asked));
         for (const Regions &each : own) all.push_back(&each);
         add_poses(*made->all, all);
         return made;
@@ -321,16 +319,13 @@ struct Network {
 
 // Each set of criteria that are asked, small ones first.
 std::vector<Stage> stages_of(uint32_t asked) {
-    std::vector<uint32_t> bits;
-    for (const uint32_t each : ASKED)
-        if (asked & each) bits.push_back(each);
     std::vector<Stage> found;
-    for (int size = 1; size <= int(bits.size()); size++)
-        for (uint32_t set = (1U << bits.size()) - 1; set > 0; set--) { // the first bit is highest
-            if (std::popcount(set) != size) continue;
+    for (int size = 1; size <= int(ASKED.size()); size++)
+        for (uint32_t set = (1U << ASKED.size()) - 1; set > 0; set--) { // the first bit is highest
             uint32_t rows = 0;
-            for (size_t k = 0; k < bits.size(); k++)
-                if (set >> (bits.size() - 1 - k) & 1) rows |= bits[k];
+            for (size_t k = 0; k < ASKED.size(); k++)
+                if (set >> (ASKED.size() - 1 - k) & 1) rows |= ASKED[k];
+            if (std::popcount(set) != size || rows & ~asked) continue;
             found.push_back({rows, false});
             if (rows & coverage::IS_STEEP && asked & coverage::IS_COARSE & ~rows)
                 found.push_back({rows, true});
@@ -519,10 +514,10 @@ void link(Zones &zones, const engine::Room<double> &excess, const int32_t *group
 }
 
 // Drops the pieces of no zone, which may be covered.
-Zones certain(const Zones &from) {
+Zones certain(Zones from) {
     Zones out;
-    out.surface = from.surface;
-    out.sizes = from.sizes;
+    out.surface = std::move(from.surface);
+    out.sizes = std::move(from.sizes);
     for (size_t p = 0; p < from.face.size(); p++) {
         if (from.zone[p] < 0) continue;
         out.add(from, int64_t(p), from.views[p], from.reason[p]);
@@ -535,7 +530,7 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     network.begin();
     const int64_t n = network.n_faces();
     const int64_t views = std::max(1, *std::max_element(wanted.views, wanted.views + n));
-    const auto all = network.united({}, Mask(n, true), views);
+    const auto all = network.united(views);
     engine::Room<double> levels(views * n), both(2 * n);
     all->all->write_areas({levels.begin(), {views, n}});
     all->all->write_bounds({both.begin(), {2, n}});
@@ -556,7 +551,7 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     engine::Room<double> excess(n);
     std::copy_n(both.begin() + n, n, excess.begin());
     link(zones, excess, wanted.groups);
-    return certain(zones);
+    return certain(std::move(zones));
 }
 } // namespace
 } // namespace rastercov::c

@@ -141,7 +141,7 @@ Mesh make_mesh(exact::Vertices vertices, Faces faces, Column<const uint8_t> role
     mesh->is_asked = mask(OCCLUDER, false);
     set_frames(*mesh);
     set_opaque(*mesh, faces);
-    const bool is_empty = mesh->opaque.size() == 0;
+    const bool is_empty = mesh->opaque.size() == 0, has_targets = mesh->opaque.size() < 3 * n;
     if (is_empty) set_no_opaque(*mesh);
     const exact::Vertices all = mesh->vertices.rows<3>();
     const Welded opaque = {is_empty ? mesh->box.rows<3>() : all, mesh->opaque.rows<3>()};
@@ -151,11 +151,14 @@ Mesh make_mesh(exact::Vertices vertices, Faces faces, Column<const uint8_t> role
         const auto corner = [&](int k) { return opaque.vertices[opaque.faces(f, k)].data; };
         mesh->opaque_is_flat[f] = is_flat(corner(0), corner(1), corner(2));
     }
-    const bool has_targets =
-        std::find(mesh->is_target.begin(), mesh->is_target.end(), true) != mesh->is_target.end();
     const int64_t n_threads = std::max(1U, std::thread::hardware_concurrency());
     auto finder =
         finder_of(opaque, mesh->opaque_is_flat.rows(), diagonal_of(bounds), mesh, n_threads);
+    const auto is_closed = [](uint8_t role) { return (role & (CLOSED | TARGET)) != 0; };
+    if (!is_empty && roles.rows() > 0 && std::all_of(roles.begin(), roles.end(), is_closed))
+        finder.hides_its_back = [diagonal = finder.diagonal](double distance) {
+            return decade_of(distance, diagonal) == 0;
+        };
     const BoolArray is_target = mesh->is_target.rows();
     auto surface = build_surface(opaque, {all, mesh->faces.rows<3>()},
                                  has_targets ? is_target : BoolArray(), std::move(finder));

@@ -159,10 +159,10 @@ TEST_CASE("what is asked for in vain has a code and a line") {
     refused(rc_surface_create(nullptr, 8, scene.faces.data(), 12, nullptr, &none), "got null");
     refused(rc_surface_create(scene.vertices.data(), 8, scene.faces.data(), 12, nullptr, nullptr),
             "got null");
-    const std::vector<uint8_t> roles(12, 8);
+    const std::vector<uint8_t> roles(12, 16);
     refused(
         rc_surface_create(scene.vertices.data(), 8, scene.faces.data(), 12, roles.data(), &none),
-        "roles of 0 to 7, got 8");
+        "roles of 0 to 15, got 16");
     rc_solver *solver = nullptr;
     refused(rc_solver_create(surface, 7, 1, &solver), "RC_CERTIFIED or RC_EXACT");
     refused(rc_solver_create(surface, RC_EXACT, 0, &solver), "1 to 1024 threads");
