@@ -74,8 +74,13 @@ def attack(report: Report, effort: float) -> None:
 def compare(seed: int, score: Score, *, moves: bool = False) -> None:
     """Hold the zones of one scene against its points."""
     rng = np.random.default_rng([seed, 58])
-    mesh, camera, poses, task = scene(rng)
-    asked = a_motion(rng, mesh) if moves else None
+    own = scene(rng)
+    hold(seed, score, own, a_motion(rng, own[0]) if moves else None, rng)
+
+
+def hold(seed: int, score: Score, of_scene, asked, rng: np.random.Generator) -> None:
+    """As `compare`, of a mesh, cameras, their poses and a task, and what is asked over time."""
+    mesh, camera, poses, task = of_scene
 
     def judged(points, face) -> Reasons:
         if asked is None:

@@ -14,7 +14,16 @@ from rastercov.core.area.frames import rows_at
 from rastercov.core.area.overlay import Overlay
 from rastercov.core.area.polygons import polygon_areas
 from rastercov.core.area.zones import areas_by_reason, dead_zones
-from rastercov.core.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, name_of
+from rastercov.core.coverage.reasons import (
+    BETWEEN,
+    CRITERIA,
+    NAMES,
+    REASONS,
+    Reason,
+    code_of,
+    name_of,
+)
+from rastercov.engine import area_reason
 from rastercov.reference.regions import points_on, reasons_of_points
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
@@ -29,6 +38,68 @@ def test_the_reason_of_a_zone_is_that_of_its_points(seed):
     assert score.points > 100
     assert (score.wrong, score.unequal) == ([], 0)
     assert score.sums <= 1
+
+
+def triangles_that_turn(seed, camera, task):
+    """Three large triangles, of which two turn, a camera or a rig around, and what is asked."""
+    rng = np.random.default_rng([seed, 76])
+    corners = rng.uniform(-0.5, 0.5, (3, 1, 3)) + rng.uniform(-2, 2, (3, 3, 3))
+    parts = [rc.Group(f"part {row}", is_two_sided=True) for row in range(3)]
+    mesh = rc.Mesh(corners.reshape(-1, 3), np.arange(9).reshape(-1, 3), parts, np.arange(3))
+    away = rng.normal(size=(1 + seed % 2, 3))
+    eyes = away / np.linalg.norm(away, axis=1)[:, None] * 4
+    poses = rc.look_at(eyes, rng.uniform(-1, 1, eyes.shape))
+    aside = np.repeat(np.eye(4)[None], 2, axis=0)
+    aside[1, 0, 3] = 2.5
+    rig = rc.Rig([camera] * 2, ["a", "b"], aside, rule=rc.All())
+    task = replace(task, min_pixels_per_m2=(70 * rng.uniform(0.6, 1.1)) ** 2)
+    turns = {
+        f"part {row}": rc.turntable(2, axis=rng.normal(size=3), degrees=80) for row in range(2)
+    }
+    over, at = [("all", "one time"), ("some", "one time"), ("all", "any time")][seed % 4 - 1]
+    asked = rc.MotionQuery(rc.Motion(mesh, turns), over, at) if seed % 4 else None
+    return (mesh, rig if seed % 3 else camera, poses, task), asked, rng
+
+
+@pytest.mark.parametrize("seed", [4, 8, 22, 23, 27, 29, 33, 35, 39])
+def test_each_view_of_a_rig_and_of_each_frame_is_judged_by_its_own_angle(seed):
+    """A steep one has the density of the allowed angle, another one that which it has."""
+    from attack_reasons import Score, hold
+
+    camera, score = rc.Camera(width=640, height=480, fx=280, fy=280), Score()
+    scene, asked, rng = triangles_that_turn(seed, camera, rc.Task(max_incidence_deg=45))
+    hold(seed, score, scene, asked, rng)
+    assert score.dead > 100
+    assert (score.wrong, score.unequal) == ([], 0)
+    assert score.sums <= 1
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_part_wider_than_what_is_not_certain_keeps_its_reason(seed):
+    """Strips and squares of a face whose borders are uncertain by a width to either side."""
+    rng, n = np.random.default_rng([seed, 77]), 12
+    width = 10 ** rng.uniform(-5, -2)
+    wide = rng.random(n) < 0.5
+    wide[0] = True
+    sides = np.stack(
+        [
+            np.where(wide, rng.uniform(5, 50, n), rng.uniform(0, 1, n)) * width,
+            rng.uniform(50, 90, n) * width,
+        ],
+        axis=1,
+    )
+    boxes = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * sides[:, None]
+    areas, outlines = sides.prod(axis=1), 2 * sides.sum(axis=1)
+    facts = np.ones(1, bool), np.zeros(1, np.uint32), np.array([width * outlines.sum()])
+    pieces = boxes.reshape(-1, 2), 4 * np.arange(n + 1), np.zeros(n, np.int32)
+    criteria, codes = np.array(CRITERIA, np.uint8), np.empty(n, np.uint32)
+    sets = np.arange(1, n + 1, dtype=np.uint32)  # part k is covered without the set k
+    tags = np.int64(1) | np.int64(2) << np.arange(n)
+    area_reason.name_parts((pieces, tags, areas), sets, criteria, facts, codes)
+    own = [
+        code_of([CRITERIA[bit] for bit in range(5) if bits >> bit & 1]) for bits in sets.tolist()
+    ]
+    assert codes.tolist() == np.where(wide, own, own[areas.argmax()]).tolist()
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3, 5, 8, 13, 16, 30])

@@ -7,7 +7,7 @@ covered area does not depend on the triangles that the surface is cut into. See 
 """
 
 from collections.abc import Collection, Iterator
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
 from typing import Any
 
@@ -22,7 +22,7 @@ from rastercov.core.area.frames import frames_of, rows_at
 from rastercov.core.area.records import Criteria, LensCriteria, Planes
 from rastercov.core.area.relaxed import without_borders, without_occlusion
 from rastercov.core.area.rows import tasks_of, with_rule
-from rastercov.core.area.table import Regions
+from rastercov.core.area.table import Regions, any_of
 from rastercov.core.camera import (
     MODELS,
     Camera,
@@ -39,7 +39,7 @@ from rastercov.core.coverage.exact_pass import ExactPass, Figures, PlacedPoses, 
 from rastercov.core.coverage.observer import ExactObserver
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.surface import own_reasons
-from rastercov.core.coverage.task import Rules, Task
+from rastercov.core.coverage.task import STEEP, Rules, Task
 from rastercov.core.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
@@ -142,6 +142,13 @@ class RegionPass(ExactPass):
         self._is_bare = relaxed is not None and "occluded" in relaxed
         if relaxed and "outside" in relaxed:
             self.cameras = tuple(map(without_borders, self.cameras))
+        self._flat: RegionPass | None = None
+        """As this one, of views within the allowed angle."""
+        if relaxed and STEEP in relaxed:
+            own = {*relaxed} - {STEEP}
+            self._flat = RegionPass(
+                mesh, camera, task, method=engine, only_task=only_task, relaxed=own
+            )
         self._look_at(mesh)
         # Figures through a lens are sums over planes, of all faces.
         has_lens = any(each.is_curved for each in cameras)
@@ -162,6 +169,8 @@ class RegionPass(ExactPass):
             return
         super().set_mesh(mesh)
         self._look_at(mesh)
+        if self._flat is not None:
+            self._flat.set_mesh(mesh)
         self.conditions = tuple(each.in_scene(mesh) for each in self.conditions)
 
     def _look_at(self, mesh: Mesh) -> None:
@@ -177,6 +186,8 @@ class RegionPass(ExactPass):
         super().close()
         for each in self.conditions:
             each.close()
+        if self._flat is not None:
+            self._flat.close()
 
     def find(
         self, poses: Poses, closed: BoolArray | None = None, seen: Observation | None = None
@@ -206,7 +217,11 @@ class RegionPass(ExactPass):
             mask = mask_of(left_out)
             return self._solvers.find(self._surface, planes, mask, placed, figures, self.threads)
 
-        return self._join(poses, self._run(poses, seen, run))
+        result = self._join(poses, self._run(poses, seen, run))
+        if self._flat is None:
+            return result
+        union = any_of([result, self._flat.find(poses, closed)])
+        return replace(union, eyes=result.eyes, columns=result.columns)
 
     def _planes(self, is_asked: BoolArray) -> Planes:
         return Planes(*frames_of(self.mesh), self.mesh.two_sided_mask, is_asked)

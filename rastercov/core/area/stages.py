@@ -168,14 +168,14 @@ def divide_by_reason(
     ]
     facts = in_front, BITS[own] * (own > Reason.COVERED), doubt + SLIVER_REL * frames.areas
     reason = np.empty(len(kept), np.uint32)
+    cut = polygons.choose_polygons(whole.xy, whole.starts, kept)
     area_reason.name_parts(
-        (face, tag, areas),
+        ((*cut, face), tag, areas),
         np.array(sets, np.uint32),
         np.array((*CRITERIA, TOO_FEW_VIEWS), np.uint8),
         facts,
         reason,
     )
-    cut = polygons.choose_polygons(whole.xy, whole.starts, kept)
     parts = ReasonPieces(*cut, face, np.zeros(len(kept), np.int32), reason)
     return Divided(parts, doubt, gains)
 
@@ -215,6 +215,7 @@ def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:
         Reason.OUT_OF_FOCUS: any(each.z_n > 0 or each.z_f < np.inf for each in rules),
         Reason.OUTSIDE: any(not each.is_curved for each in cameras_of(camera)),
     }
+    is_foreshortened = any(each.min_pixel_density + each.min_pixels_per_m2 > 0 for each in rules)
     of_features = {row: (c, t) for each in FEATURES for row, c, t in each.stages(camera, task)}
     asked = (
         *reversed([row for row in CRITERIA if row in of_features]),
@@ -234,7 +235,7 @@ def stages_of(mesh: Mesh, camera: Cameras, task: Task) -> Iterator[Stage]:
     for rows in sets:
         stage = _stage(rows, camera, task)
         yield stage
-        if Reason.TOO_OBLIQUE in rows and has[Reason.TOO_COARSE] and Reason.TOO_COARSE not in rows:
+        if Reason.TOO_OBLIQUE in rows and is_foreshortened and Reason.TOO_COARSE not in rows:
             yield stage._replace(relaxed=stage.relaxed | {STEEP})
 
 

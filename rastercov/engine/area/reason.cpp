@@ -4,8 +4,9 @@
 #include "area/reason.hpp"
 #include "bind.hpp"
 #include <algorithm>
+#include <array>
 #include <bit>
-#include <vector>
+#include <map>
 
 namespace rastercov {
 namespace area {
@@ -29,34 +30,37 @@ uint32_t reason_of(int64_t tag, uint32_t own, bool in_front, Column<const uint32
 }
 
 // Gives reasons of parts of one face, [first, last), that are too small that of most of it.
-void without_slivers(int64_t first, int64_t last, FloatArray area, double doubt,
+void without_slivers(int64_t first, int64_t last, const TaggedParts &parts, double doubt,
                      Column<uint32_t> reason) {
-    std::vector<std::pair<uint32_t, double>> sizes;
+    std::map<uint32_t, std::array<double, 2>> sums; // area and length of borders of each reason
+    double borders = 0.0;
     for (int64_t p = first; p < last; p++) {
-        const auto at = std::find_if(sizes.begin(), sizes.end(),
-                                     [&](const auto &each) { return each.first == reason[p]; });
-        if (at != sizes.end()) at->second += area[p];
-        else sizes.emplace_back(reason[p], area[p]);
+        const auto piece = piece_at(p, parts.pieces.starts, parts.pieces.xy);
+        const double border = perimeter_of(piece, piece.rows());
+        auto &[area, own] = sums[reason[p]];
+        area += parts.area[p];
+        own += border;
+        borders += border;
     }
-    std::pair<uint32_t, double> most = sizes[0];
-    for (const auto &each : sizes)
-        if (each.second > most.second || (each.second == most.second && each.first > most.first))
-            most = each;
-    for (int64_t p = first; p < last; p++)
-        for (const auto &[code, size] : sizes)
-            if (code == reason[p]) {
-                if (!(size > doubt)) reason[p] = most.first;
-                break;
-            }
+    const uint32_t most =
+        std::max_element(sums.begin(), sums.end(), [](const auto &one, const auto &other) {
+            return one.second[0] < other.second[0];
+        })->first;
+    for (int64_t p = first; p < last; p++) {
+        const auto [area, own] = sums[reason[p]];
+        if (!(area * borders > doubt * own)) reason[p] = most;
+    }
 }
 
 } // namespace
 
 void name_parts(const TaggedParts &parts, Column<const uint32_t> sets, Column<const uint8_t> rows,
                 const FaceFacts &faces, Column<uint32_t> reason) {
-    const auto &[face, tag, area] = parts;
+    const auto &[pieces, tag, area] = parts;
+    const Int32Array &face = pieces.face;
     const int64_t n = face.rows();
-    require(have_rows(n, tag, area, reason), "parts must have one row of each array");
+    require(have_rows(n, tag, area, reason) && pieces.starts.rows() == n + 1,
+            "parts must have one row of each array");
     require(have_rows(faces.doubt.rows(), faces.in_front, faces.own),
             "faces must have one row of each array");
     require_indices(face, faces.doubt.rows(), "face must hold faces");
@@ -66,7 +70,7 @@ void name_parts(const TaggedParts &parts, Column<const uint32_t> sets, Column<co
                 "tags must be of the sets");
         reason[p] = reason_of(tag[p], faces.own[f], faces.in_front[f], sets, rows);
         if (p + 1 < n && face[p + 1] == f) continue;
-        without_slivers(first, p + 1, area, faces.doubt[f], reason);
+        without_slivers(first, p + 1, parts, faces.doubt[f], reason);
         first = p + 1;
     }
 }

@@ -3,6 +3,7 @@
 //
 // Twin: tests/area/test_stages.py, by rastercov.reference.regions.
 #pragma once
+#include "area/polygon.hpp"
 #include "coverage/decision.hpp"
 #include <array>
 
@@ -22,7 +23,7 @@ constexpr double SLIVER_REL = 1e-9;
 
 // Parts by face, (N,): of `tag`, bit k + 1 is set k.
 struct TaggedParts {
-    Int32Array face;
+    PieceTable pieces;
     IntArray tag;
     FloatArray area;
 };
@@ -36,13 +37,14 @@ struct FaceFacts {
 };
 
 // Writes the code of the reason of each part. `sets` have the criteria of each set as bits, `rows`
-// the reason of each bit. A reason of less of a face than is certain takes that of most of it.
+// the reason of each bit. What is not certain of a face lies along the borders of its parts: a
+// reason of no more area than its share of that, by length, takes that of most of the face.
 void name_parts(const TaggedParts &parts, Column<const uint32_t> sets, Column<const uint8_t> rows,
                 const FaceFacts &faces, Column<uint32_t> reason);
 
 } // namespace area
 
-RECORD(area::TaggedParts, face, tag, area);
+RECORD(area::TaggedParts, pieces, tag, area);
 RECORD(area::FaceFacts, in_front, own, doubt);
 
 } // namespace rastercov

@@ -176,6 +176,20 @@ struct Network {
         });
     }
 
+    // The same where each view is judged by its own angle, allowed or steep.
+    RegionsPointer at_any_angle(const Station &station, const Stage &stage) {
+        const RegionsPointer flat = seen_by(station, {stage.bits}), steep = seen_by(station, stage);
+        std::vector<double> poses(station.pose.begin(), station.pose.end());
+        poses.insert(poses.end(), station.pose.begin(), station.pose.end());
+        Key key;
+        key.add(flat.get());
+        key.add(steep.get());
+        return keep(key, {flat, steep}, [&] {
+            return united_by({.k = 1, .most_deg = 180.0}, poses,
+                             {&flat->poses[0], &steep->poses[0]});
+        });
+    }
+
     // What a row covers without them.
     RegionsPointer covered_by(const Row &row, const Stage &stage) {
         Parts parts;
@@ -183,8 +197,9 @@ struct Network {
         std::vector<double> poses;
         Key key;
         for (size_t d = row.first; d < row.first + row.n; d++) {
-            const RegionsPointer own = seen_by(stations[d], stage);
-            if (!row.gate) return own;
+            if (!row.gate) return seen_by(stations[d], stage);
+            const RegionsPointer own =
+                stage.is_steep ? at_any_angle(stations[d], stage) : seen_by(stations[d], stage);
             parts.push_back(own);
             seen.push_back(&own->poses[0]);
             key.add(own.get());
@@ -196,12 +211,7 @@ struct Network {
         key.add(row.gate->needs);
         key.add(row.gate->stripes);
         key.add(row.gate->noise.data(), int64_t(row.gate->noise.size()));
-        return keep(key, std::move(parts), [&] {
-            auto made = std::make_shared<RegionsObject>();
-            made->surface = surface;
-            made->poses.push_back(measured_by(surface->mesh, gate, poses.data(), seen));
-            return made;
-        });
+        return keep(key, std::move(parts), [&] { return united_by(gate, poses, seen); });
     }
 
     // A union of what the rows cover, counted up to some views.
@@ -271,7 +281,21 @@ struct Network {
         return found;
     }
 
+    // Whether densities depend on the angle of incidence.
+    bool is_foreshortened() const {
+        return std::any_of(stations.begin(), stations.end(), [](const Station &each) {
+            return each.task.min_pixel_density > 0.0 || each.task.min_pixels_per_m2 > 0.0;
+        });
+    }
+
   private:
+    RegionsPointer united_by(const rc_gate &gate, const std::vector<double> &poses,
+                             const std::vector<const Regions *> &seen) const {
+        auto made = std::make_shared<RegionsObject>();
+        made->surface = surface;
+        made->poses.push_back(measured_by(surface->mesh, gate, poses.data(), seen));
+        return made;
+    }
     // A result of some numbers, or what `make` makes of them.
     template <class Make> RegionsPointer keep(Key &key, Parts parts, Make make) {
         for (Kept &each : kept) {
@@ -384,6 +408,13 @@ struct Zones {
     }
 };
 
+// Pieces of zones, or of a partition.
+template <class Parts> area::PieceTable table_of(const Parts &parts) {
+    return {{parts.xy.data(), {int64_t(parts.xy.size() / 2)}},
+            {parts.starts.data(), {parts.size() + 1}},
+            {parts.face.data(), {parts.size()}}};
+}
+
 // Faces that no camera can see; none where cameras see into bodies.
 Mask unseeable_of(const engine::Mesh &mesh, const engine::Room<double> &seen,
                   const double *unseeable) {
@@ -421,7 +452,7 @@ class Divider {
         for (int64_t f = 0; f < _n; f++) _reached[f] = _open[f] = _areas[f] > 0.0;
         for (const Stage &stage : stages_of(asked)) {
             if (_codes.size() == MOST_STAGES) break;
-            try_stage(stage);
+            if (!stage.is_steep || _network.is_foreshortened()) try_stage(stage);
         }
         add_set(*_sets->all, *reached->all, 1, int64_t(_codes.size() + 1));
         _codes.push_back(asked);
@@ -468,11 +499,10 @@ class Divider {
         for (int64_t f = 0; f < _n; f++)
             doubt[f] = _doubt[f] + area::SLIVER_REL * _network.surface->mesh.arrays->areas[f];
         const Mask in_front = _network.in_front();
-        area::name_parts(
-            {{parts.face.data(), {n}}, {parts.tag.data(), {n}}, {parts.area.data(), {n}}},
-            {_codes.data(), {int64_t(_codes.size())}},
-            {area::CRITERIA.data(), {int64_t(area::CRITERIA.size())}},
-            {in_front.rows(), {own.data(), {_n}}, doubt.rows()}, {code.data(), {n}});
+        area::name_parts({table_of(parts), {parts.tag.data(), {n}}, {parts.area.data(), {n}}},
+                         {_codes.data(), {int64_t(_codes.size())}},
+                         {area::CRITERIA.data(), {int64_t(area::CRITERIA.size())}},
+                         {in_front.rows(), {own.data(), {_n}}, doubt.rows()}, {code.data(), {n}});
         for (int64_t p = 0; p < n; p++) out.add(parts, p, 0, code[size_t(p)]);
     }
 
@@ -505,12 +535,9 @@ void link(Zones &zones, const engine::Room<double> &excess, const int32_t *group
                                        std::max(mesh.diagonal, 0x1p-20 * farthest)};
     zones.zone.resize(size_t(n));
     zones.sizes.resize(size_t(n));
-    const area::PieceTable pieces = {{zones.xy.data(), {int64_t(zones.xy.size() / 2)}},
-                                     {zones.starts.data(), {n + 1}},
-                                     {zones.face.data(), {n}}};
-    zones.sizes.resize(size_t(
-        area::find_zones(surface, pieces, {zones.reason.data(), {n}}, {zones.area.data(), {n}},
-                         excess.rows(), {zones.zone.data(), {n}}, {zones.sizes.data(), {n}})));
+    zones.sizes.resize(size_t(area::find_zones(
+        surface, table_of(zones), {zones.reason.data(), {n}}, {zones.area.data(), {n}},
+        excess.rows(), {zones.zone.data(), {n}}, {zones.sizes.data(), {n}})));
 }
 
 // Drops the pieces of no zone, which may be covered.
