@@ -247,13 +247,15 @@ def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, AnyArr
     return {name: make(shape, FIGURES[name]) for name in names}
 
 
-def check_fields(names: Sequence[str] | None) -> list[str]:
-    """Names of figures that were asked for, in the order of `FIGURES`."""
+def check_fields(names: Sequence[str] | None, *others: str) -> list[str]:
+    """Names of figures that were asked for, in the order of `FIGURES`, and of `others`."""
     if names is None:
         return list(FIGURES)
     known = isinstance(names, list | tuple | set | frozenset | dict)
-    if not known or not all(isinstance(name, str) and name in FIGURES for name in names):
+    if not known or not all(
+        isinstance(name, str) and name in (*FIGURES, *others) for name in names
+    ):
         raise ConfigError(
             f"expected arrays of Coverage, got {shown(names)}; name some, such as reason"
         )
-    return [name for name in FIGURES if name in names]
+    return [name for name in (*FIGURES, *others) if name in names]

@@ -24,6 +24,7 @@ from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene, equipment_words, led_by
 from rastercov.core.camera.rig import with_equipment
+from rastercov.core.coverage.bits import COVERED, CoverageBits
 from rastercov.core.coverage.coverage import Coverage
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
 from rastercov.core.coverage.engine import Engine
@@ -145,6 +146,8 @@ class Evaluation(Coverage):
         Covered area of a result by area; see `covered`; of all frames if bodies move.
     per_camera : ByCamera
         Results of each camera where there are several.
+    kept_bits : CoverageBits or None
+        See `bits`.
     pairs : str
         Pairs of pose and face that a command wrote to a table; "none" for `evaluate`.
     n_rows : int
@@ -178,6 +181,7 @@ class Evaluation(Coverage):
     by_face_because: str
     areas: AreaNetwork | None
     per_camera: ByCamera
+    kept_bits: CoverageBits | None
     pairs: str
     n_rows: int
     quarantined: Mapping[int, str]
@@ -208,6 +212,16 @@ class Evaluation(Coverage):
             why = self.by_face_because or 'give by="area", with method certified or exact'
             raise ConfigError(f"expected an evaluation by area, got one by face; {why}")
         return self.areas.covered
+
+    @property
+    def bits(self) -> CoverageBits:
+        """Pairs of pose and face that are covered, one bit each; see `CoverageBits`.
+
+        ConfigError unless "covered" is among the fields.
+        """
+        if self.kept_bits is None:
+            raise ConfigError(f"expected bits of pairs, got none; add {COVERED!r} to fields")
+        return self.kept_bits
 
     @property
     def over_time(self) -> "OverTime":

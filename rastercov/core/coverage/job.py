@@ -22,6 +22,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of, is_joint
+from rastercov.core.coverage.bits import COVERED, CoverageBits, room_for_bits
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields, measurements
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, Query, asked
@@ -38,6 +39,8 @@ from rastercov.shards import ALONE, Staff, Workers
 
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures of pairs that `evaluate` may return."""
+BITS_OF = {name: 8 * np.dtype(kind).itemsize for name, kind in FIGURES.items()}
+"""Bits of each figure of a pair."""
 
 
 def evaluate(
@@ -75,6 +78,7 @@ def evaluate(
     fields : sequence of str, optional
         Names of the (P, F) arrays of `Coverage` to keep, such as ("coverage", "reason"); all unless
         given, and none for () or with shards. Any other array raises `ConfigError` when it is read.
+        "covered" keeps the covered pairs as `Evaluation.bits`, also with shards.
     shards : path, or (path, Workers), optional
         Folder for partial results, from which an interrupted run resumes; with `Workers`, processes
         that compute them: docs/scale.md. Required above 10,000 frames x cameras of a `motion`.
@@ -121,14 +125,14 @@ def evaluate(
     query = Query(mesh, camera, accepted, task, engine, phases, by)
     folder, workers = shards if isinstance(shards, tuple) else (shards, None)
     if folder is not None:
-        if fields:
+        if fields and [*fields] != [COVERED]:
             raise ConfigError("expected fields or a folder for shards, got both; leave one out")
-        fields = ()
+        fields = fields or ()
     elif phases is not None:
         phases.check_motion(accepted)
-    names = check_fields(fields)
-    each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
-    size = each * len(accepted) * mesh.n_faces
+    names = check_fields(fields, COVERED)
+    each = sum(BITS_OF.get(name, 1) for name in names)
+    size = each * len(accepted) * mesh.n_faces // 8
     if size > EVALUATE_BUDGET:
         raise ResourceError(
             f"expected fields of {EVALUATE_BUDGET / 2**30:g} GiB at most, got {size / 2**30:.1f} "
@@ -160,10 +164,15 @@ class QuerySums:
         self.network = Network(mesh, task)
         self.areas = AreaNetwork(mesh, task) if query.by_area else None
         self.per_camera = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
-        self.figures: ByName = arrays_for(fields, (len(poses), mesh.n_faces))
-        self.judge = FacePass(mesh, camera, observer.threads, task) if fields else None
+        names = [name for name in fields if name != COVERED]
+        self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
+        self.judge = FacePass(mesh, camera, observer.threads, task) if names else None
+        self.bits: CoverageBits | None = None
+        if COVERED in fields:
+            views, areas = np.zeros(mesh.n_faces, np.int64), np.zeros(len(poses), np.int64)
+            self.bits = CoverageBits.of(mesh, room_for_bits(len(poses), mesh.n_faces), areas, views)
         # Of figures, not of rays to cameras, of which the network keeps rows.
-        is_alone = not (task.min_angle_deg > 0 or is_joint(camera))
+        is_alone = not (task.min_angle_deg > 0 or is_joint(camera) or self.bits)
         self.are_of_figures = is_alone and SUMMED.keys() <= set(fields)
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
 
@@ -194,6 +203,10 @@ class QuerySums:
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
             self.areas.add(with_rule(batch.regions, camera, poses))
+        if self.bits is not None and batch.bits is not None:
+            self.bits.packed[self.done : end] = batch.bits.packed
+            self.bits.area_units[self.done : end] = batch.bits.area_units
+            self.bits.views[:] += batch.bits.views
         self.ids.append(poses.ids)
         self.clipped.append(batch.clipped)
         self.done = end
@@ -226,6 +239,7 @@ class QuerySums:
             network=self.network,
             by_face_because=query.by_face_because,
             per_camera=self.per_camera,
+            kept_bits=None if self.bits is None else self.bits.first(self.done),
             **of_run,
         )
 
@@ -266,7 +280,7 @@ def answer(
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
         sums = QuerySums(query, observer, fields)
-        wanted = replace(wanted, apart=sums.per_camera.is_asked)
+        wanted = replace(wanted, apart=sums.per_camera.is_asked, bits=COVERED in fields)
         if folder is not None:
             shards = EvaluationShards(folder, observer, poses, task, wanted)
         if open_table is not None:
