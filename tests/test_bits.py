@@ -74,3 +74,20 @@ def test_a_network_counts_what_each_camera_covers(seed):
         result = rc.evaluate(mesh, camera, poses, TASK, method="sampled", fields=("reason",))
         views = (result.reason == rc.Reason.COVERED).sum(axis=0)
         np.testing.assert_array_equal(result.network.views, views)
+
+
+@pytest.mark.parametrize("names", [None, ("coverage", "visibility_bound"), ("drawn_pixels",)])
+def test_figures_that_are_derived_later_are_those_of_each_batch(names):
+    mesh = scene_of(3)
+    rng = np.random.default_rng(3)
+    poses = rc.look_at(rng.normal(size=(11, 3)), np.add(rng.normal(size=(11, 3)), (0, 0, 2)))
+    placed = rc.Poses.of(poses, camera=rng.integers(0, 3, 11))
+    result = rc.evaluate(mesh, list(CAMERAS), placed, TASK, method="sampled", fields=names)
+    with rc.open_observer(mesh, list(CAMERAS), "sampled") as observer:
+        batches = list(module.evaluate_batches(observer, placed, TASK))
+    for name in module.FIGURES if names is None else names:
+        expected = np.concatenate([getattr(each, name) for each in batches])
+        np.testing.assert_array_equal(getattr(result, name), expected)
+    for name in () if names is None else set(module.FIGURES) - set(names):
+        with pytest.raises(rc.ConfigError, match=f"expected {name} among the fields"):
+            getattr(result, name)

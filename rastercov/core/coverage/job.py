@@ -5,7 +5,7 @@ and to the commands, which write chosen pairs to a table while it runs.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -21,26 +21,28 @@ from rastercov.core.area.by_camera import ByCamera
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
-from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of, is_joint
+from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of
 from rastercov.core.coverage.bits import COVERED, CoverageBits, room_for_bits
-from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields, measurements
+from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.evaluation import Evaluation, Query, asked
+from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.judging import SUMMED, JudgedPoses, sums_of
+from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import RasterizerInfo
+from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.shards import ALONE, Staff, Workers
 
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures of pairs that `evaluate` may return."""
 BITS_OF = {name: 8 * np.dtype(kind).itemsize for name, kind in FIGURES.items()}
 """Bits of each figure of a pair."""
+BITS_OF_COUNTS = 64
+"""Bits of the counts of a pair, from which the figures of method "sampled" are derived."""
 
 
 def evaluate(
@@ -132,6 +134,8 @@ def evaluate(
         phases.check_motion(accepted)
     names = check_fields(fields, COVERED)
     each = sum(BITS_OF.get(name, 1) for name in names)
+    if engine.method == "sampled":
+        each = (BITS_OF_COUNTS if {*names} - {COVERED} else 0) + (COVERED in names)
     size = each * len(accepted) * mesh.n_faces // 8
     if size > EVALUATE_BUDGET:
         raise ResourceError(
@@ -165,29 +169,16 @@ class QuerySums:
         self.areas = AreaNetwork(mesh, task) if query.by_area else None
         self.per_camera = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
         names = [name for name in fields if name != COVERED]
+        # Counts are kept in place of figures.
+        self.counts = KeptCounts(names, len(poses)) if query.engine.method == "sampled" else None
+        names = names if self.counts is None else []
         self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
         self.judge = FacePass(mesh, camera, observer.threads, task) if names else None
         self.bits: CoverageBits | None = None
         if COVERED in fields:
             views, areas = np.zeros(mesh.n_faces, np.int64), np.zeros(len(poses), np.int64)
             self.bits = CoverageBits.of(mesh, room_for_bits(len(poses), mesh.n_faces), areas, views)
-        # Of figures, not of rays to cameras, of which the network keeps rows.
-        is_alone = not (task.min_angle_deg > 0 or is_joint(camera) or self.bits)
-        self.are_of_figures = is_alone and SUMMED.keys() <= set(fields)
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
-
-    def batches(
-        self, observer: Observer, wanted: Wanted, shards: EvaluationShards | None, staff: Staff
-    ) -> Iterator[JudgedPoses]:
-        """Batches for `add`, as of `classify_parts`."""
-        poses = self.query.poses
-        if not self.are_of_figures:
-            return classify_parts(self.network, observer, poses, wanted, shards, staff)
-        nothing: Any = ()  # no rows
-        return (
-            JudgedPoses.of(part, seen, nothing, {}, self.query.camera)
-            for part, seen in measurements(observer, poses)
-        )
 
     def add(self, batch: JudgedPoses) -> None:
         """Take in a batch."""
@@ -196,9 +187,8 @@ class QuerySums:
         if self.judge is not None and batch.measured is not None:
             rows = {name: array[self.done : end] for name, array in self.figures.items()}
             self.judge.fill(batch.measured, poses, rows)
-            if self.are_of_figures:
-                apart = self.per_camera.is_asked
-                batch.sums.update(sums_of(self.query.mesh, rows, poses.camera, apart=apart))
+        if self.counts is not None and isinstance(batch.measured, FaceCounts):
+            self.counts.add(batch.measured, self.done)
         self.network.add(batch)
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
@@ -239,6 +229,7 @@ class QuerySums:
             network=self.network,
             by_face_because=query.by_face_because,
             per_camera=self.per_camera,
+            kept_counts=self.counts,
             kept_bits=None if self.bits is None else self.bits.first(self.done),
             **of_run,
         )
@@ -288,7 +279,8 @@ def answer(
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
         try:
-            for batch in sums.batches(observer, wanted, shards, staff):
+            batches = classify_parts(sums.network, observer, poses, wanted, shards, staff)
+            for batch in batches:
                 with hold_interrupts():
                     if table is not None:
                         table.add(batch.rows, batch.regions)
