@@ -95,6 +95,18 @@ class CoverageBits(InOneLine):
         octets = packed[:, : -(-mesh.n_faces // 8)]
         return cls(octets, area_units, views, whole_area(mesh) / UNITS)
 
+    @classmethod
+    def room(cls, mesh: Mesh, n_poses: int) -> Self:
+        """Bits of poses before any is added, all 0."""
+        areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)
+        return cls.of(mesh, room_for_bits(n_poses, mesh.n_faces), areas, views)
+
+    def add(self, batch: "CoverageBits", first: int) -> None:
+        """Put the bits of a batch in the rows from `first` on, and add its views."""
+        rows = slice(first, first + len(batch.packed))
+        self.packed[rows], self.area_units[rows] = batch.packed, batch.area_units
+        self.views[:] += batch.views
+
     def first(self, n: int) -> Self:
         """Bits of the first n poses, in which all views are."""
         return replace(self, packed=self.packed[:n], area_units=self.area_units[:n])

@@ -156,7 +156,7 @@ class Coverage(InNotebook):
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            if name in self._later():
+            if name in FIGURES and name in self._later():
                 object.__setattr__(self, name, self._derive(name))
                 return vars(self)[name]
             if name in FIGURES:

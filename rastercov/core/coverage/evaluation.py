@@ -33,7 +33,7 @@ from rastercov.core.area.union import Covered
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene, equipment_words, led_by
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.bits import COVERED, CoverageBits
-from rastercov.core.coverage.coverage import Coverage, arrays_for
+from rastercov.core.coverage.coverage import FIGURES, Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass
@@ -131,6 +131,15 @@ class Query:
         if self.phases is None:
             return None
         return self.phases.network(scene, self.engine, folder, staff)
+
+
+def bits_of_a_pair(names: Collection[str], engine: Engine) -> int:
+    """Memory that figures of a pair take, bits: of samples that of the two counts."""
+    if engine.method == "sampled":
+        each = 64 if {*names} - {COVERED} else 0
+    else:
+        each = sum(8 * np.dtype(FIGURES[name]).itemsize for name in names if name != COVERED)
+    return each + (COVERED in names)
 
 
 class KeptCounts:

@@ -22,10 +22,10 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of
-from rastercov.core.coverage.bits import COVERED, CoverageBits, room_for_bits
+from rastercov.core.coverage.bits import COVERED, CoverageBits
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked
+from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
@@ -39,10 +39,6 @@ from rastercov.shards import ALONE, Staff, Workers
 
 EVALUATE_BUDGET = 4 << 30
 """Bytes of figures of pairs that `evaluate` may return."""
-BITS_OF = {name: 8 * np.dtype(kind).itemsize for name, kind in FIGURES.items()}
-"""Bits of each figure of a pair."""
-BITS_OF_COUNTS = 64
-"""Bits of the counts of a pair, from which the figures of method "sampled" are derived."""
 
 
 def evaluate(
@@ -133,9 +129,7 @@ def evaluate(
     elif phases is not None:
         phases.check_motion(accepted)
     names = check_fields(fields, COVERED)
-    each = sum(BITS_OF.get(name, 1) for name in names)
-    if engine.method == "sampled":
-        each = (BITS_OF_COUNTS if {*names} - {COVERED} else 0) + (COVERED in names)
+    each = bits_of_a_pair(names, engine)
     size = each * len(accepted) * mesh.n_faces // 8
     if size > EVALUATE_BUDGET:
         raise ResourceError(
@@ -174,10 +168,7 @@ class QuerySums:
         names = names if self.counts is None else []
         self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
         self.judge = FacePass(mesh, camera, observer.threads, task) if names else None
-        self.bits: CoverageBits | None = None
-        if COVERED in fields:
-            views, areas = np.zeros(mesh.n_faces, np.int64), np.zeros(len(poses), np.int64)
-            self.bits = CoverageBits.of(mesh, room_for_bits(len(poses), mesh.n_faces), areas, views)
+        self.bits = CoverageBits.room(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
 
     def add(self, batch: JudgedPoses) -> None:
@@ -194,9 +185,7 @@ class QuerySums:
         if self.areas is not None and batch.regions is not None:
             self.areas.add(with_rule(batch.regions, camera, poses))
         if self.bits is not None and batch.bits is not None:
-            self.bits.packed[self.done : end] = batch.bits.packed
-            self.bits.area_units[self.done : end] = batch.bits.area_units
-            self.bits.views[:] += batch.bits.views
+            self.bits.add(batch.bits, self.done)
         self.ids.append(poses.ids)
         self.clipped.append(batch.clipped)
         self.done = end

@@ -13,7 +13,6 @@ from rastercov.base import (
     ByName,
     ConfigError,
     FloatArray,
-    Int32Array,
     IntArray,
     check_choice,
     frozen_record,
@@ -155,18 +154,7 @@ def _merge_sums(parts: Sequence[Sums]) -> Sums:
     return whole
 
 
-def sums_of(
-    mesh: Mesh, figures: Mapping[str, AnyArray], camera: Int32Array, *, apart: bool
-) -> dict[int, Sums]:
-    """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
-    sums = {}
-    for index in np.unique(camera).tolist() if apart else [-1]:
-        own = np.flatnonzero((camera == index) | (index < 0))
-        sums[index] = _sums_of_rows(mesh, figures, own)
-    return sums
-
-
-def _sums_of_rows(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
+def sums_of(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
     """Sums of the figures of some poses, rows of (P, F) each."""
     coverage, reason, bound, kind, part = (
         np.ascontiguousarray(figures[name], dtype) for name, dtype in SUMMED.items()
@@ -203,7 +191,7 @@ def sums_of_rigs(
     reason[~covered & (reason == Reason.COVERED)] = left
     reason[covered] = Reason.COVERED
     folded["reason"][rows] = reason
-    return _sums_of_rows(mesh, folded, rows)
+    return sums_of(mesh, folded, rows)
 
 
 def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums], Worker]:

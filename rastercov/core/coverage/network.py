@@ -190,8 +190,7 @@ class Network(InNotebook):
                 for eye, reason in zip(coverage.eyes, coverage.reason, strict=True):
                     self._spread.add(eye, np.flatnonzero(reason == Reason.COVERED))
             figures = {name: getattr(coverage, name) for name in SUMMED}
-            cameras = np.zeros(len(coverage.pose_ids), np.int32)
-            sums = sums_of(self.mesh, figures, cameras, apart=False)[-1]
+            sums = sums_of(self.mesh, figures, np.arange(len(coverage.pose_ids)))
             self._take(coverage.pose_ids, coverage.clipped, sums)
 
     @typed

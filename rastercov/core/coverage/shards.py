@@ -53,6 +53,8 @@ FUNCTION = "rastercov.core.coverage.shards:make"
 """Function by which workers make a shard."""
 PAIRS_A_SHARD = 1 << 19
 """Pose-face pairs of one shard: a tenth of a second of work or more, and some 50 MB of regions."""
+PAIRS_OF_COUNTS = 1 << 25
+"""The same where samples are counted and no pair is kept but as a bit: 4 MB, half a second."""
 UNFINISHED = "unfinished"
 """Folder in that of a report, for the shards of a run until its report is whole."""
 LONG_RUN = 128
@@ -273,7 +275,9 @@ def question_of(inputs: Inputs) -> tuple[Task, Wanted]:
 def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> ByName:
     """Entries of the header of a folder, ready for JSON."""
     engine = replace(wanted.engine, threads=None)
-    return inputs_of(observer, poses, task, observer.mesh.n_faces, PAIRS_A_SHARD) | {
+    is_small = engine.method == "sampled" and wanted.pairs == "none"
+    size = PAIRS_OF_COUNTS if is_small else PAIRS_A_SHARD
+    return inputs_of(observer, poses, task, observer.mesh.n_faces, size) | {
         "wanted": asdict(replace(wanted, engine=engine))
     }
 
