@@ -49,7 +49,7 @@ from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Poses, cameras_of, renumber, rows_of_result
 from rastercov.core.camera.rig import with_places
-from rastercov.core.coverage.coverage import classify, evaluate_batches, measurements
+from rastercov.core.coverage.coverage import measurements
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.observer import ExactObserver, Observer, open_observer
@@ -67,7 +67,7 @@ from rastercov.core.coverage.shards import hash_of, inputs_of
 from rastercov.core.coverage.task import Task
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
-from rastercov.placement.uncovered import FIGURES, CandidateBounds
+from rastercov.placement.uncovered import CandidateBounds, list_pairs
 from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.store import SUMS, DamagedError, Note, contents, remove, store, whole
 
@@ -202,14 +202,9 @@ def _of_faces(
     observer: Observer, poses: Poses, task: Task, bounds: CandidateBounds | None
 ) -> Iterator[Pairs]:
     """Pairs of poses and faces with coverage > 0."""
-    figures = ("coverage", *(FIGURES if bounds is not None else ()))
-    for batch in evaluate_batches(observer, poses, task, fields=figures):
-        pose, face = np.nonzero((batch.coverage > 0) & batch.mesh.task_mask)
-        short, _ = shorten_coverage(batch.coverage[pose, face], batch.task.min_coverage)
-        counts = np.bincount(pose, minlength=len(batch.pose_ids))
-        yield Pairs(counts, face.astype(np.int32), short, NOT_ON_RIGS)
-        if bounds is not None and len(batch.pose_ids):
-            bounds.add(batch)
+    judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
+    for part, seen in measurements(observer, poses):
+        yield Pairs(*list_pairs(judge, part, seen, bounds), NOT_ON_RIGS)
 
 
 def _of_cells(
@@ -223,7 +218,7 @@ def _of_cells(
         short, _ = shorten_coverage(shares.share, task.min_coverage)
         yield Pairs(np.diff(shares.starts), shares.cell, short, NOT_ON_RIGS)
         if bounds is not None and len(part):
-            bounds.add(classify(observer, judge, task, part, seen, FIGURES))
+            list_pairs(judge, part, seen, bounds)
 
 
 def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:

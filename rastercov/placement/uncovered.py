@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from enum import IntEnum
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,7 @@ from rastercov.base import (
     ByName,
     ByteArray,
     ConfigError,
+    Float32Array,
     FloatArray,
     Int32Array,
     IntArray,
@@ -40,7 +41,8 @@ from rastercov.base.format import area, verb
 from rastercov.base.typed import typed
 from rastercov.core.camera import Cameras, Poses, axes_of, led_by, renumber
 from rastercov.core.camera.rig import are_central
-from rastercov.core.coverage.coverage import Coverage, evaluate_batches
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches, measurements
+from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.parts import MOST_ROWS
@@ -50,19 +52,12 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.groups import at_level, rows_at
-from rastercov.core.raster.observation import BoundKind
+from rastercov.engine import coverage_pairs as kernels
 from rastercov.shards import Progress, silent
 
 SEEN_NOTHING = 1e-6
 """Visible fraction up to which a face counts as not seen: the bound of computed fractions is 1e-9
 for images of 1 px^2 or more, and 1e-9 / area for smaller ones."""
-EDGE_ON = 1e-6
-"""Square pixels: an image of at most this area is that of a face seen edge-on, which shows
-nothing."""
-PAIRS_IN_CACHE = 1 << 14
-"""Pairs of pose and face whose figures are added at a time."""
-FIGURES = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
-"""Figures that `CandidateBounds` takes."""
 
 
 class Sight(IntEnum):
@@ -92,6 +87,25 @@ class Sight(IntEnum):
     """A candidate sees a part of it."""
 
 
+class Greatest(NamedTuple):
+    """Bounds of the visible fraction of each face in some poses, and how many cover it, (F,)."""
+
+    low: FloatArray
+    high: FloatArray
+    covering: IntArray
+
+
+class ListedPairs(NamedTuple):
+    """Number of pairs of each pose; face and coverage of each pair with coverage above 0.
+
+    Coverage is rounded such that no threshold lies between it and the true one.
+    """
+
+    counts: IntArray
+    face: Int32Array
+    coverage: Float32Array
+
+
 class CandidateBounds:
     """Bounds of the visible fraction of some faces, updated batch by batch; arrays are (F,).
 
@@ -110,22 +124,13 @@ class CandidateBounds:
         self.low, self.high = np.zeros(n_faces), np.zeros(n_faces)
         self.covering: IntArray = np.zeros(n_faces, np.int64)
 
-    def add(self, batch: Coverage) -> None:
-        """Add a batch of candidates."""
-        n_poses, n_faces = len(batch.pose_ids), len(self.low)
-        step = max(1, PAIRS_IN_CACHE // max(1, n_faces))
-        for start in range(0, n_poses, step):
-            rows = slice(start, start + step)
-            value, bound, kind, drawn, why = (getattr(batch, name)[rows] for name in FIGURES)
-            # A smaller image shows nothing, unless it was sampled.
-            most = np.where((drawn > EDGE_ON) | (kind == BoundKind.STATISTICAL), value + bound, 0.0)
-            for item, kept in ((value - bound, self.low), (most, self.high)):
-                np.maximum(kept, item.max(axis=0), out=kept)
-            self.covering += (why == Reason.COVERED).sum(axis=0)
-        for kept in (self.low, self.high):
-            np.minimum(kept, self.chosen, out=kept)
-        self.covering[~self.chosen] = 0
-        self.n_poses += len(batch.pose_ids)
+    def add(self, n_poses: int, parts: Sequence[Greatest]) -> None:
+        """Add candidates by the bounds of parts of them."""
+        for part in parts:
+            np.maximum(self.low, np.minimum(part.low, self.chosen), out=self.low)
+            np.maximum(self.high, np.minimum(part.high, self.chosen), out=self.high)
+            self.covering += np.where(self.chosen, part.covering, 0)
+        self.n_poses += n_poses
 
     def claims(self, n_candidates: int) -> ByteArray:
         """(F,) `Sight` of the faces, for a number of candidates."""
@@ -134,6 +139,34 @@ class CandidateBounds:
             claim[self.chosen & (self.high <= SEEN_NOTHING)] = Sight.NONE
             claim[self.chosen & (self.low > SEEN_NOTHING)] = Sight.SOME
         return claim
+
+
+def list_pairs(
+    judge: FacePass, poses: Poses, seen: Measured, bounds: CandidateBounds | None
+) -> ListedPairs:
+    """Pairs of a batch of poses and evaluated faces, which are judged once, also for `bounds`."""
+    n_poses, n_faces = len(poses), judge.mesh.n_faces
+    n = n_faces if bounds is not None else 0
+    rows = np.empty(n_poses * n_faces, np.int32), np.empty(n_poses * n_faces, np.float32)
+    memory, parts = ListedPairs(np.zeros(n_poses, np.int64), *rows), list[Greatest]()
+
+    def worker() -> Worker:
+        own = Greatest(np.zeros(n), np.zeros(n), np.zeros(n, np.int64))
+        parts.append(own)
+
+        def work(turn: slice, index: int, scope: Scope) -> None:
+            ends = turn.start, turn.stop
+            kernels.list_pairs(*ends, scope, judge.rules[index], judge.mesh.task_mask, memory, own)
+
+        return work
+
+    if n_poses:
+        judge.share(seen, poses, worker)
+    if bounds is not None:
+        bounds.add(n_poses, parts)
+    ends = [(n_faces * at, n_faces * at + end) for at, end in enumerate(memory.counts.tolist())]
+    face, coverage = (np.concatenate([of[:0], *(of[a:b] for a, b in ends)]) for of in rows)
+    return ListedPairs(memory.counts, face, coverage)
 
 
 RAYS = 256
@@ -214,7 +247,10 @@ COULD = {
 }
 """Words on uncovered faces by what the candidates prove of them."""
 
-NETWORK_FIGURES = (*FIGURES, "coverage", "in_view_fraction", "resolution", "incidence")
+NETWORK_FIGURES = (
+    *("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason"),
+    *("coverage", "in_view_fraction", "resolution", "incidence"),
+)
 """Figures that a `Network` and `NearestCameras` take."""
 
 
@@ -464,8 +500,9 @@ def find_rest(
         sight = bounds
     else:
         sight = CandidateBounds(mesh.n_faces, left)
-        for batch in evaluate_batches(observer, candidates, task, fields=FIGURES):
-            sight.add(batch)
+        judge = FacePass(mesh, observer.camera, observer.threads, task)
+        for part, seen in measurements(observer, candidates):
+            list_pairs(judge, part, seen, sight)
             progress(sight.n_poses, total)
     progress(len(candidates), total)
     seen_by = poses[nearest[hidden]]

@@ -12,6 +12,7 @@ from rastercov.core.camera.viewpoints import sphere_of_poses
 WORK = {
     "area_cell": ["fill_cells", "find_shares"],
     "coverage_figures": ["judge_poses"],
+    "coverage_pairs": ["list_pairs"],
     "solver_contacts": ["find_partners"],
     "solver_raster": ["Rasterizer", "Scene", "count_targets", "count_triangle"],
     "solver_tolerance": ["find", "sweep"],

@@ -1,14 +1,14 @@
 """What a network leaves uncovered: the nearest camera, the reason, what is in the way, proofs."""
 
 import weakref
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import examples
-from scenes import joined, sheet
+from scenes import joined, sheet, soup, square
 from visible_fractions import visibility
 
 import rastercov as rc
@@ -16,11 +16,13 @@ from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.reasons import REASONS, Reason, nearness
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.engine.coverage_pairs import EDGE_ON
 from rastercov.placement import uncovered
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.matrix import build_matrix
+from rastercov.placement.matrix_folder import shorten_coverage
 from rastercov.placement.plan.network import find_uncovered, measure_network
-from rastercov.placement.uncovered import EDGE_ON, CandidateBounds, Sight, in_front, what_is_left
+from rastercov.placement.uncovered import CandidateBounds, Sight, in_front, what_is_left
 from rastercov.reference.views import candidate_bounds
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
@@ -184,15 +186,15 @@ def test_the_bounds_hold_what_candidates_see_and_those_left_out_see_nothing(seed
 
 @pytest.mark.slow
 def test_no_more_than_two_batches_of_candidates_are_held_at_a_time(monkeypatch):
-    batches, alive, add = [], [], uncovered.CandidateBounds.add
+    batches, alive, plain = [], [], uncovered.list_pairs
 
-    def watched(self, batch):
-        batches.append(weakref.ref(batch))
+    def watched(judge, poses, seen, bounds):
+        batches.append(weakref.ref(seen))
         alive.append(sum(each() is not None for each in batches))
-        add(self, batch)
+        return plain(judge, poses, seen, bounds)
 
     monkeypatch.setattr("rastercov.core.coverage.coverage.POSES_A_BATCH", 20)
-    monkeypatch.setattr(uncovered.CandidateBounds, "add", watched)
+    monkeypatch.setattr(uncovered, "list_pairs", watched)
     poses = around(300, 5, 4.0)
     rest = what_is_left((shapes.torus(10, 8), CAMERA), poses[:1], candidates=poses)
     assert rest.left.any()
@@ -231,26 +233,36 @@ def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     assert all(REASONS[name].sentence in "\n".join(rest.lines()) for name in told["reasons"])
 
 
-@given(seed=st.integers(0, 2**32 - 1), n_poses=st.integers(0, 5))
-@examples(20)
-def test_bounds_of_candidates_are_those_of_the_twin(seed, n_poses):
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+@given(seed=st.integers(0, 2**32 - 1), n_poses=st.integers(0, 9))
+@examples(15)
+def test_pairs_and_bounds_of_candidates_are_those_of_the_figures(method, seed, n_poses):
     rng = np.random.default_rng(seed)
-    shape = n_poses, 40
-    figures = {
-        "visibility": rng.choice([0, 1e-7, 0.5, 1], shape),
-        "visibility_bound": rng.choice([0, 1e-9, 0.3, 1], shape),
-        "visibility_kind": rng.integers(0, 3, shape).astype(np.uint8),
-        "drawn_pixels": rng.choice([0, EDGE_ON, 2 * EDGE_ON, 9], shape),
-        "reason": rng.integers(0, 9, shape).astype(np.uint8),
-    }
-    expected = candidate_bounds(*figures.values(), EDGE_ON)
-    result = CandidateBounds(40, np.ones(40, bool))
-    for rows in np.array_split(np.arange(n_poses), 2):  # batch by batch
-        parts = {name: array[rows] for name, array in figures.items()}
-        result.add(SimpleNamespace(pose_ids=rows, **parts))
-    for one, other in zip((result.low, result.high, result.covering), expected, strict=True):
-        np.testing.assert_array_equal(one, other)
-    assert result.n_poses == n_poses
+    mesh = joined(soup(rng, 60), square(1.0, 3.0))
+    size = 10 ** rng.uniform(-5, 0)  # images of a millionth of a pixel, too
+    mesh = rc.Mesh(mesh.vertices * (size, 1, 1), mesh.faces)
+    poses = rc.look_at(rng.normal(size=(n_poses, 3)), (0, 0, 3)) if n_poses else np.empty((0, 4, 4))
+    task = Task(min_pixels=float(rng.choice([0.5, 3])))
+    plain = rc.evaluate(mesh, CAMERA, poses, task, method=method, by="face").coverage
+    some = np.append(plain[(plain > 0) & (plain < 1)], [0, 0.4])  # one is the threshold itself
+    task = replace(task, min_coverage=float(rng.choice(some)))
+    chosen = rng.random(mesh.n_faces) < 0.8
+    bounds = CandidateBounds(mesh.n_faces, chosen)
+    with rc.open_observer(mesh, CAMERA, method, threads=2) as observer:
+        matrix = build_matrix(observer, poses[:4], task, bounds=bounds)
+        matrix = matrix.joined(build_matrix(observer, poses[4:], task, bounds=bounds))
+    figures = rc.evaluate(mesh, CAMERA, poses, task, method=method, by="face")
+    names = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
+    expected = candidate_bounds(*(getattr(figures, name) for name in names), EDGE_ON)
+    for one, other in zip((bounds.low, bounds.high, bounds.covering), expected, strict=True):
+        np.testing.assert_array_equal(one, np.where(chosen, other, 0))
+    assert bounds.n_poses == n_poses
+    pose, face = np.nonzero(figures.coverage)
+    np.testing.assert_array_equal(np.repeat(np.arange(n_poses), np.diff(matrix.indptr)), pose)
+    np.testing.assert_array_equal(matrix.face, face)
+    short, is_covered = shorten_coverage(figures.coverage[pose, face], task.min_coverage)
+    np.testing.assert_array_equal(matrix.coverage, short)
+    np.testing.assert_array_equal(matrix.covered, is_covered)
 
 
 def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
@@ -262,7 +274,7 @@ def test_what_a_matrix_measured_need_not_be_measured_again(monkeypatch):
         objective = Objective.of(observer, task)
         cameras = measure_network(objective, poses[:2])
         again = find_uncovered(observer, cameras, lambda *_: None, poses)
-        monkeypatch.setattr(uncovered, "evaluate_batches", None)  # raises when it is called
+        monkeypatch.setattr(uncovered, "measurements", None)  # raises when it is called
         rest = find_uncovered(observer, cameras, lambda *_: None, poses, bounds)
     assert rest.summary() == again.summary()
     for name in ("n_covering", "sight", "seen_at_least", "seen_at_most"):

@@ -5,7 +5,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
@@ -140,13 +140,25 @@ class Coverage(InNotebook):
                 object.__delattr__(self, name)
 
     def __repr__(self) -> str:
-        names = ", ".join(name for name in FIGURES if name in vars(self)) or "no arrays"
+        kept = vars(self).keys() | self._later()
+        names = ", ".join(name for name in FIGURES if name in kept) or "no arrays"
         shape = f"{plural(len(self.pose_ids), 'pose')} x {plural(self.mesh.n_faces, 'face')}"
         return f"{type(self).__name__}({shape}: {names})"
+
+    def _later(self) -> Collection[str]:
+        """Names of figures that are derived when they are first read, see `_derive`."""
+        return ()
+
+    def _derive(self, name: str) -> AnyArray:
+        """A figure of `_later`."""
+        raise NotImplementedError
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
+            if name in FIGURES and name in self._later():
+                object.__setattr__(self, name, self._derive(name))
+                return vars(self)[name]
             if name in FIGURES:
                 raise ConfigError(
                     f"expected {name} among the fields of this coverage, got none; add it to fields"
@@ -247,13 +259,15 @@ def arrays_for(names: Sequence[str], shape: tuple[int, int]) -> dict[str, AnyArr
     return {name: make(shape, FIGURES[name]) for name in names}
 
 
-def check_fields(names: Sequence[str] | None) -> list[str]:
-    """Names of figures that were asked for, in the order of `FIGURES`."""
+def check_fields(names: Sequence[str] | None, *others: str) -> list[str]:
+    """Names of figures that were asked for, in the order of `FIGURES`, and of `others`."""
     if names is None:
         return list(FIGURES)
     known = isinstance(names, list | tuple | set | frozenset | dict)
-    if not known or not all(isinstance(name, str) and name in FIGURES for name in names):
+    if not known or not all(
+        isinstance(name, str) and name in (*FIGURES, *others) for name in names
+    ):
         raise ConfigError(
             f"expected arrays of Coverage, got {shown(names)}; name some, such as reason"
         )
-    return [name for name in FIGURES if name in names]
+    return [name for name in (*FIGURES, *others) if name in names]

@@ -5,15 +5,23 @@ work. An `Evaluation` has figures of all cameras together, and of each pair of p
 face.
 """
 
-from collections.abc import Mapping
-from dataclasses import field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import ByName, ConfigError, ReadByName, frozen_record, shown
+from rastercov.base import (
+    AnyArray,
+    ByName,
+    ConfigError,
+    ReadByName,
+    frozen_record,
+    shown,
+    thread_count,
+)
 from rastercov.base.typed import guard_class
 from rastercov.core.area.by_camera import ByCamera, warnings_of
 from rastercov.core.area.features import narrow
@@ -24,9 +32,11 @@ from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene, equipment_words, led_by
 from rastercov.core.camera.rig import with_equipment
-from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.bits import COVERED, CoverageBits
+from rastercov.core.coverage.coverage import FIGURES, Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
 from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased_features
 from rastercov.core.coverage.provenance import provenance_of
@@ -34,6 +44,7 @@ from rastercov.core.coverage.shards import is_long
 from rastercov.core.coverage.silhouettes import GroupViews, group_views
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.contract import FaceCounts
 from rastercov.shards import Staff
 
 if TYPE_CHECKING:
@@ -122,6 +133,51 @@ class Query:
         return self.phases.network(scene, self.engine, folder, staff)
 
 
+def bits_of_a_pair(names: Collection[str], engine: Engine) -> int:
+    """Memory that figures of a pair take, bits: of samples that of the two counts."""
+    if engine.method == "sampled":
+        each = 64 if {*names} - {COVERED} else 0
+    else:
+        each = sum(8 * np.dtype(FIGURES[name]).itemsize for name in names if name != COVERED)
+    return each + (COVERED in names)
+
+
+class KeptCounts:
+    """Counts of samples of all pairs, in place of figures that are derived from them.
+
+    A pair takes 8 bytes, or 16 of large images, and all of its figures 95.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Figures that may be asked for.
+    n_poses : int
+    """
+
+    def __init__(self, names: Sequence[str], n_poses: int) -> None:
+        self.names, self._n_poses = names, n_poses
+        self.counts: FaceCounts | None = None
+
+    def add(self, batch: FaceCounts, first: int) -> None:
+        """Keep the counts of poses from row `first` on."""
+        if not self.names:
+            return
+        if self.counts is None:
+            shape = self._n_poses, batch.visible.shape[1]
+            visible, drawn = (np.empty(shape, batch.visible.dtype) for _ in range(2))
+            self.counts = replace(batch, visible=visible, drawn=drawn)
+        rows = slice(first, first + len(batch.visible))
+        self.counts.visible[rows] = batch.visible
+        if self.counts.drawn is not None and batch.drawn is not None:
+            self.counts.drawn[rows] = batch.drawn
+
+    def first(self, n: int) -> FaceCounts | None:
+        """Counts of the first n poses; None where there is none."""
+        if (all_of := self.counts) is None or all_of.drawn is None:
+            return None
+        return replace(all_of, visible=all_of.visible[:n], drawn=all_of.drawn[:n])
+
+
 @guard_class
 @frozen_record(repr=False, kw_only=True)
 class Evaluation(Coverage):
@@ -145,6 +201,10 @@ class Evaluation(Coverage):
         Covered area of a result by area; see `covered`; of all frames if bodies move.
     per_camera : ByCamera
         Results of each camera where there are several.
+    kept_counts : KeptCounts or None
+        Of method "sampled": arrays of `Coverage` are derived from counts when they are first read.
+    kept_bits : CoverageBits or None
+        See `bits`.
     pairs : str
         Pairs of pose and face that a command wrote to a table; "none" for `evaluate`.
     n_rows : int
@@ -178,11 +238,24 @@ class Evaluation(Coverage):
     by_face_because: str
     areas: AreaNetwork | None
     per_camera: ByCamera
+    kept_counts: KeptCounts | None
+    kept_bits: CoverageBits | None
     pairs: str
     n_rows: int
     quarantined: Mapping[int, str]
     seconds: float
     interrupted: bool
+
+    def _later(self) -> Collection[str]:
+        return () if self.kept_counts is None else self.kept_counts.names
+
+    def _derive(self, name: str) -> AnyArray:
+        n = len(self.pose_ids)
+        out = arrays_for([name], (n, self.mesh.n_faces))
+        if self.kept_counts is not None and (counts := self.kept_counts.first(n)) is not None:
+            judge = FacePass(self.mesh, self.camera, thread_count(self.engine.threads), self.task)
+            judge.fill(counts, self.poses, out)
+        return out[name]
 
     @property
     def by(self) -> str:
@@ -208,6 +281,16 @@ class Evaluation(Coverage):
             why = self.by_face_because or 'give by="area", with method certified or exact'
             raise ConfigError(f"expected an evaluation by area, got one by face; {why}")
         return self.areas.covered
+
+    @property
+    def bits(self) -> CoverageBits:
+        """Pairs of pose and face that are covered, one bit each; see `CoverageBits`.
+
+        ConfigError unless "covered" is among the fields.
+        """
+        if self.kept_bits is None:
+            raise ConfigError(f"expected bits of pairs, got none; add {COVERED!r} to fields")
+        return self.kept_bits
 
     @property
     def over_time(self) -> "OverTime":

@@ -5,7 +5,7 @@ and to the commands, which write chosen pairs to a table while it runs.
 """
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -21,19 +21,20 @@ from rastercov.core.area.by_camera import ByCamera
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
-from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of, is_joint
-from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields, measurements
+from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of
+from rastercov.core.coverage.bits import COVERED, CoverageBits
+from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.evaluation import Evaluation, Query, asked
+from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.judging import SUMMED, JudgedPoses, sums_of
+from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import RasterizerInfo
+from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.shards import ALONE, Staff, Workers
 
 EVALUATE_BUDGET = 4 << 30
@@ -75,6 +76,7 @@ def evaluate(
     fields : sequence of str, optional
         Names of the (P, F) arrays of `Coverage` to keep, such as ("coverage", "reason"); all unless
         given, and none for () or with shards. Any other array raises `ConfigError` when it is read.
+        "covered" keeps the covered pairs as `Evaluation.bits`, also with shards.
     shards : path, or (path, Workers), optional
         Folder for partial results, from which an interrupted run resumes; with `Workers`, processes
         that compute them: docs/scale.md. Required above 10,000 frames x cameras of a `motion`.
@@ -121,14 +123,14 @@ def evaluate(
     query = Query(mesh, camera, accepted, task, engine, phases, by)
     folder, workers = shards if isinstance(shards, tuple) else (shards, None)
     if folder is not None:
-        if fields:
+        if fields and [*fields] != [COVERED]:
             raise ConfigError("expected fields or a folder for shards, got both; leave one out")
-        fields = ()
+        fields = fields or ()
     elif phases is not None:
         phases.check_motion(accepted)
-    names = check_fields(fields)
-    each = sum(np.dtype(FIGURES[name]).itemsize for name in names)
-    size = each * len(accepted) * mesh.n_faces
+    names = check_fields(fields, COVERED)
+    each = bits_of_a_pair(names, engine)
+    size = each * len(accepted) * mesh.n_faces // 8
     if size > EVALUATE_BUDGET:
         raise ResourceError(
             f"expected fields of {EVALUATE_BUDGET / 2**30:g} GiB at most, got {size / 2**30:.1f} "
@@ -160,25 +162,14 @@ class QuerySums:
         self.network = Network(mesh, task)
         self.areas = AreaNetwork(mesh, task) if query.by_area else None
         self.per_camera = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
-        self.figures: ByName = arrays_for(fields, (len(poses), mesh.n_faces))
-        self.judge = FacePass(mesh, camera, observer.threads, task) if fields else None
-        # Of figures, not of rays to cameras, of which the network keeps rows.
-        is_alone = not (task.min_angle_deg > 0 or is_joint(camera))
-        self.are_of_figures = is_alone and SUMMED.keys() <= set(fields)
+        names = [name for name in fields if name != COVERED]
+        # Counts are kept in place of figures.
+        self.counts = KeptCounts(names, len(poses)) if query.engine.method == "sampled" else None
+        names = names if self.counts is None else []
+        self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
+        self.judge = FacePass(mesh, camera, observer.threads, task) if names else None
+        self.bits = CoverageBits.room(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
-
-    def batches(
-        self, observer: Observer, wanted: Wanted, shards: EvaluationShards | None, staff: Staff
-    ) -> Iterator[JudgedPoses]:
-        """Batches for `add`, as of `classify_parts`."""
-        poses = self.query.poses
-        if not self.are_of_figures:
-            return classify_parts(self.network, observer, poses, wanted, shards, staff)
-        nothing: Any = ()  # no rows
-        return (
-            JudgedPoses.of(part, seen, nothing, {}, self.query.camera)
-            for part, seen in measurements(observer, poses)
-        )
 
     def add(self, batch: JudgedPoses) -> None:
         """Take in a batch."""
@@ -187,13 +178,14 @@ class QuerySums:
         if self.judge is not None and batch.measured is not None:
             rows = {name: array[self.done : end] for name, array in self.figures.items()}
             self.judge.fill(batch.measured, poses, rows)
-            if self.are_of_figures:
-                apart = self.per_camera.is_asked
-                batch.sums.update(sums_of(self.query.mesh, rows, poses.camera, apart=apart))
+        if self.counts is not None and isinstance(batch.measured, FaceCounts):
+            self.counts.add(batch.measured, self.done)
         self.network.add(batch)
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
             self.areas.add(with_rule(batch.regions, camera, poses))
+        if self.bits is not None and batch.bits is not None:
+            self.bits.add(batch.bits, self.done)
         self.ids.append(poses.ids)
         self.clipped.append(batch.clipped)
         self.done = end
@@ -226,6 +218,8 @@ class QuerySums:
             network=self.network,
             by_face_because=query.by_face_because,
             per_camera=self.per_camera,
+            kept_counts=self.counts,
+            kept_bits=None if self.bits is None else self.bits.first(self.done),
             **of_run,
         )
 
@@ -266,7 +260,7 @@ def answer(
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
         sums = QuerySums(query, observer, fields)
-        wanted = replace(wanted, apart=sums.per_camera.is_asked)
+        wanted = replace(wanted, apart=sums.per_camera.is_asked, bits=COVERED in fields)
         if folder is not None:
             shards = EvaluationShards(folder, observer, poses, task, wanted)
         if open_table is not None:
@@ -274,7 +268,8 @@ def answer(
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
         try:
-            for batch in sums.batches(observer, wanted, shards, staff):
+            batches = classify_parts(sums.network, observer, poses, wanted, shards, staff)
+            for batch in batches:
                 with hold_interrupts():
                     if table is not None:
                         table.add(batch.rows, batch.regions)

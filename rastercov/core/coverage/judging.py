@@ -1,6 +1,7 @@
 """Poses measured and judged face by face, a few at a time, in the threads that measure them."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +13,13 @@ from rastercov.base import (
     ByName,
     ConfigError,
     FloatArray,
-    Int32Array,
     IntArray,
     check_choice,
     frozen_record,
 )
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
+from rastercov.core.coverage.bits import CoverageBits, area_units, room_for_bits
 from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.observer import Observer
@@ -67,6 +68,8 @@ class JudgedPoses:
         As of `rig.eyes_of`, metres.
     leads : (P,) bool, or None
         Of rigs with a rule, the first pose of each, at which `RESULT` has the sums of the rig.
+    bits : CoverageBits or None
+        Covered pairs, where they are asked for.
     """
 
     poses: Poses
@@ -77,6 +80,7 @@ class JudgedPoses:
     regions: "Regions | None"
     eyes: FloatArray
     leads: BoolArray | None = None
+    bits: CoverageBits | None = None
 
     @classmethod
     def of(
@@ -150,18 +154,7 @@ def _merge_sums(parts: Sequence[Sums]) -> Sums:
     return whole
 
 
-def sums_of(
-    mesh: Mesh, figures: Mapping[str, AnyArray], camera: Int32Array, *, apart: bool
-) -> dict[int, Sums]:
-    """Sums of the figures of poses, (P, F) each: of each camera (P,), or of all as camera -1."""
-    sums = {}
-    for index in np.unique(camera).tolist() if apart else [-1]:
-        own = np.flatnonzero((camera == index) | (index < 0))
-        sums[index] = _sums_of_rows(mesh, figures, own)
-    return sums
-
-
-def _sums_of_rows(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
+def sums_of(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
     """Sums of the figures of some poses, rows of (P, F) each."""
     coverage, reason, bound, kind, part = (
         np.ascontiguousarray(figures[name], dtype) for name, dtype in SUMMED.items()
@@ -198,7 +191,7 @@ def sums_of_rigs(
     reason[~covered & (reason == Reason.COVERED)] = left
     reason[covered] = Reason.COVERED
     folded["reason"][rows] = reason
-    return _sums_of_rows(mesh, folded, rows)
+    return sums_of(mesh, folded, rows)
 
 
 def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums], Worker]:
@@ -233,8 +226,9 @@ def classify_poses(
     *,
     pairs: str = "none",
     apart: bool = False,
+    bits: bool = False,
 ) -> Iterator[JudgedPoses]:
-    """Measure poses, a few at a time; see `Network.classify_poses`."""
+    """Measure poses, a few at a time; see `Network.judge`."""
     check_observer(observer)
     check_choice("pairs", pairs, CHOICES)
     faces = FacePass(observer.mesh, observer.camera, observer.threads, task)
@@ -244,7 +238,10 @@ def classify_poses(
     memory = PairRows(*(np.empty(n_rows, ROW_TYPES[name]) for name in PairRows._fields))
 
     def classify(batch: Poses, seen: Measured) -> JudgedPoses:
-        sink = Sink(choice, batch.ids, np.zeros(len(batch), np.int64), memory)
+        n = len(batch)
+        words = room_for_bits(n, n_faces if bits else 0)
+        counts, areas = np.zeros((2, n), np.int64)
+        sink = Sink(choice, batch.ids, counts, memory, words, area_units(mesh), areas)
         of_threads: list[dict[int, Sums]] = []
 
         def worker() -> Worker:
@@ -266,6 +263,9 @@ def classify_poses(
         whole = {camera: _merge_sums(some) for camera, some in parts.items()}
         rows = PairRows(*columns)
         result = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
+        if bits:
+            views = sum((each.views for each in whole.values()), np.zeros(n_faces, np.int64))
+            result = replace(result, bits=CoverageBits.of(mesh, words, areas, views))
         if result.leads is not None and result.regions is None:
             raise ConfigError(OF_PARTS)
         if result.leads is not None and result.regions is not None and len(batch):

@@ -190,8 +190,7 @@ class Network(InNotebook):
                 for eye, reason in zip(coverage.eyes, coverage.reason, strict=True):
                     self._spread.add(eye, np.flatnonzero(reason == Reason.COVERED))
             figures = {name: getattr(coverage, name) for name in SUMMED}
-            cameras = np.zeros(len(coverage.pose_ids), np.int32)
-            sums = sums_of(self.mesh, figures, cameras, apart=False)[-1]
+            sums = sums_of(self.mesh, figures, np.arange(len(coverage.pose_ids)))
             self._take(coverage.pose_ids, coverage.clipped, sums)
 
     @typed
@@ -202,6 +201,7 @@ class Network(InNotebook):
         *,
         pairs: str = "none",
         apart: bool = False,
+        bits: bool = False,
     ) -> "Iterator[JudgedPoses]":
         """Evaluate poses in batches for `add`; at least one batch, possibly empty.
 
@@ -218,6 +218,8 @@ class Network(InNotebook):
             Pairs of pose and face whose figures are kept as rows.
         apart : bool
             Keep sums per camera, so that a network can `add` those of one camera.
+        bits : bool
+            Keep the covered pairs of each pose as `CoverageBits`.
 
         Raises
         ------
@@ -228,7 +230,8 @@ class Network(InNotebook):
             pairs = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError(OF_ONE_TASK)
-        return classify_poses(self.mesh, self.task, observer, poses, pairs=pairs, apart=apart)
+        kept: ByName = {"pairs": pairs, "apart": apart, "bits": bits}
+        return classify_poses(self.mesh, self.task, observer, poses, **kept)
 
     def _add_classified(self, batch: JudgedPoses, camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""

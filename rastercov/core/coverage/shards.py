@@ -25,6 +25,7 @@ from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
+from rastercov.core.coverage.bits import CoverageBits
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.judging import JudgedPoses, leads_of, merge, no_sums
 from rastercov.core.coverage.network import Network
@@ -52,6 +53,8 @@ FUNCTION = "rastercov.core.coverage.shards:make"
 """Function by which workers make a shard."""
 PAIRS_A_SHARD = 1 << 19
 """Pose-face pairs of one shard: a tenth of a second of work or more, and some 50 MB of regions."""
+PAIRS_OF_COUNTS = 1 << 25
+"""The same where samples are counted and no pair is kept but as a bit: 4 MB, half a second."""
 UNFINISHED = "unfinished"
 """Folder in that of a report, for the shards of a run until its report is whole."""
 LONG_RUN = 128
@@ -84,12 +87,20 @@ class Wanted:
         Rows of the table, of `rastercov.core.coverage.judging.CHOICES`.
     apart : bool
         True where the sums of each camera are kept apart.
+    bits : bool
+        True where the covered pairs are kept as bits.
     """
 
     engine: Engine
     by_area: bool
     pairs: str = "none"
     apart: bool = False
+    bits: bool = False
+
+    @property
+    def kept(self) -> ByName:
+        """Arguments of `Network.judge`."""
+        return {"pairs": self.pairs, "apart": self.apart, "bits": self.bits}
 
 
 class EvaluationShards:
@@ -137,6 +148,7 @@ class EvaluationShards:
             yield self._part(arrays, self.poses[store.rows(number)])
 
     def _part(self, arrays: dict[str, AnyArray], poses: Poses) -> JudgedPoses:
+        own_bits: Any = _under("bits", arrays)
         left, regions = poses[np.isin(poses.ids, arrays["ids"])], None
         eyes = eyes_of(self.observer.camera, left)
         if self.wanted.by_area:
@@ -154,6 +166,7 @@ class EvaluationShards:
             regions=regions,
             eyes=eyes,
             leads=leads_of(self.observer.camera, left),
+            bits=CoverageBits.of(self.observer.mesh, **own_bits) if self.wanted.bits else None,
         )
 
 
@@ -222,7 +235,7 @@ def classify_parts(
         yield from shards.parts(staff)
         return
     did = count_poses_of(len(poses), staff.progress)
-    for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
+    for batch in network.judge(observer, poses, **wanted.kept):
         yield batch
         did(len(batch.poses))
 
@@ -262,7 +275,9 @@ def question_of(inputs: Inputs) -> tuple[Task, Wanted]:
 def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> ByName:
     """Entries of the header of a folder, ready for JSON."""
     engine = replace(wanted.engine, threads=None)
-    return inputs_of(observer, poses, task, observer.mesh.n_faces, PAIRS_A_SHARD) | {
+    is_small = engine.method == "sampled" and wanted.pairs == "none"
+    size = PAIRS_OF_COUNTS if is_small else PAIRS_A_SHARD
+    return inputs_of(observer, poses, task, observer.mesh.n_faces, size) | {
         "wanted": asdict(replace(wanted, engine=engine))
     }
 
@@ -303,7 +318,7 @@ def _measure_poses(
 ) -> dict[str, AnyArray]:
     """Arrays of a shard of some poses; `did` is called with the poses that are done."""
     network, batches = Network(observer.mesh, task), []
-    for batch in network.judge(observer, poses, pairs=wanted.pairs, apart=wanted.apart):
+    for batch in network.judge(observer, poses, **wanted.kept):
         batches.append(batch)
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _join_batches(poses, batches)
@@ -322,6 +337,11 @@ def _join_batches(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, Any
             merge(sums.setdefault(camera, no_sums(len(part.views), len(poses))), part, int(first))
     columns = map(np.concatenate, zip(*rows, strict=True))
     arrays = {"clipped": np.concatenate([batch.clipped for batch in batches])}
+    if kept := [batch.bits for batch in batches if batch.bits is not None]:
+        of_poses = [(each.packed, each.area_units) for each in kept]
+        packed, areas = map(np.concatenate, zip(*of_poses, strict=True))
+        views = np.sum([each.views for each in kept], axis=0)
+        arrays |= _below("bits", {"packed": packed, "area_units": areas, "views": views})
     arrays |= _below("rows", dict(zip(rows[0]._fields, columns, strict=True)))
     for camera, part in sorted(sums.items()):
         arrays |= _below(f"sums.{camera}", part._asdict())

@@ -51,6 +51,9 @@ struct Sink {
     IntArray pose_ids;
     Column<int64_t> counts;
     PairRows rows;
+    Array<uint8_t, Any, Any> bits; // (0, 0) where they are not asked for
+    IntArray area_units;
+    Column<int64_t> areas;
 };
 
 } // namespace
@@ -60,7 +63,7 @@ RECORD(coverage::Sums, views, best, best_row, reason, alone, kinds, bounds, cove
 RECORD(coverage::PairRows, pose, face, in_view, in_view_fraction, projected_area, visible_pixels,
        drawn_pixels, resolution, pixel_density, facing_density, in_focus, visibility,
        visibility_bound, visibility_kind, incidence, coverage, reason);
-RECORD(coverage::Sink, choice, pose_ids, counts, rows);
+RECORD(coverage::Sink, choice, pose_ids, counts, rows, bits, area_units, areas);
 
 namespace coverage {
 namespace {
@@ -155,14 +158,19 @@ template <class View> struct Adder {
     int64_t choice, n_rows; // rows so far
     double rounding;
 
-    // Adds faces that the camera is behind, or that have no area, without measuring them.
+    // Adds faces that the camera is behind, or parallel rays leave from their back, or that have no
+    // area, without measuring them.
     template <class N> INLINE bool leaves_out(int64_t f) const {
         if (choice == ALL_PAIRS) return false;
         const Scene &scene = view.scene;
         const Pose pose = view.pose();
         const auto [a, b, c] = read_triple<N>(scene.normals.begin() + 3 * f);
-        const N height = a * N(pose(0, 3)) + b * N(pose(1, 3)) + c * N(pose(2, 3)) -
-                         read<N>(scene.offsets.begin() + f);
+        const auto along = [&](int column) __attribute__((always_inline)) {
+            return a * N(pose(0, column)) + b * N(pose(1, column)) + c * N(pose(2, column));
+        };
+        const N height = has_parallel_rays(view.camera)
+                             ? -along(2)
+                             : along(3) - read<N>(scene.offsets.begin() + f);
         const Mask<N> is_degenerate = read<Whole<N>>(scene.own.begin() + f) == Whole<N>(DEGENERATE);
         const Mask<N> is_behind =
             (height < N(-rounding)) & !read_mask<N>(scene.two_sided.begin() + f);
@@ -201,6 +209,7 @@ template <class View> struct Adder {
         const Summand<N> summand = {decision.coverage, face.bound, face.part, decision.reason,
                                     face.kind};
         add_pair(view.row, f, is_scored, summand, sums);
+        if (sink.bits.size()) put_bits(f, covers(face));
         if (choice == NO_PAIRS) return;
         const Mask<N> rows = is_row(face);
         if constexpr (std::is_same_v<N, double>) {
@@ -209,6 +218,16 @@ template <class View> struct Adder {
             for (int64_t left = bits(rows); left; left = without_lowest(left))
                 add_row(f, face, lowest(left));
         }
+    }
+
+    // Sets the bits of covered faces from f on, which share a byte, and adds their areas.
+    template <class M> INLINE void put_bits(int64_t f, M is_covered) {
+        int64_t lanes = 0;
+        if constexpr (std::is_same_v<M, bool>) lanes = is_covered;
+        else lanes = bits(is_covered);
+        sink.bits(view.row, f / 8) |= uint8_t(lanes << f % 8);
+        for (; lanes; lanes = without_lowest(lanes))
+            sink.areas[view.row] += sink.area_units[f + lowest(lanes)];
     }
 
     // Keeps the figures of the face in lane k. The bound includes the rounding of the visible
@@ -249,7 +268,8 @@ template <class View> struct Adder {
 // Judges the faces in poses `first` to `last` - 1 and adds them to the sums.
 //
 // `coverage`, (F,), is scratch. Rows of the pairs that the sink asks for go to its rows from
-// first * F on, their number to its counts[first].
+// first * F on, their number to its counts[first]; bits of covered faces, the lowest first, and the
+// sums of their area units are added to its bits and areas.
 template <class Camera, class Count>
 void add_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, const Rules &rules,
                Scored is_scored, const Sums &sums, Column<double> coverage, const Sink &sink) {
@@ -264,6 +284,13 @@ void add_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, c
     each_field(sink.rows, Record<PairRows>::fields, [&](const auto &rows) {
         require(rows.rows() >= room, "a sink must have room for all pairs");
     });
+    if (sink.bits.size()) {
+        static_assert(8 % AT_A_TIME<Doubles> == 0);
+        require(have_rows(n_poses, sink.bits, sink.areas) && have_rows(n_faces, sink.area_units) &&
+                    8 * sink.bits.extent(1) >= n_faces,
+                "bits must have a row for each pose and a column for each face, areas must be of "
+                "all");
+    }
     if (first == last) return;
     const bool has_rows = sink.choice != NO_PAIRS;
     const Asked asked = {.area = has_rows,

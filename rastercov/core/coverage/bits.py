@@ -1,0 +1,124 @@
+"""Covered pairs of pose and face as bits, with the covered area of each pose.
+
+A million poses of 10,000 faces take 1.25 GB. Areas are sums of integers, which do not depend on
+their order: any device and any number of threads gives the same bits.
+"""
+
+import math
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    InOneLine,
+    IntArray,
+    frozen_record,
+    once_each,
+    read_only,
+)
+from rastercov.core.mesh import Mesh
+
+COVERED = "covered"
+"""Name of the bits among the fields of `evaluate`."""
+UNITS = 1 << 44
+"""Units of area in the evaluated area of a mesh."""
+WORD = 8
+"""Bytes of a word: rows are whole words."""
+
+
+def whole_area(mesh: Mesh) -> float:
+    """Evaluated area, m^2, as one correctly rounded sum."""
+    return max(math.fsum(mesh.areas[mesh.task_mask].tolist()), TINY)
+
+
+@once_each
+def area_units(mesh: Mesh) -> IntArray:
+    """(F,) area of each face in units of 2^-44 of `whole_area`, rounded; 0 if it is not evaluated.
+
+    The area of covered faces is the sum of their units, whatever the order.
+    """
+    share = np.where(mesh.task_mask, mesh.areas, 0.0) / whole_area(mesh)
+    return read_only(np.rint(share * UNITS), np.int64)
+
+
+def room_for_bits(n_poses: int, n_faces: int) -> ByteArray:
+    """Memory (P, 8 W) of the bits of poses, all 0, in W words of 64 bits."""
+    return np.zeros((n_poses, -(-n_faces // (8 * WORD)) * WORD), np.uint8)
+
+
+@frozen_record(repr=False)
+class CoverageBits(InOneLine):
+    """Faces that each pose covers, one bit each: the pairs with `Reason.COVERED`.
+
+    Attributes
+    ----------
+    packed : (P, ceil(F / 8)) uint8
+        Face f is bit `f % 8`, the lowest first, of byte `f // 8`; bits beyond the last face are 0.
+        A view of rows of whole 64-bit words.
+    area_units : (P,) int64
+        Covered area of each pose, in units of 2^-44 of the evaluated area. The area of each face is
+        rounded to such units before it is added, so that sums do not depend on their order.
+    views : (F,) int64
+        Number of poses that cover each face.
+    unit : float
+        Square metres of a unit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.2, 0.2))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = rc.look_at([(0.6, 0, 0), (0, 0, 0.6)], (0, 0, 0))
+    >>> bits = rc.evaluate(mesh, camera, poses, method="sampled", fields=("covered",)).bits
+    >>> bits.packed.tolist(), bits.areas.round(4).tolist()  # m^2
+    ([[12, 0], [0, 12]], [0.04, 0.04])
+    >>> bits.dense()[0].nonzero()[0].tolist()
+    [2, 3]
+    >>> np.unpackbits(bits.packed, axis=1, count=12, bitorder="little").sum()
+    4
+    """
+
+    packed: ByteArray
+    area_units: IntArray
+    views: IntArray
+    unit: float
+
+    @classmethod
+    def of(cls, mesh: Mesh, packed: ByteArray, area_units: IntArray, views: IntArray) -> Self:
+        """Bits of a mesh; further bytes of rows, as of `room_for_bits`, are left out."""
+        octets = packed[:, : -(-mesh.n_faces // 8)]
+        return cls(octets, area_units, views, whole_area(mesh) / UNITS)
+
+    @classmethod
+    def room(cls, mesh: Mesh, n_poses: int) -> Self:
+        """Bits of poses before any is added, all 0."""
+        areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)
+        return cls.of(mesh, room_for_bits(n_poses, mesh.n_faces), areas, views)
+
+    def add(self, batch: "CoverageBits", first: int) -> None:
+        """Put the bits of a batch in the rows from `first` on, and add its views."""
+        rows = slice(first, first + len(batch.packed))
+        self.packed[rows], self.area_units[rows] = batch.packed, batch.area_units
+        self.views[:] += batch.views
+
+    def first(self, n: int) -> Self:
+        """Bits of the first n poses, in which all views are."""
+        return replace(self, packed=self.packed[:n], area_units=self.area_units[:n])
+
+    @property
+    def areas(self) -> FloatArray:
+        """(P,) covered area of each pose, m^2."""
+        return self.area_units * np.float64(self.unit)
+
+    def dense(self, poses: slice = slice(None)) -> BoolArray:
+        """(P, F) mask of the pairs of some poses; eight times as large."""
+        octets = self.packed[poses]
+        return np.unpackbits(octets, axis=1, count=len(self.views), bitorder="little").view(
+            np.bool_
+        )
