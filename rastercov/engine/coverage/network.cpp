@@ -155,9 +155,10 @@ template <class View> struct Adder {
     int64_t choice, n_rows; // rows so far
     double rounding;
 
-    // Adds faces that the camera is behind, or that have no area, without measuring them.
+    // Adds faces that the camera is behind, or that have no area, without measuring them; parallel
+    // rays see some that their centre is behind.
     template <class N> INLINE bool leaves_out(int64_t f) const {
-        if (choice == ALL_PAIRS) return false;
+        if (choice == ALL_PAIRS || has_parallel_rays(view.camera)) return false;
         const Scene &scene = view.scene;
         const Pose pose = view.pose();
         const auto [a, b, c] = read_triple<N>(scene.normals.begin() + 3 * f);
