@@ -35,20 +35,31 @@ def figures_of(mesh, camera, rules, counts, poses, *names):
     return arrays
 
 
+def depths_of(mesh, poses):
+    """Depths of the corners of faces, (P, F, 3), by the operations of the engine."""
+    x, y, z = np.moveaxis(mesh.vertices - poses[:, None, :3, 3], -1, 0)
+    axis = poses[:, :3, 2, None]
+    return (x * axis[:, 0] + y * axis[:, 1] + z * axis[:, 2])[:, mesh.faces]
+
+
 def random_rules(rng, mesh, camera, counts, poses):
     """Thresholds, many of them equal to the figure of some face to the last bit."""
     rules = Task().rules(camera)
     names = "drawn_pixels", "visibility", "pixel_density", "facing_density", "incidence", "coverage"
     found = figures_of(mesh, camera, rules, counts, poses, *names)
-    depths = (mesh.vertices - poses[rng.integers(len(poses)), :3, 3]) @ poses[0, :3, 2]
-    found["depths"] = depths
+    covered = found["coverage"] > 0
+    of_corners = depths_of(mesh, poses)
+    found["depth"] = of_corners[covered]
+    found["centre"] = ((of_corners[..., 0] + of_corners[..., 1] + of_corners[..., 2]) / 3)[covered]
 
     def pick(name):
-        values = found[name][found[name] > 0]
-        return float(rng.choice(values)) if values.size else 1.0
+        values = found[name][covered] if found[name].shape == covered.shape else found[name]
+        return float(rng.choice(values.ravel())) if values.size else 1.0
 
+    is_of_centroid = bool(rng.random() < 0.3)
+    depth = "centre" if is_of_centroid else "depth"
     angle, density = min(pick("incidence"), math.pi / 2), pick("facing_density")
-    near, far = sorted((pick("depths"), pick("depths")))
+    near, far = sorted((pick(depth), pick(depth)))
     changes = {
         "min_pixels": pick("drawn_pixels"),
         "min_visibility": pick("visibility"),
@@ -59,15 +70,16 @@ def random_rules(rng, mesh, camera, counts, poses):
         "z_n": near,
         "z_f": far,
         "max_incidence": angle,
-        "focus_of_centroid": True,
         "cap_resolution": False,
     }
     left = DENSITIES if camera.is_parallel else ()
-    chosen = [name for name in changes if rng.random() < 0.25 and name not in left]
+    names = [name for name in changes if name not in left]
+    chosen = rng.choice(names, rng.integers(0, 4), replace=False).tolist()
     if "max_incidence" in chosen:
         chosen += ["cos_incidence", "tan_incidence"]
         changes |= {"cos_incidence": math.cos(angle), "tan_incidence": math.tan(angle)}
-    return rules._replace(**{name: changes[name] for name in chosen})
+    changes["focus_of_centroid"] = is_of_centroid
+    return rules._replace(**{name: changes[name] for name in [*chosen, "focus_of_centroid"]})
 
 
 def compare(rasterizer, poses, rules=None, rng=None):
