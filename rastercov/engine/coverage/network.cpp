@@ -155,15 +155,19 @@ template <class View> struct Adder {
     int64_t choice, n_rows; // rows so far
     double rounding;
 
-    // Adds faces that the camera is behind, or that have no area, without measuring them; parallel
-    // rays see some that their centre is behind.
+    // Adds faces that the camera is behind, or parallel rays leave from their back, or that have no
+    // area, without measuring them.
     template <class N> INLINE bool leaves_out(int64_t f) const {
-        if (choice == ALL_PAIRS || has_parallel_rays(view.camera)) return false;
+        if (choice == ALL_PAIRS) return false;
         const Scene &scene = view.scene;
         const Pose pose = view.pose();
         const auto [a, b, c] = read_triple<N>(scene.normals.begin() + 3 * f);
-        const N height = a * N(pose(0, 3)) + b * N(pose(1, 3)) + c * N(pose(2, 3)) -
-                         read<N>(scene.offsets.begin() + f);
+        const auto along = [&](int column) __attribute__((always_inline)) {
+            return a * N(pose(0, column)) + b * N(pose(1, column)) + c * N(pose(2, column));
+        };
+        const N height = has_parallel_rays(view.camera)
+                             ? -along(2)
+                             : along(3) - read<N>(scene.offsets.begin() + f);
         const Mask<N> is_degenerate = read<Whole<N>>(scene.own.begin() + f) == Whole<N>(DEGENERATE);
         const Mask<N> is_behind =
             (height < N(-rounding)) & !read_mask<N>(scene.two_sided.begin() + f);
