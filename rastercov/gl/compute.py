@@ -134,7 +134,7 @@ class Compute(Strategy):
             self.most_poses //= 2
 
     def _allocate(self, most_faces: int, tiles: int) -> bool:
-        """Allocate buffers of a batch; False, and none, where memory is too short for that number."""
+        """Allocate buffers of a batch; False, and none, where memory is too short for them."""
         n, made = self.most_poses, list[moderngl.Buffer]()
         sizes = {
             "poses": 8 * RECORD_VALUES * n,
