@@ -15,6 +15,7 @@ struct Pose {
     double cull;                 // nonzero if back faces can be left out
     double farthest;             // of parallel rays 1/z is `farthest` - z; 0 of a pinhole
     double unused;
+    dvec4 given[3];              // world_from_camera
 };
 layout(std430, binding = 5) readonly buffer Poses { Pose poses[]; };
 layout(std430, binding = 6) readonly buffer Vertices { double vertices[]; };

@@ -6,6 +6,7 @@ from nightly import amount
 
 import rastercov as rc
 from rastercov.core.area.failures import first_failures
+from rastercov.core.coverage.network import Network
 from rastercov.reference.regions import reasons_in_poses
 
 pytestmark = pytest.mark.native
@@ -88,3 +89,28 @@ def test_two_views_count_by_the_angle_between_their_axes():
     assert shares[0] > 0.3
     assert shares[1] == pytest.approx(shares[0])
     assert shares[2] == 0
+
+
+@pytest.mark.parametrize("distortion", [{}, {"pixel_size": 1e-3, "distortion": (0.05, 0.02)}])
+def test_sums_of_poses_are_those_of_their_figures_wherever_the_centre_is(distortion):
+    # Parallel rays see the front of faces that the camera centre is behind.
+    rng, n_behind = np.random.default_rng(7), 0
+    for _ in range(amount(3, 30)):
+        corners = rng.normal(size=(40, 1, 3)) + 0.2 * rng.normal(size=(40, 3, 3))
+        mesh = rc.Mesh(corners.reshape(-1, 3), np.arange(120).reshape(-1, 3))
+        camera = rc.Camera(
+            width=200, height=180, model="telecentric", fx=30, fy=30, near=0.1,
+            **distortion,
+        )  # fmt: skip
+        poses = rc.look_at(4 * rng.normal(size=(4, 3)), rng.normal(size=(4, 3)))
+        result = rc.evaluate(mesh, camera, poses, method="sampled", by="face")
+        network = Network(mesh, rc.Task())
+        with rc.open_observer(mesh, camera, "sampled") as observer:
+            for batch in network.judge(observer, rc.Poses.of(poses)):
+                network.add(batch)
+        assert (network.views == (result.reason == rc.Reason.COVERED).sum(axis=0)).all()
+        assert (network.reason == result.network.reason).all()
+        ways = poses[:, None, :3, 3] - mesh.vertices[mesh.faces[:, 0]]
+        is_behind = np.einsum("pfi,fi->pf", ways, mesh.normals) < -1e-6
+        n_behind += (is_behind & (result.reason == rc.Reason.COVERED)).sum()
+    assert n_behind > 0

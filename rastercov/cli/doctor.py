@@ -34,6 +34,13 @@ def print_report(report: Report, console: Console) -> None:
     versions = ", ".join(f"{name} {number}" for name, number in packages)
     console.print(Text(f"{versions}\n{system}, shaders {report['shaders'][:12]}", "dim"))
     console.print(_devices(rows))
+    able = [(label, row["context"]) for label, row in rows.items() if _passes(row)]
+    judging = [
+        (label, f"tiles with atomics of {64 if context['has_int64_atomics'] else 32} bits")
+        for label, context in able
+        if context.get("has_int64")
+    ]
+    _section(console, "Devices that judge faces where they count them", judging)
     failed = [(label, row) for label, row in rows.items() if not _passes(row)]
     problems = [(row["problem"] or f"{label}: {row['self_test']}",) for label, row in failed]
     _section(console, "Problems", problems, "red")

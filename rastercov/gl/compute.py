@@ -15,7 +15,7 @@ canvas. Results equal those of the CPU rasteriser, bit for bit, so its near plan
 S. Laine, T. Karras. High-Performance Software Rasterization on GPUs. 2011.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import moderngl
@@ -34,6 +34,9 @@ from rastercov.gl.strategy import COUNTER_BYTES, Strategy, WordArray
 
 MAX_POSES = 1024
 """Poses in one batch, within the limits of memory: enough to fill a large device."""
+MOST_LISTED = 1 << 23
+"""Entries of lists in one dispatch that fills tiles: below half a second where one takes 50 ns, 25
+times what it takes a large GPU; drivers end a dispatch that takes seconds."""
 GROUP_FACES = 64  # faces of a workgroup, local_size_x of setup.comp and list.comp
 MAX_GROUPS = 65535  # workgroups along one side of a dispatch that OpenGL guarantees
 TILE, SMALL, SCANNED = 32, 32, 1024
@@ -43,8 +46,9 @@ GROUP, GROUP_IN_SOFTWARE = 128, 64
 """Invocations that fill a tile."""
 KEY_BYTES, TRIANGLE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 64, 24, 12, 8
 """Bytes of a sample's key, a struct `Triangle`, a vertex (3 doubles), a face, a row of samples."""
-# Rows of struct Pose of setup.comp, dvec4; the last is (near, cull, farthest, unused).
-RIGHT, DOWN, FORWARD, EYE, LENS, LIMITS, RECORD_ROWS = range(7)
+# Rows of struct Pose of setup.comp, dvec4; LIMITS is (near, cull, farthest, unused).
+RIGHT, DOWN, FORWARD, EYE, LENS, LIMITS, GIVEN = range(7)
+RECORD_ROWS = GIVEN + 3
 RECORD_VALUES = 4 * RECORD_ROWS
 STATUS, TRIANGLES, HEADS, STARTS, SUMS = range(5)  # bindings of storage buffers of triangle.glsl
 POSES, VERTICES, FACES = 5, 6, 7  # of setup.comp
@@ -76,7 +80,7 @@ class ComputePoses:
         Near plane, and whether it cuts a surface in view.
     farthest : (P,) float64
         `farthest_depths` of parallel rays, 0 of pinholes.
-    records : (P, 24) float64
+    records : (P, 36) float64
         Entries of the buffer of poses, structs `Pose`.
     """
 
@@ -91,6 +95,7 @@ class ComputePoses:
         if grid.is_parallel:
             self.farthest = farthest_depths(scene.mesh, poses, self.near)
         fields[:, LIMITS, :3] = np.stack((self.near, cull, self.farthest), axis=1)
+        fields[:, GIVEN:] = poses[:, :3]
         self.records = fields.reshape(-1, RECORD_VALUES)
 
 
@@ -101,7 +106,7 @@ class Compute(Strategy):
 
     def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         super().__init__(resources, mesh, CORNERS_BYTES, VERTEX_BYTES * mesh.n_vertices)
-        block = self._block
+        block = self.block
         wide, high = max(grid.width, camera.width), max(grid.height, camera.height)
         width = min(self.max_tile, wide, block // KEY_BYTES)
         self.tile = (width, min(self.max_tile, high, block // (KEY_BYTES * width)))
@@ -111,7 +116,7 @@ class Compute(Strategy):
         triangle_bytes, list_bytes = TRIANGLE_BYTES * most_faces, COUNTER_BYTES * tiles
         in_budget = self.image_budget // (triangle_bytes + counter_bytes + 2 * list_bytes)
         fitting = min(in_budget, block // max(triangle_bytes, counter_bytes, list_bytes))
-        self._layers = max(1, min(MAX_POSES, fitting))
+        self.most_poses = max(1, min(MAX_POSES, fitting))
         info = resources.context.info
         defines = {"TILE": TILE, "SMALL": SMALL}
         defines["GROUP"] = GROUP_IN_SOFTWARE if info.is_software else GROUP
@@ -121,20 +126,38 @@ class Compute(Strategy):
             resources.compute(name, **defines) for name in ("setup", "list", "scan", "fill")
         )
         self._fill_image = resources.compute("fill", KEYS=1, **defines)
-        buffer = resources.buffer
-        self._status = buffer("numbers of triangles", size=2 * COUNTER_BYTES)
-        self._records = buffer("poses", size=8 * RECORD_VALUES * self._layers)
-        self._counters = buffer("face counters", size=counter_bytes * self._layers)
-        self._heads = buffer("lengths of lists", size=list_bytes * self._layers)
-        self._starts = buffer("starts of lists", size=list_bytes * self._layers)
-        n_sums = -(-tiles * self._layers // SCANNED)
-        self._sums = buffer("sums of lists", size=COUNTER_BYTES * n_sums)
+        self._status = resources.buffer("numbers of triangles", size=2 * COUNTER_BYTES)
         rows = max(grid.height, camera.height, self_test.HEIGHT)
-        self._runs = buffer("rows of samples", size=RUN_BYTES * rows)
-        # These grow with what the scene needs.
-        self._triangles = buffer("triangles", size=triangle_bytes * self._layers)
-        self._lists = buffer("lists of triangles", size=COUNTER_BYTES * most_faces * self._layers)
-        self._image = buffer("image", size=KEY_BYTES)
+        self._runs = resources.buffer("rows of samples", size=RUN_BYTES * rows)
+        self._image = resources.buffer("image", size=KEY_BYTES)
+        while not self._allocate(most_faces, tiles):
+            self.most_poses //= 2
+
+    def _allocate(self, most_faces: int, tiles: int) -> bool:
+        """Allocate buffers of a batch; False, and none, where memory is too short for them."""
+        n, made = self.most_poses, list[moderngl.Buffer]()
+        sizes = {
+            "poses": 8 * RECORD_VALUES * n,
+            "face counters": 2 * COUNTER_BYTES * (most_faces + 1) * n,
+            "lengths of lists": COUNTER_BYTES * tiles * n,
+            "starts of lists": COUNTER_BYTES * tiles * n,
+            "sums of lists": COUNTER_BYTES * -(-tiles * n // SCANNED),
+            # These two grow with what the scene needs.
+            "triangles": TRIANGLE_BYTES * most_faces * n,
+            "lists of triangles": COUNTER_BYTES * most_faces * n,
+        }
+        try:
+            for what, size in sizes.items():
+                made.append(self._resources.buffer(what, size=size))
+        except ResourceError:
+            if n == 1:
+                raise
+            for each in made:
+                each.orphan(COUNTER_BYTES)
+            return False
+        self.records, self.counters, self._heads, self._starts = made[:4]
+        self._sums, self._triangles, self._lists = made[4:]
+        return True
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> ComputeScene:
         """Upload a mesh."""
@@ -147,12 +170,12 @@ class Compute(Strategy):
     def batches(self, prepared: ComputePoses) -> Iterator[slice]:
         """Rows of the poses of each batch."""
         n_poses = len(prepared.near)
-        for start in range(0, n_poses, self._layers):
-            yield slice(start, min(start + self._layers, n_poses))
+        for start in range(0, n_poses, self.most_poses):
+            yield slice(start, min(start + self.most_poses, n_poses))
 
     def begin(self, prepared: ComputePoses, rows: slice) -> None:
         """Upload the poses of a batch."""
-        self._resources.write(self._records, prepared.records[rows])
+        self._resources.write(self.records, prepared.records[rows])
         self._resources.write(self._runs, prepared.runs)
 
     def count(
@@ -160,12 +183,20 @@ class Compute(Strategy):
     ) -> tuple[WordArray, WordArray, WordArray | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         n_poses, stride, layers = rows.stop - rows.start, scene.mesh.n_faces + 1, 1 + drawn
-        self._resources.zero(self._counters, COUNTER_BYTES * layers * n_poses * stride)
+        self.fill_counters(scene, n_poses, [tile], drawn=drawn)
+        counts = self._resources.read_words(self.counters, layers, n_poses, stride)
+        return counts[0, :, 1:], counts[0, :, 0], counts[1, :, 1:] if drawn else None
+
+    def fill_counters(
+        self, scene: ComputeScene, n_poses: int, tiles: Iterable[Box], *, drawn: bool
+    ) -> None:
+        """Count a batch in some tiles: (B, F + 1) from the background on, then drawn samples."""
+        stride, layers = scene.mesh.n_faces + 1, 1 + drawn
+        self._resources.zero(self.counters, COUNTER_BYTES * layers * n_poses * stride)
         set_uniforms(self._fill, stride=stride, first_drawn=n_poses * stride, with_drawn=drawn)
         set_uniforms(self._setup, with_drawn=drawn)
-        self._draw(scene, range(n_poses), tile, self._fill, self._counters)
-        counts = self._resources.read_words(self._counters, layers, n_poses, stride)
-        return counts[0, :, 1:], counts[0, :, 0], counts[1, :, 1:] if drawn else None
+        for tile in tiles:
+            self._draw(scene, range(n_poses), tile, self._fill, self.counters)
 
     def image(
         self, scene: ComputeScene, prepared: ComputePoses, tile: Box
@@ -192,29 +223,46 @@ class Compute(Strategy):
     ) -> None:
         """Draw some poses of a batch into a part of the canvas, in as many turns as it needs."""
         n_triangles, n_listed = self._set_up(scene, views, part)
-        room = self._block // TRIANGLE_BYTES, self._block // COUNTER_BYTES
-        if n_triangles > room[0] or n_listed > room[1]:
+        room = self.block // TRIANGLE_BYTES, self.block // COUNTER_BYTES
+        room = min(room[0], self._triangles.size // TRIANGLE_BYTES), room[1]
+        list_bytes, what = COUNTER_BYTES * n_listed, "lists of triangles"
+        if (
+            n_triangles > room[0]
+            or n_listed > room[1]
+            or not self._resources.has_grown(self._lists, list_bytes, what)
+        ):
             for some, smaller in self._halves(views, part):
                 self._draw(scene, some, smaller, fill, result)
         else:
-            self._resources.grow(self._lists, COUNTER_BYTES * n_listed, "lists of triangles")
             self._bind({LISTS: self._lists, COUNTS: result, RUNS: self._runs})
             self._enter(n_triangles, writes=True)
-            across, down = n_tiles_of(part)
-            set_uniforms(fill, **self._place(views, part))
-            fill.run(across, down, len(views))
-            self._resources.gl.memory_barrier()
+            set_uniforms(fill, **self._place(views, part), n_lists=len(views) * n_tiles(part[2:]))
+            self._fill_in_turns(fill, len(views), n_tiles_of(part), n_listed)
+
+    def _fill_in_turns(
+        self, fill: Any, n_views: int, tiles: tuple[int, int], n_listed: int
+    ) -> None:
+        """Fill the tiles of some poses, some poses or some rows of tiles of one at a time."""
+        turns = min(max(1, -(-n_listed // MOST_LISTED)), n_views * tiles[1])
+        n_rows = tiles[1] if turns <= n_views else max(1, n_views * tiles[1] // turns)
+        step = max(1, n_views // turns)
+        for view in range(0, n_views, step):
+            for row in range(0, tiles[1], n_rows):
+                set_uniforms(fill, first_group=(view, row))
+                size = min(n_rows, tiles[1] - row), min(step, n_views - view)
+                fill.run(tiles[0], *size)
+                self._resources.gl.memory_barrier()
 
     def _set_up(self, scene: ComputeScene, views: range, part: Box) -> tuple[int, int]:
         """Set up triangles and find where lists start; numbers of triangles and of entries."""
         n_lists, n_faces = len(views) * n_tiles(part[2:]), scene.mesh.n_faces
-        room = self._block // TRIANGLE_BYTES
+        room = self.block // TRIANGLE_BYTES
         while True:
             self._resources.zero(self._status, 2 * COUNTER_BYTES)
             self._resources.zero(self._heads, COUNTER_BYTES * n_lists)
             capacity = self._triangles.size // TRIANGLE_BYTES
             uniforms = self._place(views, part)
-            self._bind({POSES: self._records, VERTICES: scene.vertices, FACES: scene.faces})
+            self._bind({POSES: self.records, VERTICES: scene.vertices, FACES: scene.faces})
             for first in range(0, n_faces, MAX_GROUPS * GROUP_FACES):
                 end = min(first + MAX_GROUPS * GROUP_FACES, n_faces)
                 set_uniforms(self._setup, **uniforms, faces_to_draw=(first, end))
@@ -224,9 +272,13 @@ class Compute(Strategy):
             self._enter(min(capacity, n_faces * len(views)), writes=False)
             self._start(n_lists)
             n_triangles, n_listed = self._resources.read_words(self._status, 2).tolist()
-            if n_triangles <= capacity or n_triangles > room:
+            size = self._triangles, TRIANGLE_BYTES * n_triangles
+            if (
+                n_triangles <= capacity
+                or n_triangles > room
+                or not self._resources.has_grown(*size, "triangles")
+            ):
                 return n_triangles, n_listed
-            self._resources.grow(self._triangles, TRIANGLE_BYTES * n_triangles, "triangles")
 
     def _place(self, views: range, part: Box) -> dict[str, object]:
         """Uniforms of some poses in a part of the canvas."""
@@ -262,7 +314,7 @@ class Compute(Strategy):
         if max(across, down) == 1:
             raise ResourceError(
                 f"expected room for the triangles of a tile of {TILE} x {TILE} samples in storage "
-                f"blocks of {self._block:,} bytes, got more triangles; use backend 'cpu'"
+                f"blocks of {self.block:,} bytes, got more triangles; use backend 'cpu'"
             )
         if across >= down:
             at = across // 2 * TILE

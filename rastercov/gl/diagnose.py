@@ -14,16 +14,21 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from functools import partial
-from typing import Any, get_args
+from typing import get_args
+
+import numpy as np
 
 import rastercov
 from rastercov import shaders
-from rastercov.base import ByName, Closing, DeviceError, RastercovError, thread_count
+from rastercov.base import BoolArray, ByName, DeviceError, RastercovError, thread_count
 from rastercov.base.threads import child_environment
 from rastercov.base.versions import untested_versions, version_of
 from rastercov.core.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.contract import Rasterizer
+from rastercov.core.raster.judged import Criteria
 from rastercov.core.raster.self_test import PASSED
 from rastercov.gl.devices import DeviceInfo, DeviceKind, list_devices, why_no_hardware
 from rastercov.gl.libraries import INSTALL_EGL, egl_library, osmesa_library
@@ -139,8 +144,8 @@ def verify_cpu() -> None:
     _verify(CPURasterizer)
 
 
-def _verify(opened: Callable[[Mesh, Camera], Closing]) -> None:
-    """Count convex meshes, of which each pose shows the whole of a face or nothing.
+def _verify(opened: Callable[[Mesh, Camera], Rasterizer]) -> None:
+    """Count and judge convex meshes, of which each pose shows the whole of a face or nothing.
 
     A rasteriser counts the scene of `self_test` when it is opened.
 
@@ -150,17 +155,30 @@ def _verify(opened: Callable[[Mesh, Camera], Closing]) -> None:
         Where a sum, a face or an image disagrees.
     """
     for name, mesh in {"box": shapes.box(n=2), "sphere": shapes.sphere(1)}.items():
-        rasterizer: Any
+        rasterizer: Rasterizer
         with opened(mesh, CAMERA) as rasterizer:
             counts = rasterizer.count(POSES)
             background = [(rasterizer.render(pose).face < 0).sum() for pose in POSES]
+            covered = _judged(rasterizer)
         wrong = counts.visible.sum(axis=1) + background != CAMERA.width * CAMERA.height
         wrong |= counts.background != background
         wrong |= ((counts.visible > 0) & (counts.visible != counts.drawn)).any(axis=1)
+        if covered is not None:
+            wrong |= (covered != (counts.visible > 0)).any(axis=1)
         if wrong.any():
             raise DeviceError(
                 f"expected correct counts of {name}, got {wrong.sum()} of {len(POSES)} poses wrong"
             )
+
+
+def _judged(rasterizer: Rasterizer) -> BoolArray | None:
+    """Faces that the poses cover, (P, F), where the rasteriser judges."""
+    n = rasterizer.mesh.n_faces
+    criteria = Criteria(Task().rules(CAMERA)._asdict(), np.ones(n, np.bool_), np.ones(n, np.int64))
+    if rasterizer.why_not_judged(criteria):
+        return None
+    words = rasterizer.judge(POSES, criteria).words
+    return np.unpackbits(words, axis=1, count=n, bitorder="little").view(np.bool_)
 
 
 def open_device(label: str) -> Report:

@@ -16,7 +16,6 @@ from typing import Any
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
 from rastercov.base import Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.core.camera import Camera
@@ -86,7 +85,8 @@ class Pipeline(Strategy):
     ) -> tuple[Counts, Any, Counts | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         self._draw_faces(scene, prepared, rows, tile)
-        visible, background = self._count_ids_in(scene, tile, prepared.boxes[rows[0]])
+        counts = self._count_ids(scene, tile)
+        visible, background = counts[1:], int(counts[0])
         return visible, background, self._count_pixels(scene, tile) if drawn else None
 
     def image(
@@ -105,10 +105,7 @@ class Pipeline(Strategy):
         can_cull = bool(prepared.can_cull[rows[0]])
         self._resources.clear(self._target)
         self._begin(tile, cull=can_cull)
-        if can_cull and scene.can_draw_front:
-            scene.draw_front(tile, prepared.grid, prepared.eyes[rows[0]])
-        else:
-            scene.draw(NEAREST, tile, prepared.grid)
+        scene.draw(NEAREST, tile, prepared.grid)
 
     def _begin(self, tile: Box, *, cull: bool = False, test: bool = True) -> None:
         """Bind the target for a tile; with the depth test, nearer wins and the first of equals."""
@@ -118,25 +115,12 @@ class Pipeline(Strategy):
         self._resources.gl.enable_only(flags)
         self._resources.gl.depth_func = ">"
 
-    def _count_ids_in(
-        self, scene: DeviceScene, tile: Box, mesh_box: tuple[int, ...]
-    ) -> tuple[IntArray, Any]:
-        """Count a tile in numpy; reads only the box that the mesh can reach."""
-        x, y, width, height = tile
-        left, right = (min(max(edge - x, 0), width) for edge in mesh_box[::2])
-        top, bottom = (min(max(edge - y, 0), height) for edge in mesh_box[1::2])
-        box = (left, top, right - left, bottom - top)
-        all_inside = scene.grid.n_inside(tile)
-        inside = scene.grid.n_inside((x + left, y + top, *box[2:]))
-        if not inside:
-            return np.zeros(scene.mesh.n_faces, np.int64), all_inside
-        ids = self._resources.read_faces(self._target, box)
-        ids = scene.grid.inside(ids, (x + left, y + top, *box[2:]))
-        counts = self._count_ids(ids, scene)
-        return counts[1:], int(counts[0]) + all_inside - inside
-
-    def _count_ids(self, ids: NDArray[np.uint32], scene: DeviceScene) -> IntArray:
-        """Samples of each id in a flat array: 0 for background, then one per face."""
+    def _count_ids(self, scene: DeviceScene, tile: Box) -> IntArray:
+        """Samples of each id in a tile: 0 for background, then one per face."""
+        ids = self._resources.read_faces(self._target, (0, 0, *tile[2:]))
+        ids = scene.grid.inside(ids, tile)
+        if not ids.size:  # a corner of a rotated grid
+            return np.zeros(scene.mesh.n_faces + 1, np.int64)
         starts = np.concatenate(([0], np.flatnonzero(ids[1:] != ids[:-1]) + 1))
         lengths = np.diff(starts, append=ids.size)
         values = ids[starts].astype(np.int64)

@@ -31,9 +31,11 @@ from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
+from rastercov.core.raster.judged import Criteria, Judged
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl.compute import Compute
 from rastercov.gl.context import HeadlessContext, open_context
+from rastercov.gl.judging import Judging, room_to_judge, why_no_shader
 from rastercov.gl.pipeline import Pipeline
 from rastercov.gl.resources import Resources
 
@@ -136,6 +138,7 @@ class GLRasterizer(Rasterizer):
         self._self_test_scene = self._strategy.scene(self_test.MESH, self_test.CAMERA, test_grid)
         self._pixels = SampleGrid(camera)
         self._self_test_view = 0
+        self._judging: Judging | None = None
 
     # --- the contract ---------------------------------------------------------------------------
 
@@ -161,6 +164,27 @@ class GLRasterizer(Rasterizer):
                 part = np.s_[y : y + height, x : x + width]
                 face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
         return face, depth
+
+    def why_not_judged(self, criteria: Criteria) -> str:
+        """Reason why the host has to judge; see `Rasterizer.why_not_judged`."""
+        self._check_open()
+        grid, plan, block = self._scene.grid, self.info.plan, self._strategy.block
+        if plan != "compute":
+            return f"plan {plan!r} judges nothing on the device"
+        if self._targets is not None or grid.count_type != np.int32:
+            return "targets, and images of 2^31 samples, are counted on the host"
+        if room_to_judge(self._scene) > block:
+            return f"a storage block of {block:,} bytes holds too little of this mesh"
+        return why_no_shader(self.camera, criteria)
+
+    def judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
+        """Faces that poses cover, judged on the device; see `Rasterizer.judge`."""
+        if self.why_not_judged(criteria):
+            return super().judge(poses, criteria)
+        with self._current():
+            if self._judging is None:
+                self._judging = Judging(self._resources, self._strategy, self._scene)
+            return self._judging.judge(poses, criteria, self._note)
 
     def close(self) -> None:
         """Release everything on the device; later calls raise `DeviceError`."""

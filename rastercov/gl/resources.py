@@ -6,6 +6,7 @@ the barrier are therefore implemented once, here, and the strategies use nothing
 """
 
 import ctypes
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov import shaders
-from rastercov.base import AnyArray, DeviceError, ResourceError
+from rastercov.base import AnyArray, ByteArray, DeviceError, ResourceError
 from rastercov.gl.context import HeadlessContext
 
 _COLOR, _DEPTH = 0x1800, 0x1801
@@ -23,6 +24,7 @@ _DEPTH_ATTACHMENT, _DEPTH_COMPONENT, _DEPTH_COMPONENT32F = 0x8D00, 0x1902, 0x8CA
 _FRAMEBUFFER, _FRAMEBUFFER_COMPLETE, _TEXTURE_2D = 0x8D40, 0x8CD5, 0x0DE1
 _LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
 _MAP_READ, _MAP_WRITE, _MAP_PERSISTENT, _MAP_COHERENT, _CLIENT_STORAGE = 1, 2, 0x40, 0x80, 0x200
+_COMMANDS_COMPLETE, _FLUSH, _ALREADY_SIGNALED, _TIMEOUT_EXPIRED = 0x9117, 1, 0x911A, 0x911B
 _UINT, _INT, _SIZE, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_ssize_t, ctypes.c_void_p
 FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
     "glBindFramebuffer": (None, _UINT, _UINT),
@@ -30,12 +32,14 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of thos
     "glCheckFramebufferStatus": (_UINT, _UINT),
     "glClearBufferfv": (None, _UINT, _INT, _POINTER),
     "glClearBufferuiv": (None, _UINT, _INT, _POINTER),
+    "glClientWaitSync": (_UINT, _POINTER, _UINT, ctypes.c_uint64),
     "glClipControl": (None, _UINT, _UINT),
     "glCopyNamedBufferSubData": (None, _UINT, _UINT, _SIZE, _SIZE, _SIZE),
     "glCreateBuffers": (None, _INT, _POINTER),
     "glDeleteBuffers": (None, _INT, _POINTER),
+    "glDeleteSync": (None, _POINTER),
     "glDeleteTextures": (None, _INT, _POINTER),
-    "glFinish": (None,),
+    "glFenceSync": (_POINTER, _UINT, _UINT),
     "glFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
     "glGenTextures": (None, _INT, _POINTER),
     "glMapNamedBufferRange": (_POINTER, _UINT, _SIZE, _SIZE, _UINT),
@@ -49,7 +53,11 @@ SAMPLE_BYTES = FACE_BYTES + DEPTH_BYTES
 WORDS, MAX_ZERO_GROUPS = 7, 4096
 """Binding and most workgroups of zero.comp."""
 LEAST_STAGED = 1 << 16
-"""Least bytes of the buffer through which words go to and from the device."""
+"""Least bytes of the buffers through which words go to and from the device."""
+RING = 2
+"""Staging buffers of a role."""
+WAIT_NS = 1_000_000_000
+"""Time after which the device is asked again if it is lost."""
 
 
 class Target:
@@ -70,11 +78,12 @@ class Staging:
     """Buffer of the host, mapped for good, through which words go to and from the device.
 
     A buffer that shaders use and the host reads or writes by itself is moved to the host by some
-    drivers, and every access of a shader then crosses the bus.
+    drivers, and every access of a shader then crosses the bus. A fence tells when the device is
+    done with the last copy: the host touches the bytes after that.
     """
 
     def __init__(self, resources: "Resources", size: int) -> None:
-        self._resources, self.size = resources, size
+        self._resources, self.size, self._fence = resources, size, 0
         name = _UINT(0)
         flags = _MAP_READ | _MAP_WRITE | _MAP_PERSISTENT | _MAP_COHERENT
 
@@ -94,19 +103,37 @@ class Staging:
 
         resources.make("staging", size, create)
 
-    def read(self, buffer: moderngl.Buffer, words: AnyArray) -> None:
-        """Fill an array with the first bytes of a buffer."""
-        copy = (buffer.glo, self._name, 0, 0, words.nbytes)
-        self._resources.call("glCopyNamedBufferSubData", *copy)
-        self._resources.call("glFinish")
-        words.reshape(-1).view(np.uint8)[:] = self._bytes[: words.nbytes]
+    def read(self, buffer: moderngl.Buffer, n_bytes: int) -> None:
+        """Start to copy the first bytes of a buffer, for `take`."""
+        self._wait()
+        self._copy(buffer.glo, self._name, n_bytes)
+
+    def take(self, n_bytes: int) -> ByteArray:
+        """Bytes that were read, once they are there; they hold until the buffer is used again."""
+        self._wait()
+        return self._bytes[:n_bytes]
 
     def write(self, buffer: moderngl.Buffer, data: AnyArray) -> None:
-        """Copy an array to the start of a buffer; the device is done with what it had before."""
+        """Copy an array to the start of a buffer; the device does so after what it has to do."""
+        self._wait()
         self._bytes[: data.nbytes] = data.reshape(-1).view(np.uint8)
-        copy = (self._name, buffer.glo, 0, 0, data.nbytes)
-        self._resources.call("glCopyNamedBufferSubData", *copy)
-        self._resources.call("glFinish")
+        self._copy(self._name, buffer.glo, data.nbytes)
+
+    def _copy(self, source: int, target: int, n_bytes: int) -> None:
+        self._resources.call("glCopyNamedBufferSubData", source, target, 0, 0, n_bytes)
+        self._fence = self._resources.call("glFenceSync", _COMMANDS_COMPLETE, 0)
+
+    def _wait(self) -> None:
+        """Return when the device is done with the last copy."""
+        if not self._fence:
+            return
+        state = _TIMEOUT_EXPIRED
+        while state == _TIMEOUT_EXPIRED:
+            state = self._resources.call("glClientWaitSync", self._fence, _FLUSH, WAIT_NS)
+            if state != _ALREADY_SIGNALED:
+                self._resources.poll("waiting for the device")
+        self._resources.call("glDeleteSync", self._fence)
+        self._fence = 0
 
     def release(self) -> None:
         """Give the memory back."""
@@ -122,7 +149,7 @@ class Resources:
         self.gl = context.gl
         self._stack = ExitStack()
         self._zeroing: Any = None
-        self._staging: Staging | None = None
+        self._staged: dict[str, list[Staging]] = {}
         # moderngl lists objects that Python has dropped, to release them later. Objects that were
         # released explicitly stay in that list, so they are removed from it.
         left = [thing for thing in self.gl.objects if not isinstance(thing, moderngl.InvalidObject)]
@@ -249,28 +276,54 @@ class Resources:
         self.gl.memory_barrier()
 
     def read_words(self, buffer: moderngl.Buffer, *shape: int) -> NDArray[np.uint32]:
-        """First words of a buffer, after a barrier: the only reader of what shaders wrote."""
+        """First words of a buffer, after a barrier; with `ask`, the only reader of those."""
+        n_bytes = 4 * math.prod(shape)
+        words = self.ask(buffer, n_bytes, "words").take(n_bytes).view(np.uint32)
+        return words.reshape(shape).copy()
+
+    def ask(self, buffer: moderngl.Buffer, n_bytes: int, role: str) -> Staging:
+        """Staging buffer that will have the first bytes of a buffer that shaders wrote."""
         self.gl.memory_barrier()
-        words = np.empty(shape, np.uint32)
-        self._staged(words.nbytes).read(buffer, words)
-        return words
+        staging = self._next(role, n_bytes)
+        staging.read(buffer, n_bytes)
+        return staging
 
     def write(self, buffer: moderngl.Buffer, data: AnyArray) -> None:
         """Copy an array to the start of a buffer: the only writer of what shaders use."""
         contents = np.ascontiguousarray(data)
-        self._staged(contents.nbytes).write(buffer, contents)
+        self._next("words", contents.nbytes).write(buffer, contents)
 
     def grow(self, buffer: moderngl.Buffer, size: int, what: str) -> None:
-        """Give a buffer other contents, of at least that size in bytes, where it has fewer."""
-        if buffer.size >= size:
+        """Give a buffer other contents, of at least that size in bytes, where it has fewer.
+
+        ResourceError where memory is short; the buffer has its size of before.
+        """
+        before = buffer.size
+        if before >= size:
             return
         buffer.orphan(size)
-        self.poll(f"allocating {what} ({size / 2**20:,.1f} MiB)")
+        try:
+            self.poll(f"allocating {what} ({size / 2**20:,.1f} MiB)")
+        except ResourceError:
+            buffer.orphan(before)
+            raise
 
-    def _staged(self, size: int) -> Staging:
-        if self._staging is None or self._staging.size < size:
-            self._staging = Staging(self, max(size, LEAST_STAGED))
-        return self._staging
+    def has_grown(self, buffer: moderngl.Buffer, size: int, what: str) -> bool:
+        """True if `grow` found the memory."""
+        try:
+            self.grow(buffer, size, what)
+        except ResourceError:
+            return False
+        return True
+
+    def _next(self, role: str, size: int) -> Staging:
+        """Next of the two staging buffers of a role: the host fills or reads one meanwhile."""
+        ring = self._staged.setdefault(role, [])
+        if not ring or ring[0].size < size:
+            room = 1 << (max(size, LEAST_STAGED) - 1).bit_length()
+            ring[:] = [Staging(self, room) for _ in range(RING)]
+        ring.append(ring.pop(0))
+        return ring[-1]
 
     def distrust(self, what: str) -> DeviceError:
         """Error to raise when the device has given a wrong result."""

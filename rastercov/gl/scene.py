@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base import BoolArray, ByName, Float32Array, FloatArray, IntArray
-from rastercov.core.camera import Camera, Poses, box_corners, eyes_of
+from rastercov.core.camera import Camera, box_corners
 from rastercov.core.camera.near_plane import can_cull, depth_range, limits
-from rastercov.core.camera.projection import image_boxes
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.core.raster.tie_order import in_one_order
@@ -33,12 +32,8 @@ RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, NEAR, RECORD_ROWS = range(7)
 EYE, RAYS_ROWS = 3, 4
 RECORD_BYTES, RAYS_BYTES = 4 * 4 * RECORD_ROWS, 8 * 4 * RAYS_ROWS
 INDEX_BYTES = 4
-PIXELS_A_VERTEX = 64  # projecting a vertex costs as much as reading some ten pixels
 FIRST_REL = 1e-5
 """Distance of the near plane of parallel rays before the mesh, in its diagonals."""
-EDGE_ON_HEIGHT_REL = 1e-6
-"""Height of the eye over the plane of a face, in distances of the eye from the centre of the mesh,
-within which rounding decides the side seen."""
 
 
 class DeviceScene:
@@ -60,10 +55,6 @@ class DeviceScene:
     ) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.centre
-        # Points whose convex hull holds the mesh. Its vertices give the tighter box in the image,
-        # which pays while projecting them costs less than reading the pixels it saves.
-        has_few_vertices = mesh.n_vertices < camera.width * camera.height / PIXELS_A_VERTEX
-        self.outline: FloatArray = mesh.vertices if has_few_vertices else box_corners(mesh.bounds)
         self._programs = programs
         faces = in_one_order(mesh)
         corners, indices = _number_by_last_corner(faces, mesh.n_vertices)
@@ -101,14 +92,6 @@ class DeviceScene:
             all_faces = resources.buffer("other faces", indices) if len(plain) else None
         if len(plain):
             self._drawables["face"] = drawable("face", all_faces)
-        self.can_draw_front = mesh.can_cull_back_faces and len(plain) > 0
-        if self.can_draw_front:
-            self._indices = indices
-            self._planes = np.ascontiguousarray(mesh.normals[plain].T)
-            first_corners = mesh.vertices[mesh.faces[plain, 0]] - self.centre
-            self._offsets = np.einsum("if,fi->f", self._planes, first_corners)
-            self._front_faces = resources.buffer("front faces", size=indices.nbytes)
-            self._front_drawable = drawable("face", self._front_faces)
 
     def _planes_of(self, faces: IntArray, chosen: IntArray, n_vertices: int) -> NDArray[np.void]:
         """Attributes `PLANES` of the last corners of the chosen faces; 0 for all other vertices."""
@@ -132,22 +115,6 @@ class DeviceScene:
             )
             self._drawables[program].render(moderngl.TRIANGLES)
 
-    def draw_front(self, tile: Box, grid: SampleGrid, eye: FloatArray) -> None:
-        """Draw the front faces of one pose into a tile.
-
-        Same image as drawing all faces with culling on, for half the vertices. Faces edge-on to
-        within rounding are drawn, and culled by the device.
-        """
-        set_uniforms(self._programs["face"], image=_projection(tile, grid))
-        x, y, z = eye - self.centre
-        height = self._planes[0] * x + self._planes[1] * y + self._planes[2] * z - self._offsets
-        chosen = np.flatnonzero(height > -EDGE_ON_HEIGHT_REL * np.sqrt(x * x + y * y + z * z))
-        front = self._indices.take(chosen, axis=0)  # three times as fast as a mask
-        self._front_faces.orphan()
-        self._front_faces.write(front)
-        self._front_drawable.render(moderngl.TRIANGLES, vertices=3 * len(front))
-        self.draw(["coplanar"], tile, grid)
-
 
 class PreparedPoses:
     """Uniform blocks and state of the poses of a scene, for a grid of samples.
@@ -164,10 +131,6 @@ class PreparedPoses:
         Whether the near plane cuts a surface in view.
     can_cull : (P,) bool
         Whether back faces can be left out.
-    boxes : list of (left, top, right, bottom)
-        Samples the mesh can reach in each pose.
-    eyes : (P, 3) float64
-        Camera centres.
     records : (P, 6, 4) float32
         Entries of the uniform block, structs `Pose`.
     rays : (P, 4, 4) float64 or None
@@ -176,15 +139,12 @@ class PreparedPoses:
 
     def __init__(self, scene: DeviceScene, poses: FloatArray, grid: SampleGrid) -> None:
         mesh, camera, self.grid = scene.mesh, scene.camera, grid
-        boxes = grid.boxes(image_boxes(scene.outline, camera, poses))
-        self.boxes = [tuple(box) for box in boxes.tolist()]
-        self.eyes = eyes_of(camera, Poses.of(poses))
         self.records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
         self.records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
         if camera.is_parallel:
             self._fill_parallel(scene, poses)
             return
-        eyes, self.farthest = self.eyes, np.zeros(len(poses))
+        eyes, self.farthest = poses[:, :3, 3], np.zeros(len(poses))
         self.near, _, self.clipped = depth_range(
             mesh.vertices, mesh.faces, mesh.bounds, camera, poses
         )

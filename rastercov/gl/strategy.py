@@ -64,10 +64,10 @@ class Strategy:
         self._resources = resources
         info = resources.context.info
         needed = max(face_bytes * (mesh.n_faces + 1), least_bytes)
-        self._block = int(info.limits["max_ssbo_bytes"])
-        if needed > self._block:
+        self.block = int(info.limits["max_ssbo_bytes"])
+        if needed > self.block:
             raise ResourceError(
-                f"expected a storage block of at most {self._block:,} bytes on {info.renderer}, "
+                f"expected a storage block of at most {self.block:,} bytes on {info.renderer}, "
                 f"got {needed:,} for this mesh; use backend 'cpu'"
             )
 

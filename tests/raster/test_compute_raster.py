@@ -100,7 +100,7 @@ def test_lists_have_the_room_they_need_or_the_work_is_divided(open_compute, many
     with open_compute(mesh, camera) as result, CPURasterizer(mesh, camera) as expected:
         strategy, turns = result._strategy, []
         draw = strategy._draw
-        strategy._block = n_bytes
+        strategy.block = n_bytes
         strategy._draw = lambda *arguments: turns.append(arguments[1:3]) or draw(*arguments)
         assert_same_counts(result.count(poses), expected.count(poses))
         assert (len(turns) == 1) == (n_bytes == 1 << 27)
@@ -111,7 +111,7 @@ def test_lists_have_the_room_they_need_or_the_work_is_divided(open_compute, many
 def test_triangles_that_fit_in_no_block_are_refused(open_compute, many_large):
     mesh = Mesh(vertices=many_large.vertices, faces=many_large.faces[:400])
     with open_compute(mesh) as rasterizer:
-        rasterizer._strategy._block = 64 * 30
+        rasterizer._strategy.block = 64 * 30
         with pytest.raises(ResourceError, match="expected room for the triangles of a tile of 32"):
             rasterizer.count(np.eye(4))
 

@@ -177,7 +177,9 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: BoolArray) -> BoolArray:
     margin = NEAR_TO_FAR * distance[:, None]
     is_beyond = (eyes < mesh.bounds[0] - margin) | (eyes > mesh.bounds[1] + margin)
     allowed: BoolArray = is_beyond.any(axis=1) & ~clipped
-    for row in np.flatnonzero(allowed):
+    if not (mesh.can_cull_back_faces and allowed.any()):
+        return np.zeros(len(poses), bool)
+    for row in np.flatnonzero(allowed & (distance > mesh.contacts.reach)):
         allowed[row] = hides_its_back(mesh, distance[row])
     return allowed
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base import AnyArray, read_only, share_poses
+from rastercov.base import AnyArray, IntArray, read_only, share_poses
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
+from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.records import (
     ObservationRecord,
     figures_of,
@@ -24,6 +25,7 @@ from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import FaceCounts
+from rastercov.core.raster.judged import Criteria
 from rastercov.core.raster.observation import Observation
 from rastercov.engine.coverage_figures import judge_poses
 
@@ -63,6 +65,13 @@ class FacePass:
             judge_poses(rows.start, rows.stop, scope, self.rules[index], out)
 
         self.share(measured, poses, lambda: work)
+
+    def criteria(self, area_units: IntArray) -> list[Criteria]:
+        """Criteria of each camera for `SampledObserver.judge`, with the units of area of faces."""
+        return [
+            Criteria(rules._asdict(), scene.own == Reason.COVERED, area_units)
+            for rules, scene in zip(self.rules, self._scenes, strict=True)
+        ]
 
     def share(self, measured: Measured, poses: Poses, make_worker: Callable[[], Worker]) -> None:
         """Share poses among workers, one made for each thread."""

@@ -11,6 +11,7 @@ sampled
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
@@ -22,6 +23,7 @@ from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.face_pass import Measured
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
+from rastercov.core.raster.judged import Criteria, Judged
 from rastercov.core.raster.observation import Observation
 from rastercov.core.raster.several import Rasterizers
 
@@ -93,7 +95,7 @@ class Observer(Closing, ABC):
         Calls running in other threads complete normally.
         """
 
-    def _accept(self, poses: ArrayLike | Poses) -> Poses:
+    def _accept(self, poses: ArrayLike | Poses, n_bytes: float = OBSERVED) -> Poses:
         """Poses that this observer can measure, with room for what it finds of each face."""
         if not self._is_open:
             raise DeviceError("expected an open observer, got a closed one; open a new one")
@@ -101,7 +103,7 @@ class Observer(Closing, ABC):
         accepted.check_cameras(len(cameras_of(self.camera)))
         check_memory(
             f"figures of {len(accepted):,} poses x {self.mesh.n_faces:,} faces",
-            OBSERVED * len(accepted) * self.mesh.n_faces,
+            int(n_bytes * len(accepted) * self.mesh.n_faces),
             "observe fewer poses at a time",
         )
         return accepted
@@ -124,6 +126,15 @@ class SampledObserver(Observer):
     def measure(self, poses: ArrayLike | Poses) -> FaceCounts:
         """The counts of samples themselves."""
         return self._rasterizers.count(self._accept(poses))
+
+    def judge(self, poses: ArrayLike | Poses, criteria: Sequence[Criteria]) -> Judged | str:
+        """Faces that poses cover, judged where they are counted, or the reason why not.
+
+        Then `measure` and `FacePass`, whose `criteria` these are, give the same bits.
+        """
+        accepted = self._accept(poses, n_bytes=1 / 8)
+        why = self._rasterizers.why_not_judged(accepted, criteria)
+        return why or self._rasterizers.judge(accepted, criteria)
 
     def close(self) -> None:
         """Release the memory."""

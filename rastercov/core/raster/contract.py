@@ -36,6 +36,7 @@ from rastercov.base import (
 )
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.judged import Criteria, Judged
 from rastercov.core.raster.targets import CountArray, TargetFaces
 from rastercov.core.raster.tie_order import corners_of
 
@@ -265,6 +266,18 @@ class Rasterizer(Closing):
             raise ConfigError(f"expected one pose to render, got {len(poses)}")
         check_picture(self.camera)
         return self._buffer_of(*self._draw_faces(poses))
+
+    def why_not_judged(self, criteria: Criteria) -> str:
+        """Reason why the host has to judge faces from their counts; "" if `judge` can."""
+        self._check_open()
+        return f"{self.info.renderer} counts, and judges nothing"
+
+    def judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
+        """Faces that poses, (P, 4, 4), cover; the same bits as by their counts."""
+        raise ConfigError(
+            "expected a rasteriser that judges, got one that does not: "
+            f"{self.why_not_judged(criteria)}; judge the counts"
+        )
 
     def close(self) -> None:
         """Release the memory of the device: later calls raise `DeviceError`.

@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base import FloatArray, Int32Array, IntArray
+from rastercov.base import FloatArray, Int32Array
 from rastercov.core.camera import Camera
 
 Box = tuple[int, int, int, int]
@@ -144,23 +144,6 @@ class SampleGrid:
         for axis in range(2):
             mixed[:, :3, axis] = mix[axis, 0] * poses[:, :3, 0] + mix[axis, 1] * poses[:, :3, 1]
         return mixed
-
-    def boxes(self, boxes: IntArray) -> IntArray:
-        """Boxes of the canvas, (P, 4) left, top, right, bottom, that contain boxes of the image.
-
-        Parameters
-        ----------
-        boxes : (P, 4) int
-            left, top, right, bottom in pixels.
-        """
-        u = self.supersample * boxes[:, [0, 2, 0, 2]]
-        v = self.supersample * boxes[:, [1, 1, 3, 3]]
-        x = self._c * u + self._s * v + self._from_corner[0]
-        y = self._c * v - self._s * u + self._from_corner[1]
-        values = np.stack((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)), axis=1)
-        values = np.concatenate((np.floor(values[:, :2]) - 1, np.ceil(values[:, 2:]) + 1), axis=1)
-        size = (self.width, self.height, self.width, self.height)
-        return np.clip(values, 0, size).astype(np.int64)
 
     def n_inside(self, box: Box) -> int:
         """Number of samples of a part of the canvas that are inside the image."""

@@ -12,6 +12,7 @@ from rastercov.core.camera import Camera, Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.contract import FaceCounts, Rasterizer
+from rastercov.core.raster.judged import Criteria, Judged
 
 MOST_OPEN = 16
 """Rasterisers that are open at a time."""
@@ -57,6 +58,26 @@ class Rasterizers:
             for name in ("visible", "drawn", "background", "clipped")
         }
         return replace(counts[0], **arrays)
+
+    def why_not_judged(self, poses: Poses, criteria: Sequence[Criteria]) -> str:
+        """Reason why `judge` has to be left to the host, by the criteria of each camera; or ""."""
+        used = [index for index, _ in poses.by_camera()]
+        whys = (self._of(index).why_not_judged(criteria[index]) for index in used)
+        return next(filter(None, whys), "")
+
+    def judge(self, poses: Poses, criteria: Sequence[Criteria]) -> Judged:
+        """Faces that each pose covers, by the criteria of its camera; see `Rasterizer.judge`."""
+        parts, matrices = list(poses.by_camera()), poses.world_from_camera
+        if len(parts) <= 1:
+            index = parts[0][0] if parts else 0
+            return self._of(index).judge(matrices, criteria[index])
+        found = [self._of(index).judge(matrices[rows], criteria[index]) for index, rows in parts]
+        order = np.argsort(np.concatenate([rows for _, rows in parts]))
+        arrays: ByName = {
+            name: np.concatenate([getattr(each, name) for each in found])[order]
+            for name in ("words", "area_units", "clipped")
+        }
+        return Judged(**arrays, views=sum((each.views for each in found[1:]), found[0].views))
 
     def _of(self, index: int) -> Rasterizer:
         """Rasteriser of a camera; the one that was used least lately is closed for it."""

@@ -1,0 +1,148 @@
+"""Criteria judged on the device: bits, areas and views of poses, from the counters of a batch.
+
+`judge.comp` judges a batch while the host takes the bits of the one before.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from rastercov.base import FloatArray, check_memory
+from rastercov.core.camera import Camera
+from rastercov.core.raster.judged import Criteria, Judged
+from rastercov.gl.compute import MAX_GROUPS, Compute, ComputePoses, ComputeScene
+from rastercov.gl.resources import Resources, Staging, set_uniforms
+
+THRESHOLDS = frozenset(
+    {
+        *("min_pixels", "min_visibility", "min_coverage", "z_n", "z_f"),
+        *("min_pixel_density", "min_facing_density", "min_pixels_per_m2"),
+        *("max_incidence", "cos_incidence", "tan_incidence"),
+        *("focus_of_centroid", "cap_resolution"),
+    }
+)
+"""Registry of the thresholds that `judge.comp` knows, by their names in `Criteria.rules`: with
+another one that is not 0, faces are judged on the host."""
+OF_PINHOLES = ("min_pixel_density", "min_facing_density", "min_pixels_per_m2")
+"""Those that it does not know of parallel rays."""
+GROUP_FACES, POSES_AHEAD = 64, 4096
+"""Faces of a workgroup of `judge.comp`; poses that are prepared at a time."""
+TOTALS = 3
+"""Words of a pose behind its bits: area in 64 bits, samples counted."""
+COUNTS, FACES, VERTICES, POSES, RESULTS, SEEN = range(6)  # bindings of judge.comp
+FACE = np.dtype(
+    [("normal", "3f8"), ("corners", "3u4"), ("kind", "u4"), ("area", "u8")]
+)  # its struct `Face`
+
+
+class Judging:
+    """Buffers and program that judge the faces of a scene of the plan "compute"."""
+
+    def __init__(self, resources: Resources, strategy: Compute, scene: ComputeScene) -> None:
+        self._resources, self._strategy, self._scene = resources, strategy, scene
+        mesh, camera, buffer = scene.mesh, scene.camera, resources.buffer
+        self._program, layers = resources.compute("judge"), strategy.most_poses
+        self._groups = -(-mesh.n_faces // GROUP_FACES)
+        self._n_words = GROUP_FACES // 32 * self._groups
+        record = np.zeros(mesh.n_faces, FACE)
+        record["normal"], record["corners"] = mesh.normals, mesh.faces
+        self._record = record
+        self._criteria: Criteria | None = None
+        self._faces = buffer("faces to judge", record)
+        self._vertices = buffer("vertices to judge", mesh.vertices)
+        self._results = buffer("bits of faces", size=4 * (self._n_words + TOTALS) * layers)
+        self._seen = buffer("views of faces", size=4 * mesh.n_faces)
+        set_uniforms(
+            self._program,
+            focal=(camera.fx, camera.fy),
+            centre=(camera.cx, camera.cy),
+            size=(camera.width, camera.height),
+            is_parallel=camera.is_parallel,
+            n_faces=mesh.n_faces,
+            n_groups=self._groups,
+            scale=float(scene.grid.supersample**2),
+        )
+
+    def judge(self, poses: FloatArray, criteria: Criteria, note: Callable[[int], None]) -> Judged:
+        """Pairs of all poses; `note` takes the number of each batch."""
+        n_poses, n_faces = len(poses), self._scene.mesh.n_faces
+        n_bytes = 4 * self._n_words
+        what = f"bits of {n_poses:,} poses x {n_faces:,} faces"
+        check_memory(what, n_poses * n_bytes, "judge fewer poses at a time")
+        result = Judged(
+            np.empty((n_poses, n_bytes), np.uint8),
+            np.empty(n_poses, np.int64),
+            np.empty(n_faces, np.int64),
+            np.empty(n_poses, np.bool_),
+        )
+        self._take_criteria(criteria)
+        self._resources.zero(self._seen, 4 * n_faces)
+        waiting: list[tuple[Staging, slice]] = []
+        for first in range(0, n_poses, POSES_AHEAD):
+            some = poses[first : first + POSES_AHEAD]
+            prepared = self._strategy.prepare(self._scene, some, self._scene.grid)
+            result.clipped[first : first + len(some)] = prepared.clipped
+            for rows in self._strategy.batches(prepared):
+                bits = self._start(prepared, rows)
+                waiting.append((bits, slice(first + rows.start, first + rows.stop)))
+                if len(waiting) > 1:
+                    self._finish(*waiting.pop(0), result)
+                self._resources.poll("judging")
+                note(rows.stop - rows.start)
+        for each in waiting:
+            self._finish(*each, result)
+        result.views[:] = self._resources.read_words(self._seen, n_faces)
+        return result
+
+    def _take_criteria(self, criteria: Criteria) -> None:
+        if criteria is self._criteria:
+            return
+        mesh = self._scene.mesh
+        self._record["kind"] = criteria.may_be_covered + 2 * mesh.two_sided_mask.astype(np.uint32)
+        self._record["area"] = criteria.area_units
+        self._resources.write(self._faces, self._record.view(np.uint8))
+        set_uniforms(self._program, **criteria.rules)
+        self._criteria = criteria
+
+    def _start(self, prepared: ComputePoses, rows: slice) -> Staging:
+        """Count and judge a batch; the buffer that will have its bits."""
+        scene, strategy, resources = self._scene, self._strategy, self._resources
+        n_poses, n_faces = rows.stop - rows.start, scene.mesh.n_faces
+        strategy.begin(prepared, rows)
+        strategy.fill_counters(scene, n_poses, scene.grid.tiles(strategy.tile), drawn=True)
+        size = 4 * n_poses * (self._n_words + TOTALS)
+        resources.zero(self._results, size)
+        buffers = {COUNTS: strategy.counters, FACES: self._faces, VERTICES: self._vertices}
+        buffers |= {POSES: strategy.records, RESULTS: self._results, SEEN: self._seen}
+        for binding, buffer in buffers.items():
+            buffer.bind_to_storage_buffer(binding)
+        set_uniforms(self._program, first_drawn=n_poses * (n_faces + 1))
+        across = min(self._groups, MAX_GROUPS)
+        self._program.run(across, -(-self._groups // across), n_poses)
+        return resources.ask(self._results, size, "results")
+
+    def _finish(self, bits: Staging, rows: slice, result: Judged) -> None:
+        """Take the results of a batch."""
+        n_words = self._n_words
+        size = 4 * (rows.stop - rows.start) * (n_words + TOTALS)
+        words = bits.take(size).view(np.uint32).reshape(-1, n_words + TOTALS)
+        counted, n_samples = words[:, -1], self._scene.grid.n_samples
+        if (counted != n_samples).any():
+            wrong = counted[counted != n_samples][0]
+            raise self._resources.distrust(f"counted {wrong} samples of {n_samples}")
+        result.words[rows] = words.view(np.uint8)[:, : result.words.shape[1]]
+        result.area_units[rows] = np.ascontiguousarray(words[:, n_words:-1]).view(np.int64)[:, 0]
+
+
+def why_no_shader(camera: Camera, criteria: Criteria) -> str:
+    """Reason why a device judges no faces by some criteria, or ""."""
+    asked = [name for name, value in criteria.rules.items() if value]
+    left = [name for name in asked if name not in THRESHOLDS]
+    if camera.is_parallel:
+        left += [name for name in asked if name in OF_PINHOLES]
+    return f"no shader judges {', '.join(left)} for this camera" if left else ""
+
+
+def room_to_judge(scene: ComputeScene) -> int:
+    """Bytes of the largest storage block that judging needs."""
+    return max(FACE.itemsize * scene.mesh.n_faces, scene.mesh.vertices.nbytes)
