@@ -76,7 +76,7 @@ int size_of(int type_number) {
 
 bool read_array(PyObject *source, const ArrayType &wanted, void *&data, int64_t *shape) noexcept {
     if (!PyObject_TypeCheck(source, reinterpret_cast<PyTypeObject *>(array_type()))) return false;
-    const auto *array = reinterpret_cast<PyArrayObject *>(source);
+    auto *array = reinterpret_cast<PyArrayObject *>(source);
     const PyArray_Descr *type = PyArray_DESCR(array);
     const int flags =
         NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED | (wanted.is_output ? NPY_ARRAY_WRITEABLE : 0);
@@ -84,7 +84,7 @@ bool read_array(PyObject *source, const ArrayType &wanted, void *&data, int64_t 
         type->kind != wanted.kind || size_of(type->type_num) != wanted.size ||
         type->byteorder == NPY_OPPBYTE)
         return false;
-    data = PyArray_DATA(const_cast<PyArrayObject *>(array));
+    data = PyArray_DATA(array);
     for (int k = 0; k < wanted.n_axes; k++) {
         shape[k] = PyArray_DIM(array, k);
         if (wanted.extents[k] != Any && wanted.extents[k] != shape[k]) return false;
