@@ -51,7 +51,7 @@ OSMESA_EXISTS = apt-cache policy $(OSMESA) 2>/dev/null | grep -q 'Candidate: [0-
 TEST_ENV := env -u PYTHONDONTWRITEBYTECODE LP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 # What compiles the loops, and the options for CMake that .ci/compiler found.
-BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=2.1' cmake ninja
+BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3.1,<4' 'numpy>=1.26.4' cmake ninja
 NATIVE := build/native
 CMAKE := env PATH="$(CURDIR)/$(BIN):$$PATH" NINJA_STATUS='[%f/%t, %e s] ' $(BIN)/cmake
 CONFIGURED = -G Ninja -S rastercov/engine -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python -DRASTERCOV_WERROR=$(WERROR) $(CACHE) $$(cat $(VENV)/compiler)

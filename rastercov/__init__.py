@@ -7,6 +7,9 @@ from importlib import import_module as _import_module
 from importlib.util import find_spec as _find_spec
 from typing import TYPE_CHECKING as _TYPE_CHECKING, Any as _Any
 
+__version__ = "1.0.0rc2"
+"""The version, also where no metadata are found: pyproject.toml takes it from here."""
+
 if _TYPE_CHECKING:
     from rastercov.base.errors import (
         CameraError as CameraError,
@@ -87,8 +90,6 @@ if _TYPE_CHECKING:
     from rastercov.report.notebook import show as show, table as table
     from rastercov.shards import Workers as Workers
 
-    __version__: str
-
 _NAMES = {
     "base.errors": "CameraError ConfigError DeviceError MeshError PoseError RastercovError "
     "ResourceError",
@@ -154,10 +155,6 @@ def __getattr__(name: str) -> _Any:
 
         result = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
         return result
-    if name == "__version__":
-        from importlib.metadata import version  # that of pyproject.toml
-
-        return version("rastercov")
     if name == "shapes":
         return _import_module("rastercov.core.mesh.shapes")
     if name in _RETIRED:

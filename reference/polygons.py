@@ -421,7 +421,8 @@ def _cover_again(
     for bits in (0, 3, 6):
         scale = 2.0**-bits / images.grid
         body, *parts = (
-            [_whole_ring(ring, scale) for ring in _rings(each)] for each in (whole, *pieces)
+            [np.rint(ring * scale).astype(np.int64) for ring in _rings(each)]
+            for each in (whole, *pieces)
         )
         job = clipper2.Clipper64()
         job.add_subject(body)
@@ -434,10 +435,6 @@ def _rings(polygon: BaseGeometry) -> list[FloatArray]:
     """Outer corners of the parts of a polygon, which have no holes, counter-clockwise."""
     parts = shapely.orient_polygons(shapely.get_parts(polygon))
     return [shapely.get_coordinates(part)[:-1] for part in parts if part.area > 0]
-
-
-def _whole_ring(ring: FloatArray, scale: float) -> IntArray:
-    return np.rint(ring * scale).astype(np.int64)
 
 
 def _area_with_sign(ring: IntArray) -> float:

@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from packaging.markers import Marker
 from packaging.requirements import Requirement
+
+import rastercov
 
 ROOT = Path(__file__).parents[1]
 RECIPE = ROOT / "packaging" / "conda" / "recipe.yaml"
@@ -16,6 +19,15 @@ CHECK = ROOT / ".ci" / "addresses"
 pytestmark = pytest.mark.skipif(not RECIPE.is_file(), reason="a wheel has no recipe")
 RENAMED: dict[str, str] = {}
 """Packages whose name in conda-forge differs from that in PyPI: none of ours does."""
+
+
+CONDITIONS = {
+    "sys_platform == 'linux' and platform_machine == 'x86_64' or platform_machine == 'AMD64'"
+    " or sys_platform == 'darwin' and platform_machine == 'arm64'": (
+        "linux and x86_64 or win and x86_64 or osx and arm64"
+    ),
+}
+"""Conditions of the recipe, by the markers that say the same."""
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +47,8 @@ def of_conda(text):
     entry = f"{RENAMED.get(requirement.name, requirement.name)} {','.join(ranges)}"
     if requirement.marker is None:
         return entry
-    assert str(requirement.marker) == 'platform_machine != "aarch64"'
-    return {"if": "not aarch64", "then": entry}
+    (when,) = (own for each, own in CONDITIONS.items() if Marker(each) == requirement.marker)
+    return {"if": when, "then": entry}
 
 
 def test_the_recipe_needs_what_the_package_needs(project, recipe):
@@ -49,7 +61,7 @@ def test_the_recipe_needs_what_the_package_needs(project, recipe):
 
 def test_the_recipe_says_what_the_project_says(project, recipe):
     own, about = project["project"], recipe["about"]
-    assert recipe["context"] == {"name": own["name"], "version": own["version"]}
+    assert recipe["context"] == {"name": own["name"], "version": rastercov.__version__}
     assert (about["summary"], about["license"]) == (own["description"], own["license"])
     assert about["license_file"] == own["license-files"]
     assert all((ROOT / name).is_file() for name in about["license_file"])

@@ -18,6 +18,7 @@ import pytest
 import yaml
 from cyclonedx.schema import SchemaVersion
 from nightly import IS_NIGHTLY
+from packaging.requirements import Requirement
 from processes import python
 
 import rastercov
@@ -165,7 +166,7 @@ def test_the_bill_of_materials_names_what_is_compiled_into_the_loops(unzipped):
     text = file.read_text(encoding="utf-8")
     assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None
     bill = json.loads(text)
-    assert bill["metadata"]["component"]["version"] == PROJECT["version"]
+    assert bill["metadata"]["component"]["version"] == rastercov.__version__
     versions = {part["name"]: part["version"] for part in bill["components"]}
     assert all(part["purl"].endswith(f"@{part['version']}") for part in bill["components"])
     assert versions["nanobind"] == metadata.version("nanobind")
@@ -185,8 +186,46 @@ def test_the_version_is_that_of_the_project_wherever_it_is_written():
     )
     wheel = re.search(r"rastercov-([^-\s]+)-cp", install)[1]
     drawn = re.search(r">rastercov ([^<]+)<", sheet)[1]
-    written = {citation["version"], newest, wheel, drawn, rastercov.__version__}
-    assert written == {PROJECT["version"]}
+    written = {citation["version"], newest, wheel, drawn, metadata.version("rastercov")}
+    assert written == {rastercov.__version__}
+
+
+def test_it_says_its_version_and_answers_without_its_metadata():
+    """As in a zip, an add-on of Blender or what PyInstaller packs: a folder on the path."""
+    code = """
+import importlib.metadata as m
+def absent(name):
+    if name == "rastercov":
+        raise m.PackageNotFoundError(name)
+    return found(name)
+found, m.Distribution.from_name = m.Distribution.from_name, absent
+import rastercov as rc
+from rastercov.base.versions import untested_versions
+print(rc.__version__, *untested_versions())
+poses = rc.sphere_of_poses((0, 0, 0), 4, 3)
+rc.evaluate(rc.shapes.box(), rc.Camera.load("khepra"), poses, rc.Task())
+"""
+    assert python("-c", code).stdout.split() == [rastercov.__version__]
+
+
+WHEELS_OF_MODERNGL = {
+    ("linux", "x86_64"): True,
+    ("linux", "aarch64"): False,
+    ("win32", "AMD64"): True,
+    ("win32", "ARM64"): False,
+    ("darwin", "arm64"): True,
+    ("darwin", "x86_64"): False,
+}
+"""Systems and processors, by those for which its release 5.13 has wheels of each Python."""
+
+
+@pytest.mark.parametrize(("place", "has_wheel"), WHEELS_OF_MODERNGL.items())
+def test_pip_asks_for_moderngl_only_where_it_need_not_compile_it(place, has_wheel):
+    system = dict(zip(("sys_platform", "platform_machine"), place, strict=True))
+    asked = [Requirement(line) for line in PROJECT["dependencies"]]
+    taken = {each.name for each in asked if each.marker is None or each.marker.evaluate(system)}
+    assert ("moderngl" in taken) == has_wheel
+    assert taken | {"moderngl"} == {each.name for each in asked}
 
 
 @pytest.mark.slow

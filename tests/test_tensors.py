@@ -26,7 +26,26 @@ class OnGPU(Tensor):
         raise TypeError("use cpu() first")
 
 
-@pytest.mark.parametrize("kind", [Tensor, OnGPU, np.asarray])
+class InVRAM(OnGPU):
+    """One in memory of a GPU, which gives its values only to who asks for them on the host."""
+
+    def __dlpack__(self, *, dl_device=None, **options):
+        if dl_device != (1, 0):
+            raise BufferError("not on this device")
+        return super().__dlpack__(**options)
+
+    def __dlpack_device__(self):
+        return (2, 0)
+
+
+class Old(Tensor):
+    """One whose library knows no options of DLPack."""
+
+    def __dlpack__(self):
+        return super().__dlpack__()
+
+
+@pytest.mark.parametrize("kind", [Tensor, OnGPU, InVRAM, Old, np.asarray])
 def test_a_tensor_gives_what_its_array_gives(kind):
     mesh, camera = rc.shapes.torus(8, 6), rc.Camera.load("khepra")
     poses = rc.sphere_of_poses((0, 0, 0), 4, 3)

@@ -69,8 +69,9 @@ def other(monkeypatch):
     ("number", "words"),
     [
         ("99.1", ["numpy 99.1 is newer than {}, the newest that was tested"]),
-        ("2.0.9", ["numpy 2.0.9 is older than 2.3, the oldest that rastercov supports"]),
-        ("2.3.0", []),
+        ("1.26.3", ["numpy 1.26.3 is older than 1.26.4, the oldest that rastercov supports"]),
+        ("1.26.4", []),
+        ("2.0.2", []),
     ],
 )
 def test_a_version_outside_of_what_was_tested_is_named(other, number, words):

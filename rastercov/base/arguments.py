@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 
 import numpy as np
 from numpy.typing import ArrayLike
-from typing_extensions import Doc
+from typing_extensions import CapsuleType, Doc
 
 from rastercov.base.checks import finite_number, share_meant, shown
 from rastercov.base.errors import ConfigError, RastercovError, ResourceError
@@ -30,6 +30,8 @@ MOST_POSES = 10_000_000
 
 Kinds = type | tuple[type, ...]
 
+HOST = (1, 0)
+"""Memory of the host, as DLPack numbers devices."""
 LONGEST_CHOICES = 100
 """Characters of the choices that an error lists."""
 LARGEST_COORDINATE = 1e30
@@ -124,7 +126,22 @@ def as_array(values: Any) -> AnyArray:
     except TypeError:  # what tensors of a GPU raise
         if not has_dlpack:
             raise
-    return np.from_dlpack(values, device="cpu")
+    return np.from_dlpack(_OnHost(values))
+
+
+class _OnHost:
+    """A tensor whose values DLPack gives in host memory, also to numpy 1, which does not ask so."""
+
+    def __init__(self, tensor: Any) -> None:
+        self.tensor = tensor
+
+    def __dlpack__(self, **options: Any) -> CapsuleType:
+        if self.tensor.__dlpack_device__()[0] != HOST[0]:
+            options["dl_device"] = HOST
+        return self.tensor.__dlpack__(**options)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return HOST
 
 
 def check_array(

@@ -41,7 +41,11 @@ def untested_versions() -> list[str]:
 
 def _untested_names() -> Iterator[str]:
     newest = tested_versions()
-    for requirement in set(requires("rastercov") or ()):
+    try:
+        requirements = set(requires("rastercov") or ())
+    except PackageNotFoundError:  # a folder that nothing installed, as in a zip or an add-on
+        return
+    for requirement in requirements:
         result = REQUIREMENT.match(requirement)
         if result is None or OF_DEVELOPERS.search(requirement):
             continue

@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
+import rastercov
 from rastercov.base import (
     ByName,
     ConfigError,
@@ -36,7 +37,6 @@ from rastercov.base import (
     write_bytes,
 )
 from rastercov.base.format import area, text_with_sign
-from rastercov.base.versions import version_of
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.figures import in_words
 from rastercov.core.area.frames import to_world
@@ -315,7 +315,7 @@ def _title_rows(
         *(("" if row else "Task", line) for row, line in enumerate(task)),
         ("Heights", f"{storey}floor at z = {frame.floor:.2f} m, cut at z = {frame.cut:.2f} m"),
         ("Scale", f"{scale_text(frame.scale)} on {frame.paper}, lengths in metres"),
-        ("Software", f"rastercov {version_of('rastercov')}"),
+        ("Software", f"rastercov {rastercov.__version__}"),
     ]
 
 

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
-#define NPY_NO_DEPRECATED_API NPY_2_0_API_VERSION
-#define NPY_TARGET_VERSION NPY_2_0_API_VERSION
+#define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
+#define NPY_TARGET_VERSION NPY_1_22_API_VERSION
 #include <numpy/ndarraytypes.h>
 
 namespace rastercov {
@@ -63,16 +63,28 @@ PyObject *array_type() {
     return type;
 }
 
+// Bytes of a number of a type of numpy, from bool to double. The field with the size itself has
+// another place in numpy 1 than in numpy 2; those before it, which are read here, have not moved.
+constexpr int SIZES[] = {1, 1, 1, 2, 2, sizeof(int), sizeof(int), sizeof(long), sizeof(long),
+                         8, 8, 4, 8};
+static_assert(NPY_BOOL == 0 && NPY_INT == 5 && NPY_LONG == 7 && NPY_LONGLONG == 9 &&
+              NPY_DOUBLE == 12);
+
+int size_of(int type_number) {
+    return type_number >= 0 && type_number < int(std::size(SIZES)) ? SIZES[type_number] : 0;
+}
+
 bool read_array(PyObject *source, const ArrayType &wanted, void *&data, int64_t *shape) noexcept {
     if (!PyObject_TypeCheck(source, reinterpret_cast<PyTypeObject *>(array_type()))) return false;
-    const auto *array = reinterpret_cast<PyArrayObject *>(source);
+    auto *array = reinterpret_cast<PyArrayObject *>(source);
     const PyArray_Descr *type = PyArray_DESCR(array);
     const int flags =
         NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED | (wanted.is_output ? NPY_ARRAY_WRITEABLE : 0);
     if (PyArray_NDIM(array) != wanted.n_axes || (PyArray_FLAGS(array) & flags) != flags ||
-        type->kind != wanted.kind || type->elsize != wanted.size || type->byteorder == NPY_OPPBYTE)
+        type->kind != wanted.kind || size_of(type->type_num) != wanted.size ||
+        type->byteorder == NPY_OPPBYTE)
         return false;
-    data = PyArray_DATA(const_cast<PyArrayObject *>(array));
+    data = PyArray_DATA(array);
     for (int k = 0; k < wanted.n_axes; k++) {
         shape[k] = PyArray_DIM(array, k);
         if (wanted.extents[k] != Any && wanted.extents[k] != shape[k]) return false;

@@ -207,10 +207,10 @@ class Compute(Strategy):
         set_uniforms(self._fill_image, image_corner=tile[:2], image_width=tile[2])
         self._draw(scene, range(1), tile, self._fill_image, self._image)
         keys = self._resources.read_words(self._image, tile[3], tile[2], 2)
-        owner, inverse = keys[..., 0], keys[..., 1].copy().view(np.float32)
+        owner, inverse = keys[..., 0], keys[..., 1].copy().view(np.float32).astype(np.float64)
         face = np.where(owner == 0, -1, (~owner).view(np.int32) - 1)
         with np.errstate(divide="ignore"):
-            depth = 1 / inverse.astype(np.float64)
+            depth = 1 / inverse
         if prepared.farthest[0]:
             depth = np.where(inverse > 0, prepared.farthest[0] - inverse, depth)
         # A face cut at the near plane can cover a sample 1/512 sample beyond its edge.

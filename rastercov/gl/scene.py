@@ -201,10 +201,11 @@ class PreparedPoses:
 
     def depth(self, row: int, values: Float32Array) -> Float32Array:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
+        inverse = values.astype(np.float64)
         with np.errstate(divide="ignore"):
-            z = self.near[row] / values.astype(np.float64)
+            z = self.near[row] / inverse
         if self.farthest[row]:
-            z = self.farthest[row] - values * (self.farthest[row] - self.near[row])
+            z = self.farthest[row] - inverse * (self.farthest[row] - self.near[row])
             z[values == 0] = np.inf
         return z.astype(np.float32)
 

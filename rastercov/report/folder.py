@@ -35,6 +35,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Self
 
+import rastercov
 from rastercov.base import (
     ByName,
     ConfigError,
@@ -48,7 +49,6 @@ from rastercov.base import (
 from rastercov.base.interrupts import hold_end, hold_interrupts
 from rastercov.base.locks import lock
 from rastercov.base.output import PART, is_own_folder, move, remove_file, replacing, sync
-from rastercov.base.versions import version_of
 
 STAGING = ".rastercov-report.part"
 """Hidden folder of a running command: its files, and those it replaces."""
@@ -199,7 +199,7 @@ class ReportFolder:
         journal = self._staging / self.kind.manifest
         content = {
             "format": FORMAT,
-            "rastercov": version_of("rastercov"),
+            "rastercov": rastercov.__version__,
             "report": self.kind.name,
             "last": self.kind.last,
             "files": files,

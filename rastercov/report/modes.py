@@ -26,6 +26,7 @@ from rastercov.base import (
     plural,
 )
 from rastercov.base.format import number
+from rastercov.core.area.polygons import quantile
 from rastercov.core.camera import Gate
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.reasons import NAMES, REASONS
@@ -187,12 +188,11 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     """
     given, unit = density if isinstance(density, OfUnit) else OfUnit(density, "px/m")
     values = np.asarray(given, np.float64)
-    known = np.flatnonzero(mesh.task_mask & (values > 0))
+    known = mesh.task_mask & (values > 0)
     low, high = 1.0, 10.0
-    if len(known):
-        weights = np.maximum(mesh.areas[known], 1e-300)
-        ends = np.quantile(values[known], (0.02, 0.98), weights=weights, method="inverted_cdf")
-        low, high = ends.tolist()
+    if known.any():
+        weights = np.maximum(mesh.areas, 1e-300)
+        low, high = (quantile(values, weights, known, share) for share in (0.02, 0.98))
         high = max(high, low * (1 + 1e-9))
     at = np.log(np.maximum(values, low) / low) / math.log(high / low)
     shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)

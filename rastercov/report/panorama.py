@@ -27,6 +27,7 @@ from rastercov.base import (
     frozen_record,
     row_lengths,
 )
+from rastercov.core.area.polygons import quantile
 from rastercov.core.camera import (
     Camera,
     Poses,
@@ -362,7 +363,8 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
         ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
         some = slice(None, None, 1 + len(rows) // SOME)
         weights = np.maximum(areas[some], 1e-300)
-        box = np.quantile(ends[some], BEYOND, axis=0, weights=weights, method="inverted_cdf")
+        every = np.ones(len(weights), np.bool_)
+        box = np.array([quantile(column, weights, every, BEYOND) for column in ends[some].T])
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
         is_used = np.zeros(mesh.n_vertices, np.bool_)

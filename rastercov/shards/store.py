@@ -11,9 +11,9 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version as version_of
 from pathlib import Path
 
+import rastercov
 from rastercov.base import ConfigError, name_file, own_folder, remove_folder
 from rastercov.base.output import PART, is_own_folder, remove_file, replacing, sync
 
@@ -153,7 +153,7 @@ class ShardStore:
     n_poses: int
     poses_a_shard: int
     function: str
-    version: str = version_of("rastercov")
+    version: str = rastercov.__version__
 
     def __len__(self) -> int:
         """Number of shards, at least one."""

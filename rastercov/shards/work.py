@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+import rastercov
 from rastercov.base import ByName, ConfigError, RastercovError, plural, shown
-from rastercov.base.versions import version_of
 from rastercov.shards.process import Process, ProcessEndedError
 from rastercov.shards.store import ShardStore
 
@@ -61,7 +61,7 @@ def work(
     FolderLostError
         Where the folder cannot be reached.
     """
-    worker, own = f"{platform.node()}:{os.getpid()}", version_of("rastercov")
+    worker, own = f"{platform.node()}:{os.getpid()}", rastercov.__version__
     if store.version != own:
         raise ConfigError(
             f"worker {worker}: expected rastercov {store.version} of this run, got {own}; update it"

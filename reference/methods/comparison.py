@@ -256,7 +256,7 @@ def _hide_partly(
 
 
 def _provenance(mesh: Mesh, camera: Camera, poses: FloatArray) -> ByName:
-    packages = ("rastercov", "numpy", "shapely")
+    packages = ("numpy", "shapely")
     entries = provenance_of(mesh, camera, poses, packages=packages)
     del entries["scene"]
     return entries | {"machine": {"system": platform.platform(), "processor": platform.machine()}}

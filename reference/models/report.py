@@ -31,7 +31,7 @@ from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.observation import KIND_WORDS
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import ModelCriteria
-from rastercov.reference.models.comparison import OURS, FaceValues, ModelComparison, covers
+from rastercov.reference.models.comparison import OURS, ModelComparison, covers
 from rastercov.reference.pages import milliseconds, open_browser, percent_of, publish
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import (
@@ -167,7 +167,18 @@ def page(comparison: ModelComparison, pictures: dict[str, Picture]) -> str:
         detail_headings=DETAIL_HEADINGS,
         detail_rows=_detail_rows(comparison),
         worst_headings=(*WORST_HEADINGS, *names),
-        worst_rows=[_worst_row(each, names) for each in comparison.worst],
+        worst_rows=[
+            (
+                f"{face.pose}",
+                f"{face.face}",
+                f"{face.image_pixels:,.0f}",
+                f"{100 * face.visibility:.2f} %",
+                KIND_WORDS[face.kind],
+                "visible" if face.bivalent else "hidden",
+                *(number(face.coverage[name]) for name in names),
+            )
+            for face in comparison.worst
+        ],
     )
 
 
@@ -238,18 +249,6 @@ def _detail_rows(comparison: ModelComparison) -> list[tuple[str, ...]]:
         for each in comparison.disagreements
         if OURS in (each.covers, each.does_not)
     ]
-
-
-def _worst_row(face: FaceValues, names: list[str]) -> tuple[str, ...]:
-    return (
-        f"{face.pose}",
-        f"{face.face}",
-        f"{face.image_pixels:,.0f}",
-        f"{100 * face.visibility:.2f} %",
-        KIND_WORDS[face.kind],
-        "visible" if face.bivalent else "hidden",
-        *(number(face.coverage[name]) for name in names),
-    )
 
 
 def score_table(comparison: ModelComparison) -> Table:

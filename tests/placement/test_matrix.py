@@ -21,7 +21,6 @@ from nightly import IS_NIGHTLY
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError, ResourceError
 from rastercov.base.locks import lock
-from rastercov.core.coverage import shards as evaluation_shards
 from rastercov.core.mesh import shapes
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import MatrixFolder, shorten_coverage
@@ -245,7 +244,7 @@ def test_a_folder_of_other_inputs_is_refused(tmp_path, monkeypatch, change, word
 
     made(**INPUTS | {"method": SAMPLED if "supersample" in words else "certified"})
     if not change:
-        monkeypatch.setattr(evaluation_shards, "version_of", lambda name: "0.0.0")
+        monkeypatch.setattr(rc, "__version__", "0.0.0")
     with pytest.raises(ConfigError, match=words) as error:
         made(**INPUTS | change)
     assert "\n" not in str(error.value)

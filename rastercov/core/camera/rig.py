@@ -14,7 +14,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, is_dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -474,17 +473,15 @@ def rig_with(rig: Rig, entries: ReadByName) -> Rig:
 
 def entries_of(rig: Rig) -> ByName:
     """Entries of a file on the cameras of a rig together, without its equipment."""
-    tasks = {name: task_to_json(task) for name, task in rig.tasks.items()}
+    tasks = {  # thresholds of a device, a `Task` or a mapping of some of them
+        name: asdict(task) if is_dataclass(task) and not isinstance(task, type) else dict(task)
+        for name, task in rig.tasks.items()
+    }
     more: ByName = {"tasks": tasks, "fixed": list(rig.fixed)}
     own = {
         name: value for each in hooks_of(RigEntries) for name, value in each.entries(rig).items()
     }
     return own | {name: value for name, value in more.items() if value}
-
-
-def task_to_json(task: Any) -> ByName:
-    """Thresholds of a device, a `Task` or a mapping of some of them, ready for JSON."""
-    return asdict(task) if is_dataclass(task) and not isinstance(task, type) else dict(task)
 
 
 def rig_to_json(cameras: Cameras) -> ByName:

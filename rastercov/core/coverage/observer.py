@@ -15,8 +15,8 @@ from collections.abc import Sequence
 
 from numpy.typing import ArrayLike
 
+import rastercov
 from rastercov.base import Closing, DeviceError, check_memory, thread_count
-from rastercov.base.versions import version_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
@@ -147,7 +147,7 @@ class ExactObserver(Observer):
 
     def __init__(self, solvers: ExactPass) -> None:
         self.mesh, self.camera, method = solvers.mesh, solvers.camera, solvers.method
-        renderer = f"{method}, rastercov {version_of('rastercov')}"
+        renderer = f"{method}, rastercov {rastercov.__version__}"
         self.info = RasterizerInfo("analytic", method, renderer, "", "cpu", "float64", "")
         self._pass, self.threads = solvers, solvers.threads
 

@@ -8,6 +8,7 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
+import rastercov
 from rastercov.base import AnyArray, ByName, ReadByName
 from rastercov.base.versions import version_of
 from rastercov.core.camera import Cameras, Rig, cameras_of, names_of
@@ -24,7 +25,7 @@ def provenance_of(
     task: Task | None = None,
     options: ReadByName | None = None,
     measured_by: RasterizerInfo | None = None,
-    packages: Sequence[str] = ("rastercov", "moderngl", "numpy"),
+    packages: Sequence[str] = ("moderngl", "numpy"),
 ) -> ByName:
     """Inputs of a result, and the device that measured it, ready for JSON.
 
@@ -43,7 +44,7 @@ def provenance_of(
         Options of the run, ready for JSON.
     measured_by : RasterizerInfo, optional
     packages : sequence of str
-        Packages whose versions are recorded; None for one that is not installed.
+        Packages whose versions are recorded beside ours; None for one that is not installed.
     """
     optional = {
         "task": task._entries() if task else None,
@@ -62,6 +63,7 @@ def provenance_of(
         **{name: entry for name, entry in optional.items() if entry is not None},
         "versions": {
             "python": platform.python_version(),
+            "rastercov": rastercov.__version__,
             **{name: version_of(name) for name in packages},
         },
     }

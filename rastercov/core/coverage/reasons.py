@@ -90,11 +90,6 @@ SETS = sorted(
 BETWEEN = "+"
 
 
-def _together(names: Iterable[str]) -> str:
-    """Name of several reasons, the last criterion first."""
-    return BETWEEN.join(reversed(tuple(names)))
-
-
 class _Reasons(dict[str, Words]):
     """Words by the name of a reason; those of several reasons are made of theirs."""
 
@@ -178,7 +173,8 @@ OF_CAMERA = {
 """Words of the members of `Reason`."""
 REASONS: dict[str, Words] = _Reasons(OF_CAMERA)
 for _bits in SETS:
-    _name = _together(each for at, each in enumerate(TOGETHER) if _bits >> at & 1)
+    _names = [each for at, each in enumerate(TOGETHER) if _bits >> at & 1]
+    _name = BETWEEN.join(reversed(_names))  # the last criterion first
     REASONS[_name] = REASONS[_name]
 REASONS |= {
     "too_few_views": Words(

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import rastercov
 from rastercov.base import AnyArray, ByName, ReadByName, own_folder, remove_folder
 from rastercov.base.output import name_folder, own_place
-from rastercov.base.versions import version_of
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
@@ -294,7 +294,7 @@ def inputs_of(
     size = max(1, pairs_a_shard // max(1, n_elements) // together) * together
     groups = json.dumps([group.to_json() for group in mesh.groups])
     return {
-        "rastercov": version_of("rastercov"),
+        "rastercov": rastercov.__version__,
         "mesh": sha256(mesh.vertices, mesh.faces, mesh.face_group, groups),
         "camera": sha256(*cameras),
         "poses": hash_of(poses),

@@ -32,6 +32,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+import rastercov
 from rastercov.base import (
     BoolArray,
     DeviceError,
@@ -42,7 +43,6 @@ from rastercov.base import (
     once_each,
     thread_count,
 )
-from rastercov.base.versions import version_of
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.near_plane import limits, picture_limits
 from rastercov.core.mesh import Mesh
@@ -122,7 +122,7 @@ class CPURasterizer(Rasterizer):
         self.info = RasterizerInfo(
             backend="cpu",
             plan="threads",
-            renderer=f"rastercov {version_of('rastercov')}",
+            renderer=f"rastercov {rastercov.__version__}",
             driver="",
             device="cpu",
             depth="float32 1/z",
