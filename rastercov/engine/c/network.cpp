@@ -184,9 +184,11 @@ struct Network {
         Key key;
         key.add(flat.get());
         key.add(steep.get());
+        rc_gate any = {};
+        any.k = 1;
+        any.most_deg = 180.0;
         return keep(key, {flat, steep}, [&] {
-            return united_by({.k = 1, .most_deg = 180.0}, poses,
-                             {&flat->poses[0], &steep->poses[0]});
+            return united_by(any, poses, {&flat->poses[0], &steep->poses[0]});
         });
     }
 
