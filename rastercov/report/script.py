@@ -38,14 +38,14 @@ SHARED: tuple[Shared, ...] = (
     required.outcome_line,
 )
 """Functions that both print with."""
-HEAD = 'import { filled, formatted, withoutEnd } from "rastercov/plain.js";\n'
+HEAD = 'import { fillText, formatNumber, withoutEnd } from "rastercov/plain.js";\n'
 TEMPLATES = {
     "Assign": "{targets} = {value};\n",
     "Attribute": "{value}.{attr}",
     "BinOp": "({left} {op} {right})",
     "Expr": "",
     "For": "for ({target} of {iter}) {{\n{body}}}\n",
-    "FormattedValue": "formatted({value}, {format_spec})",
+    "FormattedValue": "formatNumber({value}, {format_spec})",
     "If": "if ({test}) {{\n{body}}} else {{\n{orelse}}}\n",
     "IfExp": "({test} ? {body} : {orelse})",
     "JoinedStr": "[{values}].join('')",
@@ -73,11 +73,11 @@ CALLS = {
     "math.isinf": "(Math.abs({0}) === Infinity)",
     "max": "Math.max(...[{every}].flat())",
     "min": "Math.min(...[{every}].flat())",
-    "round": "Number(formatted({0}, '.' + {1} + 'f'))",
+    "round": "Number(formatNumber({0}, '.' + {1} + 'f'))",
 }
 """The same of functions, by the numbers of arguments; of one that is a list `max` has all of it."""
 METHODS = {
-    "format": "filled({on}, {{ {named} }})",
+    "format": "fillText({on}, {{ {named} }})",
     "get": "({on}[{0}] ?? {1})",
     "removesuffix": "withoutEnd({on}, {0})",
     "replace": "{on}.replaceAll({0}, {1})",

@@ -90,7 +90,7 @@ class Session(viewer.Session):
             "open": lambda: open_live(self) | {"engine": ""} | self.more,
             "load": self.load,
             "ping": lambda: {"revision": self.load()["revision"], "measured": []},
-            "job": self.work.described,
+            "job": self.work.describe,
             "startJob": lambda: self.work.start(given),
             "cancelJob": self.work.cancel,
             "drawing": self.describe_drawing,
@@ -122,7 +122,7 @@ class Session(viewer.Session):
         """The rig of the page, as it asks about it."""
         self.call("load")
         asked = viewer.check_entries(viewer.Of, self.call("asked"))
-        return self.taken(asked.rig, asked.at, asked.goal)
+        return self.take(asked.rig, asked.at, asked.goal)
 
     def described_state(self):
         return self.call("state")
@@ -130,8 +130,8 @@ class Session(viewer.Session):
     def draw(self, changes):
         self.call("keepDrawing", changes)
 
-    def described(self):
-        return self.scene.described()
+    def describe(self):
+        return self.scene.describe()
 
     @property
     def history(self):
@@ -209,5 +209,5 @@ class Work:
     def draw(self, changes):
         self.call("keepDrawing", changes)
 
-    def described(self):
+    def describe(self):
         return self._said

@@ -51,7 +51,7 @@ const calls = {
   },
   lens: (id, { camera, changes, models }) => {
     const state = { stations: [], cameras: { own: camera }, task: {}, models };
-    return live_rig_js.edited(state, { do: "camera", camera: "own", changes })[0].cameras.own.plain;
+    return live_rig_js.editState(state, { do: "camera", camera: "own", changes })[0].cameras.own.plain;
   },
 };
 async function run({ id, call, given }) {

@@ -94,10 +94,10 @@ def of_kinds(rng):
     value, row = drawn(rng), int(rng.integers(3))
     if row == 0:
         spec = str(rng.choice(SPECS))
-        return ["formatted", round(value), spec], format(round(value), spec)
+        return ["formatNumber", round(value), spec], format(round(value), spec)
     if row == 1:
         spec = str(rng.choice(SPECS[2:]))
-        return ["formatted", value, spec], format(value, spec)
+        return ["formatNumber", value, spec], format(value, spec)
     name = str(rng.choice(list(PARTS)))
     value = abs(value) if name != "page metres" else value
     return [name, value], PARTS[name](value)

@@ -2,14 +2,16 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
 from nightly import IS_NIGHTLY
-from page_in_node import NEEDS_NODE
+from page_in_node import HERE, NEEDS_NODE, PAGE
 from page_in_node import node as node
 from text_cases import SPECS, case_of, of_kinds
 
+from rastercov.report.pages import static_file
 from rastercov.report.script import SHARED, script_of, texts_script
 
 
@@ -29,7 +31,7 @@ def test_the_page_writes_numbers_as_python_does(node, tmp_path):
 @NEEDS_NODE
 @pytest.mark.parametrize("value", [62.25, 0.5, 2.5, 1e22, 5e-324, -0.0, 1.7e308, math.inf])
 def test_ends_and_ties(node, tmp_path, value):
-    given = [["formatted", "inf" if math.isinf(value) else value, spec] for spec in SPECS[2:]]
+    given = [["formatNumber", "inf" if math.isinf(value) else value, spec] for spec in SPECS[2:]]
     (tmp_path / "cases.json").write_text(json.dumps(given))
     assert node("texts.mjs", tmp_path / "cases.json") == [format(value, each) for each in SPECS[2:]]
 
@@ -64,3 +66,23 @@ def test_constants_and_called_functions_are_in_the_module():
     assert "const LIMIT = 3;" in said
     assert "export function of_a_constant(value)" in said
     assert "export function exponent(" in texts_script()
+
+
+def test_modules_import_names_that_others_export():
+    own = {path.stem: path.read_text("utf-8") for path in [*PAGE.glob("*.js"), *HERE.glob("*.mjs")]}
+    own |= {name: static_file(f"{name}.js").decode() for name in ("features", "texts")}
+    has = {
+        name: set(re.findall(r"^export (?:async )?(?:class|function|const) (\w+)", text, re.M))
+        for name, text in own.items()
+    }
+    asked = [
+        (name, module, each.split()[0])
+        for name, text in own.items()
+        for names, module in re.findall(
+            r'^import \{([^}]*)\} from "rastercov/(\w+)\.js"', text, re.M | re.S
+        )
+        for each in names.split(",")
+        if each.strip()
+    ]
+    assert len(asked) > 100
+    assert [row for row in asked if row[2] not in has[row[1]]] == []

@@ -10,7 +10,7 @@ import { refuse } from "rastercov/api.js";
 import { editState, focusOf, stationOf } from "rastercov/live_rig.js";
 import { add, clamp, column, cross, dot, length, multiply, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
-import { distances_tried } from "rastercov/texts.js";
+import { distances_to_try } from "rastercov/texts.js";
 
 const MARGIN_REL = 1e-3; // distance from the box of places, relative to the size of the scene
 const [FIRST_STEP, LAST_STEP] = [0.04, 0.002]; // of a search around a pose, relative to the size of the scene
@@ -268,7 +268,7 @@ function* spotsBefore(live, camera, parts, random) {
   const focus = sharp ? [sharp[0], sharp[1] ?? Infinity] : [0, Infinity];
   const whole = origins ? size : (size * Math.max(plain.fx, plain.fy)) / Math.min(plain.width, plain.height);
   const kept = Math.min(live.data.cameraSize ?? 0, focus[1] / 2);
-  const [near, far] = distances_tried(size, whole, focus, plain.near ?? 0, kept);
+  const [near, far] = distances_to_try(size, whole, focus, plain.near ?? 0, kept);
   const reach = isRoom ? -MARGIN_REL * size : Math.max(2 * size, far);
   const [low, high] = [bounds[0].map((x) => x - reach), bounds[1].map((x) => x + reach)];
   const total = parts.reduce((sum, { area }) => sum + area, 0);

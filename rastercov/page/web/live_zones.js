@@ -3,7 +3,7 @@
 import { inUnit, squareMetres } from "rastercov/dom.js";
 import { isWithin, labelOf } from "rastercov/live_rules.js";
 import { add, centroid, cornersOf, cross, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
-import { signed } from "rastercov/texts.js";
+import { text_with_sign } from "rastercov/texts.js";
 
 const SLIVER_REL = 1e-9; // of the area of the task below which a zone is rounding
 const MOST_ZONES = 100;
@@ -32,7 +32,7 @@ export async function zonesOf(pieces, page) {
     const by = hider === bodyOf(group) ? `self-${reasons.occluded}` : `${reasons.occluded} by ${hider}`;
     const label = labelOf(reasons, reason).replace(reasons.occluded, hider ? by : "$&") + (device ? ` (${device})` : "");
     const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(Math.sqrt(area)))), 9);
-    const at = centre.map((value) => signed(value, digits)).join(", ");
+    const at = centre.map((value) => text_with_sign(value, digits)).join(", ");
     const words = `dead zone ${squareMetres(area)} around (${at}) ${inUnit("m")} in group ${group}: ${label}`;
     return { area, percent: (100 * area) / total, centre, normal: unit(normal), group, reason, words, faces: on.slice(0, MOST_FACES) };
   });
