@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS as LENSES
 from mesh_files import VALID
+from summed import sums_of
 
 import rastercov as rc
 from rastercov.base.errors import MeshError, ResourceError
@@ -219,6 +220,15 @@ def test_areas_of_c_and_of_python_are_equal_and_figures_agree_within_their_bound
         library.call("rc_union_areas", union, views, mesh.n_faces, areas, bounds)
         np.testing.assert_array_equal(areas, expected.area[views - 1])
         np.testing.assert_allclose(bounds, expected.bound, rtol=1e-3, atol=1e-9)
+    excess, sums = np.empty(mesh.n_faces), np.empty((3, 5))
+    library.call("rc_union_excess", union, mesh.n_faces, excess)
+    part = np.random.default_rng(seed).integers(-1, 3, mesh.n_faces).astype(np.int32)
+    of_parts = part, np.array([1, 2, 1], np.int32)
+    library.call("rc_union_sums", union, mesh.n_faces, part, 3, of_parts[1], sums)
+    own = np.empty(mesh.n_faces)
+    library.call("rc_surface_areas", surface, mesh.n_faces, own)
+    faces = expected.area, np.array([bounds, excess]), own
+    assert sums.tobytes() == (sums_of(*faces, *of_parts) + 0.0).tobytes()
     for name, handle in (("union", union), ("regions", regions), ("solver", solver),
                          ("surface", surface)):  # fmt: skip
         library.call(f"rc_{name}_free", handle)

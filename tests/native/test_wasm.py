@@ -130,6 +130,8 @@ def native_hashes(library, case):
     views = np.zeros((2, 2, n))
     for level in (1, 2):
         library.call("rc_union_areas", union, level, n, *views[level - 1])
+    sums, parts = np.zeros((2, 5)), (np.arange(n) % 3 - 1).astype(np.int32)
+    library.call("rc_union_sums", union, n, parts, 2, np.array([1, 2], np.int32), sums)
     network = library.make("rc_network_create", surface, 1)
     for pose in poses.reshape(n_poses, 16):
         library.call("rc_network_add", network, by, limits, pose)
@@ -168,7 +170,7 @@ def native_hashes(library, case):
     return {
         "regions": digest(areas),
         "together": digest(measured),
-        "union": digest(views),
+        "union": digest(views, sums),
         "zones": digest(*parts[:5]),
         "alone": digest(alone),
         "faces": digest(*judged),

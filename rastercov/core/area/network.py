@@ -23,6 +23,7 @@ from rastercov.core.coverage.network import percent_of_seeable
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import parts_of
+from rastercov.engine import area_sums
 from rastercov.shards import Progress, silent
 
 UNITS = ("area", "face")
@@ -263,15 +264,13 @@ class AreaNetwork:
         may be covered besides, where it is given. `views` is that of the task unless given.
         """
         views = self.views if views is None else max(views, self.least)
-        covered, every = self.covered, frames_of(self.mesh).areas[members]
-        total = float(every.sum())
-        result, bound = covered.area[:views], float(covered.excess[members].sum())
-        square_metres = [min(float(row[members].sum()), total) for row in result]
-        bound = min(bound, total)
+        covered, part = self.covered, np.where(members, 0, -1).astype(np.int32)
+        levels, bounds = covered.area[:views], np.array([covered.bound, covered.excess])
+        sums = np.empty((1, views + 3))
+        faces = np.ascontiguousarray(levels), bounds, frames_of(self.mesh).areas
+        area_sums.sum_areas(faces, part, np.array([views], np.int32), sums)
+        *square_metres, bound, doubtful, total = sums[0].tolist()
         percent = 100 / total if total > 0 else 0.0
-        top, ends = result[-1][members], (covered.bound[members], covered.excess[members])
-        most, surely = (np.minimum(top + each, every) for each in ends)
-        doubtful = float((most - surely).sum())
         return {
             "percent": percent * square_metres[-1],
             "bound_percent": percent * bound,

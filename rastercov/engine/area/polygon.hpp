@@ -74,6 +74,18 @@ inline int64_t corners_of(int64_t at, const Starts &starts, int64_t n_corners) {
     return starts[at + 1] - starts[at];
 }
 
+// True if a point lies in a convex polygon, or beyond a side by `slack` at most.
+inline bool is_inside(double x, double y, const double *corners, int64_t n, double slack) {
+    int64_t p = n - 1;
+    for (int64_t q = 0; q < n; p = q++) {
+        const double along_x = corners[2 * q] - corners[2 * p];
+        const double along_y = corners[2 * q + 1] - corners[2 * p + 1];
+        const double value = along_x * (y - corners[2 * p + 1]) - along_y * (x - corners[2 * p]);
+        if (value < -slack * (std::abs(along_x) + std::abs(along_y))) return false;
+    }
+    return true;
+}
+
 // A table of pieces, of corners in the planes of their faces.
 struct PieceTable {
     FloatRows<2> xy;

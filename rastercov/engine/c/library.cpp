@@ -388,10 +388,7 @@ rc_status rc_union_areas(const rc_union *unite, int32_t views, int64_t n_faces, 
         const std::scoped_lock lock(object->changes);
         expect(views >= 1 && views <= object->all->views(),
                "views of 1 to those of rc_union_create", views, "create a union with more views");
-        engine::Room<double> levels(views * n_faces), both(2 * n_faces);
-        object->all->write_areas({levels.begin(), {views, n_faces}});
-        object->all->write_bounds({both.begin(), {2, n_faces}});
-        std::copy_n(levels.begin() + (views - 1) * n_faces, n_faces, areas);
-        std::copy_n(both.begin(), n_faces, bounds);
+        std::copy_n(object->all->areas(views).data() + (views - 1) * n_faces, n_faces, areas);
+        std::copy_n(object->all->bounds().data(), n_faces, bounds);
     });
 }

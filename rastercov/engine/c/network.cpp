@@ -391,8 +391,8 @@ struct Zones {
             of_zones[i] = -1;
             reasons[i] = RC_COVERED;
             for (const size_t p : of_face[size_t(faces[i])])
-                if (is_inside(x, y, xy.data() + 2 * starts[p], starts[p + 1] - starts[p],
-                              SLACK_REL * surface->mesh.diagonal)) {
+                if (area::is_inside(x, y, xy.data() + 2 * starts[p], starts[p + 1] - starts[p],
+                                    SLACK_REL * surface->mesh.diagonal)) {
                     of_zones[i] = int32_t(zone[p]);
                     reasons[i] = int32_t(reason[p]);
                     break;
@@ -464,10 +464,8 @@ class Divider {
   private:
     // Areas of a union, and its bounds, which are doubts of all reasons.
     void measure(const engine::Union &all) {
-        _areas = engine::Room<double>(_n);
-        engine::Room<double> both(2 * _n);
-        all.write_areas({_areas.begin(), {1, _n}});
-        all.write_bounds({both.begin(), {2, _n}});
+        _areas = all.areas(1);
+        const engine::Room<double> both = all.bounds();
         for (int64_t f = 0; f < _n; f++) _doubt[f] += both[f];
     }
 
@@ -560,10 +558,8 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     const int64_t n = network.n_faces();
     const int64_t views = std::max(1, *std::max_element(wanted.views, wanted.views + n));
     const auto all = network.united(views);
-    engine::Room<double> levels(views * n), both(2 * n);
-    all->all->write_areas({levels.begin(), {views, n}});
-    all->all->write_bounds({both.begin(), {2, n}});
-    const Mask unseeable = unseeable_of(network.surface->mesh, levels, wanted.unseeable);
+    const Mask unseeable =
+        unseeable_of(network.surface->mesh, all->all->areas(1), wanted.unseeable);
     const auto whole = complete_union(*all);
     const Partition parts(*whole->all);
     const bool has_rows = !network.rows.empty();
@@ -578,7 +574,7 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     }
     if (has_rows) Divider(network).divide(*whole->all, unseeable, zones);
     engine::Room<double> excess(n);
-    std::copy_n(both.begin() + n, n, excess.begin());
+    std::copy_n(all->all->bounds().data() + n, n, excess.begin());
     link(zones, excess, wanted.groups);
     return certain(std::move(zones));
 }

@@ -29,6 +29,10 @@ struct Hiders {
     std::vector<int64_t> faces; // in the order of the tree
     std::vector<int64_t> row;   // of each face in it, -1 for none
     std::vector<double> corners, nodes;
+
+    void place(const double *from, double *to) const {
+        for (size_t k = 0; k < 3; k++) to[k] = (from[k] - centre[k]) / diagonal;
+    }
 };
 
 struct SurfaceObject {

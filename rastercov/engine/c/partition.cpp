@@ -2,20 +2,9 @@
 //
 // Twin: rastercov.core.area.union, by tests/native/test_c_border.py.
 #include "c/partition.hpp"
-#include "area/polygon.hpp"
+#include "area/sums.hpp"
 
 namespace rastercov::c {
-bool is_inside(double x, double y, const double *corners, int64_t n, double slack) {
-    int64_t p = n - 1;
-    for (int64_t q = 0; q < n; p = q++) {
-        const double along_x = corners[2 * q] - corners[2 * p];
-        const double along_y = corners[2 * q + 1] - corners[2 * p + 1];
-        const double value = along_x * (y - corners[2 * p + 1]) - along_y * (x - corners[2 * p]);
-        if (value < -slack * (std::abs(along_x) + std::abs(along_y))) return false;
-    }
-    return true;
-}
-
 namespace {
 // Centroid of a polygon of positive area.
 std::array<double, 2> centroid_of(const double *corners, int64_t n) {
@@ -48,7 +37,7 @@ double alone_of(const engine::Union &from, int64_t views, const engine::Regions 
             centroid_of(parts.xy.data() + 2 * first, parts.starts[size_t(p + 1)] - first);
         size_t corner = at;
         for (size_t q = piece; q < own.face.size() && own.face[q] == f; q++) {
-            if (is_inside(x, y, own.xy.data() + 2 * corner, own.n_corners[q], slack)) {
+            if (area::is_inside(x, y, own.xy.data() + 2 * corner, own.n_corners[q], slack)) {
                 sum += parts.area[size_t(p)];
                 break;
             }
@@ -84,10 +73,9 @@ std::shared_ptr<UnionObject> complete_union(const UnionObject &from) {
     Partition parts(*from.all);
     const std::vector<int32_t> none(size_t(parts.size()));
     const int64_t n = made->all->n_faces();
-    engine::Room<double> both(2 * n);
-    from.all->write_bounds({both.begin(), {2, n}});
-    made->all->begin(parts.pieces(none), {parts.tag.data(), {parts.size()}}, {both.begin(), {n}},
-                     {both.begin() + n, {n}});
+    const engine::Room<double> both = from.all->bounds();
+    made->all->begin(parts.pieces(none), {parts.tag.data(), {parts.size()}}, both.first(n),
+                     {both.data() + n, {n}});
     const engine::Room<bool> asked = conditions_of(*from.surface);
     made->all->fill(asked.rows());
     return made;
@@ -143,9 +131,33 @@ rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess
         check_faces(*object->surface, n_faces);
         expect_array(excess, "excess");
         const std::scoped_lock lock(object->changes);
-        engine::Room<double> both(2 * n_faces);
-        object->all->write_bounds({both.begin(), {2, n_faces}});
-        std::copy_n(both.begin() + n_faces, n_faces, excess);
+        std::copy_n(object->all->bounds().data() + n_faces, n_faces, excess);
+    });
+}
+
+rc_status rc_union_sums(const rc_union *unite, int64_t n_faces, const int32_t *parts,
+                        int64_t n_parts, const int32_t *views, double *sums) {
+    return guard("adding up areas", [&] {
+        const auto object = object_of(unite);
+        check_faces(*object->surface, n_faces);
+        expect(n_parts >= 1 && n_parts <= n_faces, "1 part, up to one for each face", n_parts,
+               "pass the number of rows");
+        expect_array(parts, "parts");
+        expect_array(views, "views");
+        expect_array(sums, "sums");
+        for (int64_t f = 0; f < n_faces; f++)
+            expect(parts[f] >= -1 && parts[f] < n_parts, "indices of parts, or -1", parts[f],
+                   "count parts from 0");
+        const std::scoped_lock lock(object->changes);
+        const int64_t k = object->all->views();
+        for (int64_t p = 0; p < n_parts; p++)
+            expect(views[p] >= 1 && views[p] <= k, "views of 1 to those of rc_union_create",
+                   views[p], "create a union with more views");
+        const engine::Room<double> levels = object->all->areas(k), both = object->all->bounds();
+        area::sum_parts({{levels.data(), {k, n_faces}},
+                         {both.data(), {2, n_faces}},
+                         object->surface->mesh.arrays->areas.rows()},
+                        {parts, {n_faces}}, {views, {n_parts}}, {sums, {n_parts, k + 3}});
     });
 }
 

@@ -2,6 +2,7 @@
 //
 // Twin: tests/native/test_c_border.py.
 #pragma once
+#include "area/polygon.hpp"
 #include "c/objects.hpp"
 #include <algorithm>
 
@@ -56,8 +57,6 @@ struct Partition {
 
 // Distance outside a piece up to which a point counts as inside, relative to the diagonal.
 constexpr double SLACK_REL = 1e-9;
-// True if a point lies in a convex polygon, or beyond a side by `slack` at most.
-bool is_inside(double x, double y, const double *corners, int64_t n, double slack);
 // An empty union, counting up to some views, or of sets for 0.
 std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject> &surface,
                                       int64_t views);

@@ -1,10 +1,8 @@
 // Points for C: the first criterion that each of a surface fails in a pose, and what hides it; and
 // places for a camera.
 //
-// Occlusion is a segment from the near plane to the point, traced through a tree of triangles in a
-// scene of diagonal 1 about the origin.
-//
 // Twin: rastercov.core.area.point_pass, by tests/native/test_c_border.py.
+#include "area/point.hpp"
 #include "c/objects.hpp"
 #include "camera/near.hpp"
 #include "mesh/grow.hpp"
@@ -80,6 +78,12 @@ const Hiders &hiders_of(const SurfaceObject &surface) {
     return *surface.hiders;
 }
 
+area::Hiders tree_of(const Hiders &hiders) {
+    return {{hiders.corners.data(), {int64_t(hiders.faces.size())}},
+            {hiders.nodes.data(), {int64_t(hiders.nodes.size() / 6)}},
+            true};
+}
+
 struct Asked {
     const double *points;
     const int32_t *faces;
@@ -100,46 +104,34 @@ void judge(const SurfaceObject &surface, const Camera &camera, double near, cons
            const double *pose, const Asked &asked, const rc_failures &out) {
     const Hiders &hiders = hiders_of(surface);
     const engine::MeshArrays &mesh = *surface.mesh.arrays;
-    const auto placed = [&](const double *at, size_t k) {
-        return (at[k] - hiders.centre[k]) / hiders.diagonal;
-    };
     const double eye_at[3] = {pose[3], pose[7], pose[11]};
     const Box box = box_of(mesh);
     const double depth =
         near_of(near, farthest_of(box, [&](int axis) { return eye_at[axis]; })) / hiders.diagonal;
     double rotation[9], eye[3];
     for (size_t k = 0; k < 9; k++) rotation[k] = pose[4 * (k / 3) + k % 3];
-    for (size_t k = 0; k < 3; k++) eye[k] = placed(eye_at, k);
-    const Rules own = in_units_of(rules, hiders.diagonal);
-    mesh::Hits hits = {{hiders.corners.data(), {int64_t(hiders.faces.size())}},
-                       {hiders.nodes.data(), {int64_t(hiders.nodes.size() / 6)}},
-                       true};
-    for (int64_t i = 0; i < asked.n; i++) {
+    hiders.place(eye_at, eye);
+    const int64_t n = asked.n;
+    std::vector<double> points(size_t(3 * n)), normals;
+    engine::Room<bool> two_sided(n);
+    std::vector<int64_t> own, hit(static_cast<size_t>(n));
+    for (int64_t i = 0; i < n; i++) {
         const int32_t f = asked.faces[i];
-        const double *const at = asked.points + 3 * i, *const normal = &mesh.normal[3 * f];
-        const double x = placed(at, 0) - eye[0], y = placed(at, 1) - eye[1],
-                     z = placed(at, 2) - eye[2];
-        const auto [fails, alone, away] =
-            coverage::judge_point(camera, own, Array<const double, 3, 3>{rotation, {}}, depth,
-                                  {x, y, z}, {normal[0], normal[1], normal[2]}, mesh.two_sided[f]);
-        out.hiders[i] = -1;
-        uint8_t found = alone.value_or(coverage::Reason(coverage::REASON_OF[fails]));
-        if (!(mesh.areas[f] > 0)) found = coverage::DEGENERATE;
-        else if (!alone) {
-            const double length = std::sqrt(x * x + y * y + z * z), share = depth / away;
-            const double reach = length * (1.0 - share) - MARGIN_REL;
-            int64_t hit = -1;
-            if (reach > 0.0)
-                hit = hits.first({{eye[0] + share * x, eye[1] + share * y, eye[2] + share * z},
-                                  {x / length, y / length, z / length},
-                                  reach},
-                                 hiders.row[size_t(f)]);
-            if (hit >= 0) {
-                found = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
-                out.hiders[i] = int32_t(hiders.faces[size_t(hit)]);
-            }
-        }
-        out.reasons[i] = found;
+        const double *const normal = &mesh.normal[3 * f];
+        hiders.place(asked.points + 3 * i, &points[size_t(3 * i)]);
+        normals.insert(normals.end(), normal, normal + 3);
+        two_sided[i] = mesh.two_sided[f];
+        own.push_back(hiders.row[size_t(f)]);
+    }
+    area::judge_points<Camera>(
+        {{points.data(), {n}}, {normals.data(), {n}}, two_sided.rows(), {own.data(), {n}}}, camera,
+        in_units_of(rules, hiders.diagonal), {{rotation, {}}, {eye, {}}, depth, MARGIN_REL},
+        tree_of(hiders), {out.reasons, {n}}, {hit.data(), {n}});
+    for (int64_t i = 0; i < n; i++) {
+        const bool is_flat = !(mesh.areas[asked.faces[i]] > 0);
+        if (is_flat) out.reasons[i] = coverage::DEGENERATE;
+        const int64_t at = is_flat ? -1 : hit[size_t(i)];
+        out.hiders[i] = at < 0 ? -1 : int32_t(hiders.faces[size_t(at)]);
     }
 }
 
@@ -149,14 +141,12 @@ void find_clear(const SurfaceObject &surface, const double *points, int64_t n, d
     const Hiders &hiders = hiders_of(surface);
     const engine::MeshArrays &mesh = *surface.mesh.arrays;
     const double least = distance / hiders.diagonal;
-    mesh::Hits hits = {{hiders.corners.data(), {int64_t(hiders.faces.size())}},
-                       {hiders.nodes.data(), {int64_t(hiders.nodes.size() / 6)}},
-                       true};
+    const auto [corners, nodes, is_nearest] = tree_of(hiders);
+    mesh::Hits hits = {corners, nodes, is_nearest};
     const auto counts = [&](int64_t t) { return !mesh.two_sided[hiders.faces[size_t(t)]]; };
     for (int64_t i = 0; i < n; i++) {
         double at[3];
-        for (size_t k = 0; k < 3; k++)
-            at[k] = (points[3 * i + int64_t(k)] - hiders.centre[k]) / hiders.diagonal;
+        hiders.place(points + 3 * i, at);
         const mesh::NearestPoint near = mesh::nearest_to({at, {}}, hits.corners, hits.nodes);
         is_clear[i] =
             near.squared >= least * least && !mesh::is_behind(hits, {at[0], at[1], at[2]}, counts);

@@ -7,6 +7,7 @@
 #include "area/rule.hpp"
 #include "c/partition.hpp"
 #include "c/rule.hpp"
+#include "sum.hpp"
 
 namespace rastercov::c {
 namespace {
@@ -38,9 +39,8 @@ Regions count_views(const engine::Mesh &mesh, const Poses &poses, int64_t k) {
     add_poses(all, asked);
     Partition parts(all);
     parts.keep([&](int64_t p) { return parts.tag[size_t(p)] >= k; });
-    engine::Room<double> both(2 * n), area(n);
-    all.write_bounds({both.begin(), {2, n}});
-    std::fill(area.begin(), area.end(), 0.0);
+    const engine::Room<double> both = all.bounds();
+    engine::Room<double> area(n, 0.0);
     Regions out;
     for (int64_t p = 0; p < parts.size(); p++) {
         area[parts.face[size_t(p)]] += parts.area[size_t(p)];
@@ -67,17 +67,7 @@ double area_of(area::Points corners, int64_t n) {
         const double u = corners(next, 0) - corners(0, 0), v = corners(next, 1) - corners(0, 1);
         twice[size_t(i - 1)] = x * v - y * u;
     }
-    const auto count = size_t(n - 1);
-    double sum = 0.0;
-    size_t i = 0;
-    if (count >= 8) {
-        std::array<double, 8> r = {};
-        for (; i + 8 <= count; i += 8)
-            for (size_t k = 0; k < 8; k++) r[k] += twice[i + k];
-        sum = ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]));
-    }
-    for (; i < count; i++) sum += twice[i];
-    return sum / 2;
+    return pairwise_sum(twice.data(), n - 1) / 2;
 }
 
 // A criterion in any plane: its calls take little beside it, and one cutter serves all.
@@ -118,9 +108,7 @@ struct OnPlane {
 Regions where(const engine::Mesh &mesh, const Regions &from, const Limit &limit) {
     const engine::MeshArrays &own = *mesh.arrays;
     const double width = STRIP_REL * mesh.diagonal, nearest = area::COINCIDENT_REL * mesh.diagonal;
-    engine::Room<double> area(mesh.n_faces()), lost(mesh.n_faces());
-    std::fill(area.begin(), area.end(), 0.0);
-    std::fill(lost.begin(), lost.end(), 0.0);
+    engine::Room<double> area(mesh.n_faces(), 0.0), lost(mesh.n_faces(), 0.0);
     smooth::Cutter cutter;
     Regions out;
     int64_t at = 0;

@@ -4,13 +4,13 @@
 // those of chosen pairs as rows; add_rows adds figures that are there.
 //
 // Invariants: of equal coverages the least row of the batch is the best, whatever the order in
-// which rows come. Totals are summed pairwise, as numpy does (N. Higham. The Accuracy of Floating
-// Point Summation. 1993), so that they do not depend on the level.
+// which rows come. Totals do not depend on the level: see sum.hpp.
 //
 // Twins: rastercov.reference.coverage.
 #include "bind.hpp"
 #include "coverage/face.hpp"
 #include "interrupt.hpp"
+#include "sum.hpp"
 #include <memory>
 
 namespace rastercov {
@@ -76,26 +76,6 @@ void require_sums(const Sums &sums, Scored is_scored, int64_t n_faces, int64_t n
             "sums must have one row for each face");
     require(have_rows(n_poses, sums.covered_faces, sums.totals),
             "sums must have one row for each pose");
-}
-
-// Sum of some numbers, pairwise from 128 on.
-double pairwise_sum(const double *a, int64_t n) {
-    constexpr int64_t BLOCK = 128, UNROLLED = 8;
-    if (n > BLOCK) {
-        const int64_t half = n / 2 - n / 2 % UNROLLED;
-        return pairwise_sum(a, half) + pairwise_sum(a + half, n - half);
-    }
-    double total = 0.0;
-    int64_t i = 0;
-    if (n >= UNROLLED) {
-        double r[UNROLLED];
-        std::copy(a, a + UNROLLED, r);
-        for (i = UNROLLED; i + UNROLLED <= n; i += UNROLLED)
-            for (int64_t k = 0; k < UNROLLED; k++) r[k] += a[i + k];
-        total = ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]));
-    }
-    for (; i < n; i++) total += a[i];
-    return total;
 }
 
 // Total coverage of the faces that are scored; their coverage goes to the front of the array.

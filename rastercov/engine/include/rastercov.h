@@ -235,6 +235,11 @@ rc_status rc_union_fill(rc_union *unite, int64_t n_faces, const uint8_t *faces);
 /* The part of the bound of each face that can lessen an area: less where a camera is in the plane
  * of a face to rounding, m^2. */
 rc_status rc_union_excess(const rc_union *unite, int64_t n_faces, double *excess);
+/* Sums over parts of the surface, a row of k + 3 numbers for each, by the part of each face, F, or
+ * -1: what at least 1 ... k poses cover, k being the views of the union; the bound of that; what
+ * `views` of the part may cover besides, which rounding decides; and the area of the part, m^2. */
+rc_status rc_union_sums(const rc_union *unite, int64_t n_faces, const int32_t *parts,
+                        int64_t n_parts, const int32_t *views, double *sums);
 /* A union of one more view that begins with the parts of another, and with one more pose that
  * covers all evaluated faces: what only that one covers is the rest of the surface. */
 rc_status rc_union_complete(const rc_union *unite, rc_union **complete);

@@ -12,6 +12,7 @@
 #pragma once
 #include "area/overlay.hpp"
 #include "solver/addition.hpp"
+#include "solver/room.hpp"
 #include <functional>
 
 namespace rastercov::engine {
@@ -52,6 +53,17 @@ class Union {
     void write_areas(Array<double, Any, Any> out) const;
     // Bound and excess of each of these areas, m^2.
     void write_bounds(Array<double, 2, Any> out) const;
+    // The same in memory of their own, one row after another.
+    Room<double> areas(int64_t views) const {
+        Room<double> out(views * n_faces());
+        write_areas({out.data(), {views, n_faces()}});
+        return out;
+    }
+    Room<double> bounds() const {
+        Room<double> out(2 * n_faces());
+        write_bounds({out.data(), {2, n_faces()}});
+        return out;
+    }
     // Faces that k poses cover as a whole.
     void write_closed(Column<bool> out) const;
     // Pairs of pieces in one cell so far: what a union compares.

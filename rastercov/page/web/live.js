@@ -346,7 +346,6 @@ export class Live {
       const focus = focusOf(camera.plain, (camera.task ?? task).max_blur);
       used[name] = { width, height, fx, fy, cx, cy, near, lens, lensName: camera.lens, focus, task: camera.task };
     }
-    const own = (rows) => rows.map((row) => ({ row, views: wanted[row] }));
     return {
       part: part.name,
       stations: stations.filter((each) => each.is_on).map(({ id, camera, pose }) => ({ id, camera, pose })),
@@ -354,8 +353,9 @@ export class Live {
       task,
       need: new Int32Array(this.groupOf).map((group) => wanted[group]),
       needed: views,
-      groups: own(part.rows),
-      required: part.limits.map(({ rows = part.rows }) => own(rows)),
+      views: wanted,
+      groups: part.rows,
+      required: part.limits.map(({ rows = part.rows }) => rows),
       reasons,
       rows: rowsOf(state),
     };
@@ -423,7 +423,8 @@ export class Live {
     const { levels, palette, ...shown } = paintFaces(this.own, mode, figures);
     // The engine has no figures of what is lost where groups need other numbers of views.
     const lost = this.server && rig.needed && !isDrag ? await this.ask("by_camera") : [];
-    const share = (m2) => (m2 === null || !(found.total > 0) ? null : (100 * m2) / found.total);
+    const { of_m2: total } = found.covered;
+    const share = (m2) => (m2 === null || !(total > 0) ? null : (100 * m2) / total);
     const summary = {
       covered: { area_percent: found.covered.percent },
       covered_area: found.covered,

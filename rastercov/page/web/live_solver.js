@@ -4,8 +4,8 @@
  *
  * A mesh is {vertices, faces, roles, isTask, group, unseeable}: metres; an RC_... sum, 1 for a face of the
  * task, the group and the area that is never seen of each face. A rig is {stations: [{id, camera, pose}],
- * cameras: {name: {lens, near, focus, task, ...}}, task, need, rows}: stations that are on; `need` views of each
- * face; numbers of a pinhole in pixels; `lens` numbers of another lens, or null, and their name, `lensName`; `rows`
+ * cameras: {name: {lens, near, focus, task, ...}}, task, need, views, rows}: stations that are on; `need` views of
+ * each face, and `views` of each group; numbers of a pinhole in pixels; `lens` numbers of another lens, or null, and their name, `lensName`; `rows`
  * as of `rowsOf`.
  */
 
@@ -16,31 +16,14 @@ const CRITERIA = ["uncertain", "baseline", "too_oblique", "occluded", "too_coars
 /** Lenses that are kept, some MB each; a rig of more of them makes them anew. */
 const MOST_LENSES = 16;
 const TINY = 2.2250738585072014e-308;
-
-/** Sum in the order of numpy. */
-export function pairwise(x, at = 0, n = x.length) {
-  if (n < 8) {
-    let sum = 0;
-    for (let i = 0; i < n; i++) sum += x[at + i];
-    return sum;
-  }
-  if (n <= 128) {
-    const r = [x[at], x[at + 1], x[at + 2], x[at + 3], x[at + 4], x[at + 5], x[at + 6], x[at + 7]];
-    let i = 8;
-    for (; i < n - (n % 8); i += 8) for (let k = 0; k < 8; k++) r[k] += x[at + i + k];
-    let sum = r[0] + r[1] + (r[2] + r[3]) + (r[4] + r[5] + (r[6] + r[7]));
-    for (; i < n; i++) sum += x[at + i];
-    return sum;
-  }
-  const half = Math.floor(n / 2) - (Math.floor(n / 2) % 8);
-  return pairwise(x, at, half) + pairwise(x, at + half, n - half);
-}
+/** Sums over groups. */
+const SUMMED = ["m2", "bound_m2", "doubtful_m2", "of_m2"];
 
 export class Solver {
   #engine;
   #solvers = new Map(); // by camera
   #lenses = new Map();
-  #rows = new Map(); // faces of the task, by group
+  #parts = {}; // part of each face of the task, or -1: 0 for the whole, or its group
   #covered = null; // the last answer of `cover`
 
   constructor(engine, mesh) {
@@ -52,8 +35,8 @@ export class Solver {
     this.surface = this.#surfaceOf(mesh.roles);
     this.areas = new Float64Array(this.n);
     this.call("rc_surface_areas", this.surface, this.n, this.areas);
-    this.isTask = mesh.isTask;
-    this.total = pairwise(this.#ofTask(this.areas));
+    const partsBy = (of) => Int32Array.from(mesh.isTask, (isTask, f) => (isTask ? of(f) : -1));
+    this.#parts = { whole: partsBy(() => 0), groups: partsBy((f) => mesh.group[f]) };
   }
 
   get size() {
@@ -76,18 +59,6 @@ export class Solver {
     const isClear = new Uint8Array(places.length / 3);
     this.call("rc_clear_places", this.surface, isClear.length, places, distance, isClear);
     return isClear;
-  }
-
-  /** Values of the faces of the task; of `group` alone where one is given. */
-  #ofTask(values, group = null) {
-    if (!this.#rows.has(group)) {
-      const isOwn = (f) => this.isTask[f] && (group === null || this.mesh.group[f] === group);
-      this.#rows.set(group, Int32Array.from(this.isTask.keys()).filter(isOwn));
-    }
-    const rows = this.#rows.get(group);
-    const own = new Float64Array(rows.length);
-    for (let at = 0; at < own.length; at++) own[at] = values[rows[at]];
-    return own;
   }
 
   /** A camera as the engine takes it. */
@@ -169,25 +140,19 @@ export class Solver {
     });
     if (isPartial && this.#covered?.cameras.length === cameras.length) return { ...this.#covered, cameras, isPartial };
     const union = this.call("rc_network_unite", network, views);
-    const rows = Array.from({ length: views }, (_, level) => {
+    const levels = Array.from({ length: views }, (_, level) => {
       const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
       this.call("rc_union_areas", union, level + 1, this.n, areas, bounds);
-      return { areas, bounds };
+      return areas;
     });
-    const excess = new Float64Array(this.n);
-    this.call("rc_union_excess", union, this.n, excess);
+    const [whole] = this.#sums(union, this.#parts.whole, [views], views);
+    const groups = this.#sums(union, this.#parts.groups, rig.views, views);
     this.call("rc_union_free", union);
-    const bound = rows[0].bounds;
-    const share = new Float64Array(this.n);
-    for (let f = 0; f < this.n; f++) {
-      share[f] = rows[Math.min(rig.need[f], views) - 1].areas[f] / Math.max(this.areas[f], TINY);
-    }
-    const required = (rig.required ?? []).map((groups) => {
-      const parts = groups.map(({ row, views: own }) => this.#ofFaces(rows, bound, excess, own, row));
-      const sum = (name) => parts.reduce((all, part) => all + (part[name] ?? 0), 0);
-      return Object.fromEntries(["m2", "bound_m2", "doubtful_m2", "of_m2"].map((name) => [name, sum(name)]));
-    });
-    this.#covered = { covered: this.#summary(rig, rows, bound, excess), required, share, cameras, total: this.total };
+    const share = Float64Array.from(this.areas, (area, f) => levels[Math.min(rig.need[f], views) - 1][f] / Math.max(area, TINY));
+    const sumOf = (rows) => Object.fromEntries(SUMMED.map((name) => [name, rows.reduce((all, row) => all + groups[row][name], 0)]));
+    const { m2, doubtful_m2 } = rig.needed ? sumOf(rig.groups) : whole;
+    const covered = figuresOf({ ...whole, m2, doubtful_m2 }, rig.needed ?? views);
+    this.#covered = { covered, required: (rig.required ?? []).map(sumOf), share, cameras };
     return this.#covered;
   }
 
@@ -210,36 +175,15 @@ export class Solver {
     return alone;
   }
 
-  /** `covered_area` of a summary, as AreaNetwork.summary. */
-  #summary(rig, rows, bound, excess) {
-    const whole = this.#ofFaces(rows, bound, excess, rows.length, null);
-    if (!rig.needed) return whole;
-    const percent = whole.of_m2 > 0 ? 100 / whole.of_m2 : 0;
-    const parts = rig.groups.map(({ row, views }) => this.#ofFaces(rows, bound, excess, views, row));
-    const m2 = parts.reduce((sum, part) => sum + part.m2, 0);
-    return { ...whole, percent: percent * m2, m2, views: rig.needed };
-  }
-
-  #ofFaces(rows, bounds, excess, views, group) {
-    const of = this.#ofTask(this.areas, group);
-    const total = pairwise(of);
-    const own = this.#ofTask(excess, group);
-    const most = this.#ofTask(bounds, group);
-    const top = this.#ofTask(rows[views - 1].areas, group);
-    const m2 = rows.slice(0, views).map(({ areas }) => Math.min(pairwise(this.#ofTask(areas, group)), total));
-    const bound = Math.min(pairwise(own), total);
-    const doubtful = pairwise(top.map((area, f) => Math.min(area + most[f], of[f]) - Math.min(area + own[f], of[f])));
-    const percent = total > 0 ? 100 / total : 0;
-    return {
-      percent: percent * m2.at(-1),
-      bound_percent: percent * bound,
-      m2: m2.at(-1),
-      bound_m2: bound,
-      of_m2: total,
-      views,
-      by_views: m2.map((area, level) => ({ views: level + 1, percent: percent * area, m2: area })),
-      ...(doubtful > 0 ? { doubtful_percent: percent * doubtful, doubtful_m2: doubtful } : {}),
-    };
+  /** Covered area of each part of the surface, counted up to its own of the `most` views of a union. */
+  #sums(union, parts, views, most) {
+    const sums = new Float64Array(views.length * (most + 3));
+    this.call("rc_union_sums", union, this.n, parts, views.length, views, sums);
+    return views.map((own, row) => {
+      const levels = [...sums.subarray(row * (most + 3), (row + 1) * (most + 3))];
+      const [bound_m2, doubtful_m2, of_m2] = levels.splice(most);
+      return { levels: levels.slice(0, own), m2: levels[own - 1], bound_m2, doubtful_m2, of_m2 };
+    });
   }
 
   /** Whole faces through one station: {reasons, coverage, densities, facing}. */
@@ -332,6 +276,21 @@ export class Solver {
     const nameOf = (code) => names[code] ?? CRITERIA.filter((_, k) => (code >> (CRITERIA.length - 1 - k)) & 1).join("+");
     return { ...parts, reasons: Array.from(parts.reasons, nameOf) };
   }
+}
+
+/** `covered_area` of a summary, as AreaNetwork.summary. */
+function figuresOf({ levels, m2, bound_m2, doubtful_m2, of_m2 }, views) {
+  const percent = of_m2 > 0 ? 100 / of_m2 : 0;
+  return {
+    percent: percent * m2,
+    bound_percent: percent * bound_m2,
+    m2,
+    bound_m2,
+    of_m2,
+    views,
+    by_views: levels.map((area, level) => ({ views: level + 1, percent: percent * area, m2: area })),
+    ...(doubtful_m2 > 0 ? { doubtful_percent: percent * doubtful_m2, doubtful_m2 } : {}),
+  };
 }
 
 const posesOf = (rig, stations) => stations.flatMap((at) => rig.stations[at].pose);

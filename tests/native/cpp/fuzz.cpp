@@ -200,7 +200,14 @@ rc_status read_parts() {
     int64_t n = 0, n_corners = 0;
     double area = 0;
     uint8_t marks[32] = {};
-    switch (below(5)) {
+    switch (below(6)) {
+    case 3: {
+        const int32_t views[3] = {int32_t(below(5)), int32_t(below(5)), 1};
+        int32_t parts[32];
+        std::vector<double> sums(3 * 1024);
+        for (int32_t &each : parts) each = int32_t(below(5)) - 1;
+        return rc_union_sums(from, 1 + below(21), parts, below(4), views, sums.data());
+    }
     case 2: {
         double excess[32];
         return rc_union_excess(from, 1 + below(21), excess);

@@ -42,6 +42,8 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, isRig, poi
     call("rc_union_areas", union, level, n, area, bound);
     return [area, bound];
   });
+  const sums = new Float64Array(2 * 5);
+  call("rc_union_sums", union, n, Int32Array.from({ length: n }, (_, f) => (f % 3) - 1), 2, [1, 2], sums);
   const network = call("rc_network_create", surface, 1);
   for (let pose = 0; pose < nPoses; pose++) call("rc_network_add", network, by, limits, poses.slice(16 * pose, 16 * pose + 16));
   if (isRig) call("rc_network_join", network, gate, nPoses);
@@ -65,7 +67,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, isRig, poi
   const lines = {
     regions: hash(...areas.flat()),
     together: hash(...measured),
-    union: hash(...views.flat()),
+    union: hash(...views.flat(), sums),
     zones: hash(...Object.values(parts).slice(0, 5)), // corners of circles differ by the rounding of sines
     alone: hash(alone),
     faces: hash(...Object.values(judged)),
