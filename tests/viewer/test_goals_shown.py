@@ -90,7 +90,7 @@ def test_work_serves_the_goal_that_is_shown(session):
     shown(session, "window")
     work.start({"kind": "refine", "station": 0})
     work.wait(120)
-    assert "which limits it" in work.described()["words"]
+    assert "which limits it" in work.describe()["words"]
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ def test_the_next_camera_is_the_best_of_all_tried(task):
     with closing(session_with(state_of(MESH, 3, task=task), candidates)) as session:
         before, work = covered_area(session.state), Work(session)
         work.start({"kind": "add", "camera": "eye"})
-        assert work.described()["status"] == "done", work.described()
+        assert work.describe()["status"] == "done", work.describe()
         *_, added = session.state.stations
         gain = covered_area(session.state) - before
     assert any(np.array_equal(added.pose, pose) for pose in candidates)
@@ -68,7 +68,7 @@ def test_refinement_never_loses_and_the_others_stay(views, by_face):
         acted(session, do="pose", station=2, pose=aside.ravel().tolist())
         before, work = session.state, Work(session)
         work.start({"kind": "refine", "station": 2})
-        assert work.described()["status"] == "done", work.described()
+        assert work.describe()["status"] == "done", work.describe()
         after = session.state
     gained = covered_area(after) - covered_area(before)
     assert gained >= 0
@@ -82,7 +82,7 @@ def test_cameras_that_are_placed_are_outside_and_apart_from_surfaces():
     with closing(session_with(state_of(MESH, 0))) as session:
         work = Work(session)
         work.start({"kind": "place", "cameras": 2})
-        assert work.described()["status"] == "done", work.described()
+        assert work.describe()["status"] == "done", work.describe()
         eyes = session.state.eyes
     assert len(eyes) == 2
     assert not in_solid(MESH, eyes).any()
@@ -96,7 +96,7 @@ def test_nothing_is_left_to_cover():
             acted(one)
             work = Work(one)
             work.start({"kind": "add", "camera": "eye"})
-            assert words in work.described()["words"]
+            assert words in work.describe()["words"]
 
 
 WATCH_ROOM = Path(rc.__file__).parents[1] / "examples" / "plans" / "watch_room.toml"
@@ -110,7 +110,7 @@ def test_cameras_placed_by_a_plan_are_those_of_place_and_cost_what_it_says(tmp_p
     assert session.scene.placement["cameras"] == 6
     work = Work(session)
     work.start({"kind": "place", "cameras": 3})
-    assert work.described()["status"] == "done", work.described()
+    assert work.describe()["status"] == "done", work.describe()
     plan = session.scene.plan
     asked = plan.selection.model_copy(update={"cameras": 3})
     expected = place(plan.model_copy(update={"selection": asked}), None)
@@ -122,7 +122,7 @@ def test_cameras_placed_by_a_plan_are_those_of_place_and_cost_what_it_says(tmp_p
     assert not session.state.stations
     session.work.start({"cameras": 3})  # as by a page that was closed meanwhile
     work.start({"isResumed": True})
-    assert work.described()["status"] == "done", work.described()
+    assert work.describe()["status"] == "done", work.describe()
     np.testing.assert_array_equal(session.state.poses().world_from_camera, poses)
     session.close()
 
@@ -139,7 +139,7 @@ def work():
 def test_work_becomes_one_step_of_the_history(work):
     session = work.session
     work.start({"kind": "add", "camera": "eye"})
-    said = work.described()
+    said = work.describe()
     assert (said["status"], said["done"]) == ("done", said["total"])
     assert len(session.state.stations) == 3
     assert session.history.undo_label == "add the best next camera"
@@ -151,7 +151,7 @@ def test_work_becomes_one_step_of_the_history(work):
 def test_work_that_was_overtaken_is_dropped(work):
     pose = moved(work.session.state.stations[0].pose, (0.01, 0, 0))
     work.start({"kind": "add", "camera": "eye"}, edit={"do": "pose", "station": 0, "pose": pose})
-    said = work.described()
+    said = work.describe()
     assert said["status"] == "failed"
     assert "edited meanwhile" in said["words"]
     assert len(work.session.state.stations) == 2
@@ -159,10 +159,10 @@ def test_work_that_was_overtaken_is_dropped(work):
 
 def test_work_can_be_cancelled(work):
     work.start({"kind": "add", "camera": "eye"}, isCancelled=True)
-    assert work.described()["status"] == "cancelled"
+    assert work.describe()["status"] == "cancelled"
     assert len(work.session.state.stations) == 2
     work.start({"kind": "place", "cameras": 1})  # without a plan
-    assert work.described()["status"] == "done"
+    assert work.describe()["status"] == "done"
     assert len(work.session.state.stations) == 1
 
 
@@ -178,7 +178,7 @@ def test_work_that_does_not_exist_or_on_what_is_gone_is_said(work, asked, words)
             work.start(asked)
         return
     work.start(asked)
-    said = work.described()
+    said = work.describe()
     assert said["status"] == "failed"
     assert words in said["words"]
 
@@ -209,7 +209,7 @@ def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(t
         assert not space.allows(session.state.eyes)[0]
         before, work = covered_area(session.state), Work(session)
         work.start({"kind": "refine", "station": 0})
-        said = work.described()
+        said = work.describe()
         assert said["status"] == "done", said
         if "no better" not in said["words"]:
             assert space.allows(session.state.eyes)[0]

@@ -124,7 +124,7 @@ def test_a_lamp_on_a_camera_moves_with_it():
     shown = head["state"]["devices"][0]
     assert shown["pose"] is None
     assert np.allclose(np.reshape(shown["rides"]["eye"], (4, 4)), lamps.places[0])
-    assert "lux" not in [each["id"] for each in session.described()["modes"]]
+    assert "lux" not in [each["id"] for each in session.describe()["modes"]]
     assert_lit(session, PART, POSES, lamps, task)
     pose = rc.look_at(EYES[0] + (0.1, 0.1, 0.0), CENTRE)[0]
     acted(session, do="pose", station=0, pose=pose.ravel().tolist())
@@ -185,8 +185,8 @@ def test_work_counts_what_is_lit(session):
     work = Work(session)
     work.start({"kind": "add", "camera": "eye"})
     work.wait()
-    assert work.described()["status"] == "done", work.described()
-    gain = float(work.described()["words"].split(": ")[1].split()[0].replace(",", ""))
+    assert work.describe()["status"] == "done", work.describe()
+    gain = float(work.describe()["words"].split(": ")[1].split()[0].replace(",", ""))
     head, _ = acted(session)
     values = head["summary"]["covered_area"]["m2"] - before["summary"]["covered_area"]["m2"]
     assert values * 1e4 == pytest.approx(gain, rel=0.01)  # cm2

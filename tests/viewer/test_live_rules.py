@@ -210,7 +210,7 @@ def test_reasons_figures_of_cameras_and_zones_are_those_of_rastercov(opened):
     for reason, area in zip(pieces["reasons"], pieces["areas"], strict=True):
         by_reason[reason] = by_reason.get(reason, 0.0) + area
     state = session.state
-    poses, _ = state.counted()
+    poses, _ = state.cameras_that_count()
     why = rc.evaluate(ROOM, state.whole, poses, state.task, fields=()).summary()
     expected = why["not_covered_because"]
     most = why["covered_area"]["bound_m2"] + 1e-9 * why["covered_area"]["of_m2"]
@@ -230,7 +230,7 @@ def test_reasons_figures_of_cameras_and_zones_are_those_of_rastercov(opened):
 def expected_words(session, faces):
     """Why no rig measures the middle of each face, as `why` words it; "" where one does."""
     state = session.state
-    poses, _ = state.counted()
+    poses, _ = state.cameras_that_count()
     scene = ROOM, state.whole, state.task, poses
     points = np.asarray(ROOM.centroids)[faces]
     items = list(failures_of_rows(*scene, points, faces))

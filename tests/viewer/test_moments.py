@@ -71,7 +71,7 @@ def test_the_share_of_time_is_that_of_the_report(cell):
             head, levels = acted(session, [frame], "time")
             assert np.array_equal(levels, painted.levels)
             assert (head["legend"], head["scale"]) == (painted.legend, painted.scale)
-    assert "time" in [each["id"] for each in session.described()["modes"]]
+    assert "time" in [each["id"] for each in session.describe()["modes"]]
 
 
 def test_a_scene_that_is_still_has_no_share_of_time(cell):
@@ -139,11 +139,11 @@ def test_work_is_of_the_time_that_is_shown(cell):
     work = Work(session)
     work.start({"kind": "add", "camera": "carried"})
     work.wait()
-    assert work.described()["status"] == "done", work.described()
+    assert work.describe()["status"] == "done", work.describe()
     head, levels = acted(session, [4])
     shown = np.reshape([each["pose"] for each in head["state"]["stations"]], (-1, 4, 4))
     areas = [each["summary"]["covered_area"]["m2"] for each in (before, head)]
-    gain = float(work.described()["words"].split(": ")[1].split()[0].replace(",", ""))
+    gain = float(work.describe()["words"].split(": ")[1].split()[0].replace(",", ""))
     assert 1e4 * (areas[1] - areas[0]) == pytest.approx(gain, rel=0.01)  # cm2
     assert gain > 0
     mesh, (fixed, carried) = by_hand(4)

@@ -87,7 +87,7 @@ def test_a_camera_that_is_added_is_in_focus():
         acted(session)
         work = Work(session)
         work.start({"kind": "add", "camera": "lens"})
-        assert work.described()["status"] == "done", work.described()
+        assert work.describe()["status"] == "done", work.describe()
         after = rc.evaluate(MESH, camera, session.state.poses()).covered.area[0].sum()
     before = rc.evaluate(MESH, camera, POSES[:1]).covered.area[0].sum()
     assert after > 1.2 * before

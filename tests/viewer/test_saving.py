@@ -84,7 +84,7 @@ def test_a_camera_of_the_catalogue_of_a_plan_is_used_and_saved(tmp_path):
     plan = 'catalogue = "own.toml"\nmeshes = [{ built_in = "box" }]\ncamera = { preset = "khepra" }'
     (tmp_path / "plan.toml").write_text(plan)
     with closing(Session(open_plan(tmp_path / "plan.toml"))) as session:
-        names = [name for name, _ in session.described()["catalogue"]]
+        names = [name for name, _ in session.describe()["catalogue"]]
         name = next(each for each in names if each.startswith("ours+"))
         acted(session, do="add", camera=name, pose=np.ravel(around(shapes.box())[0]).tolist())
         sold = rc.Camera.from_dict({"preset": name, "catalogue": tmp_path / "own.toml"})

@@ -171,7 +171,7 @@ def test_segments_are_those_of_the_thesis(session):
 
 def of_evaluate(state, task):
     """Figures of `rc.evaluate` by default of the stations that are on; None without any."""
-    rig, poses = state.whole, state.counted()[0]
+    rig, poses = state.whole, state.cameras_that_count()[0]
     if not len(poses):
         return None
     result = rc.evaluate(MESH, rig, poses, task, fields=())
@@ -301,7 +301,7 @@ def test_dead_zones_are_those_of_the_area(session):
 
 
 def test_every_mode_has_a_legend_whose_colours_are_of_the_palette(session):
-    for mode in session.described()["modes"]:
+    for mode in session.describe()["modes"]:
         head, levels = acted(session, mode["id"])
         palette = np.frombuffer(base64.b64decode(head["palette"]), np.uint8).reshape(256, 3)
         for each in head["legend"]:

@@ -137,7 +137,7 @@ def test_an_audit_without_a_scale_is_in_units(room, capsys):
         head, _ = acted(session, "density")
         saved = Saving(session, room).content("rig")
     assert "units²" in said[0]["words"]
-    texts = json.dumps([scene.described()["modes"], head["scale"], said])
+    texts = json.dumps([scene.describe()["modes"], head["scale"], said])
     assert re.findall(r"[0-9] ?(m|mm|cm)²?\b|px/m", texts) == []
     assert "px/unit" in texts
     assert json.loads(saved)["has_unit"] is False

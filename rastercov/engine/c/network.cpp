@@ -218,7 +218,9 @@ struct Network {
 
     // A union of what the rows cover, counted up to some views.
     std::shared_ptr<UnionObject> united(int64_t views) {
-        return united({}, Mask(n_faces(), true), views);
+        auto made = union_of(surface, views);
+        for (const Row &row : rows) add_poses(*made->all, {&covered_by(row, {})->poses[0]});
+        return made;
     }
 
     // What the rows cover of some faces without the criteria of a stage, added at once.
