@@ -144,7 +144,7 @@ def judge(report: Report, row: Row, device: HeadlessContext, n_pairs: int) -> No
             reasons = {"reason": np.empty((n, mesh.n_faces), np.uint8)}
             host.fill(counts, rc.Poses.of(poses), reasons)
             covered = reasons["reason"] == rc.Reason.COVERED
-            found = ours.judge(poses, criteria)
+            found = ours._judge(poses, criteria)
             bits = np.unpackbits(found.words, axis=1, count=mesh.n_faces, bitorder="little")
             n_wrong += int((bits.view(np.bool_) != covered).sum())
             n_wrong += int((found.views != covered.sum(axis=0)).sum())
@@ -156,9 +156,9 @@ def judge(report: Report, row: Row, device: HeadlessContext, n_pairs: int) -> No
         report.check(f"{what}: bits, areas and views as on the CPU", n_wrong == 0 < n_covered)
         if row.must_s is not None and not device.info.is_software:
             many = np.resize(poses, (MILLION, 4, 4))
-            ours.judge(many[:4096], criteria)
+            ours._judge(many[:4096], criteria)
             started = time.perf_counter()
-            ours.judge(many, criteria)
+            ours._judge(many, criteria)
             seconds = time.perf_counter() - started
             report.add(f"{what}: a million poses to bits", seconds, "s", at_most=row.must_s)
 

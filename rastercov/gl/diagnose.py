@@ -175,9 +175,9 @@ def _judged(rasterizer: Rasterizer) -> BoolArray | None:
     """Faces that the poses cover, (P, F), where the rasteriser judges."""
     n = rasterizer.mesh.n_faces
     criteria = Criteria(Task().rules(CAMERA)._asdict(), np.ones(n, np.bool_), np.ones(n, np.int64))
-    if rasterizer.why_not_judged(criteria):
+    if rasterizer._why_not_judged(criteria):
         return None
-    words = rasterizer.judge(POSES, criteria).words
+    words = rasterizer._judge(POSES, criteria).words
     return np.unpackbits(words, axis=1, count=n, bitorder="little").view(np.bool_)
 
 

@@ -165,8 +165,8 @@ class GLRasterizer(Rasterizer):
                 face[part], depth[part] = self._strategy.image(self._scene, prepared, tile)
         return face, depth
 
-    def why_not_judged(self, criteria: Criteria) -> str:
-        """Reason why the host has to judge; see `Rasterizer.why_not_judged`."""
+    def _why_not_judged(self, criteria: Criteria) -> str:
+        """Reason why the host has to judge; see `Rasterizer._why_not_judged`."""
         self._check_open()
         grid, plan, block = self._scene.grid, self.info.plan, self._strategy.block
         if plan != "compute":
@@ -177,10 +177,10 @@ class GLRasterizer(Rasterizer):
             return f"a storage block of {block:,} bytes holds too little of this mesh"
         return why_no_shader(self.camera, criteria)
 
-    def judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
+    def _judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
         """Faces that poses cover, judged on the device; see `Rasterizer.judge`."""
-        if self.why_not_judged(criteria):
-            return super().judge(poses, criteria)
+        if self._why_not_judged(criteria):
+            return super()._judge(poses, criteria)
         with self._current():
             if self._judging is None:
                 self._judging = Judging(self._resources, self._strategy, self._scene)

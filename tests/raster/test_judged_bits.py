@@ -100,12 +100,12 @@ def test_an_observer_has_its_rasterisers_judge_by_the_criteria_of_each_camera(de
 def test_a_threshold_without_a_shader_is_left_to_the_host_and_named(open_compute):
     plain = criteria_of(MESH, rc.Task().rules(CAMERA))
     with open_compute() as rasterizer:
-        assert rasterizer.why_not_judged(plain) == ""
+        assert rasterizer._why_not_judged(plain) == ""
         for value, reason in ((0.0, ""), (2.0, "no shader judges min_gloss for this camera")):
             criteria = replace(plain, rules={**plain.rules, "min_gloss": value})
-            assert rasterizer.why_not_judged(criteria) == reason
+            assert rasterizer._why_not_judged(criteria) == reason
         with pytest.raises(ConfigError, match="does not: no shader judges min_gloss for this"):
-            rasterizer.judge(POSES, criteria)
+            rasterizer._judge(POSES, criteria)
 
 
 def test_every_threshold_of_a_task_is_registered_and_decides(open_compute):
@@ -126,15 +126,15 @@ def test_every_threshold_of_a_task_is_registered_and_decides(open_compute):
 def test_what_a_device_cannot_judge_it_says(device, mesh, camera, options, reason):
     rules = rc.Task(min_pixel_density=1).rules(camera)
     with GLRasterizer(mesh, camera, device=device, **{"plan": "compute"} | options) as rasterizer:
-        assert reason in rasterizer.why_not_judged(criteria_of(mesh, rules))
+        assert reason in rasterizer._why_not_judged(criteria_of(mesh, rules))
 
 
 def test_the_rasteriser_of_the_cpu_leaves_judging_to_the_host():
     criteria = criteria_of(MESH, rc.Task().rules(CAMERA))
     with rc.open_rasterizer(MESH, CAMERA, "cpu") as cpu:
-        assert "counts, and judges nothing" in cpu.why_not_judged(criteria)
+        assert "counts, and judges nothing" in cpu._why_not_judged(criteria)
         with pytest.raises(ConfigError, match="expected a rasteriser that judges, got one"):
-            cpu.judge(POSES, criteria)
+            cpu._judge(POSES, criteria)
 
 
 # --- how the work is divided ----------------------------------------------------------------------
@@ -193,7 +193,7 @@ def test_the_host_takes_bits_of_a_batch_while_the_next_is_drawn(open_compute, mo
         criteria = criteria_of(MESH, RULES)
         noted(judging.Judging, "_start")
         noted(judging.Judging, "_finish")
-        rasterizer.judge(POSES, criteria)
+        rasterizer._judge(POSES, criteria)
     assert order == ["_start", *["_start", "_finish"] * 4, "_finish"]
 
 
@@ -214,7 +214,7 @@ def test_staging_is_used_again_only_after_its_fence(open_compute, monkeypatch):
 
     with open_compute() as rasterizer:
         monkeypatch.setattr(Resources, "call", noted)
-        rasterizer.judge(POSES, criteria_of(MESH, RULES))
+        rasterizer._judge(POSES, criteria_of(MESH, RULES))
         made = [name for name, _ in calls if name == "glFenceSync"]
         copies = [name for name, _ in calls if name == "glCopyNamedBufferSubData"]
         staged = [each for ring in rasterizer._resources._staged.values() for each in ring]
@@ -245,7 +245,7 @@ def test_samples_that_do_not_add_up_are_refused(open_compute, monkeypatch):
         monkeypatch.setattr(strategy, "fill_counters", lossy)
         monkeypatch.setattr(rasterizer, "_note", lambda n_poses: None)
         with pytest.raises(DeviceError, match=r"got a fault: it counted \d+ samples of 4800; see"):
-            rasterizer.judge(POSES, criteria)
+            rasterizer._judge(POSES, criteria)
 
 
 def test_a_device_that_is_lost_is_noticed(open_compute, monkeypatch):
@@ -253,7 +253,7 @@ def test_a_device_that_is_lost_is_noticed(open_compute, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(rasterizer._context, "reset_status", lambda: 0x8253)
             with pytest.raises(DeviceError, match=r"a lost one while .*; open a new rasteriser"):
-                rasterizer.judge(POSES, criteria_of(MESH, RULES))
+                rasterizer._judge(POSES, criteria_of(MESH, RULES))
         compare(rasterizer, POSES)
 
 

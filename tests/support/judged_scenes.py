@@ -93,8 +93,8 @@ def compare(rasterizer, poses, rules=None, rng=None):
     rules = rules or Task().rules(camera)
     (reason,) = figures_of(mesh, camera, rules, counts, poses, "reason").values()
     criteria, covered = criteria_of(mesh, rules), reason == Reason.COVERED
-    assert rasterizer.why_not_judged(criteria) == ""
-    judged = rasterizer.judge(poses, criteria)
+    assert rasterizer._why_not_judged(criteria) == ""
+    judged = rasterizer._judge(poses, criteria)
     bits = np.unpackbits(judged.words, axis=1, bitorder="little")
     assert not bits[:, mesh.n_faces :].any()
     np.testing.assert_array_equal(bits[:, : mesh.n_faces].view(bool), covered, err_msg=str(rules))

@@ -18,6 +18,7 @@ from rastercov.base import (
     ByName,
     ConfigError,
     ReadByName,
+    check_kind,
     frozen_record,
     shown,
     thread_count,
@@ -245,6 +246,11 @@ class Evaluation(Coverage):
     quarantined: Mapping[int, str]
     seconds: float
     interrupted: bool
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kept_counts is not None:
+            check_kind("kept_counts", self.kept_counts, KeptCounts, "counts of a run", ConfigError)
 
     def _later(self) -> Collection[str]:
         return () if self.kept_counts is None else self.kept_counts.names

@@ -267,16 +267,16 @@ class Rasterizer(Closing):
         check_picture(self.camera)
         return self._buffer_of(*self._draw_faces(poses))
 
-    def why_not_judged(self, criteria: Criteria) -> str:
-        """Reason why the host has to judge faces from their counts; "" if `judge` can."""
+    def _why_not_judged(self, criteria: Criteria) -> str:
+        """Reason why the host has to judge faces from their counts; "" if `_judge` can."""
         self._check_open()
         return f"{self.info.renderer} counts, and judges nothing"
 
-    def judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
+    def _judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
         """Faces that poses, (P, 4, 4), cover; the same bits as by their counts."""
         raise ConfigError(
             "expected a rasteriser that judges, got one that does not: "
-            f"{self.why_not_judged(criteria)}; judge the counts"
+            f"{self._why_not_judged(criteria)}; judge the counts"
         )
 
     def close(self) -> None:

@@ -62,7 +62,7 @@ class Rasterizers:
     def why_not_judged(self, poses: Poses, criteria: Sequence[Criteria]) -> str:
         """Reason why `judge` has to be left to the host, by the criteria of each camera; or ""."""
         used = [index for index, _ in poses.by_camera()]
-        whys = (self._of(index).why_not_judged(criteria[index]) for index in used)
+        whys = (self._of(index)._why_not_judged(criteria[index]) for index in used)
         return next(filter(None, whys), "")
 
     def judge(self, poses: Poses, criteria: Sequence[Criteria]) -> Judged:
@@ -70,8 +70,8 @@ class Rasterizers:
         parts, matrices = list(poses.by_camera()), poses.world_from_camera
         if len(parts) <= 1:
             index = parts[0][0] if parts else 0
-            return self._of(index).judge(matrices, criteria[index])
-        found = [self._of(index).judge(matrices[rows], criteria[index]) for index, rows in parts]
+            return self._of(index)._judge(matrices, criteria[index])
+        found = [self._of(index)._judge(matrices[rows], criteria[index]) for index, rows in parts]
         order = np.argsort(np.concatenate([rows for _, rows in parts]))
         arrays: ByName = {
             name: np.concatenate([getattr(each, name) for each in found])[order]
