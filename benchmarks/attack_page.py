@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from unittest.mock import patch
 
 import numpy as np
 from attack_reasons import placed_by, scene
@@ -22,8 +23,10 @@ from rows import Report
 
 import rastercov as rc
 from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.network import AreaNetwork
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage.reasons import NAMES
+from rastercov.page import measurements
 from rastercov.page.live import open_live, record_cause
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
@@ -40,6 +43,15 @@ REL = 1e-12
 """Part of a figure, and of the area, that is rounding of a sum of some thousand terms."""
 
 
+class OneByOne(AreaNetwork):
+    """Area by all cameras, added one by one, as `check` and the page add them."""
+
+    def add(self, regions: rc.Regions) -> None:
+        """Add the regions of further poses."""
+        for own in np.eye(len(regions.pose_ids), dtype=np.bool_):
+            super().add(regions.of_poses(own))
+
+
 class Own(Session):
     """A session whose page has its engine."""
 
@@ -54,7 +66,8 @@ def attack(report: Report, effort: float) -> None:
     if NODE is None:
         return
     wrong, seen = Counter[str](), Counter[str]()
-    with TemporaryDirectory() as folder:
+    one_by_one = patch.object(measurements, "AreaNetwork", OneByOne)
+    with TemporaryDirectory() as folder, one_by_one:
         for seed in dict.fromkeys((*ONCE_WRONG, *range(round(RIGS * effort)))):
             compare(seed, Path(folder), wrong, seen)
     for name, n in sorted(seen.items()):

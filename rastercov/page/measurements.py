@@ -240,7 +240,7 @@ class Measurements:
             self.progress = [done, n]
             own = self._keep_regions(finder, state, part) if is_kept else finder.find(part)
             regions = with_rule(own, rig, part)
-            network.add_each(regions)
+            network.add(regions)
             own_m2 = np.bincount(regions.pair_pose, regions.area, len(regions.pose_ids))
             seen.append(own_m2.astype(np.float64))
             parts += [regions] if is_kept else []

@@ -138,11 +138,6 @@ class AreaNetwork:
         self.cut_short += min(regions.cut_short, float(regions.bound.sum()))
         self._kept.clear()
 
-    def add_each(self, regions: Regions) -> None:
-        """Add the regions of further poses one by one: the same figures in any batches."""
-        for own in np.eye(len(regions.pose_ids), dtype=np.bool_):
-            self.add(regions.of_poses(own))
-
     def doubts(self) -> list[str]:
         """A warning about area that criteria leave undecided; usually none."""
         if not self.cut_short > 0:

@@ -487,7 +487,9 @@ def with_areas(
     for some in parts:
         result = finder.find(some, closed=apart.closed_by_camera(areas.closed))
         together = with_rule(result, plan.rig, some)
-        areas.add_each(together)
+        # With a curve or without, the same figures.
+        for own in np.eye(len(together.pose_ids), dtype=np.bool_):
+            areas.add(together.of_poses(own))
         apart.add(result, some)
         if has_curve:
             curve += [curve[-1] if curve else 0.0] * (len(some) - 1)
