@@ -142,13 +142,11 @@ class RegionPass(ExactPass):
         self._is_bare = relaxed is not None and "occluded" in relaxed
         if relaxed and "outside" in relaxed:
             self.cameras = tuple(map(without_borders, self.cameras))
-        self._flat: RegionPass | None = None
-        """As this one, of views within the allowed angle."""
+        self._flat: tuple[RegionPass, ...] = ()  # as this one, of views within the allowed angle
         if relaxed and STEEP in relaxed:
             own = {*relaxed} - {STEEP}
-            self._flat = RegionPass(
-                mesh, camera, task, method=engine, only_task=only_task, relaxed=own
-            )
+            flat = RegionPass(mesh, camera, task, method=engine, only_task=only_task, relaxed=own)
+            self._flat = (flat,)
         self._look_at(mesh)
         # Figures through a lens are sums over planes, of all faces.
         has_lens = any(each.is_curved for each in cameras)
@@ -169,8 +167,8 @@ class RegionPass(ExactPass):
             return
         super().set_mesh(mesh)
         self._look_at(mesh)
-        if self._flat is not None:
-            self._flat.set_mesh(mesh)
+        for each in self._flat:
+            each.set_mesh(mesh)
         self.conditions = tuple(each.in_scene(mesh) for each in self.conditions)
 
     def _look_at(self, mesh: Mesh) -> None:
@@ -184,10 +182,8 @@ class RegionPass(ExactPass):
     def close(self) -> None:
         """Release the scratch memory."""
         super().close()
-        for each in self.conditions:
+        for each in (*self.conditions, *self._flat):
             each.close()
-        if self._flat is not None:
-            self._flat.close()
 
     def find(
         self, poses: Poses, closed: BoolArray | None = None, seen: Observation | None = None
@@ -218,10 +214,10 @@ class RegionPass(ExactPass):
             return self._solvers.find(self._surface, planes, mask, placed, figures, self.threads)
 
         result = self._join(poses, self._run(poses, seen, run))
-        if self._flat is None:
-            return result
-        union = any_of([result, self._flat.find(poses, closed)])
-        return replace(union, eyes=result.eyes, columns=result.columns)
+        for each in self._flat:
+            union = any_of([result, each.find(poses, closed)])
+            result = replace(union, eyes=result.eyes, columns=result.columns)
+        return result
 
     def _planes(self, is_asked: BoolArray) -> Planes:
         return Planes(*frames_of(self.mesh), self.mesh.two_sided_mask, is_asked)
