@@ -65,8 +65,8 @@ def attack(report: Report, effort: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for read, name, part, make in cases:
             path = Path(folder) / name
-            # Elements of a chain are nested calls, of which Python has a thousand or so.
-            n = min(size, 400) if any(word in part for word in CHAINS) else size
+            # Elements of a chain are two nested calls, of which Python has a thousand or so.
+            n = min(size, 200) if any(word in part for word in CHAINS) else size
             items = []
             for k in (1, 2):
                 path.write_bytes(make(k * n))

@@ -187,9 +187,8 @@ struct Network {
         rc_gate any = {};
         any.k = 1;
         any.most_deg = 180.0;
-        return keep(key, {flat, steep}, [&] {
-            return united_by(any, poses, {&flat->poses[0], &steep->poses[0]});
-        });
+        return keep(key, {flat, steep},
+                    [&] { return united_by(any, poses, {&flat->poses[0], &steep->poses[0]}); });
     }
 
     // What a row covers without them.
