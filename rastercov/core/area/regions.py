@@ -182,8 +182,10 @@ class RegionPass(ExactPass):
     def close(self) -> None:
         """Release the scratch memory."""
         super().close()
-        for each in (*self.conditions, *self._flat):
+        for each in self.conditions:
             each.close()
+        for flat in self._flat:
+            flat.close()
 
     def find(
         self, poses: Poses, closed: BoolArray | None = None, seen: Observation | None = None
