@@ -24,10 +24,10 @@ SCENES, POINTS, POSES = 80, 4_000, 1_000
 ENOUGH, LEAST_PERCENT = 0.5, 1.0
 PLACE = r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) m"
 SAID = (
-    (rf"aim it at {PLACE}", "turn"),
-    (rf"focus it at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
-    (rf"use ([\d.e+]+) times the focal length, aimed at {PLACE}", "longer"),
-    (rf"move it [\d.]+ m?m to {PLACE}, aimed at {PLACE}", "move"),
+    (rf"aim the camera at {PLACE}", "turn"),
+    (rf"focus the camera at ([\d.]+) (m|mm) and aim it at {PLACE}", "focus"),
+    (rf"give the camera ([\d.e+]+) times the focal length and aim it at {PLACE}", "longer"),
+    (rf"move the camera [\d.]+ m?m to {PLACE} and aim it at {PLACE}", "move"),
     (rf"add a camera at the same place, aimed at {PLACE}", "turn"),
     (rf"add a camera at the same place, focused at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
     (
