@@ -151,7 +151,7 @@ class Coverage(InNotebook):
 
     def _derive(self, name: str) -> AnyArray:
         """A figure of `_later`."""
-        raise NotImplementedError
+        raise NotImplementedError  # never called here, where `_later` has no names
 
     if not TYPE_CHECKING:
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base import ByName
+from rastercov.base import ByName, IntArray
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
@@ -16,6 +16,19 @@ from rastercov.core.raster.judged import Criteria, Judged
 
 MOST_OPEN = 16
 """Rasterisers that are open at a time."""
+
+
+def _in_order(
+    parts: Sequence[tuple[int, slice | IntArray]],
+    results: Sequence[FaceCounts | Judged],
+    names: str,
+) -> ByName:
+    """Rows of the results of each camera, in the order of the poses, by the names of the arrays."""
+    order = np.argsort(np.concatenate([rows for _, rows in parts]))
+    return {
+        name: np.concatenate([getattr(each, name) for each in results])[order]
+        for name in names.split()
+    }
 
 
 class Rasterizers:
@@ -52,12 +65,7 @@ class Rasterizers:
         if len(parts) <= 1:
             return self._of(parts[0][0] if parts else 0).count(poses)
         counts = [self._of(index).count(poses[rows]) for index, rows in parts]
-        order = np.argsort(np.concatenate([rows for _, rows in parts]))
-        arrays: ByName = {
-            name: np.concatenate([getattr(each, name) for each in counts])[order]
-            for name in ("visible", "drawn", "background", "clipped")
-        }
-        return replace(counts[0], **arrays)
+        return replace(counts[0], **_in_order(parts, counts, "visible drawn background clipped"))
 
     def why_not_judged(self, poses: Poses, criteria: Sequence[Criteria]) -> str:
         """Reason why `judge` has to be left to the host, by the criteria of each camera; or ""."""
@@ -71,24 +79,20 @@ class Rasterizers:
         if len(parts) <= 1:
             index = parts[0][0] if parts else 0
             return self._of(index)._judge(matrices, criteria[index])
-        found = [self._of(index)._judge(matrices[rows], criteria[index]) for index, rows in parts]
-        order = np.argsort(np.concatenate([rows for _, rows in parts]))
-        arrays: ByName = {
-            name: np.concatenate([getattr(each, name) for each in found])[order]
-            for name in ("words", "area_units", "clipped")
-        }
-        return Judged(**arrays, views=sum((each.views for each in found[1:]), found[0].views))
+        bits = [self._of(index)._judge(matrices[rows], criteria[index]) for index, rows in parts]
+        views = np.sum([each.views for each in bits], axis=0)
+        return Judged(**_in_order(parts, bits, "words area_units clipped"), views=views)
 
     def _of(self, index: int) -> Rasterizer:
         """Rasteriser of a camera; the one that was used least lately is closed for it."""
         with self._lock:
-            pop = self._open.pop(index, None)
-            if pop is None:
+            one = self._open.pop(index, None)
+            if one is None:
                 if len(self._open) >= MOST_OPEN:
                     self._open.pop(next(iter(self._open))).close()
-                pop = self._opened(index)
-            self._open[index] = pop  # the latest is the last
-            return pop
+                one = self._opened(index)
+            self._open[index] = one  # the latest is the last
+            return one
 
     def close(self) -> None:
         """Close all of them."""
