@@ -22,8 +22,8 @@ from rigs_to_view import acted, moved
 from rows import Report
 
 import rastercov as rc
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage.reasons import NAMES
 from rastercov.page import measurements

@@ -22,8 +22,8 @@ from surface_cases import in_regions, off_clipper2, room
 
 import rastercov as rc
 from rastercov.core.area.cells import usual_size
-from rastercov.core.area.failures import CentrePass
 from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.stages import CentrePass
 from rastercov.core.camera.conventions import panorama
 from rastercov.core.mesh import shapes
 from rastercov.reference.regions import covers_points, points_on

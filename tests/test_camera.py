@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from nightly import amount
 
-from rastercov.base.checks import MAX_IMAGE_SIDE
+from rastercov.base.arguments import MAX_IMAGE_SIDE
 from rastercov.base.errors import CameraError
 from rastercov.core.camera import parallel
 from rastercov.core.camera.camera import CHECKS, Camera

@@ -22,9 +22,9 @@ from surface_cases import NO_POINTS, in_regions, moved
 import rastercov as rc
 from rastercov.core.area import remedies
 from rastercov.core.area.cells import cells
-from rastercov.core.area.failures import CentrePass, failures_of_rows
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.rows import with_rule
+from rastercov.core.area.stages import CentrePass, failures_of_rows
 from rastercov.core.area.table import join as joined_regions
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage import shards, surface

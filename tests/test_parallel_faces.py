@@ -5,7 +5,7 @@ import pytest
 from nightly import amount
 
 import rastercov as rc
-from rastercov.core.area.failures import first_failures
+from rastercov.core.area.stages import first_failures
 from rastercov.core.coverage.network import Network
 from rastercov.reference.regions import reasons_in_poses
 

@@ -13,7 +13,7 @@ from rastercov.advice.before import Changed
 from rastercov.base import format
 from rastercov.core.coverage.doubts import name_places
 from rastercov.report.tables import camera_words, lens_text
-from rastercov.sensors.sensor_limits import _metres
+from rastercov.sensors.figures import _metres
 
 SIZES = st.floats(-13, 13).map(lambda power: 10.0**power)
 FACTORS = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "m²": 1.0, "cm²": 1e-4, "mm²": 1e-6, "µm²": 1e-12}

@@ -9,7 +9,7 @@ from rastercov.base import ReadByName, percent, plural
 from rastercov.base.format import area
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.by_camera import lines_of
-from rastercov.core.area.figures import in_words
+from rastercov.core.area.feature import in_words
 from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.area.zones import LEAST_PERCENT, MOST_LINES, n_unlisted, zone_line
 from rastercov.core.coverage.phases import question_in

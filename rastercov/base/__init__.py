@@ -39,11 +39,13 @@ if TYPE_CHECKING:
         check_kind,
         check_limits,
         check_seed,
+        finite_number,
         finite_points,
         flag,
+        image_side,
+        is_one_of,
         members,
     )
-    from rastercov.base.checks import finite_number, image_side, is_one_of
     from rastercov.base.files import (
         StrPath,
         UnknownNames,
@@ -163,7 +165,7 @@ __all__ = [
     "write_text",
 ]
 
-LATER = ("memory", "checks", "arguments", "files", "output", "threads")
+LATER = ("memory", "arguments", "files", "output", "threads")
 """Modules that load numpy, which `rastercov --help` does without."""
 
 if not TYPE_CHECKING:

@@ -25,7 +25,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from rastercov.base.checks import shown
+from rastercov.base.arguments import shown
 from rastercov.base.errors import ConfigError, RastercovError
 from rastercov.base.format import ByName
 from rastercov.base.output import replacing

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Concatenate, Generic, NoReturn, ParamSpec, Self, TypeVar
 from weakref import WeakKeyDictionary
 
-from rastercov.base.checks import finite_number, shown
+from rastercov.base.arguments import finite_number, shown
 from rastercov.base.errors import ConfigError
 from rastercov.base.typed import guard_class
 from rastercov.engine import base_interrupt

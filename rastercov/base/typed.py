@@ -25,8 +25,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base.arguments import as_array, check_room
-from rastercov.base.checks import finite_number, is_inf, is_number, shown
+from rastercov.base.arguments import as_array, check_room, finite_number, is_inf, is_number, shown
 from rastercov.base.errors import CameraError, ConfigError, MeshError, RastercovError
 from rastercov.base.format import ByName, ReadByName, first_of
 

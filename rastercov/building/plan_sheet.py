@@ -38,7 +38,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, text_with_sign
 from rastercov.core.area.advice import task_in_words
-from rastercov.core.area.figures import in_words
+from rastercov.core.area.feature import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.zones import face_zones
 from rastercov.core.camera import Poses, Rig, cameras_of, equipment_words, gates_of, names_of

@@ -9,7 +9,7 @@ import typer
 from typer import Option
 
 from rastercov.base import ByName, CameraError, ConfigError, shorten, shown
-from rastercov.base.checks import positive
+from rastercov.base.arguments import positive
 from rastercov.base.format import coordinates, text_with_bound
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn

@@ -24,7 +24,7 @@ from rastercov.base import (
     first_of,
     shown,
 )
-from rastercov.base.checks import number, positive
+from rastercov.base.arguments import number, positive
 from rastercov.formats.meshes.gltf import Node, nodes_below, root_nodes
 from rastercov.formats.meshes.gltf_file import (
     WORLD,

@@ -26,7 +26,7 @@ from rastercov.base import (
     shown,
     suffix_of,
 )
-from rastercov.base.checks import number, pair, positive
+from rastercov.base.arguments import number, pair, positive
 from rastercov.core.camera import look_at
 from rastercov.core.camera.catalogue import lamp_entries_of
 from rastercov.core.camera.exposure import Exposure

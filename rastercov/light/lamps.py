@@ -36,8 +36,7 @@ from rastercov.base import (
     row_lengths,
     shown,
 )
-from rastercov.base.arguments import distinct
-from rastercov.base.checks import number, positive, two
+from rastercov.base.arguments import distinct, number, positive, two
 from rastercov.core.camera import Camera, Poses, apparent, fibonacci_sphere, look_at, valid_poses
 from rastercov.core.camera.camera import field_angle
 from rastercov.core.camera.catalogue import KINDS

@@ -1,7 +1,12 @@
-"""Light of lamps at points of faces: the reason why each is not lit as a task asks; the feature."""
+"""Light of lamps at points of faces: the reason why each is not lit as a task asks; the feature.
+
+Figures of what is lost for the light of lamps.
+"""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,33 +18,149 @@ from rastercov.base import (
     ByteArray,
     ConfigError,
     FloatArray,
+    ReadByName,
     WholeArray,
+    percent,
     row_lengths,
+    with_bound,
 )
 from rastercov.base.format import number
-from rastercov.core.area.feature import Feature, Scene
+from rastercov.core.area.feature import Alone, Areas, Feature, Figures, Scene, most_off
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
-from rastercov.core.area.rows import tasks_of
-from rastercov.core.area.table import Finder
-from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, names_of
+from rastercov.core.area.rows import tasks_of, with_rule
+from rastercov.core.area.table import Finder, Regions
+from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, names_of
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.light.figures import LightFigures
 from rastercov.light.lamp_rig import lamps_of
+from rastercov.light.lamp_words import quantity
 from rastercov.light.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.light.regions import (
     HIGHLIGHT,
     OF_LIGHT,
+    RANGE,
     TOO_BRIGHT,
     TOO_DARK,
     UNLIT,
     Light,
+    asks_for_light,
     check_light,
     failing_lamp,
     narrow_to_lamps,
 )
+
+UNITS_OF = ("percent", "m2")
+WORDS_OF_LIGHT = {"unlit": "unlit", "out_of_limits": "badly lit"}
+"""Words for what the cameras see and cannot use for its light."""
+
+
+class LightFigures(Figures):
+    """Figures of what cameras see, what of it is lit, and what has as much light as is asked."""
+
+    def __init__(
+        self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
+    ) -> None:
+        self._lights: list[Light] = []
+        lamps = lamps_of(camera)
+        n = 0 if lamps is None else 2 + asks_for_light(task)
+        self._seen = [new() for _ in range(n)]
+        self._carried: dict[str, Areas] = {}
+        if lamps is not None:
+            rides = lamps.carried_by(names_of(camera)).any(axis=1)
+            self._carried = {lamps.names[row]: new() for row in np.flatnonzero(rides)}
+
+    def networks(self) -> Iterable[Areas]:
+        """See `Figures`."""
+        return *self._seen, *self._carried.values()
+
+    def add(self, regions: Regions, camera: Cameras, poses: Poses) -> None:
+        """See `Figures`."""
+        light = next((each for each in regions.conditions if isinstance(each, Light)), None)
+        if light is None or not self._seen:
+            return
+        self._lights = self._lights or [light.alone(), light][: len(self._seen) - 1]
+        rest = tuple(each for each in regions.conditions if each is not light)
+        kept = [rest, *((*rest, each) for each in self._lights)]
+        for areas, conditions in zip(self._seen, kept, strict=True):
+            areas.add(with_rule(replace(regions, conditions=conditions), camera, poses))
+        for name, own in self._lights[0].carry(poses[led_by(camera, poses)]):
+            self._carried[name].add(own)
+
+    def summary(self, alone: Alone) -> ByName:
+        """Entry `light` of what cameras see and cannot use for its light.
+
+        `unlit` is what no lamp reaches, `out_of_limits` what is lit, and too dark, too bright or in
+        a highlight, where the task asks: both of what cameras see. `lit_percent` is the share of
+        the whole evaluated area, seen or not, that a lamp reaches, of one on a rig from any of its
+        poses. `illuminance` is that by the fixed lamps, at points at equal steps of the area.
+        """
+        if not self._lights:
+            return {}
+        light = self._lights[0]
+        seen = [areas.summary() for areas in self._seen]
+        lost = [
+            {name: max(more[name] - less[name], 0.0) for name in ("percent", "m2")}
+            | {f"bound_{unit}": most_off(more, unit) + most_off(less, unit) for unit in UNITS_OF}
+            for more, less in pairwise(seen)
+        ]
+        carried = {name: areas.summary() for name, areas in self._carried.items()}
+        shares = 100 * light.shares()
+        for row, name in enumerate(light.lamps.names):
+            if own := carried.get(name):
+                shares[row] = own["by_views"][0]["percent"], most_off(own, "percent")
+        lamps = [
+            {"lamp": name, "lit_percent": lit, "bound_percent": bound}
+            for name, (lit, bound) in zip(light.lamps.names, shares.tolist(), strict=True)
+        ]
+        named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
+        figures: ByName = named | {"lamps": lamps}
+        if (lux := light.sample()) is not None:
+            low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
+            own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}
+            figures["illuminance"] = own
+        if light.lamps.has_range:
+            figures["range"] = RANGE
+        if light.lamps.exposure is not None:
+            figures["exposure"] = light.lamps.exposure.in_words(light.lamps.unit)
+        return {"light": figures}
+
+    @staticmethod
+    def lines(summary: ReadByName) -> list[str]:
+        """See `Figures`."""
+        if "light" not in summary:
+            return []
+        light = summary["light"]
+        lines = [light[name] for name in ("range", "exposure") if name in light]
+        if "illuminance" in light:
+            lux = light["illuminance"]
+            low, middle, high = (number(lux[name]) for name in ("least", "median", "most"))
+            lines.append(
+                f"{quantity(lux['unit'])} by fixed lamps and any ambient light: {low} to "
+                f"{high} {lux['unit']}, median {middle}"
+            )
+        shares = [
+            f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in light["lamps"]
+        ]
+        for name, words in WORDS_OF_LIGHT.items():
+            if name in light:
+                lost = with_bound(light[name]["percent"], light[name]["bound_percent"])
+                by_lamp = f"; lit (visible or not): {', '.join(shares)}" if shares else ""
+                lines.append(
+                    f"visible but {words}: {lost} of the area"
+                    + (by_lamp if name == "unlit" else "")
+                )
+        return lines
+
+    @staticmethod
+    def doubts(summary: ReadByName) -> list[str]:
+        """See `Figures`: lamps that light nothing."""
+        return [
+            f"lamp {lamp['lamp']} lights no evaluated surface; it may be inside a wall or face away"
+            for lamp in summary.get("light", {}).get("lamps", ())
+            if lamp["lit_percent"] == 0
+        ]
 
 
 class LightOfPoints:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base import CameraError, ConfigError, FloatArray, finite_points, row_lengths, shown
-from rastercov.base.checks import number
+from rastercov.base.arguments import number
 from rastercov.core.camera import Camera, look_at
 
 YEARS = 1950, 2050

@@ -32,7 +32,6 @@ from rastercov.base import (
 )
 from rastercov.base.format import area as in_square_metres
 from rastercov.core.area.advice import general_advice
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import ANY, MOST_PAIRS, Allowed, Change, Remedies, ZoneSpot
@@ -43,6 +42,7 @@ from rastercov.core.area.stages import (
     Stage,
     any_in_front,
     divide_by_reason,
+    failures_of_rows,
     stages_of,
 )
 from rastercov.core.area.table import Regions, join, take_rows

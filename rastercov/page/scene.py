@@ -54,7 +54,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.solids import in_solid
 from rastercov.formats.cameras import read_views
 from rastercov.page.rig_state import RigState, Station
-from rastercov.placement.candidates.clearance import KeepOutBox, Place
+from rastercov.placement.candidates.rooms import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.plan.entries import PlanSections
 from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan

@@ -2,7 +2,7 @@
 
 The page has the rig, its edits and their history, and sends all of it with each question. Methods
 may be called from any thread, one at a time: `Session.lock` is theirs. Work that takes long, such
-as a refinement, runs in `rastercov.page.work`.
+as a refinement, runs in `rastercov.page.server`.
 """
 
 import base64
@@ -31,7 +31,7 @@ from rastercov.base import (
     first_of,
     shown,
 )
-from rastercov.base.checks import number
+from rastercov.base.arguments import number
 from rastercov.base.format import distance
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import task_in_words

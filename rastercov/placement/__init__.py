@@ -17,7 +17,7 @@ if _TYPE_CHECKING:
         Openings as Openings,
         openings as openings,
     )
-    from rastercov.placement.candidates.clearance import (
+    from rastercov.placement.candidates.rooms import (
         KeepOut as KeepOut,
         KeepOutBox as KeepOutBox,
         KeepOutSphere as KeepOutSphere,
@@ -76,9 +76,9 @@ if _TYPE_CHECKING:
         what_is_left as what_is_left,
     )
     from rastercov.robots.arm import Arm as Arm, on_arm as on_arm
-    from rastercov.survey.facade import facade as facade
-    from rastercov.survey.orbit import Circles as Circles, orbit as orbit
-    from rastercov.survey.strips import Survey as Survey, strips as strips
+    from rastercov.survey.patterns import facade as facade
+    from rastercov.survey.patterns import Circles as Circles, orbit as orbit
+    from rastercov.survey.patterns import Survey as Survey, strips as strips
     from rastercov.tolerances.installation import InstallationError as InstallationError
     from rastercov.tolerances.placement import Tolerance as Tolerance, tolerance as tolerance
 
@@ -86,12 +86,11 @@ _NAMES = {
     "core.mesh.solids": "in_solid",
     "placement.bits": "CoveredBits",
     "placement.candidates.cavities": "Access Openings openings",
-    "placement.candidates.clearance": "KeepOut KeepOutBox KeepOutSphere NearestSurface Place "
-    "filter_candidates",
     "placement.candidates.mounting": "along at_middle at_nearest_surface at_point in_room on_box "
     "on_ceiling on_hemisphere on_sphere on_walls",
     "placement.candidates.pool": "Candidates Framing from_poses per_face per_segment",
-    "placement.candidates.rooms": "Room",
+    "placement.candidates.rooms": "KeepOut KeepOutBox KeepOutSphere NearestSurface Place Room "
+    "filter_candidates",
     "placement.candidates.segments": "Segmentation segment",
     "placement.improve.objective": "CellObjective Objective",
     "placement.improve.pose_space": "PoseSpace",
@@ -104,9 +103,7 @@ _NAMES = {
     "problem_of_matrix",
     "placement.uncovered": "Leftover Sight what_is_left",
     "robots.arm": "Arm on_arm",
-    "survey.facade": "facade",
-    "survey.orbit": "Circles orbit",
-    "survey.strips": "Survey strips",
+    "survey.patterns": "Circles Survey facade orbit strips",
     "tolerances.installation": "InstallationError",
     "tolerances.placement": "Tolerance tolerance",
 }

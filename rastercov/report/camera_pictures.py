@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, frozen_record
-from rastercov.core.area.failures import first_failures
 from rastercov.core.area.features import conditions_at
 from rastercov.core.area.regions import covering_poses
+from rastercov.core.area.stages import first_failures
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Camera, Cameras, Poses, apparent
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason

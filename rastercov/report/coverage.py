@@ -60,8 +60,8 @@ from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.phases import Phases
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.shards import folder_of_shards, remove
-from rastercov.core.coverage.silhouettes import GroupViews, check_groups
 from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.visibility import GroupViews, check_groups
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.report.camera_pictures import (

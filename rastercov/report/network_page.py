@@ -27,8 +27,8 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, length, text_with_sign, verb
 from rastercov.core.area import polygons
+from rastercov.core.area.feature import in_words
 from rastercov.core.area.features import values_of as values_of_features
-from rastercov.core.area.figures import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import covering_poses

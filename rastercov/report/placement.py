@@ -20,7 +20,7 @@ from rastercov.core.coverage.evaluation import regions
 from rastercov.core.coverage.parts import MOST_ROWS
 from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
-from rastercov.placement.candidates.clearance import KeepOutBox
+from rastercov.placement.candidates.rooms import KeepOutBox
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals

@@ -43,13 +43,13 @@ from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.area.zones import ZONES
 from rastercov.core.coverage.provenance import name_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo
-from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
+from rastercov.placement.plan.phases import carriers
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
 from rastercov.placement.plan.run import Chooser, Placement, Products, is_lowered, place
-from rastercov.placement.plan.withheld import entries_of, line_of
+from rastercov.placement.plan.shortfall import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.uncovered import Sight
 from rastercov.report.coverage import Options

@@ -26,7 +26,9 @@ from rastercov.base import (
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import Group
-from rastercov.placement.candidates.clearance import (
+from rastercov.placement.candidates.pool import Candidates
+from rastercov.placement.candidates.refusals import Refusal
+from rastercov.placement.candidates.rooms import (
     KeepOut,
     KeepOutBox,
     KeepOutSphere,
@@ -36,8 +38,6 @@ from rastercov.placement.candidates.clearance import (
     nearest_obstacle,
     place_of,
 )
-from rastercov.placement.candidates.pool import Candidates
-from rastercov.placement.candidates.refusals import Refusal
 from rastercov.robots.collisions import SORTS, Collisions, Contact
 from rastercov.robots.kinematics import Solutions
 from rastercov.robots.robot import FLOOR, Robot

@@ -39,9 +39,9 @@ from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
 from rastercov.placement.improve.tour import tour
-from rastercov.placement.plan.carrier import CarrierHooks
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generator import Generator
+from rastercov.placement.plan.phases import CarrierHooks
 from rastercov.placement.plan.scene import keep_outs, space_of
 from rastercov.placement.plan.sections import BodyEntry
 from rastercov.robots.arm import Arm, on_arm

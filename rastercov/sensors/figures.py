@@ -1,22 +1,288 @@
-"""Figures of rigs with a rule: what each device sees, and what is lost by it alone."""
+"""Figures of rigs with a rule: what each device sees, and what is lost by it alone.
 
+Remedies where the devices of a rig see a point, and a limit of its rule is missed there.
+
+Each remedy is carried out before it is named: the devices are moved, and the points are judged
+again by all criteria.
+"""
+
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import islice, pairwise
 
 import numpy as np
 
-from rastercov.base import ByName, FloatArray, ReadByName, size_in_words, with_bound
-from rastercov.base.format import coordinates
-from rastercov.core.area.feature import Feature, Judge, Points, Scene
-from rastercov.core.area.figures import DOUBTFUL, Alone, Areas, Figures, most_off
+from rastercov.base import (
+    ByName,
+    FloatArray,
+    IntArray,
+    ReadByName,
+    frozen_record,
+    row_lengths,
+    size_in_words,
+    with_bound,
+)
+from rastercov.base.format import coordinates, number
+from rastercov.core.area.feature import (
+    DOUBTFUL,
+    Alone,
+    Areas,
+    Feature,
+    Figures,
+    Judge,
+    Points,
+    Scene,
+    most_off,
+)
+from rastercov.core.area.frames import to_world
 from rastercov.core.area.gates import through
+from rastercov.core.area.polygons import even_points, polygon_areas
 from rastercov.core.area.table import Regions
-from rastercov.core.camera import Cameras, Gate, Poses, Rig, apparent, gates_of, names_of
+from rastercov.core.camera import (
+    Cameras,
+    Gate,
+    Poses,
+    Rig,
+    apparent,
+    by_gate,
+    gates_of,
+    led_by,
+    names_of,
+)
+from rastercov.core.camera.rig import are_central
 from rastercov.core.camera.rule import Limited, limits_of
-from rastercov.core.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN
+from rastercov.core.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN, Reason
 from rastercov.core.coverage.task import Task
+from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.sensors.ray_limits import measure_limits, worst_deviations
-from rastercov.sensors.sensor_limits import limit_advice, unmet_lines
+
+WIDER = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 5.0)
+"""Baselines that are tried, in that of the rig."""
+NEARER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
+"""Distances that are tried, in that of the rig."""
+ENOUGH = 0.5
+"""Share of the points that a remedy covers, or more."""
+MOST_ROWS = 3
+"""Places of a rig that are tried."""
+MOST_POINTS = 64
+"""Points of the best place on which remedies are tried where nothing meets a limit, and of each
+triangle at which its best value is looked for."""
+
+
+def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
+    """Lines on limits of rigs with a rule that nothing their devices see meets.
+
+    With the best value, and what would cover half of what they see at the best place. `regions` are
+    those of each pose.
+    """
+    lines: list[str] = []
+    camera = scene[1]
+    for gate, own, _ in by_gate(camera, poses) if are_central(camera) else ():
+        if not isinstance(gate, Limited) or not (gate.has_baseline or gate.has_deviation):
+            continue
+        is_own = np.zeros(len(poses), np.bool_)
+        is_own[own.ravel()] = True
+        seen = through(regions.of_poses(is_own), Gate(gate.n, gate.k, gate.needs))
+        counts = np.diff(seen.starts)
+        row, face = (np.repeat(each, counts).astype(np.int64) for each in (seen.pose, seen.face))
+        points = to_world(seen.mesh, face, seen.xy)
+        angle, _, lack = _lacks(gate, poses.world_from_camera[own][row], points)
+        if not len(lack) or (lack <= 1).any():
+            continue
+        best = int(lack.argmin())
+        placed = poses[own[row[best]]]
+        is_narrow = angle[best] < gate.least_deg or angle[best] > gate.most_deg
+        why = BASELINE if is_narrow else UNCERTAIN
+        middle = np.add.reduceat(points, seen.starts[:-1]) / counts[:, None]
+        areas = polygon_areas(seen.xy, seen.starts)
+        pieces = np.flatnonzero(seen.pose == row[best])
+        pieces = pieces[np.argsort(-areas[pieces], kind="stable")[:MOST_POINTS]]
+        at = np.concatenate([points[row == row[best]], _inside(seen, pieces)])
+        _, words = _missed_limit(gate, placed.world_from_camera, at, why)
+        head = _Head(judge, scene, gate, placed, middle[pieces], seen.face[pieces].astype(np.int64))
+        remedies = list(head.remedies(-(-len(pieces) // 2)))
+        rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
+        needs = f": half of the area in view needs {'; or '.join(remedies)}" if remedies else ""
+        lines.append(f"rig {rig}: {words}{needs}")
+    return lines
+
+
+def _inside(seen: Regions, pieces: IntArray) -> FloatArray:
+    """Points of some pieces, evenly over each of the triangles that they are fans of."""
+    counts = np.diff(seen.starts)[pieces] - 2
+    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    first = np.repeat(seen.starts[pieces], counts)
+    a, b, c = (seen.xy[at][:, None] for at in (first, first + number + 1, first + number + 2))
+    x, y = (each[:, None] for each in even_points(MOST_POINTS))
+    at = (a + x * (b - a) + y * (c - a)).reshape(-1, 2)
+    face = np.repeat(seen.face[pieces].astype(np.int64), counts)
+    return to_world(seen.mesh, np.repeat(face, MOST_POINTS), at)
+
+
+def limit_advice(
+    judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool = True
+) -> str:
+    """Factors by which limits are missed at points, and what makes a rig cover some share of them.
+
+    Parameters
+    ----------
+    judge : callable
+        `failures_of_rows`.
+    scene
+        Mesh, devices and thresholds.
+    poses : Poses
+        Of all devices of rigs with a rule, as of a result; the best rows of it are tried.
+    on
+        Points of faces that no row covers.
+    is_tried : bool
+        False for the factors alone.
+
+    Returns
+    -------
+    str
+        "" where no limit is missed at points that the devices see.
+    """
+    camera, (points, face) = scene[1], on
+    values: list[tuple[float, str, _Head]] = []
+    if not are_central(camera):
+        return ""
+    leads = led_by(camera, poses).tolist()
+    for first, last in pairwise([*leads, len(poses)]):
+        own = poses[first:last]
+        gate = gates_of(camera).get(int(own.camera[0]))
+        if not isinstance(gate, Limited) or not (gate.has_baseline or gate.has_deviation):
+            continue
+        head = _Head(judge, scene, gate, own, points, face)
+        reason = head.reason(own.world_from_camera)
+        for why in (UNCERTAIN, BASELINE):
+            if (at := np.flatnonzero(reason == why)).size:
+                values.append((*_missed_limit(gate, own.world_from_camera, points[at], why), head))
+    said = list[str]()
+    for _, words, head in sorted(values, key=lambda each: each[0])[:MOST_ROWS]:
+        if not is_tried:
+            return words
+        if remedies := list(head.remedies(max(1, math.ceil(ENOUGH * len(points))))):
+            return f"{words}: half of the zone needs {'; or '.join(remedies)}"
+        said.append(words)
+    return said[0] if said else ""
+
+
+@frozen_record
+class _Head:
+    """A rig with a rule in one pose, and points that it does not cover."""
+
+    judge: Judge
+    scene: Scene
+    gate: Limited
+    poses: Poses
+    points: FloatArray
+    face: IntArray
+
+    def reason(self, placed: FloatArray) -> IntArray:
+        """(N,) reason of the points with the devices in other poses (n, 4, 4)."""
+        own = Poses.of(placed, camera=self.poses.camera)
+        ((_, reason, _),) = self.judge(*self.scene, own, self.points, self.face)
+        return reason.astype(np.int64)
+
+    def covers(self, placed: FloatArray, least: int) -> bool:
+        """True where at least some number of the points are covered from other poses."""
+        within = _lacks(self.gate, placed, self.points)[2] <= 1
+        if np.count_nonzero(within) < least:
+            return False
+        return int(np.count_nonzero(self.reason(placed) == Reason.COVERED)) >= least
+
+    def remedies(self, least: int) -> Iterator[str]:
+        """The least change of each kind that covers some number of the points."""
+        placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
+        target = self.points[row_lengths(off).argmin()]
+        turned = ("", None), (", its sensors aimed at it", target)
+        wider = (
+            f"a baseline {factor:g} times as wide{words}"
+            for factor in WIDER
+            for words, at in turned
+            if self.covers(_wider(placed, factor, at), least)
+        )
+        away = float(np.linalg.norm(target - placed[:, :3, 3].mean(axis=0)))
+        nearer = (
+            f"a distance of {_metres(factor * away)} instead of {_metres(away)}"
+            for factor in NEARER
+            if self.covers(_nearer(placed, factor, target), least)
+        )
+        for kind in (wider, nearer):
+            yield from islice(kind, 1)
+        is_sharp = self.reason(placed) == UNCERTAIN
+        values = np.sort(_lacks(self.gate, placed, self.points[is_sharp])[2])
+        if len(values) >= least and 0 < values[least - 1] < np.inf:
+            yield f"noise {_below(1 / values[least - 1])} times as large"
+
+
+def _lacks(gate: Limited, placed: FloatArray, points: FloatArray) -> tuple[FloatArray, ...]:
+    """(N,) largest angle of rays in degrees, deviation, and factor by which limits are missed.
+
+    At points (N, 3), by devices (n, 4, 4) or (N, n, 4, 4); up to 1 where they are met.
+    """
+    angle, deviation = measure_limits(gate, placed, points)
+    lack = np.maximum(gate.least_deg / np.maximum(angle, 1e-9), angle / max(gate.most_deg, 1e-9))
+    if gate.has_deviation:
+        lack = np.maximum(lack, deviation / gate.most_deviation)
+    return angle, deviation, lack
+
+
+def _missed_limit(
+    gate: Limited, placed: FloatArray, points: FloatArray, why: int
+) -> tuple[float, str]:
+    """Factor by which a limit is missed at the best of some points, and words on it."""
+    angle, deviation, lack = _lacks(gate, placed, points)
+    if why == UNCERTAIN:
+        best, limit = _metres(float(deviation.min())), _metres(gate.most_deviation)
+        best = f"just above {best}" if best == limit else best
+        best += f" at the best point (median {_metres(float(np.median(deviation)))})"
+        return float(lack.min()), f"uncertainty {best}, {limit} required"
+    is_less = angle.max() < gate.least_deg
+    degrees = (
+        f"at most {angle.max():.3g} degrees" if is_less else f"at least {angle.min():.3g} degrees"
+    )
+    limit = f"{gate.least_deg:g} required" if is_less else f"{gate.most_deg:g} allowed"
+    return float(lack.min()), f"rays to its sensors are {degrees} apart, {limit}"
+
+
+def _metres(value: float) -> str:
+    return size_in_words(value) if math.isfinite(value) else "inf m"
+
+
+def _below(value: float) -> str:
+    """A factor in two digits that is not above the value."""
+    digits = 1 - math.floor(math.log10(value))
+    return number(math.floor(value * 10**digits) / 10**digits)
+
+
+def _wider(placed: FloatArray, factor: float, target: FloatArray | None = None) -> FloatArray:
+    """Devices (n, 4, 4) apart by a factor, and turned as their rays to a target if there is one."""
+    wider, eyes = placed.copy(), placed[:, :3, 3]
+    wider[:, :3, 3] = eyes.mean(axis=0) + factor * (eyes - eyes.mean(axis=0))
+    if target is not None:
+        for row, (before, after) in enumerate(
+            zip(target - eyes, target - wider[:, :3, 3], strict=True)
+        ):
+            wider[row, :3, :3] = _turn(before, after) @ placed[row, :3, :3]
+    return wider
+
+
+def _nearer(placed: FloatArray, factor: float, target: FloatArray) -> FloatArray:
+    """Devices (n, 4, 4) moved together towards a target, to a share of their distance."""
+    nearer = placed.copy()
+    nearer[:, :3, 3] += (1 - factor) * (target - placed[:, :3, 3].mean(axis=0))
+    return nearer
+
+
+def _turn(before: FloatArray, after: FloatArray) -> FloatArray:
+    """(3, 3) least rotation of one direction to another."""
+    a, b = (each / max(float(np.linalg.norm(each)), 1e-300) for each in (before, after))
+    axis, cosine = np.cross(a, b), float(a @ b)
+    cross = cross_matrix(axis)
+    return np.eye(3) + cross + cross @ cross / max(1 + cosine, 1e-12)
+
 
 OF_DEVICE = ("percent", "bound_percent", "m2", "bound_m2", *DOUBTFUL)
 """Figures of what a device covers by itself."""

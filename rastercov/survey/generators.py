@@ -20,9 +20,15 @@ from rastercov.placement.plan.entries import (
     value_of,
 )
 from rastercov.placement.plan.generator import Generator, GeneratorScene, OwnGenerators
-from rastercov.survey.facade import above_ground, facade
-from rastercov.survey.orbit import Circles, orbit
-from rastercov.survey.strips import Survey, mean_level, strips
+from rastercov.survey.patterns import (
+    Circles,
+    Survey,
+    above_ground,
+    facade,
+    mean_level,
+    orbit,
+    strips,
+)
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 Corners = Annotated[list[Pair], Field(min_length=3)]

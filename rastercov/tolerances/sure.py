@@ -30,10 +30,9 @@ from rastercov.base import (
     shown,
 )
 from rastercov.core.area import polygons
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of, rows_at, to_world
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces
+from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces, failures_of_rows
 from rastercov.core.area.table import Regions, take_rows
 from rastercov.core.area.union import Covered, with_rest
 from rastercov.core.area.zones import DeadZones, points_of, zone_line, zones_of

@@ -12,7 +12,7 @@ from surface_cases import hostile_scene, room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.figures import in_words
+from rastercov.core.area.feature import in_words
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.polygons import polygon_areas
 from rastercov.core.area.regions import RegionObserver

@@ -8,7 +8,7 @@ from nightly import examples
 from surface_cases import building, room
 
 import rastercov as rc
-from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.stages import CentrePass
 from rastercov.reference.regions import covers_points
 
 pytestmark = pytest.mark.native

@@ -11,7 +11,7 @@ import rastercov as rc
 from rastercov.base.errors import CameraError
 from rastercov.core.area import cut
 from rastercov.core.area.cells import cells
-from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.stages import CentrePass
 from rastercov.reference.regions import points_on, rig_covers_points
 
 pytestmark = pytest.mark.native

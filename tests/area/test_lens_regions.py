@@ -12,7 +12,7 @@ from surface_cases import assert_pointwise, cut_at_random, hostile_scene, room
 
 import rastercov as rc
 from rastercov.core.area import regions as area_regions
-from rastercov.core.area.failures import CentrePass
+from rastercov.core.area.stages import CentrePass
 from rastercov.reference.regions import covers_points
 
 pytestmark = pytest.mark.native

@@ -10,8 +10,8 @@ from test_light import TASK, enough_light
 from test_rules import assert_as_by_points
 
 import rastercov as rc
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import deviations_of
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.rig import eyes_of, with_equipment
 from rastercov.core.coverage.reasons import SEVERAL, nearness
 from rastercov.reference.regions import points_on, reasons_of_points, rig_covers_points

@@ -9,7 +9,7 @@ from surface_cases import in_regions, room
 
 import rastercov as rc
 from rastercov.base.errors import CameraError
-from rastercov.core.area.failures import failures_of_rows
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.rig import with_equipment
 from rastercov.formats.meshes.gltf_file import header_of
 from rastercov.light.lamps import lamps_of_json

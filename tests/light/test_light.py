@@ -13,8 +13,8 @@ from surface_cases import cut_at_random, in_regions, room
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError, PoseError
 from rastercov.core.area.cells import cells
-from rastercov.core.area.failures import CentrePass, failures_of_rows
 from rastercov.core.area.features import values_of
+from rastercov.core.area.stages import CentrePass, failures_of_rows
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.reasons import NAMES, Reason
 from rastercov.light.lamp_file import lamp_of, lamps_of

@@ -10,7 +10,7 @@ from nightly import examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.core.area import cells, failures, frames, point_pass, regions
+from rastercov.core.area import cells, frames, point_pass, regions, stages
 from rastercov.engine import area_cell, area_point
 
 pytestmark = pytest.mark.native
@@ -83,7 +83,7 @@ def calls():
                 parts.share(result)
                 points, face = parts.vertices[parts.faces].mean(axis=1), parts.source_face
                 regions.covering_poses(result, face, points)
-                list(failures.first_failures(mesh, camera, task, poses[:1], points, face))
+                list(stages.first_failures(mesh, camera, task, poses[:1], points, face))
     assert set(kept) == set(NAMES)
     return kept
 

@@ -15,8 +15,8 @@ import rastercov as rc
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.cavities import Access, Hemicube, openings
-from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere, filter_candidates
 from rastercov.placement.candidates.pool import Framing, per_face
+from rastercov.placement.candidates.rooms import KeepOutBox, KeepOutSphere, filter_candidates
 
 CAMERA = rc.Camera(width=320, height=240, fx=450, fy=450, cx=160, cy=120)
 FAR = Framing(stand_off=(6.0, 30.0))

@@ -15,8 +15,7 @@ from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import Framing, Objective, openings, per_segment, segment
 from rastercov.placement.candidates.mounting import on_sphere
 from rastercov.placement.uncovered import in_front
-from rastercov.survey.facade import facade
-from rastercov.survey.strips import Survey, strips
+from rastercov.survey.patterns import Survey, facade, strips
 
 LENS = {"magnification": 0.02, "pixel_size": 5e-6, "working_distance": 0.3, "depth_of_field": 0.1}
 CAMERA = rc.Camera.telecentric(400, 300, **LENS)  # 100 x 75 mm

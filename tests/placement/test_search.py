@@ -9,7 +9,7 @@ from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.solids import in_solid
-from rastercov.placement.candidates.clearance import (
+from rastercov.placement.candidates.rooms import (
     KeepOutBox,
     KeepOutSphere,
     NearestSurface,

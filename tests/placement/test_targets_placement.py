@@ -8,8 +8,8 @@ import rastercov as rc
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.solids import in_solid
 from rastercov.placement import build_matrix, filter_candidates, on_box
-from rastercov.placement.candidates.clearance import nearest_obstacle
 from rastercov.placement.candidates.mounting import at_point
+from rastercov.placement.candidates.rooms import nearest_obstacle
 from rastercov.placement.improve.pose_space import Place, PoseSpace
 from rastercov.reference.models.line_of_sight import LineOfSight
 

@@ -10,9 +10,13 @@ from set_cover_cases import COVERS, FOLDER, OPTIMA, read_set_cover, steiner
 
 from rastercov.engine import placement_weighting as kernels
 from rastercov.placement.bits import by_face
-from rastercov.placement.select import weighting
 from rastercov.placement.select.bounds import NEVER
-from rastercov.placement.select.greedy import construct, select_greedy
+from rastercov.placement.select.greedy import (
+    construct,
+    has_equal_cameras,
+    search_by_weights,
+    select_greedy,
+)
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import FewestCameras, problem_of_matrix
 
@@ -131,10 +135,10 @@ def test_steps_are_those_of_dense_arrays(seed, n, n_faces, most_views):
 @given(problems(goals=["fewest"], angles=[0]))
 def test_it_takes_part_only_where_cameras_are_counted_to_cover_all(problem):
     state = construct(presolve(problem).list_rows())
-    if not weighting.is_for(state):
+    if not has_equal_cameras(state):
         return
     kept = state.reduced.candidates
-    for item in weighting.fewer(state, 0, 50, QUICK, 0, NEVER):
+    for item in search_by_weights(state, 0, 50, QUICK, 0, NEVER):
         chosen = kept[sorted(item)]
         assert is_met(problem, covers_faces(problem, chosen))
         assert len(chosen) < len(state.chosen)

@@ -16,10 +16,10 @@ import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.base.format import area
 from rastercov.core.area.cells import cells
-from rastercov.core.area.failures import CentrePass
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import rule_reasons, with_rule
+from rastercov.core.area.stages import CentrePass
 from rastercov.core.camera.rig import rig_of_json, rig_to_json, with_places
 from rastercov.core.coverage.reasons import NAMES, Reason
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, make, open_for

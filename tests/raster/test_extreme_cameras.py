@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from image_laws import is_ambiguous, reference_view
 
-from rastercov.base.checks import LONGEST as LONGEST_LENS
-from rastercov.base.checks import SHORTEST as SHORTEST_LENS
+from rastercov.base.arguments import LONGEST as LONGEST_LENS
+from rastercov.base.arguments import SHORTEST as SHORTEST_LENS
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at

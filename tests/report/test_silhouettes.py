@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 import rastercov as rc
 from rastercov.core.camera.pose import Poses
-from rastercov.core.coverage import silhouettes
-from rastercov.core.coverage.silhouettes import group_views
+from rastercov.core.coverage import visibility as silhouettes
+from rastercov.core.coverage.visibility import group_views
 from rastercov.report import annotations as annotations_module
 from rastercov.report.annotations import annotations
 

@@ -10,11 +10,11 @@ from nightly import amount
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import deviations_of
 from rastercov.core.area.regions import RegionPass, covering_poses
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.pose import Poses
-from rastercov.sensors.sensor_limits import limit_advice, unmet_lines
+from rastercov.sensors.figures import limit_advice, unmet_lines
 
 CAMERA = rc.Camera.from_fov(640, 480, hfov_deg=40)
 MESH = rc.shapes.icosahedron()

@@ -20,8 +20,8 @@ from rastercov.core.camera.models import MODELS
 from rastercov.page import session as viewer
 from rastercov.page.live import open_live
 from rastercov.page.saving import Saving as SavingOfPages
+from rastercov.page.server import Work as WorkOfPlan
 from rastercov.page.session import add_head
-from rastercov.page.work import Work as WorkOfPlan
 from rastercov.report.pages import bundle_scripts, describe_camera
 
 NODE = shutil.which("node")

@@ -41,7 +41,7 @@ from surface_cases import in_regions  # noqa: E402
 
 import rastercov as rc  # noqa: E402
 from rastercov import cli  # noqa: E402
-from rastercov.core.area.failures import failures_of_rows  # noqa: E402
+from rastercov.core.area.stages import failures_of_rows  # noqa: E402
 from rastercov.core.coverage.reasons import NAMES, Reason  # noqa: E402
 from rastercov.reference.regions import points_on  # noqa: E402
 

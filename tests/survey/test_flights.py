@@ -16,7 +16,7 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import Circles, Framing, Survey, facade
 from rastercov.placement.candidates.ground import heights_at, outline
-from rastercov.survey.facade import above_ground
+from rastercov.survey.patterns import above_ground
 
 AREA = [(-15, -12), (14, -8), (9, 13), (-12, 9)]
 

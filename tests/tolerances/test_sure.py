@@ -17,8 +17,8 @@ from rastercov.core.area.frames import frames_of, rows_at
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.reference.regions import points_on
 from rastercov.reference.tolerance import surely_covers
-from rastercov.tolerances import inset
 from rastercov.tolerances import passes as engine
+from rastercov.tolerances import passes as inset
 from rastercov.tolerances.passes import Errors, TolerancePass
 
 pytestmark = pytest.mark.native

@@ -17,8 +17,8 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import values_of
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.coverage.reasons import NAMES, REASONS
 from rastercov.light.points import OfLight
 from rastercov.light.regions import TOO_DARK

@@ -14,8 +14,8 @@ from rigs_to_view import EYES, ROOM, WIDE, acted
 from test_live import act, downloaded
 
 import rastercov as rc
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.rows import rule_reasons
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage.reasons import (

@@ -1,13 +1,124 @@
-"""Features that add to what cameras see: calls to all of them."""
+"""Features that add to what cameras see: calls to all of them.
 
-from rastercov.base import ByName, FloatArray, WholeArray, hooks_of
-from rastercov.core.area.carried import OfDevice
+Views of devices on cameras, `rastercov.core.coverage.device`, as conditions on regions.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, WholeArray, hooks_of
 from rastercov.core.area.feature import Feature, Judge, PointCondition, Points, Scene
-from rastercov.core.area.table import Regions
-from rastercov.core.camera import Cameras, Poses
-from rastercov.core.coverage.device import Device
+from rastercov.core.area.frames import frames_of, in_front
+from rastercov.core.area.point_pass import PointPass
+from rastercov.core.area.table import Condition, Cut, Finder, Regions, join
+from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of
+from rastercov.core.coverage.device import Carried, Device
+from rastercov.core.coverage.reasons import NAMES, Reason
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
+
+
+def _place_leads(rig: Rig, leads: Poses) -> Poses:
+    """Poses of rigs by the first poses of rows."""
+    camera_from_rig = np.linalg.inv(rig.rig_from_camera)[leads.camera]
+    return Poses.of(leads.world_from_camera @ camera_from_rig, camera=0)
+
+
+class DeviceView(Condition):
+    """The view of a device on one mesh."""
+
+    def __init__(
+        self, rig: Rig, reason: int, finder: Finder, find: Callable[[Poses], Regions]
+    ) -> None:
+        self._rig, self.reason, self._finder, self._find = rig, reason, finder, find
+
+    def cut_of(self, leads: Poses) -> Cut:
+        """See `Condition`."""
+        sides = self._find(_place_leads(self._rig, leads))._sides()
+
+        def cut(regions: Regions, is_rear: bool) -> Regions:
+            none = np.arange(0)
+            seen = sides[is_rear] if is_rear < len(sides) else sides[0]._with(none, none)
+            both = join([replace(each, devices=None) for each in (regions, seen)])
+            return both.at_least(2, np.tile(np.arange(len(leads)), 2), one_side=False)
+
+        return cut
+
+    def in_scene(self, mesh: Mesh) -> "DeviceView":
+        """See `Condition`."""
+        self._finder.set_mesh(mesh)
+        return self
+
+    def find_by(self, find: Callable[[Finder, Poses], Regions]) -> "DeviceView":
+        """See `Condition`."""
+        return DeviceView(self._rig, self.reason, self._finder, partial(find, self._finder))
+
+
+class SeenAtPoints:
+    """The view of a device on points of faces, (N, 3); a `PointCondition`."""
+
+    def __init__(
+        self, mesh: Mesh, rig: Rig, eye: Camera, reason: int, points: FloatArray, face: WholeArray
+    ) -> None:
+        self._rig, self._reason, self._on = rig, reason, (points, frames_of(mesh).normal[face])
+        self._two_sided = mesh.two_sided_mask[face]
+        self._judge = PointPass(mesh, eye, Task(), points, face)
+
+    def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
+        """See `PointCondition`."""
+        pose = _place_leads(self._rig, own[:1])
+        eyes = eyes_of(self._rig, own), pose.eyes
+        cameras, device = (in_front(each, *self._on) for each in eyes)
+        is_beside = cameras == device
+        gate = self._rig.gates.get(int(own.camera[0]))
+        holds = is_beside[0] if gate is None or sees is None else gate.holds(sees & is_beside)
+        is_seen = self._judge.covers(pose)[0] & (holds | ~self._two_sided)
+        return np.where(is_seen, np.uint8(Reason.COVERED), np.uint8(self._reason))
+
+
+class OfDevice(Feature):
+    """A device on cameras as a feature."""
+
+    def __init__(self, device: Device) -> None:
+        self._word, (name,) = device.word, device.reasons
+        self._reason = NAMES.index(name)
+
+    def _on(self, camera: Cameras) -> tuple[Rig, Carried] | None:
+        own = equipment_on(camera).get(self._word)
+        return (camera, own) if isinstance(camera, Rig) and isinstance(own, Carried) else None
+
+    def condition(
+        self, mesh: Mesh, camera: Cameras, task: Task, find: Callable[[Sequence[Camera]], Finder]
+    ) -> DeviceView | None:
+        """See `Feature`."""
+        if (on := self._on(camera)) is None:
+            return None
+        finder = find((on[1].eye,))
+        return DeviceView(on[0], self._reason, finder, finder.find)
+
+    def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
+        """See `Feature`."""
+        if (on := self._on(camera)) is not None:
+            yield self._reason, on[0]._equip(self._word, None), task
+
+    def at_points(
+        self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
+    ) -> SeenAtPoints | None:
+        """See `Feature`."""
+        on = self._on(camera)
+        if on is None:
+            return None
+        return SeenAtPoints(mesh, on[0], on[1].eye, self._reason, points, face)
+
+    def device(
+        self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int
+    ) -> str | None:
+        """See `Feature`."""
+        return self._word if reason == self._reason and self._on(camera) else None
+
 
 FEATURES = (*hooks_of(Feature), *map(OfDevice, hooks_of(Device)))
 

@@ -1,6 +1,6 @@
 """Areas that cameras of a rig cover together, from what each of them covers.
 
-Cameras that count together, see `rastercov.core.camera.gate`, are on one side of the face, by the
+Cameras that count together, see `rastercov.core.camera.rule`, are on one side of the face, by the
 sign of their height over its plane. Results have a row for each pose of such a rig, and one for
 each pose of another camera: `rastercov.core.camera.rig.rows_of_result`.
 """

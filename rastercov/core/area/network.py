@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import BoolArray, ByName, ConfigError, FloatArray, is_one_of, shown
 from rastercov.base.format import area as area_text
-from rastercov.core.area.figures import DOUBTFUL
+from rastercov.core.area.feature import DOUBTFUL
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.regions import check_pointwise
 from rastercov.core.area.remedies import ANY, Allowed

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rastercov.base import once_each
-from rastercov.base.checks import MAX_IMAGE_SIDE
+from rastercov.base.arguments import MAX_IMAGE_SIDE
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 

@@ -20,12 +20,11 @@ from rastercov.base import BoolArray, ByName, FloatArray, IntArray
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import text_with_sign
 from rastercov.core.area.advice import figures_of_point, general_advice, short_of
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import MARGIN_REL
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import tasks_of
-from rastercov.core.area.stages import unite_regions
+from rastercov.core.area.stages import failures_of_rows, unite_regions
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.camera import (
     MODELS,

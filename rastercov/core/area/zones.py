@@ -35,7 +35,6 @@ from rastercov.base.format import text_with_sign
 from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import general_advice
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import deviations_of, device_of, limit_advice, measure_at
 from rastercov.core.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.core.area.remedies import ANY, Allowed, Remedies, ZoneSpot
@@ -46,6 +45,7 @@ from rastercov.core.area.stages import (
     ReasonPieces,
     any_in_front,
     divide_by_reason,
+    failures_of_rows,
     gains_of_views,
     passes,
     stages_of,

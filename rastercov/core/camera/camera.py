@@ -35,7 +35,7 @@ from rastercov.base import (
     shown,
     suffix_of,
 )
-from rastercov.base.checks import (
+from rastercov.base.arguments import (
     MAX_IMAGE_SIDE,
     coefficients_of,
     focal_length_px,

@@ -27,7 +27,7 @@ from rastercov.base import (
     read_toml,
     shown,
 )
-from rastercov.base.checks import is_number, pair, positive
+from rastercov.base.arguments import is_number, pair, positive
 from rastercov.core.camera.parallel import MODEL
 from rastercov.core.mesh.groups import list_names
 

@@ -31,7 +31,7 @@ from rastercov.base import (
     printable,
     shown,
 )
-from rastercov.base.checks import two
+from rastercov.base.arguments import two
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.models import MODELS, PROGRAMS, coefficients_by_name, lens_of_parameters
 from rastercov.core.camera.pose import DRIFT_TOLERANCE, Poses, inverse

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from rastercov.base import CameraError, shown
-from rastercov.base.checks import coefficients_of, number
+from rastercov.base.arguments import coefficients_of, number
 from rastercov.core.mesh.groups import list_names
 from rastercov.engine import solver_lens
 

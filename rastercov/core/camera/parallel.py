@@ -14,7 +14,7 @@ reference: camera parameters. 2024.
 """
 
 from rastercov.base import ByName, CameraError, ReadByName, shown
-from rastercov.base.checks import number, pair, positive
+from rastercov.base.arguments import number, pair, positive
 
 MODEL = "telecentric"
 MODELS = (MODEL, "telecentric_division")

@@ -38,17 +38,15 @@ from rastercov.base import (
     members,
     shown,
 )
-from rastercov.base.arguments import distinct
-from rastercov.base.checks import number, positive, two
+from rastercov.base.arguments import distinct, number, positive, two
 from rastercov.base.format import distance
 from rastercov.base.typed import typed
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.catalogue import head_of
 from rastercov.core.camera.equipment import Equipment, equipment_of, equipment_words, kind_of
-from rastercov.core.camera.gate import Gate
 from rastercov.core.camera.parallel import FAR
 from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.rule import All, Rule, compile_rule, rename_devices
+from rastercov.core.camera.rule import All, Gate, Rule, compile_rule, rename_devices
 from rastercov.core.camera.rule import Any as AnyOf
 from rastercov.core.mesh import Mesh
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import TINY, BoolArray, FloatArray, IntArray, plural
 from rastercov.base.format import coordinates, distance, in_decimals
-from rastercov.core.area.failures import first_failures
+from rastercov.core.area.stages import first_failures
 from rastercov.core.camera import (
     Camera,
     Cameras,

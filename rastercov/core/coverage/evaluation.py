@@ -42,8 +42,8 @@ from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased_features
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import is_long
-from rastercov.core.coverage.silhouettes import GroupViews, group_views
 from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.visibility import GroupViews, group_views
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import FaceCounts
 from rastercov.shards import Staff

@@ -6,7 +6,7 @@ show its back. Conservative: a false positive costs time, a false negative would
 of boxes finds the pairs, separating axes decide each; see `engine/solver/contacts.cpp`.
 
 The tree has the queries of all others that search a mesh, too: `coverage.line_of_sight` asks for
-segments that hit a triangle, `placement.candidates.clearance` for nearest points and winding
+segments that hit a triangle, `placement.candidates.rooms` for nearest points and winding
 numbers.
 """
 

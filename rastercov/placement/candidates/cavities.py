@@ -61,14 +61,6 @@ from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.solids import Winding, closed_parts, in_solid
 from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.engine import mesh_clearance
-from rastercov.placement.candidates.clearance import (
-    KeepOut,
-    KeepOutBox,
-    KeepOutSphere,
-    Place,
-    check_clearance,
-    filter_candidates,
-)
 from rastercov.placement.candidates.pool import (
     DEFAULT,
     Candidates,
@@ -77,6 +69,14 @@ from rastercov.placement.candidates.pool import (
     fit_vertices,
     roll_candidates,
     roll_frames,
+)
+from rastercov.placement.candidates.rooms import (
+    KeepOut,
+    KeepOutBox,
+    KeepOutSphere,
+    Place,
+    check_clearance,
+    filter_candidates,
 )
 from rastercov.shards import Progress, silent
 

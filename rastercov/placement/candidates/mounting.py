@@ -32,9 +32,8 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import unit
 from rastercov.core.mesh.groups import list_names
 from rastercov.core.mesh.solids import in_solid
-from rastercov.placement.candidates.clearance import NearestSurface, nearest_obstacle
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, roll_candidates
-from rastercov.placement.candidates.rooms import Room
+from rastercov.placement.candidates.rooms import NearestSurface, Room, nearest_obstacle
 
 Aim = Callable[[Mesh, FloatArray], FloatArray]
 """Rule of aim: from a mesh and (N, 3) camera centres, (N, 3) targets, metres."""

@@ -24,8 +24,8 @@ from rastercov.base import (
     frozen_record,
 )
 from rastercov.core.area.cells import Cells
-from rastercov.core.area.failures import CentrePass
 from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.stages import CentrePass
 from rastercov.core.camera import Poses, eyes_of, led_by, renumber, rows_of_result
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.network import least_cosine

@@ -15,7 +15,8 @@ from rastercov.base.typed import check_fields
 from rastercov.core.camera import look_at, valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
-from rastercov.placement.candidates.clearance import (
+from rastercov.placement.candidates.pool import check_stand_off, check_up, turns_about_z
+from rastercov.placement.candidates.rooms import (
     KeepOut,
     NearestSurface,
     Place,
@@ -23,7 +24,6 @@ from rastercov.placement.candidates.clearance import (
     nearest_obstacle,
     place_of,
 )
-from rastercov.placement.candidates.pool import check_stand_off, check_up, turns_about_z
 
 POSITION_TOLERANCE_REL = 1e-9
 """Position tolerance relative to the mesh's diagonal, for cameras on the border of a box."""

@@ -31,11 +31,11 @@ from rastercov.base import (
     parse_json,
     plural,
 )
-from rastercov.base.checks import is_number, share_meant
-from rastercov.core.area.failures import failures_of_rows
+from rastercov.base.arguments import is_number, share_meant
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
 from rastercov.core.camera import Cameras, Poses, Rig, Views, gates_of, names_of_poses, renumber

@@ -36,7 +36,7 @@ from rastercov.base import (
     shown,
     suffix_of,
 )
-from rastercov.base.checks import share_meant
+from rastercov.base.arguments import share_meant
 from rastercov.core.area.network import unit_of_result
 from rastercov.core.camera import Camera, Poses, Rig, is_joint
 from rastercov.core.camera.equipment import Equipment

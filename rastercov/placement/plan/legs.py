@@ -17,7 +17,7 @@ from rastercov.base import FloatArray, IntArray, frozen_record
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.engine import mesh_clearance
-from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
+from rastercov.placement.candidates.rooms import KeepOutBox, KeepOutSphere
 from rastercov.placement.improve.tour import tour
 
 LEAST_CLEARANCE = 1.0

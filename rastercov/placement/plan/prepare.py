@@ -35,10 +35,10 @@ from rastercov.base.format import distance
 from rastercov.base.locks import lock
 from rastercov.base.output import is_own_folder, own_place
 from rastercov.core.area.cells import Cells, cells, usual_size
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.area.zones import areas_by_reason, dead_zones
 from rastercov.core.camera import Poses, Rig, gates_of, renumber, unit_warnings
@@ -56,7 +56,6 @@ from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import Pairs, describe, read_header
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.carrier import Carrier, carrier_of
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
@@ -69,7 +68,7 @@ from rastercov.placement.plan.goals import (
     without_candidates,
 )
 from rastercov.placement.plan.network import OF, counting, goal_of, most_views
-from rastercov.placement.plan.phases import PlanPhases
+from rastercov.placement.plan.phases import Carrier, PlanPhases, carrier_of
 from rastercov.placement.plan.scene import (
     CandidatePool,
     candidate_pool,

@@ -41,7 +41,6 @@ from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
 from rastercov.placement.improve.search import Optimised, optimise
-from rastercov.placement.plan.carrier import CarriedPoses, Carrier, carriers
 from rastercov.placement.plan.check import plan_of_cameras
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
@@ -70,7 +69,7 @@ from rastercov.placement.plan.network import (
     whole_faces,
     with_areas,
 )
-from rastercov.placement.plan.phases import phases_of
+from rastercov.placement.plan.phases import CarriedPoses, Carrier, carriers, phases_of
 from rastercov.placement.plan.prepare import (
     Clock,
     PlanJob,
@@ -85,8 +84,7 @@ from rastercov.placement.plan.prepare import (
 from rastercov.placement.plan.product import Product
 from rastercov.placement.plan.scene import CandidatePool, name_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
-from rastercov.placement.plan.shortfall import area_of_all, shortfall, ways
-from rastercov.placement.plan.withheld import views_for_zones
+from rastercov.placement.plan.shortfall import area_of_all, shortfall, views_for_zones, ways
 from rastercov.placement.select.integer import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
 from rastercov.placement.uncovered import Leftover

@@ -38,23 +38,24 @@ from rastercov.core.mesh.targets import (
     with_target,
 )
 from rastercov.placement.candidates import mounting
-from rastercov.placement.candidates.clearance import (
+from rastercov.placement.candidates.pool import Candidates, Framing
+from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
+from rastercov.placement.candidates.rooms import (
     KeepOutBox,
     KeepOutSphere,
     Place,
+    around_faces,
+    between_heights,
+    clip_sheet,
     nearest_obstacle,
 )
-from rastercov.placement.candidates.pool import Candidates, Framing
-from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
-from rastercov.placement.candidates.rooms import around_faces, between_heights, clip_sheet
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.carrier import carriers
 from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, moving_bodies
 from rastercov.placement.plan.generator import Framed, Generator, GeneratorScene
 from rastercov.placement.plan.generators import PerCavity, PerSegment
-from rastercov.placement.plan.phases import hooks
+from rastercov.placement.plan.phases import carriers, hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)

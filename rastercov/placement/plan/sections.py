@@ -43,8 +43,7 @@ from rastercov.core.mesh.files import METRES, metres_per
 from rastercov.core.mesh.shapes import NAMES
 from rastercov.formats.cameras import read_views
 from rastercov.formats.meshes import READERS
-from rastercov.placement.candidates.clearance import KeepOutBox, KeepOutSphere
-from rastercov.placement.candidates.rooms import Room, space_of_name
+from rastercov.placement.candidates.rooms import KeepOutBox, KeepOutSphere, Room, space_of_name
 from rastercov.placement.improve.refine import BUDGET
 from rastercov.placement.plan.candidate_entry import CandidateEntry
 from rastercov.placement.plan.entries import (

@@ -5,6 +5,8 @@
 Changes are cameras with more pixels, another focal length, weaker thresholds, and candidates at
 places that a plan leaves out. They are estimated on points of the surface. One is said to reach the
 goal only where the exact area that all candidates cover with it does.
+
+Rejected views that would cover dead zones of a placement, with the reasons.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,26 +19,30 @@ import numpy as np
 from rastercov.advice.headline import advice_line, gain_in_area
 from rastercov.base import ByName, first_of, percent, plural
 from rastercov.base.format import area, coordinates
-from rastercov.core.area.failures import failures_of_rows
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import even_points
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed, longer
 from rastercov.core.area.rows import with_rule
+from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.zones import (
     LEAST_PERCENT,
+    MOST_LINES,
     DeadZones,
     areas_by_reason,
+    points_of,
     summary_of,
     zone_line,
 )
-from rastercov.core.camera import Camera, Poses, Rig, look_at, rows_of_result
+from rastercov.core.camera import Camera, Poses, Rig, led_by, look_at, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
 from rastercov.core.coverage.required import FAILS, HOLDS
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
+from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.network import (
     AreaRequirement,
     classify_areas,
@@ -307,3 +313,48 @@ def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> 
         if line := _line(prepared, shortfall, shortfall.areas, words):
             return [line]
     return []
+
+
+MOST_VIEWS = 256
+"""Views that are examined, evenly spread over all."""
+POINTS = 32
+"""Of each zone."""
+ENOUGH = 0.5
+"""Share of a zone that a view covers, or more."""
+
+
+def views_for_zones(
+    mounts: Mounts, task: Task, zones: DeadZones, refusals: tuple[Refusal, ...]
+) -> list[list[Refusal]]:
+    """Views that would cover half of each of the first zones, or more."""
+    n, mesh = min(zones.listed(), MOST_LINES), zones.mesh
+    some = np.unique(np.linspace(0, len(refusals) - 1, MOST_VIEWS).astype(np.int64))
+    result: list[list[Refusal]] = [[] for _ in range(n)]
+    if not n or not refusals:
+        return result
+    chosen = [refusals[row] for row in some.tolist()]
+    camera = np.array([each.camera for each in chosen], np.int32)
+    poses, owner = mounts.cameras(Poses.of(np.array([e.pose for e in chosen]), camera=camera))
+    points, piece = points_of(zones, n, POINTS)
+    zone, face = zones.zone[piece], zones.face[piece].astype(np.int64)
+    covers = np.zeros((len(chosen), len(points)), np.bool_)
+    judged = failures_of_rows(mesh, mounts.rig, task, poses, points, face)
+    for row, (_, reason, _) in zip(owner[led_by(mounts.rig, poses)], judged, strict=True):
+        covers[row] |= reason == Reason.COVERED
+    for row in range(n):
+        of_zone = covers[:, zone == row]
+        result[row] = [chosen[at] for at in np.flatnonzero(of_zone.mean(axis=1) >= ENOUGH)]
+    return result
+
+
+def entries_of(views: list[Refusal]) -> ByName:
+    """Views of a zone by their reasons, ready for JSON."""
+    return {"refused": by_words(views)} if views else {}
+
+
+def line_of(views: list[Refusal], zone: str) -> list[str]:
+    """Sentence on the views of a zone, none where there are no views."""
+    if not views:
+        return []
+    rejected = f"{plural(len(views), 'rejected candidate')} would cover at least half of it"
+    return [f"{zone}: {rejected} ({in_words(views)})"]

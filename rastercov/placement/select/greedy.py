@@ -1,6 +1,7 @@
 """Greedy selection by marginal gains, then local search by swaps and by removal and repair.
 
-Covers of every face by cameras of equal cost are searched by weights of faces, see `weighting`.
+Covers of every face by cameras of equal cost are searched by weights of faces, see
+`search_by_weights`.
 
 The gains of all candidates are updated incrementally, see `engine/placement/selection.cpp`, which
 makes lazy evaluation unnecessary where their lists fit into the memory. Where one view per face is
@@ -11,8 +12,11 @@ G. L. Nemhauser, L. A. Wolsey, M. L. Fisher. An analysis of approximations for m
 submodular set functions. 1978.
 L. A. Wolsey. An analysis of the greedy algorithm for the submodular set covering problem. 1982.
 R. Ruiz, T. Stützle. A simple and effective iterated greedy algorithm. 2007.
+C. Gao, X. Yao, T. Weise, J. Li. An efficient local search heuristic with row weighting for the
+unicost set covering problem. 2015.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -22,7 +26,7 @@ import numpy as np
 
 from rastercov.base import ConfigError, check_seed
 from rastercov.base.typed import typed
-from rastercov.placement.select import weighting
+from rastercov.engine import placement_weighting as kernels
 from rastercov.placement.select.bounds import (
     MOST_CORE_PAIRS,
     NEVER,
@@ -148,9 +152,9 @@ def improve(
     best = set(state.chosen)
     state.work = 0
     with suppress(TimeUpError):
-        if weighting.is_for(state):
+        if has_equal_cameras(state):
             steps = STEPS_A_KICK * MOST_KICKS
-            fewer = weighting.fewer(state, bound, steps, effort, seed, deadline)
+            fewer = search_by_weights(state, bound, steps, effort, seed, deadline)
         else:
             fewer = _kick(state, bound, effort, seed, deadline)
         for better in fewer:
@@ -268,3 +272,53 @@ def _prune(state: Cover, deadline: Deadline = NEVER) -> None:
         state.remove(camera)
         if not state.is_met:
             state.add(camera)
+
+
+STEPS_AT_ONCE = 1000
+"""Steps between two checks of the clock: 20 ms."""
+
+
+def has_equal_cameras(state: CoverState) -> bool:
+    """True for a cover of all faces that counts single cameras, each at the same cost."""
+    reduced = state.reduced
+    if isinstance(state.goal, BestCoverage) or not state.chosen:
+        return False
+    if reduced.is_spread or reduced.problem.has_rigs or np.ptp(reduced.costs) > 0:
+        return False
+    return bool((state.count >= reduced.views)[reduced.integer_weights > 0].all()) and (
+        max(reduced.least_total, int(reduced.least.sum())) >= int(reduced.integer_weights.sum())
+    )
+
+
+def search_by_weights(
+    state: CoverState, bound: float, steps: int, effort: int, seed: int, deadline: Deadline
+) -> Iterator[set[int]]:
+    """Covers of a search, each of fewer cameras than the one before.
+
+    Parameters
+    ----------
+    state : CoverState
+        Of a problem that `has_equal_cameras` accepts.
+    bound : float
+        Least cost that any cover has; the search ends there.
+    steps, effort : int
+        Most steps and elementary updates.
+    """
+    reduced, rng = state.reduced, np.random.default_rng(seed)
+    views = np.where(reduced.integer_weights > 0, reduced.views, 0).astype(np.int32)
+    lists = (reduced.camera_indptr, reduced.face, reduced.starts, reduced.covering, views)
+    is_chosen = np.zeros(reduced.n_candidates, np.uint8)
+    is_chosen[list(state.chosen)] = 1
+    changed, best = np.zeros(len(is_chosen), np.int64), is_chosen.copy()
+    weight, last = np.ones(len(views), np.int64), np.array([0, -1])
+    sought = (is_chosen, weight, changed, np.zeros_like(is_chosen), last)
+    enough = math.ceil(bound * (1 - PROVED) / max(float(reduced.costs[0]), 1e-300))
+    n_best, work = len(state.chosen), 0
+    while n_best > enough and last[0] < steps and work < effort:
+        deadline.check()
+        n = min(STEPS_AT_ONCE, steps - int(last[0]))
+        numbers = rng.integers(0, 1 << 32, n, np.uint32)
+        work += kernels.fewer_cameras(lists, reduced.rank, numbers, enough, sought, best)
+        if best.sum() < n_best:
+            n_best = int(best.sum())
+            yield set(np.flatnonzero(best).tolist())

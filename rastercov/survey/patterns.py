@@ -9,22 +9,30 @@ for the half angles of the image and the height H above the ground. A view tilte
 trapezoid, whose width grows with its distance D from the camera, from n = cos(down)/cos(t - down)
 to f = cos(down)/cos(t + down) times H. Neighbours in a strip then share the part from n on up to
 D = sqrt(n^2 + front (f^2 - n^2)), where that makes the step smaller.
+
+Before a facade: rows of a grid parallel to it; around a point: circles. In the order
+of flight, too.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import ConfigError, FloatArray, finite_number, finite_points, shown
+from rastercov.base import ConfigError, FloatArray, finite_number, finite_points, members, shown
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.camera import Camera, look_at
 from rastercov.core.camera.viewpoints import half_angles
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.groups import names_of_groups
+from rastercov.core.mesh.mesh import faces_of_groups, names_of
 from rastercov.placement.candidates.ground import heights_at, outline
 from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, roll_candidates
+from rastercov.placement.candidates.refusals import Refusal
 
 if TYPE_CHECKING:
     from shapely import Polygon
@@ -272,3 +280,231 @@ def _lattice(area: "Polygon", axes: FloatArray, steps: FloatArray) -> FloatArray
         y = y if len(values) % 2 == 0 else y[::-1]
         values.append(np.column_stack((np.full(len(y), x), y)))
     return np.concatenate(values) @ axes
+
+
+LEAST_UPRIGHT = 0.1
+"""Least length of the mean normal of a facade on the plan."""
+
+
+@typed
+def facade(
+    mesh: Mesh,
+    camera: Camera,
+    framing: Framing = DEFAULT,
+    *,
+    distance: float | None = None,
+    gsd: float | None = None,
+    front: float = 0.8,
+    side: float = 0.6,
+    groups: Sequence[str] = (),
+) -> Candidates:
+    """Level views perpendicular to a facade, in rows of a grid before the plane of the facade.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene; z is up.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Only its rolls apply.
+    distance : float, optional
+        Distance from the part of the facade that protrudes most, metres; give this or `gsd`.
+    gsd : float, optional
+        Ground sampling distance there, on the optical axis, metres per pixel.
+    front, side : float
+        Overlap of neighbours in a row, and of neighbouring rows, as shares, [0, 1).
+    groups : sequence of str
+        Groups of the facade; all evaluated faces by default.
+
+    Returns
+    -------
+    Candidates
+        Row by row from the lowest, back and forth; `index` counts them. None is below the ground:
+        see `above_ground`.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range, and for faces whose mean normal is not to one side.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import facade
+    >>> wall = rc.Mesh([(0, 0, 0), (10, 0, 0), (10, 0, 6), (0, 0, 6)], [(0, 1, 2), (0, 2, 3)])
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> result = facade(wall, camera, distance=8)
+    >>> len(result), result.sources
+    (28, ('facade',))
+    """
+    check_overlap(front=front, side=side)
+    away = distance_for(camera, distance, gsd, "distance")
+    chosen = mesh.task_mask
+    if names := members("groups", groups, str, "names of groups", ConfigError):
+        wanted = names_of_groups("groups", names, names_of(mesh)) or set()
+        chosen = faces_of_groups(mesh, wanted)
+    normal = (mesh.areas[chosen, None] * mesh.normals[chosen])[:, :2].sum(axis=0)
+    length = float(np.linalg.norm(normal))
+    if not length > LEAST_UPRIGHT * float(mesh.areas[chosen].sum()):
+        raise ConfigError(
+            "expected faces of one side of a building, got some of all sides; name their groups"
+        )
+    outward = np.append(normal / length, 0.0)
+    right = np.array((-outward[1], outward[0], 0.0))  # for who looks at it
+    used = mesh.vertices[np.unique(mesh.faces[chosen])]
+    across, down = image_sides(camera, framing)
+    reach = growth(camera, away)
+    u, v = used @ right, used[:, 2]
+    columns = _places(u.min(), u.max(), (1 - front) * across * reach)
+    rows = _places(v.min(), v.max(), (1 - side) * down * reach)
+    check_count(len(columns) * len(rows))
+    grid = [
+        np.column_stack((columns[:: 1 - row % 2 * 2], np.full(len(columns), level)))
+        for row, level in enumerate(rows.tolist())
+    ]
+    places = np.concatenate(grid)
+    depth = float((used @ outward).max()) + away
+    eyes = places[:, :1] * right + depth * outward + places[:, 1:] * np.array((0.0, 0.0, 1.0))
+    poses = look_at(eyes, eyes - outward * away)
+    return above_ground(mesh, roll_candidates(poses, "facade", np.arange(len(poses)), framing))
+
+
+def above_ground(mesh: Mesh, candidates: Candidates, clearance: float = 0.0) -> Candidates:
+    """Level views raised to a clearance, metres, above the ground below them.
+
+    The ground is the lowest surface there, or the lowest level of the mesh beside it. Of views that
+    are raised to the same place, the first stays; the others are refused.
+    """
+    ground = heights_at(mesh, candidates.poses[:, :2, 3], is_lowest=True)
+    ground = np.where(np.isnan(ground), mesh.bounds[0, 2], ground)
+    poses = candidates.poses.copy()
+    poses[:, 2, 3] = np.maximum(poses[:, 2, 3], ground + clearance)
+    kept = np.sort(np.unique(poses, axis=0, return_index=True)[1])
+    left_out = candidates.take(np.setdiff1d(np.arange(len(candidates)), kept))
+    refused = (
+        Refusal(pose, name, "below_ground", "below the ground")
+        for pose, name in zip(left_out.poses, left_out.source.tolist(), strict=True)
+    )
+    return replace(
+        candidates.take(kept), poses=frozen(poses[kept]), refused=(*candidates.refused, *refused)
+    )
+
+
+def _places(low: float, high: float, step: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Places at equal steps, the first and the last at the ends or beyond."""
+    span = high - low
+    count = np.ceil(span / step * (1 - 1e-12)) + 1 if step > span / 1e12 else np.inf
+    check_count(count)
+    return (low + high) / 2 + (np.arange(int(count)) - (count - 1) / 2) * step
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circles:
+    """Circles around a vertical axis, for `orbit`.
+
+    Attributes
+    ----------
+    radius : float
+        Radius of the circles, metres.
+    heights : float or sequence of float
+        z of each circle, metres, in the order of flight.
+    centre : (3,) array_like, optional
+        Point that the cameras look at, through which the axis runs, metres; the middle of the
+        bounding box by default.
+    tilt_deg : float, optional
+        Tilt of all views below the horizontal, degrees, (-90, 90); by default they look at the
+        centre.
+    front : float
+        Overlap of neighbours on a circle, measured at the axis, as a share, [0, 1); it has no
+        effect with `count`.
+    count : int, optional
+        Number of images of a circle.
+
+    Raises
+    ------
+    ConfigError
+        For a value outside its range.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Circles
+    >>> rings = Circles(radius=5, heights=[1, 3], count=12)
+    >>> rings.radius, rings.count
+    (5, 12)
+    """
+
+    radius: float
+    heights: float | Sequence[float]
+    centre: ArrayLike | None = None
+    tilt_deg: float | None = None
+    front: float = 0.8
+    count: int | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_overlap(front=self.front)
+        if not 0 < self.radius < np.inf:
+            raise ConfigError(f"expected radius above 0 m, got {self.radius:g}; correct it")
+        if self.tilt_deg is not None and not abs(self.tilt_deg) < 90:
+            raise ConfigError(f"expected tilt_deg within 90, got {self.tilt_deg:g}; 0 is level")
+        if self.count is not None and self.count < 1:
+            raise ConfigError(f"expected count of 1 or more, got {self.count}; increase it")
+        finite_points("heights", np.atleast_1d(self.heights), (-1,), "finite numbers")
+        if self.centre is not None:
+            finite_points("centre", self.centre, (3,), "three finite numbers")
+
+
+@typed
+def orbit(
+    mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, circles: Circles
+) -> Candidates:
+    """Views inwards from circles around a vertical axis.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene; z is up.
+    camera : Camera
+        Camera to place.
+    framing : Framing, optional
+        Only its rolls apply.
+    circles : Circles
+        The circles.
+
+    Returns
+    -------
+    Candidates
+        Circle by circle, alternately counter-clockwise and clockwise seen from above; `index`
+        counts them.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> from rastercov.placement import Circles, orbit
+    >>> mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    >>> poses = orbit(mesh, camera, circles=Circles(radius=5, heights=[1, 3], count=12))
+    >>> len(poses), poses.sources
+    (24, ('orbit',))
+    """
+    radius, tilt_deg = circles.radius, circles.tilt_deg
+    levels = np.atleast_1d(np.asarray(circles.heights, np.float64))
+    middle = mesh.centre
+    if circles.centre is not None:
+        middle = np.asarray(circles.centre, np.float64)
+    width, _ = image_sides(camera, framing)
+    step = (1 - circles.front) * width * (growth(camera, radius) / radius)
+    number = np.ceil(2 * np.pi / step * (1 - 1e-12)) if circles.count is None else circles.count
+    check_count(number * len(levels))
+    angles = 2 * np.pi * np.arange(int(number)) / number
+    eyes, targets = [], []
+    for row, level in enumerate(levels.tolist()):
+        turn = angles if row % 2 == 0 else angles[::-1]
+        outward = np.stack((np.cos(turn), np.sin(turn), np.zeros(len(turn))), axis=1)
+        own = middle * (1, 1, 0) + radius * outward + (0, 0, level)
+        eyes.append(own)
+        drop = middle[2] - level if tilt_deg is None else -radius * np.tan(np.radians(tilt_deg))
+        targets.append(own - radius * outward + np.array((0, 0, drop)))
+    poses = look_at(np.concatenate(eyes), np.concatenate(targets))
+    return roll_candidates(poses, "orbit", np.arange(len(poses)), framing)
