@@ -1,5 +1,7 @@
 """Applies samples of additions to a copy of the package, and runs their checks: samples.py ROOT.
 
+One with `is_alone` has a copy and a process of its own, samples.py ROOT NAME.
+
 The folder of a sample has `sample.toml`: `row`, the start of the row of CONTRIBUTING.md that it
 follows; `[files]`, new files by their path; `[[edits]]`, texts that replace others. Its `check.py`
 has `check(command, folder)`: `command` runs a line of the program and returns what it printed.
@@ -10,6 +12,7 @@ import io
 import os
 import shlex
 import shutil
+import subprocess
 import sys
 import tempfile
 import tomllib
@@ -100,19 +103,23 @@ def command(line):
     return text.getvalue()
 
 
-def main(root):
-    """Apply all samples in a copy, import it here, run the checks, remove the samples."""
+def main(root, own_name=""):
+    """Apply samples in a copy, import it here, run the checks, remove the samples."""
+    alone = [each for each in names() if entries_of(each).get("is_alone")]
+    chosen = [own_name] if own_name else [each for each in names() if each not in alone]
+    for each in alone if not own_name else ():
+        subprocess.run([sys.executable, __file__, str(root), each], check=True)
     folder = Path(tempfile.mkdtemp(dir=Path.cwd()))
     copy(root, folder)
     before = contents(folder)
-    removals = [add(folder, name) for name in names()]
+    removals = [add(folder, name) for name in chosen]
     sys.meta_path[:] = [each for each in sys.meta_path if "Editable" not in type(each).__name__]
     sys.meta_path[:] = [each for each in sys.meta_path if "Redirecting" not in type(each).__name__]
     sys.path.insert(0, str(folder))
     import rastercov
 
     assert Path(rastercov.__file__).is_relative_to(folder), rastercov.__file__
-    for name in names():
+    for name in chosen:
         spec = importlib.util.spec_from_file_location(f"check_{name}", SAMPLES / name / "check.py")
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -125,11 +132,11 @@ def main(root):
             raise AssertionError(f"sample {name}") from error
         finally:
             os.chdir(own.parent)
-        print(f"checked {name}")
+        print(f"checked {name}", flush=True)
     for remove in reversed(removals):
         remove()
     assert contents(folder) == before
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *sys.argv[2:])
