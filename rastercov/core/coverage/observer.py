@@ -22,8 +22,8 @@ from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.face_pass import Measured
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.bits import Criteria, Judged
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
-from rastercov.core.raster.judged import Criteria, Judged
 from rastercov.core.raster.observation import Observation
 from rastercov.core.raster.several import Rasterizers
 
@@ -127,14 +127,16 @@ class SampledObserver(Observer):
         """The counts of samples themselves."""
         return self._rasterizers.count(self._accept(poses))
 
-    def judge(self, poses: ArrayLike | Poses, criteria: Sequence[Criteria]) -> Judged | str:
-        """Faces that poses cover, judged where they are counted, or the reason why not.
+    def why_not_judged(self, poses: Poses, criteria: Sequence[Criteria]) -> str:
+        """Reason why the host has to judge what is counted; "" if `judge` can."""
+        return self._rasterizers.why_not_judged(poses, criteria)
 
-        Then `measure` and `FacePass`, whose `criteria` these are, give the same bits.
+    def judge(self, poses: ArrayLike | Poses, criteria: Sequence[Criteria]) -> Judged:
+        """Faces that poses cover, judged where they are counted.
+
+        `measure` and `FacePass`, whose `criteria` these are, give the same bits.
         """
-        accepted = self._accept(poses, n_bytes=1 / 8)
-        why = self._rasterizers.why_not_judged(accepted, criteria)
-        return why or self._rasterizers.judge(accepted, criteria)
+        return self._rasterizers.judge(self._accept(poses, n_bytes=1 / 8), criteria)
 
     def close(self) -> None:
         """Release the memory."""

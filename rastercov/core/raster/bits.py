@@ -5,6 +5,7 @@ their order: any device and any number of threads gives the same bits.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Self
 
@@ -101,9 +102,8 @@ class CoverageBits(InOneLine):
         areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)
         return cls.of(mesh, room_for_bits(n_poses, mesh.n_faces), areas, views)
 
-    def add(self, batch: "CoverageBits", first: int) -> None:
-        """Put the bits of a batch in the rows from `first` on, and add its views."""
-        rows = slice(first, first + len(batch.packed))
+    def add(self, batch: "CoverageBits", rows: slice | IntArray) -> None:
+        """Put the bits of a batch in some rows, and add its views."""
         self.packed[rows], self.area_units[rows] = batch.packed, batch.area_units
         self.views[:] += batch.views
 
@@ -122,3 +122,23 @@ class CoverageBits(InOneLine):
         return np.unpackbits(octets, axis=1, count=len(self.views), bitorder="little").view(
             np.bool_
         )
+
+
+Judged = tuple[CoverageBits, BoolArray]
+"""Faces that each pose covers by `Rasterizer._judge`, and `FaceCounts.clipped`."""
+
+
+@frozen_record
+class Criteria:
+    """Thresholds, and facts of faces, by which a pose covers a face that was counted.
+
+    Attributes
+    ----------
+    rules : mapping of str to float
+        Thresholds of a task for a camera: `Rules` of `rastercov.core.coverage.task`, by name.
+    may_be_covered : (F,) bool
+        Faces that meet the criteria of the surface itself.
+    """
+
+    rules: Mapping[str, float]
+    may_be_covered: BoolArray
