@@ -54,7 +54,7 @@ from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.matrix_folder import Pairs, describe, read_header
+from rastercov.placement.matrix_folder import MatrixFolder, can_pack, describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.carrier import Carrier, carrier_of
 from rastercov.placement.plan.entries import no_limit
@@ -400,11 +400,13 @@ class _Measuring:
     ) -> tuple[VisibilityMatrix, Problem]:
         """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
+        bits = can_pack(observer, poses, task, job.cells, mounts)
         options: ByName = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
+        options["bits"] = bits
         with ExitStack() as step:
             options["progress"] = step.enter_context(job.clock(name))
             if job.folder is not None:
-                described = describe(observer, poses, task, None, job.cells, mounts)
+                described = describe(observer, poses, task, None, job.cells, mounts, bits)
                 header = json.dumps(described, sort_keys=True)
                 self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
                 step.enter_context(name_file(self.used[-1]))
@@ -559,7 +561,7 @@ def is_large(plan: Plan, matrix: VisibilityMatrix) -> bool:
         *(["selection.method integer"] if is_integer else []),
         *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
     ]
-    if matrix.n_pairs <= MOST_LISTED_PAIRS or isinstance(matrix.parts[0], Pairs):
+    if matrix.n_pairs <= MOST_LISTED_PAIRS or not isinstance(matrix.parts[0], MatrixFolder):
         return False
     if reasons:
         what = f"{matrix.n_pairs:,} pairs, which {' and '.join(reasons)} need in the memory,"
