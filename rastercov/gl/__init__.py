@@ -51,6 +51,12 @@ class _Drawer(Drawer):
         drawn: Rasterizer = __getattr__("GLRasterizer")(mesh, camera, **options)
         return drawn
 
+    def find_gpu(self) -> str:
+        """See `rastercov.gl.diagnose`."""
+        from rastercov.gl.diagnose import find_gpu
+
+        return find_gpu()
+
     def examine(self) -> ByName:
         """See `rastercov.gl.diagnose`."""
         from rastercov.gl.diagnose import examine

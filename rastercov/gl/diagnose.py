@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from typing import get_args
 
 import numpy as np
@@ -108,6 +108,15 @@ def _examine_device(device: DeviceInfo, timeout_s: float) -> Report:
     row["context"] = answer["context"]
     answer = ask(verify_device, device.label, timeout_s)
     return row | {"self_test": answer.get("problem", PASSED)}
+
+
+@cache
+def find_gpu() -> str:
+    """Label of the first hardware device that passes its self-test; "" without one."""
+    for device in list_devices():
+        if not device.is_software and ask(verify_device, device.label, 30.0) == {}:
+            return device.label
+    return ""
 
 
 def _availability(kind: DeviceKind, reports: list[Report]) -> str:

@@ -130,3 +130,84 @@ def test_a_run_says_once_why_the_host_judges_what_a_device_counts(judged, monkey
     check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
     assert not judged
     assert not caplog.messages
+
+
+# --- the device that is taken, and one that fails -------------------------------------------------
+
+
+@pytest.fixture
+def gpu(monkeypatch):
+    """The device of the tests takes the place of a GPU that passed its self-test."""
+    asked = []
+    hooks = type("Hooks", (), {"find_gpu": lambda self: asked.append(1) or DEVICE})()
+    monkeypatch.setattr(bits_alone, "drawer", lambda: hooks)
+    monkeypatch.setattr(bits_alone, "LEAST_PAIRS", len(POSES) * MESH.n_faces)
+    return asked
+
+
+def test_auto_takes_a_gpu_for_large_runs_and_says_so(judged, gpu, caplog):
+    with caplog.at_level(logging.WARNING, "rastercov"):
+        ours = evaluate(MESH, CAMERA, POSES, TASK, "auto", fields=("covered",))
+    assert caplog.messages == [f"device auto is {DEVICE}, for a run of 23 poses"]
+    assert sum(judged) == len(POSES)
+    assert ours.info.backend == "gl"
+    check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
+
+
+LENS = rc.Camera(width=80, height=60, fx=60, fy=60, model="opencv", distortion=[-0.1, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("device", "n", "camera", "fields"),
+    [
+        ("auto", -1, CAMERA, ("covered",)),  # one pose too few
+        ("cpu", None, CAMERA, ("covered",)),
+        ("auto", None, CAMERA, ("reason",)),
+        ("auto", None, CAMERA, ()),
+        ("auto", None, LENS, ("covered",)),
+    ],
+)
+def test_auto_is_the_cpu_where_a_gpu_is_of_no_use(judged, gpu, device, n, camera, fields):
+    result = evaluate(MESH, camera, POSES[:n], TASK, device, fields=fields)
+    assert result.info.backend == "cpu"
+    assert not gpu
+    assert not judged
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_the_cpu_continues_where_a_device_fails(judged, monkeypatch, caplog, after):
+    monkeypatch.setattr(bits_alone, "batch_size", lambda n_faces, threads: 4)
+    noted = GLRasterizer._judge
+
+    def lost(self, poses, criteria):
+        if len(judged) == after:
+            raise rc.DeviceError("expected a working device, got a lost one; open another")
+        return noted(self, poses, criteria)
+
+    monkeypatch.setattr(GLRasterizer, "_judge", lost)
+    with caplog.at_level(logging.WARNING, "rastercov"):
+        ours = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
+    (line,) = caplog.messages
+    assert line.startswith("the CPU continues in place of a device: expected a working device")
+    assert len(judged) == after
+    theirs = evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",))
+    check_same(ours, theirs)
+    assert ours.network.summary() == theirs.network.summary()
+
+
+@pytest.mark.parametrize("room", [1, 5, 23])
+def test_batches_shrink_to_the_memory_that_is_there(judged, monkeypatch, room):
+    noted = GLRasterizer._judge
+
+    def short(self, poses, criteria):
+        if len(poses) > room:
+            raise rc.ResourceError("expected memory, got none")
+        return noted(self, poses, criteria)
+
+    monkeypatch.setattr(GLRasterizer, "_judge", short)
+    ours = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
+    assert max(judged) <= room
+    check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
+    room = 0
+    with pytest.raises(rc.ResourceError, match="expected memory, got none"):
+        evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))

@@ -22,7 +22,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of
-from rastercov.core.coverage.bits_alone import can_judge
+from rastercov.core.coverage.bits_alone import can_judge, engine_for
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
@@ -269,7 +269,10 @@ def answer(
         Processes that measure.
     """
     camera, poses, task = query.camera, query.poses, query.task
-    wanted = Wanted(query.engine, query.by_area, pairs)
+    engine = query.engine
+    if [*fields] == [COVERED] and pairs == "none":
+        engine = engine_for(engine, query.mesh, camera, task, len(poses))
+    wanted = Wanted(engine, query.by_area, pairs)
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
         sums = QuerySums(query, observer, fields, wanted)

@@ -42,9 +42,10 @@ from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.area.zones import areas_by_reason, dead_zones
 from rastercov.core.camera import Poses, Rig, gates_of, renumber, unit_warnings
+from rastercov.core.coverage.bits_alone import engine_for
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.densities import density_text
-from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.coverage.shard_inputs import INPUTS
 from rastercov.core.coverage.task import Task
@@ -400,10 +401,15 @@ class _Measuring:
     ) -> tuple[VisibilityMatrix, Problem]:
         """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
-        bits = can_pack(observer, poses, task, job.cells, mounts)
         options: ByName = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
-        options["bits"] = bits
+        asked = job.plan.engine
         with ExitStack() as step:
+            engine, scene = asked, (observer.mesh, observer.camera)
+            if not mounts.has_rigs:
+                engine = engine_for(asked, *scene, task, len(poses))
+            if engine != asked:
+                observer = step.enter_context(open_observer(*scene, engine))
+            options["bits"] = bits = can_pack(observer, poses, task, job.cells, mounts)
             options["progress"] = step.enter_context(job.clock(name))
             if job.folder is not None:
                 described = describe(observer, poses, task, None, job.cells, mounts, bits)
