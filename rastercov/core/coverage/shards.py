@@ -329,7 +329,7 @@ def _measure_poses(
     """Arrays of a shard of some poses; `did` is called with the poses that are done."""
     network, batches = wanted.network(observer.mesh, task), []
     for batch in network.judge(observer, poses, **wanted.kept):
-        batches.append(batch)
+        batches.append(replace(batch, measured=None))  # which is large
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _join_batches(poses, batches)
     if wanted.by_area:

@@ -7,6 +7,7 @@ their order: any device and any number of threads gives the same bits.
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -15,11 +16,14 @@ from rastercov.base import (
     TINY,
     BoolArray,
     ByteArray,
+    ConfigError,
     FloatArray,
     InOneLine,
     IntArray,
+    StrPath,
     frozen_record,
     once_each,
+    read_json,
     read_only,
 )
 from rastercov.core.mesh import Mesh
@@ -28,6 +32,8 @@ COVERED = "covered"
 """Name of the bits among the fields of `evaluate`."""
 UNITS = 1 << 44
 """Units of area in the evaluated area of a mesh."""
+PACKED, AREAS, VIEWS, HEADER = "packed.npy", "area_units.npy", "views.npy", "bits.json"
+"""Files of a folder of bits."""
 WORD = 8
 """Bytes of a word: rows are whole words."""
 
@@ -35,6 +41,11 @@ WORD = 8
 def whole_area(mesh: Mesh) -> float:
     """Evaluated area, m^2, as one correctly rounded sum."""
     return max(math.fsum(mesh.areas[mesh.task_mask].tolist()), TINY)
+
+
+def unit_of(mesh: Mesh) -> float:
+    """Square metres of a unit of area."""
+    return whole_area(mesh) / UNITS
 
 
 @once_each
@@ -94,7 +105,24 @@ class CoverageBits(InOneLine):
     def of(cls, mesh: Mesh, packed: ByteArray, area_units: IntArray, views: IntArray) -> Self:
         """Bits of a mesh; further bytes of rows, as of `room_for_bits`, are left out."""
         octets = packed[:, : -(-mesh.n_faces // 8)]
-        return cls(octets, area_units, views, whole_area(mesh) / UNITS)
+        return cls(octets, area_units, views, unit_of(mesh))
+
+    @classmethod
+    def open(cls, folder: StrPath) -> Self:
+        """Bits that `rastercov evaluate --bits` left in a folder; `packed` is mapped, not read.
+
+        ConfigError where there are none.
+        """
+        try:
+            unit = read_json(Path(folder) / HEADER)["unit_m2"]
+            packed, areas, views = (
+                np.load(Path(folder) / name, "r") for name in (PACKED, AREAS, VIEWS)
+            )
+            return cls(packed, areas, views, unit)
+        except (OSError, ValueError, KeyError) as error:
+            raise ConfigError(
+                f"{folder}: expected bits of evaluate --bits, got none ({error}); make them"
+            ) from None
 
     @classmethod
     def room(cls, mesh: Mesh, n_poses: int) -> Self:
