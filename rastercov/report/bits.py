@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from rastercov.base import ByName, ReadByName
-from rastercov.base.output import write_json
+from rastercov.base.output import write_json, writing
 from rastercov.core.coverage.bits_alone import can_judge, engine_for
 from rastercov.core.coverage.evaluation import Query
 from rastercov.core.coverage.network import share_of_faces
@@ -53,7 +53,7 @@ def write_bits(query: Query, out: Path, options: ReadByName, staff: Staff) -> By
         network = wanted.network(mesh, task)
         shards = EvaluationShards(folder_of_shards(folder.path), observer, poses, task, wanted)
         shape, at = (len(poses), -(-mesh.n_faces // 8)), 0
-        with folder.file(PACKED).open("wb") as file:
+        with writing(folder.file(PACKED)) as part, part.open("wb") as file:
             head = {"descr": "|u1", "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, head)
             for batch in classify_parts(network, observer, poses, wanted, shards, staff):
