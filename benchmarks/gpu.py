@@ -23,8 +23,8 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov.base.memory import FloatArray
 from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.raster.bits import Criteria, area_units
 from rastercov.core.raster.contract import Rasterizer
-from rastercov.core.raster.judged import Criteria
 from rastercov.gl import GLRasterizer
 from rastercov.gl.context import HeadlessContext, open_context
 
@@ -117,10 +117,8 @@ TASKS = (
 
 def criteria_of(mesh: rc.Mesh, camera: rc.Camera, task: rc.Task) -> tuple[FacePass, Criteria]:
     """Judge of the host, and the same criteria for a device."""
-    areas = np.where(mesh.task_mask, mesh.areas, 0.0)
-    units = np.rint(areas / areas.sum() * 2.0**44).astype(np.int64)
     judge = FacePass(mesh, camera, os.cpu_count() or 1, task)
-    return judge, judge.criteria(units)[0]
+    return judge, judge.criteria()[0]
 
 
 def judge(report: Report, row: Row, device: HeadlessContext, n_pairs: int) -> None:
@@ -144,11 +142,10 @@ def judge(report: Report, row: Row, device: HeadlessContext, n_pairs: int) -> No
             reasons = {"reason": np.empty((n, mesh.n_faces), np.uint8)}
             host.fill(counts, rc.Poses.of(poses), reasons)
             covered = reasons["reason"] == rc.Reason.COVERED
-            found = ours._judge(poses, criteria)
-            bits = np.unpackbits(found.words, axis=1, count=mesh.n_faces, bitorder="little")
-            n_wrong += int((bits.view(np.bool_) != covered).sum())
+            found, _ = ours._judge(poses, criteria)
+            n_wrong += int((found.dense() != covered).sum())
             n_wrong += int((found.views != covered.sum(axis=0)).sum())
-            n_wrong += int((found.area_units != covered @ criteria.area_units).sum())
+            n_wrong += int((found.area_units != covered @ area_units(mesh)).sum())
             n_covered += int(covered.sum())
         pairs = n * mesh.n_faces * len(TASKS)
         report.add(f"{what}: pairs judged", pairs, "pairs")

@@ -54,6 +54,7 @@ if _TYPE_CHECKING:
     )
     from rastercov.core.area.zones import DeadZones as DeadZones, dead_zones as dead_zones
     from rastercov.core.coverage.coverage import Coverage as Coverage
+    from rastercov.core.raster.bits import CoverageBits as CoverageBits
     from rastercov.core.coverage.engine import Engine as Engine
     from rastercov.core.coverage.evaluation import Evaluation as Evaluation, regions as regions
     from rastercov.core.coverage.job import evaluate as evaluate
@@ -117,6 +118,7 @@ _NAMES = {
     "core.area.union": "Covered RegionUnion unite",
     "core.area.zones": "DeadZones dead_zones",
     "core.coverage.coverage": "Coverage",
+    "core.raster.bits": "CoverageBits",
     "core.coverage.engine": "Engine",
     "core.coverage.evaluation": "Evaluation regions",
     "core.coverage.job": "evaluate",

@@ -80,3 +80,36 @@ def test_the_return_of_an_episode_is_what_its_views_cover(monkeypatch):
     assert 0 < share < 1
     assert steps[-1][3]
     environment.close()
+
+
+@pytest.mark.filterwarnings("error")
+def test_greedy_views_of_an_environment_cover_what_its_gains_say(monkeypatch):
+    monkeypatch.syspath_prepend(FOLDER)
+    import views_by_batches as example
+
+    monkeypatch.setattr(example, "BATCH", 7)
+    mesh, camera = rc.shapes.torus(20, 10), rc.Camera.load("khepra")
+    poses = rc.sphere_of_poses((0, 0, 0), 4.0, 30)
+    bits = rc.evaluate(mesh, camera, poses, method="sampled", fields=("covered",)).bits
+    environment = example.ViewsByBatches(bits, views=4)
+    env_checker.check_env(environment, skip_render_check=True)
+    done, _ = environment.reset()
+    covered = np.zeros(mesh.n_faces, bool)
+    for _ in range(4):
+        expected = (bits.dense() & ~covered).sum(axis=1)
+        assert example.gains(bits, done).tolist() == expected.tolist()
+        action = expected.argmax()
+        done, reward, _, is_over, _ = environment.step(action)
+        assert reward == expected.max() > 0
+        covered |= bits.dense()[action]
+    assert is_over
+
+
+def test_torch_finds_the_same_gains(monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(FOLDER)
+    from views_by_batches import gains, gains_by_torch, of_a_teapot
+
+    bits = of_a_teapot()
+    done = np.array(bits.packed[3])
+    assert gains_by_torch(bits, done).tolist() == gains(bits, done).tolist()

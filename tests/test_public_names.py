@@ -15,7 +15,7 @@ import rastercov.core.mesh.shapes
 
 SURFACE = """
     BeamDensity BoundKind Camera CameraError CellShares Cells
-    ConfigError Conventions Coverage Covered DeadZones DeviceError Engine Evaluation
+    ConfigError Conventions Coverage CoverageBits Covered DeadZones DeviceError Engine Evaluation
     FaceCounts Group Mesh MeshError
     Network Observation Observer PoseError Poses RastercovError Rasterizer
     RasterizerInfo RayAngle Reason RegionUnion Regions ResourceError Rig Task Uncertainty
@@ -68,6 +68,7 @@ def values():
     covered, cells = rastercov.unite(regions), rastercov.cells(mesh, 0.5)
     result = rastercov.evaluate(mesh, CAMERA, POSES, by="area", fields=["coverage"])
     rig = rastercov.Rig([CAMERA] * 20)
+    bits = rastercov.evaluate(mesh, CAMERA, POSES, by="face", fields=["covered"]).bits
     with (
         rastercov.open_observer(mesh, CAMERA) as observer,
         rastercov.open_rasterizer(mesh, CAMERA, "cpu") as rasterizer,
@@ -75,7 +76,7 @@ def values():
         seen, counts = observer.observe(POSES), rasterizer.count(POSES)
         picture, fractions = rasterizer.render(POSES[0]), rastercov.visibility(mesh, CAMERA, POSES)
         return [
-            *(mesh, regions, covered, cells, result, rig, observer, rasterizer, seen, counts),
+            *(mesh, regions, covered, cells, result, bits, rig, observer, rasterizer, seen, counts),
             *(picture, fractions, result.network, rasterizer.info, CAMERA, rastercov.Task()),
             *(cells.share(regions), rastercov.dead_zones(covered), rastercov.Poses.of(POSES)),
             rastercov.Mesh(mesh.vertices, mesh.faces, [rastercov.Group("two\nlines")]),

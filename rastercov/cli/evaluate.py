@@ -25,7 +25,7 @@ from rastercov.base import (
     json_text,
     plural,
 )
-from rastercov.base.format import verb
+from rastercov.base.format import area, percent, verb
 from rastercov.base.output import write_npz
 from rastercov.cli import options
 from rastercov.cli.console import (
@@ -50,6 +50,7 @@ from rastercov.report.result_files import OUTPUT_HELP
 from rastercov.shards import Staff, Tally, Workers
 
 if TYPE_CHECKING:
+    from rastercov.core.coverage.evaluation import Query
     from rastercov.core.coverage.phases import Phases
     from rastercov.core.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
@@ -107,6 +108,10 @@ class ReportOptions(NamedTuple):
     output: Annotated[list[str], Option(help=OUTPUT_HELP, metavar="FILE")] = USUAL
 
 
+BITS = (
+    "Folder for the covered pairs, a bit each, in place of a report: by face, for a million poses "
+    "and more."
+)
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
 
 
@@ -124,6 +129,7 @@ def evaluate(
     equipment: options.EquipmentOptions,
     out: options.Out = Path("report"),
     before: Annotated[str | None, Option(help=BEFORE, metavar="POSES")] = None,
+    bits: Annotated[Path | None, Option("--bits", help=BITS, metavar="FOLDER")] = None,
     sheet: options.Sheet = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -135,6 +141,7 @@ def evaluate(
 
     Without files: rastercov evaluate teapot -c khepra -p sphere:40 -o report/
     """
+    from rastercov.core.coverage.evaluation import Query
     from rastercov.report.coverage import Options
 
     workers, mesh = processes.open(), scene.read(meshes)
@@ -153,6 +160,16 @@ def evaluate(
     rig = with_equipment(eyes.rig, equipment, mesh)
     task = narrow(rig, task)
     phases = files.phases(mesh, report.method)
+    if bits is not None:
+        unused = report._replace(method="", supersample=1, device="", level=None)
+        if any((unused != ReportOptions(method="", device=""), before, phases)):
+            raise ConfigError(
+                "expected --bits with --method, --supersample and --device alone, got options of "
+                "a report; leave them out"
+            )
+        query = Query(mesh, rig, eyes.poses, task, settings.engine, by="face")
+        _print_bits(query, bits, settings, workers, as_json=as_json)
+        return
     find_losses: Callable[[], ByName] | None = None
     if before is not None:
         if phases is not None or report.by == "face":
@@ -179,6 +196,29 @@ def evaluate(
         find_losses,
         workers,
         None if phases is None else phases.asked,
+    )
+
+
+def _print_bits(
+    query: "Query", folder: Path, settings: "Options", workers: Workers | None, *, as_json: bool
+) -> None:
+    """Write the bits of all poses, and print their figures or the JSON."""
+    from rastercov.report.bits import write_bits
+
+    warn(*query.mesh.warnings)
+    with progress_bar() as progress:
+        staff = Staff(workers, progress, note=warn)
+        summary = write_bits(query, folder, settings.record(), staff)
+    if as_json:
+        print(json_text(summary))
+        return
+    share, best = summary["covered"]["area_percent"] / 100, summary["best"]
+    print_lines(
+        f"covered: {percent(share)} of the area, of faces as a whole, by "
+        f"{plural(summary['poses'], 'pose')}; the most by pose {best['pose']}, "
+        f"{area(best['area_m2'])}",
+        f"measured by {summary['run']['measured_by']['renderer']}",
+        str(folder),
     )
 
 

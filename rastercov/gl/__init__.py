@@ -4,7 +4,7 @@
         HeadlessContext (context)       OpenGL context of a device (devices, libraries)
         Resources (resources)           every OpenGL object, error polling
         Strategy (strategy)             one of two:
-            Pipeline (pipeline)         plan "pipeline"; scene, coplanar
+            Pipeline (pipeline)         plan "pipeline"; scene
             Compute (compute)           plan "compute"
 
 `rastercov.core.raster.contract` asks `devices` for hardware even when the CPU then counts. The
@@ -50,6 +50,12 @@ class _Drawer(Drawer):
         """The rasteriser of OpenGL."""
         drawn: Rasterizer = __getattr__("GLRasterizer")(mesh, camera, **options)
         return drawn
+
+    def find_gpu(self) -> str:
+        """See `rastercov.gl.diagnose`."""
+        from rastercov.gl.diagnose import find_gpu
+
+        return find_gpu()
 
     def examine(self) -> ByName:
         """See `rastercov.gl.diagnose`."""

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
-from functools import partial
+from functools import cache, partial
 from typing import get_args
 
 import numpy as np
@@ -27,8 +27,8 @@ from rastercov.core.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.bits import Criteria
 from rastercov.core.raster.contract import Rasterizer
-from rastercov.core.raster.judged import Criteria
 from rastercov.core.raster.self_test import PASSED
 from rastercov.gl.devices import DeviceInfo, DeviceKind, list_devices, why_no_hardware
 from rastercov.gl.libraries import INSTALL_EGL, egl_library, osmesa_library
@@ -110,6 +110,15 @@ def _examine_device(device: DeviceInfo, timeout_s: float) -> Report:
     return row | {"self_test": answer.get("problem", PASSED)}
 
 
+@cache
+def find_gpu() -> str:
+    """Label of the first hardware device that passes its self-test; "" without one."""
+    for device in list_devices():
+        if not device.is_software and ask(verify_device, device.label, 30.0) == {}:
+            return device.label
+    return ""
+
+
 def _availability(kind: DeviceKind, reports: list[Report]) -> str:
     """Return "available", or the reason why no device of this kind opens and what to install."""
     own = [row for row in reports if row["device"]["kind"] == kind]
@@ -174,11 +183,10 @@ def _verify(opened: Callable[[Mesh, Camera], Rasterizer]) -> None:
 def _judged(rasterizer: Rasterizer) -> BoolArray | None:
     """Faces that the poses cover, (P, F), where the rasteriser judges."""
     n = rasterizer.mesh.n_faces
-    criteria = Criteria(Task().rules(CAMERA)._asdict(), np.ones(n, np.bool_), np.ones(n, np.int64))
+    criteria = Criteria(Task().rules(CAMERA)._asdict(), np.ones(n, np.bool_))
     if rasterizer._why_not_judged(criteria):
         return None
-    words = rasterizer._judge(POSES, criteria).words
-    return np.unpackbits(words, axis=1, count=n, bitorder="little").view(np.bool_)
+    return rasterizer._judge(POSES, criteria)[0].dense()
 
 
 def open_device(label: str) -> Report:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rastercov.base import FloatArray, check_memory
 from rastercov.core.camera import Camera
-from rastercov.core.raster.judged import Criteria, Judged
+from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, area_units
 from rastercov.gl.compute import MAX_GROUPS, Compute, ComputePoses, ComputeScene
 from rastercov.gl.resources import Resources, Staging, set_uniforms
 
@@ -69,19 +69,15 @@ class Judging:
         n_bytes = 4 * self._n_words
         what = f"bits of {n_poses:,} poses x {n_faces:,} faces"
         check_memory(what, n_poses * n_bytes, "judge fewer poses at a time")
-        result = Judged(
-            np.empty((n_poses, n_bytes), np.uint8),
-            np.empty(n_poses, np.int64),
-            np.empty(n_faces, np.int64),
-            np.empty(n_poses, np.bool_),
-        )
+        result = CoverageBits.room(self._scene.mesh, n_poses)
+        clipped = np.empty(n_poses, np.bool_)
         self._take_criteria(criteria)
         self._resources.zero(self._seen, 4 * n_faces)
         waiting: list[tuple[Staging, slice]] = []
         for first in range(0, n_poses, POSES_AHEAD):
             some = poses[first : first + POSES_AHEAD]
             prepared = self._strategy.prepare(self._scene, some, self._scene.grid)
-            result.clipped[first : first + len(some)] = prepared.clipped
+            clipped[first : first + len(some)] = prepared.clipped
             for rows in self._strategy.batches(prepared):
                 bits = self._start(prepared, rows)
                 waiting.append((bits, slice(first + rows.start, first + rows.stop)))
@@ -92,14 +88,14 @@ class Judging:
         for each in waiting:
             self._finish(*each, result)
         result.views[:] = self._resources.read_words(self._seen, n_faces)
-        return result
+        return result, clipped
 
     def _take_criteria(self, criteria: Criteria) -> None:
         if criteria is self._criteria:
             return
         mesh = self._scene.mesh
         self._record["kind"] = criteria.may_be_covered + 2 * mesh.two_sided_mask.astype(np.uint32)
-        self._record["area"] = criteria.area_units
+        self._record["area"] = area_units(mesh)
         self._resources.write(self._faces, self._record.view(np.uint8))
         set_uniforms(self._program, **criteria.rules)
         self._criteria = criteria
@@ -121,7 +117,7 @@ class Judging:
         self._program.run(across, -(-self._groups // across), n_poses)
         return resources.ask(self._results, size, "results")
 
-    def _finish(self, bits: Staging, rows: slice, result: Judged) -> None:
+    def _finish(self, bits: Staging, rows: slice, result: CoverageBits) -> None:
         """Take the results of a batch."""
         n_words = self._n_words
         size = 4 * (rows.stop - rows.start) * (n_words + TOTALS)
@@ -130,7 +126,7 @@ class Judging:
         if (counted != n_samples).any():
             wrong = counted[counted != n_samples][0]
             raise self._resources.distrust(f"counted {wrong} samples of {n_samples}")
-        result.words[rows] = words.view(np.uint8)[:, : result.words.shape[1]]
+        result.packed[rows] = words.view(np.uint8)[:, : result.packed.shape[1]]
         result.area_units[rows] = np.ascontiguousarray(words[:, n_words:-1]).view(np.int64)[:, 0]
 
 

@@ -22,12 +22,11 @@ from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.sample_grid import Box, SampleGrid
-from rastercov.gl.coplanar import coplanar_overlaps
 from rastercov.gl.resources import Resources, Target
-from rastercov.gl.scene import NEAREST, RAYS_BYTES, RECORD_BYTES, DeviceScene, PreparedPoses
+from rastercov.gl.scene import RECORD_BYTES, DeviceScene, PreparedPoses
 from rastercov.gl.strategy import COUNTER_BYTES, Counts, Strategy
 
-POSES_BINDING, RAYS_BINDING = 0, 1  # uniform blocks
+POSES_BINDING = 0  # uniform block
 COUNTS_BINDING, RUNS_BINDING = 0, 1  # storage buffers
 
 
@@ -44,12 +43,7 @@ class Pipeline(Strategy):
         self.tile = (min(side, wide), min(side, high))
         defines = {"ROLLED": 1} if grid.is_rolled else {}
         self._programs = {name: resources.program(name, **defines) for name in ("face", "drawn")}
-        self._mesh, self._overlapping = mesh, coplanar_overlaps(mesh)
         self._poses = resources.buffer("poses", size=RECORD_BYTES)
-        if self._overlapping.any():
-            self._programs["coplanar"] = resources.program("coplanar", COPLANAR=1, **defines)
-            self._programs["coplanar"]["Rays"].binding = RAYS_BINDING
-            self._rays = resources.buffer("rays", size=RAYS_BYTES)
         width, height = max(self.tile[0], self_test.WIDTH), max(self.tile[1], self_test.HEIGHT)
         self._target = Target(resources, width, height)
         stride = max(mesh.n_faces, self_test.MESH.n_faces) + 1
@@ -57,11 +51,7 @@ class Pipeline(Strategy):
 
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> DeviceScene:
         """Upload a mesh."""
-        overlapping = self._overlapping
-        if mesh is not self._mesh:  # the self-test scene must run every program in use
-            rectangle = np.arange(mesh.n_faces) // 2
-            overlapping = (rectangle % 2 == 1) & self._overlapping.any()
-        return DeviceScene(self._resources, self._programs, mesh, camera, grid, overlapping)
+        return DeviceScene(self._resources, self._programs, mesh, camera, grid)
 
     def prepare(self, scene: DeviceScene, poses: FloatArray, grid: SampleGrid) -> PreparedPoses:
         """Compute the uniform blocks of the poses."""
@@ -76,9 +66,6 @@ class Pipeline(Strategy):
         """Upload the poses of a batch."""
         self._poses.bind_to_uniform_block(POSES_BINDING)
         self._poses.write(prepared.records[rows])
-        if prepared.rays is not None:
-            self._rays.bind_to_uniform_block(RAYS_BINDING)
-            self._rays.write(prepared.rays[rows])
 
     def count(
         self, scene: DeviceScene, prepared: PreparedPoses, rows: IntArray, tile: Box, *, drawn: bool
@@ -105,7 +92,7 @@ class Pipeline(Strategy):
         can_cull = bool(prepared.can_cull[rows[0]])
         self._resources.clear(self._target)
         self._begin(tile, cull=can_cull)
-        scene.draw(NEAREST, tile, prepared.grid)
+        scene.draw("face", tile, prepared.grid)
 
     def _begin(self, tile: Box, *, cull: bool = False, test: bool = True) -> None:
         """Bind the target for a tile; with the depth test, nearer wins and the first of equals."""
@@ -138,7 +125,7 @@ class Pipeline(Strategy):
         try:
             self._begin(tile, test=False)
             self._counters.clear()
-            scene.draw(["drawn"], tile, scene.grid)
+            scene.draw("drawn", tile, scene.grid)
             return self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)[:, 1:]
         finally:
             frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty

@@ -4,7 +4,9 @@
 - *compute*: compute shaders, many poses at a time, counted on the device; see `compute`.
 
 "auto" is "compute" on a GPU with integers of 64 bits, and for a focal length so long that the
-graphics pipeline would misplace edges, else "pipeline".
+graphics pipeline would misplace edges, else "pipeline". A pipeline interpolates depth from the
+corners of each face, so that rounding would decide between faces of one plane: a mesh whose faces
+touch others is drawn by "compute" in any case.
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
 poses, with the programs, images and buffers in use.
@@ -30,8 +32,8 @@ from rastercov.base import (
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
+from rastercov.core.raster.bits import Criteria, Judged
 from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
-from rastercov.core.raster.judged import Criteria, Judged
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl.compute import Compute
 from rastercov.gl.context import HeadlessContext, open_context
@@ -44,6 +46,8 @@ PLANS: ByName = {"pipeline": Pipeline, "compute": Compute}
 MAX_FOCAL_LENGTH = 1 << 16
 """Largest focal length and principal point of the graphics pipeline, in pixels. Its float32 places
 edges to about 2^-23 of that: 1/128 px."""
+REACHES = 10
+"""Distance between faces that touch, in those for which contacts are found by default."""
 SELF_TEST_INTERVAL = 256
 """Poses between two self-tests of the device."""
 
@@ -59,7 +63,7 @@ class GLRasterizer(Rasterizer):
         "auto", "hardware", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context
         that is already open is used and left open.
     plan : {"auto", "pipeline", "compute"}
-        Way to draw and count.
+        Way to draw and count; "compute" for any mesh whose faces touch others.
 
     Raises
     ------
@@ -105,6 +109,9 @@ class GLRasterizer(Rasterizer):
         if plan == "auto":
             is_faster = info.has_int64 and not info.is_software
             plan = "compute" if is_faster or reach > MAX_FOCAL_LENGTH else "pipeline"
+        contacts = self.mesh.opaque.contacts if plan == "pipeline" else None
+        if contacts is not None and contacts.faces_for(REACHES * contacts.reach).any():
+            plan = "compute"
         if plan == "pipeline" and not reach <= MAX_FOCAL_LENGTH:
             raise ConfigError(
                 f"expected {what} of up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', got "

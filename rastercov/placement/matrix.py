@@ -49,12 +49,15 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix_folder import (
+    AnyPairs,
     MatrixFolder,
     Pairs,
     add_bounds,
+    can_pack,
     claim,
     describe,
     gather_pairs,
+    packed_pairs,
     pairs_of,
     region_observer,
 )
@@ -79,7 +82,7 @@ class VisibilityMatrix:
         The candidates, with the index of the camera of each, or of its mount for rigs.
     header : dict
         Inputs of the matrix, with hashes.
-    parts : tuple of Pairs or MatrixFolder
+    parts : tuple of Pairs, PackedPairs or MatrixFolder
         Pairs of consecutive candidates, in memory or in a folder.
 
     Examples
@@ -95,7 +98,7 @@ class VisibilityMatrix:
 
     placed: Poses
     header: ByName
-    parts: tuple[Pairs | MatrixFolder, ...]
+    parts: tuple[AnyPairs | MatrixFolder, ...]
 
     @property
     def poses(self) -> FloatArray:
@@ -133,8 +136,13 @@ class VisibilityMatrix:
         return "cells" in self.header
 
     @property
+    def is_of_bits(self) -> bool:
+        """True if covered pairs are kept alone, without coverage; see `build_matrix`."""
+        return "bits" in self.header
+
+    @property
     def n_pairs(self) -> int:
-        """Number of pairs with coverage above 0."""
+        """Number of pairs with coverage above 0, or of bits."""
         return sum(part.n_pairs for part in self.parts)
 
     @cached_property
@@ -186,7 +194,7 @@ class VisibilityMatrix:
 
     @property
     def mean_coverage(self) -> FloatArray:
-        """(C,) mean coverage of each pose over the evaluated faces."""
+        """(C,) mean coverage of each pose over the evaluated faces; not numbers for bits."""
         totals = [totals for _, totals in self._derive(self.task.min_coverage)]
         return np.concatenate(totals) / max(1, self.n_task_faces)
 
@@ -209,6 +217,11 @@ class VisibilityMatrix:
             When the disk has no room for the bits.
         """
         least = self.task.min_coverage if least is None else least
+        if self.is_of_bits and least != self.task.min_coverage:
+            raise ConfigError(
+                f"expected a matrix with coverage for min_coverage {least:g}, got bits of "
+                f"{self.task.min_coverage:g}; build it without bits"
+            )
         if starts is None:
             return reduce(CoveredBits.joined, (bits for bits, _ in self._derive(least)))
         row = np.repeat(starts[:-1], self.pairs.counts) + self.on_rig
@@ -251,6 +264,7 @@ def build_matrix(
     folder: str | Path | None = None,
     *,
     cells: Cells | None = None,
+    bits: bool = False,
     poses_a_shard: int | None = None,
     bounds: CandidateBounds | None = None,
     mounts: Mounts | None = None,
@@ -278,8 +292,13 @@ def build_matrix(
         Patches of the mesh as elements of the matrix, instead of its faces; a pose covers a patch
         if it covers at least `task.min_coverage`, one half, of its area. The mesh itself occludes,
         and the method must be certified or exact.
+    bits : bool
+        Keep no coverage, but the covered pairs alone, a bit each: 1.25 kB for a pose and 10,000
+        faces. Only for faces, single cameras and a rasteriser that judges what it counts; others
+        keep coverage.
     poses_a_shard : int, optional
-        Number of poses in each file; unless given, the one that gives about 4 million pairs.
+        Number of poses in each file; unless given, the one that gives about 4 million pairs, or 33
+        million bits.
     bounds : CandidateBounds, optional
         Updated with the poses that this process measures, not with those of existing shards; for
         rigs, with the poses of their cameras.
@@ -320,9 +339,12 @@ def build_matrix(
         raise ConfigError("expected a folder for workers, got none; name one, or leave out workers")
     placed, task = renumber(poses), task or Task()
     with _open_view(view, cells, task) as observer:
-        header = describe(observer, placed, task, poses_a_shard, cells, mounts)
+        bits = bits and can_pack(observer, placed, task, cells, mounts)
+        header = describe(observer, placed, task, poses_a_shard, cells, mounts, bits)
 
-        def pairs(rows: slice, did: Callable[[int], None]) -> Pairs:
+        def pairs(rows: slice, did: Callable[[int], None]) -> AnyPairs:
+            if bits:
+                return packed_pairs(observer, placed[rows], task, bounds, did)
             return pairs_of(observer, placed[rows], task, cells, bounds, mounts, did)
 
         if folder is None:

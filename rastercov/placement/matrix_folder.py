@@ -5,7 +5,8 @@ holds the header of its matrix and its own name, so that a shard of another matr
 poses of the same matrix, is refused.
 
 A shard is a file of `numpy.savez_compressed`: `counts` of the pairs of each pose; of each pair
-`face_step`, the face less that of the pair before it, `coverage`, and of rigs `camera_on_rig`.
+`face_step`, the face less that of the pair before it, `coverage`, and of rigs `camera_on_rig`. Of a
+matrix of covered pairs alone it has `packed` in place of these, as of `CoverageBits`.
 
 Shards are made in this process or by workers (`make`). Of the shards, bits are derived, (C, W)
 uint64, one row per candidate. They are in one mapped file without a name, because a process has
@@ -33,6 +34,7 @@ from rastercov.base import (
     AnyArray,
     BoolArray,
     ByName,
+    ByteArray,
     ConfigError,
     Float32Array,
     FloatArray,
@@ -49,6 +51,7 @@ from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Poses, cameras_of, renumber, rows_of_result
 from rastercov.core.camera.rig import with_places
+from rastercov.core.coverage.bits_alone import NetworkOfBits, can_judge
 from rastercov.core.coverage.coverage import measurements
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass
@@ -63,11 +66,12 @@ from rastercov.core.coverage.shard_inputs import (
     read_poses,
     write_inputs,
 )
-from rastercov.core.coverage.shards import hash_of, inputs_of
+from rastercov.core.coverage.shards import PAIRS_OF_COUNTS, hash_of, inputs_of
 from rastercov.core.coverage.task import Task
+from rastercov.core.raster.bits import CoverageBits
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
-from rastercov.placement.uncovered import CandidateBounds, list_pairs
+from rastercov.placement.uncovered import CandidateBounds, Greatest, list_pairs
 from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.store import SUMS, DamagedError, Note, contents, remove, store, whole
 
@@ -80,7 +84,7 @@ MOST_THREADS = 4
 FORMAT = 4
 LEVEL = 1
 """Of zlib: steps of faces and coverage are mostly 1, and compress at 0.2 GB/s."""
-COLUMNS = ("counts", "face_step", "coverage", "camera_on_rig")
+COLUMNS = ("counts", "face_step", "coverage", "camera_on_rig", "packed")
 PAIRS, BOUNDS = "pairs", "bounds"
 """Folders of the shards, and of bounds, a file per worker."""
 WORDS = {
@@ -93,6 +97,7 @@ WORDS = {
     "mounts": "for other rigs",
     "task": "for another task",
     "measured_by": "by another method or device",
+    "bits": "with coverage of pairs, or with bits alone",
     "samples": "with another supersample",
     "poses_a_shard": "with another poses_a_shard",
 }
@@ -154,6 +159,52 @@ NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
 NOT_ON_RIGS = NO_PAIRS.on_rig
 
 
+BITS_OF_OCTETS = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(1, np.uint8)
+
+
+class PackedPairs(NamedTuple):
+    """Covered pairs of poses and evaluated faces as bits, (P, ceil(F / 8)); see `CoverageBits`."""
+
+    packed: ByteArray
+
+    @property
+    def counts(self) -> IntArray:
+        """(P,) pairs of each pose."""
+        return BITS_OF_OCTETS[self.packed].sum(axis=1, dtype=np.int64)
+
+    @property
+    def n_poses(self) -> int:
+        """Number of poses."""
+        return len(self.packed)
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of pairs."""
+        return int(self.counts.sum())
+
+    def pairs(self) -> Iterator[Pairs]:
+        """ConfigError: there is no coverage of pairs."""
+        raise ConfigError(
+            "expected coverage of pairs, got bits of those that are covered; build without bits"
+        )
+
+    def quarantined(self) -> dict[int, str]:
+        """None, see `MatrixFolder.quarantined`."""
+        return {}
+
+    def rows_and_areas(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
+        """The pairs, whatever `least`; no coverage is known, so that its sums are not numbers."""
+        octets = np.zeros((len(self.packed), 8 * n_words(n_faces)), np.uint8)
+        octets[:, : self.packed.shape[1]] = self.packed
+        bits = CoveredBits.of(octets.view("<u8").astype(np.uint64, copy=False), n_faces)
+        return bits, np.full(len(self.packed), math.nan)
+
+
+AnyPairs = Pairs | PackedPairs
+Measure = Callable[[slice, Callable[[int], None]], AnyPairs]
+"""Pairs of some rows; its second argument is called with the number of poses that are done."""
+
+
 def gather_pairs(batches: Iterable[Pairs]) -> Pairs:
     """Pairs of all batches."""
     return Pairs(*map(np.concatenate, zip(NO_PAIRS, *batches, strict=True)))
@@ -196,6 +247,29 @@ def pairs_of(
     order = np.lexsort((pairs.face, owner[camera]))
     counts = np.bincount(owner[camera], minlength=len(poses))
     return Pairs(counts, pairs.face[order], pairs.coverage[order], on_rig[order])
+
+
+def packed_pairs(
+    observer: Observer,
+    poses: Poses,
+    task: Task,
+    bounds: CandidateBounds | None,
+    did: Callable[[int], None] = lambda count: None,
+) -> PackedPairs:
+    """Covered pairs of poses that the observer judges; other arguments are those of `pairs_of`."""
+    n_faces, scored = observer.mesh.n_faces, observer.mesh.task_mask
+    packed, at = CoverageBits.room(observer.mesh, len(poses)).packed, 0
+    mask = np.packbits(scored, bitorder="little")
+    for batch in NetworkOfBits(observer.mesh, task, None).judge(observer, poses):
+        assert batch.bits is not None
+        n = len(batch.poses)
+        np.bitwise_and(batch.bits.packed, mask, out=packed[at : at + n])
+        at += n
+        if bounds is not None:
+            unknown = np.zeros(n_faces), np.ones(n_faces)
+            bounds.add(n, [Greatest(*unknown, batch.bits.views)])
+        did(n)
+    return PackedPairs(packed)
 
 
 def _of_faces(
@@ -245,6 +319,14 @@ def shorten_coverage(coverage: FloatArray, least: float) -> tuple[Float32Array, 
     return short, covered
 
 
+def can_pack(
+    observer: Observer, poses: Poses, task: Task, cells: Cells | None, mounts: Mounts | None
+) -> bool:
+    """True where covered pairs can be kept alone: single cameras that the observer judges."""
+    is_single = cells is None and (mounts is None or not mounts.has_rigs)
+    return is_single and can_judge(observer, poses, task)
+
+
 # --- header, poses and shards -----------------------------------------------------------------
 
 
@@ -255,10 +337,12 @@ def describe(
     poses_a_shard: int | None,
     cells: Cells | None = None,
     mounts: Mounts | None = None,
+    bits: bool = False,
 ) -> ByName:
     """Header of a matrix: all that it depends on, ready for JSON.
 
-    That of a matrix of cells has their size under "cells", and counts them as faces.
+    That of a matrix of cells has their size under "cells", and counts them as faces; that of
+    covered pairs alone has "bits".
     """
     mesh, cameras = observer.mesh, cameras_of(observer.camera)
     n_mounts = len(cameras) if mounts is None else len(mounts)
@@ -268,7 +352,8 @@ def describe(
             f"expected poses_a_shard of 1 or more, got {poses_a_shard!r}; increase it"
         )
     n_faces = mesh.n_faces if cells is None else len(cells)
-    header = inputs_of(observer, poses, task, n_faces, PAIRS_A_SHARD) | {
+    size = PAIRS_OF_COUNTS if bits else PAIRS_A_SHARD
+    header = inputs_of(observer, poses, task, n_faces, size) | {
         "format": FORMAT,
         "samples": observer.observe(np.empty((0, 4, 4))).samples_per_pixel,
         "n_poses": len(poses),
@@ -282,6 +367,7 @@ def describe(
     if mounts is not None and mounts.has_rigs:
         places = mounts.rig.rig_from_camera
         header["mounts"] = {"starts": mounts.starts.tolist(), "places": places.tolist()}
+    header |= {"bits": True} if bits else {}
     return header if cells is None else header | {"cells": cells.size}
 
 
@@ -359,9 +445,9 @@ class MatrixFolder:
 
     def pairs(self) -> Iterator[Pairs]:
         """Pairs of each shard; errors as of `pairs_of`."""
-        return map(self.pairs_of, range(len(self.store)))
+        return (each for number in range(len(self.store)) for each in self.pairs_of(number).pairs())
 
-    def pairs_of(self, number: int) -> Pairs:
+    def pairs_of(self, number: int) -> AnyPairs:
         """Pairs of a shard.
 
         Raises
@@ -371,6 +457,8 @@ class MatrixFolder:
         """
         with _remade_by_build():
             shard = self._shard(number)
+        if "packed" in shard:
+            return PackedPairs(shard["packed"])
         face = np.cumsum(shard["face_step"], dtype=np.int32)
         on_rig = shard.get("camera_on_rig", NOT_ON_RIGS)
         return Pairs(shard["counts"], face, shard["coverage"], on_rig)
@@ -399,16 +487,25 @@ class MatrixFolder:
         own = {**self.header, "shard": "" if number is None else self.store.name(number)}
         return json.dumps(own, sort_keys=True).encode()
 
-    def shard_bytes(self, number: int | None, pairs: Pairs, numbers: IntArray) -> memoryview:
+    def shard_bytes(self, number: int | None, pairs: AnyPairs, numbers: IntArray) -> memoryview:
         """File of a shard of the poses of these numbers; without a number it is of no use."""
-        counts = pairs.counts
-        if number is not None:
+
+        def of_all(values: AnyArray) -> AnyArray:
+            """Values of all poses of the shard, 0 for those that are left out."""
+            if number is None:
+                return values
             rows = self.store.rows(number)
-            counts = np.zeros(rows.stop - rows.start, np.int64)
-            counts[numbers - rows.start] = pairs.counts
+            whole = np.zeros((rows.stop - rows.start, *values.shape[1:]), values.dtype)
+            whole[numbers - rows.start] = values
+            return whole
+
         arrays = {
             "of": np.frombuffer(self._words(number), np.uint8),
-            "counts": counts,
+            "counts": of_all(pairs.counts),
+        }
+        if isinstance(pairs, PackedPairs):
+            return memoryview(npz_bytes(arrays | {"packed": of_all(pairs.packed)}))
+        arrays |= {
             "face_step": np.diff(pairs.face, prepend=np.int32(0)),
             "coverage": pairs.coverage,
         }
@@ -416,7 +513,7 @@ class MatrixFolder:
             arrays["camera_on_rig"] = pairs.on_rig
         return memoryview(npz_bytes(arrays, level=LEVEL))
 
-    def fill(self, measure: Callable[[slice, Callable[[int], None]], Pairs], staff: Staff) -> Self:
+    def fill(self, measure: Measure, staff: Staff) -> Self:
         """The folder with all shards; those that are missing have the pairs that are measured."""
         sizes = dict[int, int]()
 
@@ -613,7 +710,11 @@ def _open_shards(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray]
 
     def make_shard(number: int | None, chosen: IntArray) -> memoryview:
         placed, added = renumber(scene.poses[chosen]), None if number is None else bounds
-        pairs = pairs_of(observer, placed, task, made_on, added, mounts)
+        pairs: AnyPairs
+        if "bits" in header:
+            pairs = packed_pairs(observer, placed, task, added)
+        else:
+            pairs = pairs_of(observer, placed, task, made_on, added, mounts)
         data = matrix.shard_bytes(number, pairs, chosen)
         if number is not None:
             bounded.append(number)

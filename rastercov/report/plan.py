@@ -40,6 +40,7 @@ from rastercov.base import (
 from rastercov.base.files import path_from
 from rastercov.base.format import area, distance, verb
 from rastercov.base.interrupts import hold_interrupts
+from rastercov.core.area.figures import in_words
 from rastercov.core.area.zones import ZONES
 from rastercov.core.coverage.provenance import name_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo
@@ -221,6 +222,7 @@ def summary(placement: Placement) -> ByName:
         "requirements": [asdict(each) for each in placement.requirements],
         "share": cameras.share,
         **{name: network[name] for name in ("covered_area",) if name in network},
+        **({"certified_area": _certified(placement)} if placement.certified else {}),
         **zones,
         "network": network,
         "cameras": _cameras(placement),
@@ -243,6 +245,12 @@ def summary(placement: Placement) -> ByName:
         "made_from": origin_of(prepared),
         "seconds": seconds,
     }
+
+
+def _certified(placement: Placement) -> ByName:
+    """Exact covered area of cameras that were chosen by samples."""
+    assert placement.certified is not None
+    return placement.certified.summary(views_by_group(placement.prepared.plan, None))
 
 
 def _matrix(prepared: Prepared) -> ByName:
@@ -384,6 +392,9 @@ def lines(
         moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
+    if placement.certified is not None:
+        words = in_words(_certified(placement))
+        said.append(f"sampled: {percent(placement.cameras.share)} of {of}; certified: {words}")
     if placement.left_out:
         left_out = plural(len(placement.left_out), what)
         why = "adding nothing after refinement" if placement.refined else "not needed for the goal"

@@ -30,6 +30,7 @@ LINES = {
     "evaluate, parts and views": "evaluate as1.obj -c l=l.yaml -c r=r.yaml -p named.json --views 2",
     **{name: line.format(scene=SCENE) for name, line in of_features("LINES").items()},
     "evaluate, before": f"{SCENE} --before rig.json",
+    "evaluate, bits": f"{SCENE} --method sampled --bits bits",
     "evaluate, silhouettes": f"{SCENE} --table groups",
     "render": "render part.ply -c camera.toml -p poses.json --device surfaceless",
     "compare": "compare part.ply -c camera.toml -p sphere:1 --method sampled --faces 1",
@@ -128,7 +129,8 @@ def test_what_a_command_prints_has_the_form_of_its_schema(name, folder, capfd, m
     ctypes.CDLL(None).fflush(None)
     assert capfd.readouterr().out == ""
     assert code == (name in FAILING), err
-    kind = {"demo": "evaluate", "compare, models": "compare_models"}.get(name)
+    others = {"compare, models": "compare_models", "evaluate, bits": "evaluate_bits"}
+    kind = others.get(name, "evaluate" if name == "demo" else None)
     assert faults(kind or name.partition(",")[0], json.loads(out)) == []
 
 

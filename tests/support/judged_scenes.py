@@ -13,17 +13,15 @@ from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster.bits import Criteria, area_units
 from rastercov.core.raster.cpu import CPURasterizer
-from rastercov.core.raster.judged import Criteria
 from rastercov.gl import GLRasterizer
 
 DENSITIES = ("min_pixel_density", "min_facing_density", "min_pixels_per_m2")
 
 
 def criteria_of(mesh, rules):
-    areas = np.where(mesh.task_mask, mesh.areas, 0.0)
-    units = np.rint(areas / max(areas.sum(), 1e-300) * 2.0**44).astype(np.int64)
-    return Criteria(rules._asdict(), ~mesh.degenerate_mask, units)
+    return Criteria(rules._asdict(), ~mesh.degenerate_mask)
 
 
 def figures_of(mesh, camera, rules, counts, poses, *names):
@@ -94,13 +92,12 @@ def compare(rasterizer, poses, rules=None, rng=None):
     (reason,) = figures_of(mesh, camera, rules, counts, poses, "reason").values()
     criteria, covered = criteria_of(mesh, rules), reason == Reason.COVERED
     assert rasterizer._why_not_judged(criteria) == ""
-    judged = rasterizer._judge(poses, criteria)
-    bits = np.unpackbits(judged.words, axis=1, bitorder="little")
-    assert not bits[:, mesh.n_faces :].any()
-    np.testing.assert_array_equal(bits[:, : mesh.n_faces].view(bool), covered, err_msg=str(rules))
-    np.testing.assert_array_equal(judged.area_units, covered @ criteria.area_units)
+    judged, clipped = rasterizer._judge(poses, criteria)
+    expected = np.packbits(covered, axis=1, bitorder="little")
+    np.testing.assert_array_equal(judged.packed, expected, err_msg=str(rules))
+    np.testing.assert_array_equal(judged.area_units, covered @ area_units(mesh))
     np.testing.assert_array_equal(judged.views, covered.sum(axis=0))
-    np.testing.assert_array_equal(judged.clipped, counts.clipped)
+    np.testing.assert_array_equal(clipped, counts.clipped)
     return int(covered.sum())
 
 

@@ -33,7 +33,6 @@ from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene, equipment_words, led_by
 from rastercov.core.camera.rig import with_equipment
-from rastercov.core.coverage.bits import COVERED, CoverageBits
 from rastercov.core.coverage.coverage import FIGURES, Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
 from rastercov.core.coverage.engine import Engine
@@ -45,6 +44,7 @@ from rastercov.core.coverage.shards import is_long
 from rastercov.core.coverage.task import Task
 from rastercov.core.coverage.visibility import GroupViews, group_views
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.bits import COVERED, CoverageBits
 from rastercov.core.raster.contract import FaceCounts
 from rastercov.shards import Staff
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base import AnyArray, IntArray, read_only, share_poses
+from rastercov.base import AnyArray, read_only, share_poses
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
@@ -24,8 +24,8 @@ from rastercov.core.coverage.records import (
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.bits import Criteria
 from rastercov.core.raster.contract import FaceCounts
-from rastercov.core.raster.judged import Criteria
 from rastercov.core.raster.observation import Observation
 from rastercov.engine.coverage_figures import judge_poses
 
@@ -66,10 +66,10 @@ class FacePass:
 
         self.share(measured, poses, lambda: work)
 
-    def criteria(self, area_units: IntArray) -> list[Criteria]:
-        """Criteria of each camera for `SampledObserver.judge`, with the units of area of faces."""
+    def criteria(self) -> list[Criteria]:
+        """Criteria of each camera for `SampledObserver.judge`."""
         return [
-            Criteria(rules._asdict(), scene.own == Reason.COVERED, area_units)
+            Criteria(rules._asdict(), scene.own == Reason.COVERED)
             for rules, scene in zip(self.rules, self._scenes, strict=True)
         ]
 

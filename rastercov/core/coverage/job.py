@@ -22,7 +22,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of
-from rastercov.core.coverage.bits import COVERED, CoverageBits
+from rastercov.core.coverage.bits_alone import can_judge, engine_for
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
@@ -34,6 +34,7 @@ from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.bits import COVERED, CoverageBits
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.shards import ALONE, Staff, Workers
 
@@ -154,14 +155,22 @@ class QuerySums:
         Open, of `open_for`.
     fields : sequence of str
         Figures to keep of all pairs of pose and face, of `FIGURES`.
+    wanted : Wanted
+        Entries but those on the bits, and on cameras apart.
     """
 
-    def __init__(self, query: Query, observer: Observer, fields: Sequence[str]) -> None:
+    def __init__(
+        self, query: Query, observer: Observer, fields: Sequence[str], wanted: Wanted
+    ) -> None:
         mesh, camera, poses, task = query.mesh, query.camera, query.poses, query.task
         self.query, self.done = query, 0
-        self.network = Network(mesh, task)
         self.areas = AreaNetwork(mesh, task) if query.by_area else None
         self.per_camera = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
+        apart = self.per_camera.is_asked
+        alone = [*fields] == [COVERED] and wanted.pairs == "none" and not apart
+        alone = alone and can_judge(observer, poses, task)
+        self.wanted = replace(wanted, apart=apart, bits=COVERED in fields, alone=alone)
+        self.network = self.wanted.network(mesh, task, self._measure)
         names = [name for name in fields if name != COVERED]
         # Counts are kept in place of figures.
         self.counts = KeptCounts(names, len(poses)) if query.engine.method == "sampled" else None
@@ -185,10 +194,14 @@ class QuerySums:
         if self.areas is not None and batch.regions is not None:
             self.areas.add(with_rule(batch.regions, camera, poses))
         if self.bits is not None and batch.bits is not None:
-            self.bits.add(batch.bits, self.done)
+            self.bits.add(batch.bits, slice(self.done, end))
         self.ids.append(poses.ids)
         self.clipped.append(batch.clipped)
         self.done = end
+
+    def _measure(self) -> Network:
+        """Network of the poses that are done, with all figures."""
+        return answer(replace(self.query, poses=self.poses)).network
 
     @property
     def poses(self) -> Poses:
@@ -256,11 +269,14 @@ def answer(
         Processes that measure.
     """
     camera, poses, task = query.camera, query.poses, query.task
-    wanted = Wanted(query.engine, query.by_area, pairs)
+    engine = query.engine
+    if [*fields] == [COVERED] and pairs == "none":
+        engine = engine_for(engine, query.mesh, camera, task, len(poses))
+    wanted = Wanted(engine, query.by_area, pairs)
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
-        sums = QuerySums(query, observer, fields)
-        wanted = replace(wanted, apart=sums.per_camera.is_asked, bits=COVERED in fields)
+        sums = QuerySums(query, observer, fields, wanted)
+        wanted = sums.wanted
         if folder is not None:
             shards = EvaluationShards(folder, observer, poses, task, wanted)
         if open_table is not None:

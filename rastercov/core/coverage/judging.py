@@ -1,6 +1,6 @@
 """Poses measured and judged face by face, a few at a time, in the threads that measure them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -19,15 +19,14 @@ from rastercov.base import (
 )
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
-from rastercov.core.coverage.bits import CoverageBits, area_units, room_for_bits
 from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.reasons import Reason, nearer
-from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums
+from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums, merge_sums, no_sums
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.bits import CoverageBits, area_units, room_for_bits
 from rastercov.engine.coverage_network import add_poses, add_rows
 
 if TYPE_CHECKING:
@@ -61,7 +60,8 @@ class JudgedPoses:
     measured : Observation or FaceCounts, or None
         Measurement of the poses, of those that this process has measured.
     sums : dict of int to Sums
-        Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1.
+        Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1;
+        none where bits are alone.
     regions : Regions or None
         Regions of the poses, where the observer finds any.
     eyes : (P, 3) float64
@@ -112,46 +112,6 @@ def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
     leads = np.zeros(len(poses), np.bool_)
     leads[led_by(camera, poses)] = True
     return leads
-
-
-def no_sums(n_faces: int, n_poses: int) -> Sums:
-    """Sums of poses before any is added."""
-    return Sums(
-        views=np.zeros(n_faces, np.int64),
-        best=np.zeros(n_faces),
-        best_row=np.zeros(n_faces, np.int64),
-        reason=np.zeros(n_faces, np.uint8),
-        alone=np.zeros(n_faces, np.uint8),
-        kinds=np.zeros(len(BoundKind), np.int64),
-        bounds=np.zeros(2),
-        covered_faces=np.zeros(n_poses, np.int64),
-        totals=np.zeros(n_poses),
-    )
-
-
-def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
-    """Add the sums of other poses to `ours`; their row 0 is row `first` of these."""
-    ours.views[:] += theirs.views
-    rows = theirs.best_row + first
-    better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
-    ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
-    ours.reason[:] = nearer(ours.reason, theirs.reason)
-    ours.alone[:] |= theirs.alone
-    ours.kinds[:] += theirs.kinds
-    np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
-    own = slice(first, first + len(theirs.totals))
-    ours.covered_faces[own] += theirs.covered_faces
-    ours.totals[own] += theirs.totals
-
-
-def _merge_sums(parts: Sequence[Sums]) -> Sums:
-    """Sums of different poses of one batch together."""
-    if len(parts) == 1:
-        return parts[0]
-    whole = no_sums(len(parts[0].views), len(parts[0].totals))
-    for part in parts:
-        merge(whole, part)
-    return whole
 
 
 def sums_of(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
@@ -260,7 +220,7 @@ def classify_poses(
             np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
             for part in memory
         )
-        whole = {camera: _merge_sums(some) for camera, some in parts.items()}
+        whole = {camera: merge_sums(some) for camera, some in parts.items()}
         rows = PairRows(*columns)
         result = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
         if bits:

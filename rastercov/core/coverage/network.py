@@ -28,13 +28,12 @@ from rastercov.core.coverage.judging import (
     RESULT,
     SUMMED,
     JudgedPoses,
-    _merge_sums,
     classify_poses,
     sums_of,
 )
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.reasons import BITS, NAMES, UNSEEABLE, Reason, nearer, reason_rows
-from rastercov.core.coverage.records import Sums
+from rastercov.core.coverage.records import Sums, merge_sums
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import parts_of
@@ -242,7 +241,7 @@ class Network(InNotebook):
         own = slice(None) if camera is None else batch.poses.camera == camera
         if wanted == RESULT:
             own = batch.leads
-        self._take(batch.poses.ids, batch.clipped, _merge_sums(parts), own)
+        self._take(batch.poses.ids, batch.clipped, merge_sums(parts), own)
         if self.task.min_angle_deg > 0:
             rows = batch.rows
             is_covered = rows.reason == Reason.COVERED

@@ -12,18 +12,19 @@ sampled
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from contextlib import suppress
 
 from numpy.typing import ArrayLike
 
 import rastercov
-from rastercov.base import Closing, DeviceError, check_memory, thread_count
+from rastercov.base import ByName, Closing, DeviceError, ReadByName, check_memory, thread_count
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.face_pass import Measured
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.bits import Criteria, Judged
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
-from rastercov.core.raster.judged import Criteria, Judged
 from rastercov.core.raster.observation import Observation
 from rastercov.core.raster.several import Rasterizers
 
@@ -115,9 +116,13 @@ class SampledObserver(Observer):
     def __init__(
         self, mesh: Mesh, camera: Cameras, judging: int | None = None, /, **options: object
     ) -> None:
-        self.threads = thread_count(judging)
-        self._rasterizers = Rasterizers(mesh, cameras_of(camera), roll=ROLL, **options)
-        self.mesh, self.camera, self.info = mesh, camera, self._rasterizers.info
+        self.threads, self.mesh, self.camera = thread_count(judging), mesh, camera
+        self._supersample = options.get("supersample", 1)
+        self._open(options)
+
+    def _open(self, options: ReadByName) -> None:
+        self._rasterizers = Rasterizers(self.mesh, cameras_of(self.camera), roll=ROLL, **options)
+        self.info = self._rasterizers.info
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Areas from the counts of samples, see `Observer`."""
@@ -127,14 +132,23 @@ class SampledObserver(Observer):
         """The counts of samples themselves."""
         return self._rasterizers.count(self._accept(poses))
 
-    def judge(self, poses: ArrayLike | Poses, criteria: Sequence[Criteria]) -> Judged | str:
-        """Faces that poses cover, judged where they are counted, or the reason why not.
+    def why_not_judged(self, poses: Poses, criteria: Sequence[Criteria]) -> str:
+        """Reason why the host has to judge what is counted; "" if `judge` can."""
+        return self._rasterizers.why_not_judged(poses, criteria)
 
-        Then `measure` and `FacePass`, whose `criteria` these are, give the same bits.
+    def judge(self, poses: ArrayLike | Poses, criteria: Sequence[Criteria]) -> Judged:
+        """Faces that poses cover, judged where they are counted.
+
+        `measure` and `FacePass`, whose `criteria` these are, give the same bits.
         """
-        accepted = self._accept(poses, n_bytes=1 / 8)
-        why = self._rasterizers.why_not_judged(accepted, criteria)
-        return why or self._rasterizers.judge(accepted, criteria)
+        return self._rasterizers.judge(self._accept(poses, n_bytes=1 / 8), criteria)
+
+    def fall_back(self) -> None:
+        """Count on the CPU from now on, in place of a device that fails."""
+        with suppress(DeviceError):
+            self._rasterizers.close()
+        options: ByName = {"backend": "cpu", "threads": self.threads}
+        self._open(options | {"supersample": self._supersample})
 
     def close(self) -> None:
         """Release the memory."""

@@ -3,7 +3,7 @@
 Their fields are in the order of the structs of `engine/coverage`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,8 +21,10 @@ from rastercov.base import (
 )
 from rastercov.base.memory import align_array
 from rastercov.core.camera import Camera
+from rastercov.core.coverage.reasons import nearer
 from rastercov.core.coverage.surface import own_reasons
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.observation import BoundKind
 from rastercov.engine.coverage_figures import COLUMNS, CURVED_COLUMNS, MOST_DOUBTFUL, SIDE_ROUNDING
 
 if TYPE_CHECKING:
@@ -130,6 +132,46 @@ class Sums(NamedTuple):
     bounds: FloatArray
     covered_faces: IntArray
     totals: FloatArray
+
+
+def no_sums(n_faces: int, n_poses: int) -> Sums:
+    """Sums of poses before any is added."""
+    return Sums(
+        views=np.zeros(n_faces, np.int64),
+        best=np.zeros(n_faces),
+        best_row=np.zeros(n_faces, np.int64),
+        reason=np.zeros(n_faces, np.uint8),
+        alone=np.zeros(n_faces, np.uint8),
+        kinds=np.zeros(len(BoundKind), np.int64),
+        bounds=np.zeros(2),
+        covered_faces=np.zeros(n_poses, np.int64),
+        totals=np.zeros(n_poses),
+    )
+
+
+def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
+    """Add the sums of other poses to `ours`; their row 0 is row `first` of these."""
+    ours.views[:] += theirs.views
+    rows = theirs.best_row + first
+    better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
+    ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
+    ours.reason[:] = nearer(ours.reason, theirs.reason)
+    ours.alone[:] |= theirs.alone
+    ours.kinds[:] += theirs.kinds
+    np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
+    own = slice(first, first + len(theirs.totals))
+    ours.covered_faces[own] += theirs.covered_faces
+    ours.totals[own] += theirs.totals
+
+
+def merge_sums(parts: Sequence[Sums]) -> Sums:
+    """Sums of different poses of one batch together."""
+    if len(parts) == 1:
+        return parts[0]
+    whole = no_sums(len(parts[0].views), len(parts[0].totals))
+    for part in parts:
+        merge(whole, part)
+    return whole
 
 
 class PairRows(NamedTuple):

@@ -25,13 +25,13 @@ from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
-from rastercov.core.coverage.bits import CoverageBits
+from rastercov.core.coverage.bits_alone import NetworkOfBits
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.judging import JudgedPoses, leads_of, merge, no_sums
+from rastercov.core.coverage.judging import JudgedPoses, leads_of
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.records import PairRows, Sums
+from rastercov.core.coverage.records import PairRows, Sums, merge, no_sums
 from rastercov.core.coverage.shard_inputs import (
     INPUTS,
     Inputs,
@@ -43,6 +43,7 @@ from rastercov.core.coverage.shard_inputs import (
 )
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.bits import CoverageBits
 from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.run import count_poses_of
 from rastercov.shards.store import DamagedError
@@ -89,6 +90,8 @@ class Wanted:
         True where the sums of each camera are kept apart.
     bits : bool
         True where the covered pairs are kept as bits.
+    alone : bool
+        True where nothing else is kept; see `NetworkOfBits`.
     """
 
     engine: Engine
@@ -96,11 +99,18 @@ class Wanted:
     pairs: str = "none"
     apart: bool = False
     bits: bool = False
+    alone: bool = False
 
     @property
     def kept(self) -> ByName:
         """Arguments of `Network.judge`."""
         return {"pairs": self.pairs, "apart": self.apart, "bits": self.bits}
+
+    def network(
+        self, mesh: Mesh, task: Task, measure: Callable[[], Network] | None = None
+    ) -> Network:
+        """Network of some poses; `measure` as for `NetworkOfBits`."""
+        return NetworkOfBits(mesh, task, measure) if self.alone else Network(mesh, task)
 
 
 class EvaluationShards:
@@ -317,9 +327,9 @@ def _measure_poses(
     did: Callable[[int], None] = lambda n_poses: None,
 ) -> dict[str, AnyArray]:
     """Arrays of a shard of some poses; `did` is called with the poses that are done."""
-    network, batches = Network(observer.mesh, task), []
+    network, batches = wanted.network(observer.mesh, task), []
     for batch in network.judge(observer, poses, **wanted.kept):
-        batches.append(batch)
+        batches.append(replace(batch, measured=None))  # which is large
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _join_batches(poses, batches)
     if wanted.by_area:

@@ -39,6 +39,10 @@ class Drawer:
         """The rasteriser; DeviceError where there is none."""
         raise DeviceError("expected a rasteriser of OpenGL, got none; use backend 'cpu'")
 
+    def find_gpu(self) -> str:
+        """Name of the first GPU that passes its self-test; "" without one."""
+        return ""
+
     def examine(self) -> ByName:
         """Devices, libraries and settings of this machine, and the self-test of the CPU."""
         raise DeviceError("expected OpenGL to examine, got none; use backend 'cpu'")

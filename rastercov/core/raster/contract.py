@@ -36,7 +36,7 @@ from rastercov.base import (
 )
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.judged import Criteria, Judged
+from rastercov.core.raster.bits import Criteria, Judged
 from rastercov.core.raster.targets import CountArray, TargetFaces
 from rastercov.core.raster.tie_order import corners_of
 

@@ -7,28 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base import ByName, IntArray
+from rastercov.base import ByName
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
+from rastercov.core.raster.bits import CoverageBits, Criteria, Judged
 from rastercov.core.raster.contract import FaceCounts, Rasterizer
-from rastercov.core.raster.judged import Criteria, Judged
 
 MOST_OPEN = 16
 """Rasterisers that are open at a time."""
-
-
-def _in_order(
-    parts: Sequence[tuple[int, slice | IntArray]],
-    results: Sequence[FaceCounts | Judged],
-    names: str,
-) -> ByName:
-    """Rows of the results of each camera, in the order of the poses, by the names of the arrays."""
-    order = np.argsort(np.concatenate([rows for _, rows in parts]))
-    return {
-        name: np.concatenate([getattr(each, name) for each in results])[order]
-        for name in names.split()
-    }
 
 
 class Rasterizers:
@@ -57,6 +44,7 @@ class Rasterizers:
 
         first = open_one(0)
         self.info, self._opened, self._open = first.info, open_one, {0: first}
+        self._mesh = mesh
         self._lock = threading.Lock()
 
     def count(self, poses: Poses) -> FaceCounts:
@@ -65,7 +53,12 @@ class Rasterizers:
         if len(parts) <= 1:
             return self._of(parts[0][0] if parts else 0).count(poses)
         counts = [self._of(index).count(poses[rows]) for index, rows in parts]
-        return replace(counts[0], **_in_order(parts, counts, "visible drawn background clipped"))
+        order = np.argsort(np.concatenate([rows for _, rows in parts]))
+        names = "visible", "drawn", "background", "clipped"
+        joined: ByName = {
+            name: np.concatenate([getattr(each, name) for each in counts])[order] for name in names
+        }
+        return replace(counts[0], **joined)
 
     def why_not_judged(self, poses: Poses, criteria: Sequence[Criteria]) -> str:
         """Reason why `judge` has to be left to the host, by the criteria of each camera; or ""."""
@@ -75,13 +68,12 @@ class Rasterizers:
 
     def judge(self, poses: Poses, criteria: Sequence[Criteria]) -> Judged:
         """Faces that each pose covers, by the criteria of its camera; see `Rasterizer.judge`."""
-        parts, matrices = list(poses.by_camera()), poses.world_from_camera
-        if len(parts) <= 1:
-            index = parts[0][0] if parts else 0
-            return self._of(index)._judge(matrices, criteria[index])
-        bits = [self._of(index)._judge(matrices[rows], criteria[index]) for index, rows in parts]
-        views = np.sum([each.views for each in bits], axis=0)
-        return Judged(**_in_order(parts, bits, "words area_units clipped"), views=views)
+        whole, clipped = CoverageBits.room(self._mesh, len(poses)), np.zeros(len(poses), np.bool_)
+        for index, rows in poses.by_camera():
+            matrices = poses.world_from_camera[rows]
+            bits, clipped[rows] = self._of(index)._judge(matrices, criteria[index])
+            whole.add(bits, rows)
+        return whole, clipped
 
     def _of(self, index: int) -> Rasterizer:
         """Rasteriser of a camera; the one that was used least lately is closed for it."""

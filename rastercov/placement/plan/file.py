@@ -419,12 +419,16 @@ class Plan(PlanModel):
         is_gated = rig is not None and is_joint(rig)
         if self.task.by is None and self.task.weight_by == "count" and not is_gated:
             return "face", "weight_by count applies to faces"
-        engine = Engine(self.task.method, supersample=self.task.supersample)
         if is_gated and self.task.weight_by == "count":
             raise ConfigError(
                 "expected weight by area for a rig with a rule, got weight_by count; leave it out"
             )
-        return unit_of_result(self.task.by, self.build_task(), engine, rig)
+        return unit_of_result(self.task.by, self.build_task(), self.engine, rig)
+
+    @property
+    def engine(self) -> Engine:
+        """Method and samples of the plan."""
+        return Engine(self.task.method, supersample=self.task.supersample)
 
     def build_task(self, views: int | None = None) -> Task:
         """The task; `views` cameras a face for all groups where that is given."""

@@ -37,7 +37,6 @@ from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, renumber, rows_
 from rastercov.core.camera.conventions import centre_warning
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batches
 from rastercov.core.coverage.doubts import find_warnings
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import Network, share_of_faces
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.reasons import Reason
@@ -401,8 +400,7 @@ class PlanNetwork(Network):
 
 def observer_of(plan: Plan, mesh: Mesh) -> Observer:
     """Observer of a mesh by the camera and the method of a plan; to be closed."""
-    own = plan.task
-    return open_observer(mesh, plan.rig, Engine(own.method, supersample=own.supersample))
+    return open_observer(mesh, plan.rig, plan.engine)
 
 
 @frozen_record

@@ -42,9 +42,10 @@ from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.area.zones import areas_by_reason, dead_zones
 from rastercov.core.camera import Poses, Rig, gates_of, renumber, unit_warnings
+from rastercov.core.coverage.bits_alone import engine_for
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.densities import density_text
-from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.coverage.shard_inputs import INPUTS
 from rastercov.core.coverage.task import Task
@@ -54,7 +55,7 @@ from rastercov.placement.candidates.cavities import Openings, openings
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.matrix_folder import Pairs, describe, read_header
+from rastercov.placement.matrix_folder import MatrixFolder, can_pack, describe, read_header
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
@@ -400,10 +401,17 @@ class _Measuring:
         """Matrix of candidates, of which these poses are new, and their problem without a goal."""
         job, observer, task, mounts = self.job, self.observer, self.task, self.job.plan.mounts
         options: ByName = {"cells": job.cells, "bounds": self.bounds, "mounts": mounts}
+        asked = job.plan.engine
         with ExitStack() as step:
+            engine, scene = asked, (observer.mesh, observer.camera)
+            if not mounts.has_rigs:
+                engine = engine_for(asked, *scene, task, len(poses))
+            if engine != asked:
+                observer = step.enter_context(open_observer(*scene, engine))
+            options["bits"] = bits = can_pack(observer, poses, task, job.cells, mounts)
             options["progress"] = step.enter_context(job.clock(name))
             if job.folder is not None:
-                described = describe(observer, poses, task, None, job.cells, mounts)
+                described = describe(observer, poses, task, None, job.cells, mounts, bits)
                 header = json.dumps(described, sort_keys=True)
                 self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
                 step.enter_context(name_file(self.used[-1]))
@@ -558,7 +566,7 @@ def is_large(plan: Plan, matrix: VisibilityMatrix) -> bool:
         *(["selection.method integer"] if is_integer else []),
         *(["several views from rigs"] if plan.mounts.has_rigs and most_views(plan) > 1 else []),
     ]
-    if matrix.n_pairs <= MOST_LISTED_PAIRS or isinstance(matrix.parts[0], Pairs):
+    if matrix.n_pairs <= MOST_LISTED_PAIRS or not isinstance(matrix.parts[0], MatrixFolder):
         return False
     if reasons:
         what = f"{matrix.n_pairs:,} pairs, which {' and '.join(reasons)} need in the memory,"

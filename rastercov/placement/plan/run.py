@@ -11,6 +11,7 @@ import math
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,9 +30,10 @@ from rastercov.base import (
     hooks_of,
 )
 from rastercov.base.output import own_place
-from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Poses, is_joint, led_by, names_of_poses, renumber, unit_warnings
+from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
@@ -62,6 +64,7 @@ from rastercov.placement.plan.network import (
     find_uncovered,
     limits_of,
     measure_network,
+    most_views,
     of_plan,
     seeable_areas,
     views_by_group,
@@ -182,6 +185,8 @@ class Placement(InOneLine, InNotebook):
         For each of the first dead zones, rejected views that would cover half of it.
     is_least : bool
         True if it is proved that no fewer candidates reach the goal in exact area.
+    certified : AreaNetwork or None
+        Exact covered area of cameras that were chosen by samples of faces.
     """
 
     prepared: Prepared
@@ -201,6 +206,7 @@ class Placement(InOneLine, InNotebook):
     made: Mapping[str, Product] = field(default_factory=dict)
     withheld: list[list[Refusal]] = field(default_factory=list)
     is_least: bool = False
+    certified: AreaNetwork | None = None
 
     @property
     def proved_on(self) -> str | None:
@@ -874,6 +880,22 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
     return replace(moved, refined=refinement, interrupted="refinement" if is_interrupted else "")
 
 
+def _is_sampled(placement: Placement) -> bool:
+    """True where cameras were chosen by samples, for a task that areas can be computed for."""
+    plan = placement.prepared.plan
+    is_asked = plan.task.method == "sampled" and plan.is_still and plan.chooses_cameras
+    by_area = is_asked and unit_of_result(None, plan.build_task(), Engine(), plan.rig)[0] == "area"
+    return by_area and placement.carried is None
+
+
+def _certify(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
+    """The placement with the exact area of its cameras."""
+    plan, mesh = placement.prepared.plan, placement.prepared.mesh
+    with closing(RegionPass(mesh, plan.rig, plan.build_task(most_views(plan)))) as finder:
+        areas = with_areas(plan, placement.cameras, finder, None, progress).areas
+    return replace(placement, certified=areas)
+
+
 def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
     """The placement without the cameras or rigs that add nothing, one after the other.
 
@@ -977,6 +999,7 @@ STEPS: tuple[Improvement, ...] = (
     ("fewest by area", _may_be_fewer, _fewest),
     ("search", lambda result: result.prepared.selection.optimise, _optimise),
     ("refinement", lambda result: result.prepared.selection.refine, _refine),
+    ("certified area", _is_sampled, _certify),
 )
 """Steps after the selection, in their order; after them come `last_steps`."""
 

@@ -5,7 +5,9 @@ their order: any device and any number of threads gives the same bits.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -14,11 +16,14 @@ from rastercov.base import (
     TINY,
     BoolArray,
     ByteArray,
+    ConfigError,
     FloatArray,
     InOneLine,
     IntArray,
+    StrPath,
     frozen_record,
     once_each,
+    read_json,
     read_only,
 )
 from rastercov.core.mesh import Mesh
@@ -27,6 +32,8 @@ COVERED = "covered"
 """Name of the bits among the fields of `evaluate`."""
 UNITS = 1 << 44
 """Units of area in the evaluated area of a mesh."""
+PACKED, AREAS, VIEWS, HEADER = "packed.npy", "area_units.npy", "views.npy", "bits.json"
+"""Files of a folder of bits."""
 WORD = 8
 """Bytes of a word: rows are whole words."""
 
@@ -34,6 +41,11 @@ WORD = 8
 def whole_area(mesh: Mesh) -> float:
     """Evaluated area, m^2, as one correctly rounded sum."""
     return max(math.fsum(mesh.areas[mesh.task_mask].tolist()), TINY)
+
+
+def unit_of(mesh: Mesh) -> float:
+    """Square metres of a unit of area."""
+    return whole_area(mesh) / UNITS
 
 
 @once_each
@@ -93,7 +105,24 @@ class CoverageBits(InOneLine):
     def of(cls, mesh: Mesh, packed: ByteArray, area_units: IntArray, views: IntArray) -> Self:
         """Bits of a mesh; further bytes of rows, as of `room_for_bits`, are left out."""
         octets = packed[:, : -(-mesh.n_faces // 8)]
-        return cls(octets, area_units, views, whole_area(mesh) / UNITS)
+        return cls(octets, area_units, views, unit_of(mesh))
+
+    @classmethod
+    def open(cls, folder: StrPath) -> Self:
+        """Bits that `rastercov evaluate --bits` left in a folder; `packed` is mapped, not read.
+
+        ConfigError where there are none.
+        """
+        try:
+            unit = read_json(Path(folder) / HEADER)["unit_m2"]
+            packed, areas, views = (
+                np.load(Path(folder) / name, "r") for name in (PACKED, AREAS, VIEWS)
+            )
+            return cls(packed, areas, views, unit)
+        except (OSError, ValueError, KeyError) as error:
+            raise ConfigError(
+                f"{folder}: expected bits of evaluate --bits, got none ({error}); make them"
+            ) from None
 
     @classmethod
     def room(cls, mesh: Mesh, n_poses: int) -> Self:
@@ -101,9 +130,8 @@ class CoverageBits(InOneLine):
         areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)
         return cls.of(mesh, room_for_bits(n_poses, mesh.n_faces), areas, views)
 
-    def add(self, batch: "CoverageBits", first: int) -> None:
-        """Put the bits of a batch in the rows from `first` on, and add its views."""
-        rows = slice(first, first + len(batch.packed))
+    def add(self, batch: "CoverageBits", rows: slice | IntArray) -> None:
+        """Put the bits of a batch in some rows, and add its views."""
         self.packed[rows], self.area_units[rows] = batch.packed, batch.area_units
         self.views[:] += batch.views
 
@@ -122,3 +150,23 @@ class CoverageBits(InOneLine):
         return np.unpackbits(octets, axis=1, count=len(self.views), bitorder="little").view(
             np.bool_
         )
+
+
+Judged = tuple[CoverageBits, BoolArray]
+"""Faces that each pose covers by `Rasterizer._judge`, and `FaceCounts.clipped`."""
+
+
+@frozen_record
+class Criteria:
+    """Thresholds, and facts of faces, by which a pose covers a face that was counted.
+
+    Attributes
+    ----------
+    rules : mapping of str to float
+        Thresholds of a task for a camera: `Rules` of `rastercov.core.coverage.task`, by name.
+    may_be_covered : (F,) bool
+        Faces that meet the criteria of the surface itself.
+    """
+
+    rules: Mapping[str, float]
+    may_be_covered: BoolArray

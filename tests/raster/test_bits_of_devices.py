@@ -1,0 +1,213 @@
+"""Bits that `evaluate` takes from a device: those of the CPU, and what else is asked for later."""
+
+import logging
+from dataclasses import replace
+
+import hostile_scenes
+import judged_scenes
+import numpy as np
+import pytest
+from gl_device import DEVICE
+
+import rastercov as rc
+from rastercov.core.coverage import bits_alone
+from rastercov.core.coverage.bits_alone import LATER
+from rastercov.gl import GLRasterizer
+
+pytestmark = pytest.mark.matter("opengl")
+MESH = rc.shapes.torus(12, 8)
+CAMERA = rc.Camera.from_fov(80, 60, hfov_deg=50)
+POSES = rc.sphere_of_poses((0, 0, 0), 2 * MESH.diagonal, 23)
+TASK = rc.Task(max_incidence_deg=60)
+BITS = ("packed", "area_units", "views")
+
+
+@pytest.fixture
+def judged(monkeypatch):
+    """Batches that a device judged; software is given the plan of GPUs."""
+    calls, honest = [], GLRasterizer._judge
+    monkeypatch.setattr(GLRasterizer, "_choose_plan", lambda self, plan: "compute")
+
+    def noted(self, poses, criteria):
+        calls.append(len(poses))
+        return honest(self, poses, criteria)
+
+    monkeypatch.setattr(GLRasterizer, "_judge", noted)
+    return calls
+
+
+def evaluate(mesh, camera, poses, task, device, supersample=1, **options):
+    engine = rc.Engine("sampled", device, supersample)
+    return rc.evaluate(mesh, camera, poses, task, method=engine, **options)
+
+
+def check_same(ours, theirs):
+    for name in BITS:
+        np.testing.assert_array_equal(getattr(ours.bits, name), getattr(theirs.bits, name))
+    np.testing.assert_array_equal(ours.clipped, theirs.clipped)
+    np.testing.assert_array_equal(ours.pose_ids, theirs.pose_ids)
+    np.testing.assert_array_equal(ours.network.views, theirs.network.views)
+    assert ours.network.clipped_poses == theirs.network.clipped_poses
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_evaluate_has_the_bits_of_the_cpu_and_all_else_when_it_is_read(judged, seed):
+    rng = np.random.default_rng(seed)
+    make = (hostile_scenes.scene, judged_scenes.scene)[seed % 2]
+    mesh, camera, poses, supersample = make(rng)
+    task = rc.Task(max_incidence_deg=70, min_visibility=0.2, min_pixels=2, views=1 + seed % 2)
+    scene = (mesh, camera, poses, task)
+    ours, theirs = (
+        evaluate(*scene, device, supersample, fields=("covered",)) for device in (DEVICE, "cpu")
+    )
+    assert sum(judged) == len(poses)
+    check_same(ours, theirs)
+    assert not set(LATER) & set(vars(ours.network))
+    for name in LATER:
+        expected = getattr(theirs.network, name)
+        np.testing.assert_array_equal(getattr(ours.network, name), expected, err_msg=name)
+    assert ours.network.summary() == theirs.network.summary()
+
+
+def test_shards_keep_the_bits_that_a_device_judged(judged, tmp_path):
+    run = (MESH, CAMERA, POSES, TASK, DEVICE)
+    ours = evaluate(*run, fields=("covered",), shards=tmp_path)
+    assert sum(judged) == len(POSES)
+    again = evaluate(*run, fields=("covered",), shards=tmp_path)
+    assert sum(judged) == len(POSES)  # none is judged again
+    theirs = evaluate(*run[:-1], "cpu", fields=("covered",))
+    check_same(ours, theirs)
+    check_same(again, theirs)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1e9])
+def test_how_many_poses_are_judged_at_a_time_changes_no_bit(judged, monkeypatch, seconds):
+    monkeypatch.setattr(bits_alone, "SECONDS_JUDGED", seconds)
+    monkeypatch.setattr(bits_alone, "batch_size", lambda n_faces, threads: 4)
+    ours = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
+    assert judged == ([4, 8, 11] if seconds else [4, 2, *[1] * 17])
+    check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
+
+
+@pytest.mark.parametrize("fields", [("covered", "reason"), (), None])
+def test_what_bits_alone_do_not_have_is_judged_from_counts(judged, fields):
+    result = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=fields)
+    theirs = evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=fields)
+    assert not judged
+    assert result.network.summary() == theirs.network.summary()
+
+
+@pytest.mark.parametrize(
+    ("camera", "task"),
+    [
+        (CAMERA, replace(TASK, min_angle_deg=10)),
+        ([CAMERA, CAMERA.resized(0.5)], TASK),
+        (
+            rc.Camera(
+                width=80, height=60, fx=60, fy=60, model="opencv", distortion=[-0.1, 0, 0, 0]
+            ),
+            TASK,
+        ),
+    ],
+)
+def test_what_a_device_does_not_judge_has_the_same_bits(judged, camera, task):
+    n = len(camera) if isinstance(camera, list) else 1
+    poses = rc.Poses.of(POSES, camera=np.arange(len(POSES)) % n)
+    ours = evaluate(MESH, camera, poses, task, DEVICE, fields=("covered",))
+    assert not judged
+    check_same(ours, evaluate(MESH, camera, poses, task, "cpu", fields=("covered",)))
+
+
+def test_a_run_says_once_why_the_host_judges_what_a_device_counts(judged, monkeypatch, caplog):
+    monkeypatch.setattr(GLRasterizer, "_choose_plan", lambda self, plan: "pipeline")
+    with caplog.at_level(logging.WARNING, "rastercov"):
+        ours = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
+    (line,) = caplog.messages
+    assert line == (
+        "the CPU judges what the device counts: plan 'pipeline' judges nothing on the device"
+    )
+    caplog.clear()
+    check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
+    assert not judged
+    assert not caplog.messages
+
+
+# --- the device that is taken, and one that fails -------------------------------------------------
+
+
+@pytest.fixture
+def gpu(monkeypatch):
+    """The device of the tests takes the place of a GPU that passed its self-test."""
+    asked = []
+    hooks = type("Hooks", (), {"find_gpu": lambda self: asked.append(1) or DEVICE})()
+    monkeypatch.setattr(bits_alone, "drawer", lambda: hooks)
+    monkeypatch.setattr(bits_alone, "LEAST_PAIRS", len(POSES) * MESH.n_faces)
+    return asked
+
+
+def test_auto_takes_a_gpu_for_large_runs_and_says_so(judged, gpu, caplog):
+    with caplog.at_level(logging.WARNING, "rastercov"):
+        ours = evaluate(MESH, CAMERA, POSES, TASK, "auto", fields=("covered",))
+    assert caplog.messages == [f"device auto is {DEVICE}, for a run of 23 poses"]
+    assert sum(judged) == len(POSES)
+    assert ours.info.backend == "gl"
+    check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
+
+
+LENS = rc.Camera(width=80, height=60, fx=60, fy=60, model="opencv", distortion=[-0.1, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("device", "n", "camera", "fields"),
+    [
+        ("auto", -1, CAMERA, ("covered",)),  # one pose too few
+        ("cpu", None, CAMERA, ("covered",)),
+        ("auto", None, CAMERA, ("reason",)),
+        ("auto", None, CAMERA, ()),
+        ("auto", None, LENS, ("covered",)),
+    ],
+)
+def test_auto_is_the_cpu_where_a_gpu_is_of_no_use(judged, gpu, device, n, camera, fields):
+    result = evaluate(MESH, camera, POSES[:n], TASK, device, fields=fields)
+    assert result.info.backend == "cpu"
+    assert not gpu
+    assert not judged
+
+
+@pytest.mark.parametrize("after", [0, 1, 2])
+def test_the_cpu_continues_where_a_device_fails(judged, monkeypatch, caplog, after):
+    monkeypatch.setattr(bits_alone, "batch_size", lambda n_faces, threads: 4)
+    noted = GLRasterizer._judge
+
+    def lost(self, poses, criteria):
+        if len(judged) == after:
+            raise rc.DeviceError("expected a working device, got a lost one; open another")
+        return noted(self, poses, criteria)
+
+    monkeypatch.setattr(GLRasterizer, "_judge", lost)
+    with caplog.at_level(logging.WARNING, "rastercov"):
+        ours = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
+    (line,) = caplog.messages
+    assert line.startswith("the CPU continues in place of a device: expected a working device")
+    assert len(judged) == after
+    theirs = evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",))
+    check_same(ours, theirs)
+    assert ours.network.summary() == theirs.network.summary()
+
+
+@pytest.mark.parametrize("room", [1, 5, 23])
+def test_batches_shrink_to_the_memory_that_is_there(judged, monkeypatch, room):
+    noted = GLRasterizer._judge
+
+    def short(self, poses, criteria):
+        if len(poses) > room:
+            raise rc.ResourceError("expected memory, got none")
+        return noted(self, poses, criteria)
+
+    monkeypatch.setattr(GLRasterizer, "_judge", short)
+    ours = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
+    assert max(judged) <= room
+    check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
+    room = 0
+    with pytest.raises(rc.ResourceError, match="expected memory, got none"):
+        evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
