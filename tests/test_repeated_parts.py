@@ -95,6 +95,13 @@ def test_a_part_twice_as_often_is_twice_the_work_at_most(read, name, part, make,
     assert second <= MOST_GROWTH * max(first, 0) + FEW_CALLS
 
 
+@pytest.mark.parametrize("part", ["vertices of one source", "sources of one array"])
+def test_primitives_share_the_points_that_they_name(part, load):
+    mesh = load("a.dae", DAE[part](SIZE))
+    assert mesh.n_faces == SIZE
+    assert mesh.n_vertices == SIZE + 4
+
+
 def test_rigs_without_places_are_one_note(tmp_path):
     def make(n):
         rows = [f"{i} PINHOLE 640 480 500 500 320 240\n" for i in range(2 * n)]

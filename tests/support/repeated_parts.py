@@ -161,8 +161,16 @@ def node_of(number, *ids):
     )
 
 
-def vertices(number):
-    return f'<vertices id="v{number}"><input semantic="POSITION" source="#s"/></vertices>'
+def vertices(number, source="s"):
+    return f'<vertices id="v{number}"><input semantic="POSITION" source="#{source}"/></vertices>'
+
+
+def source_of_all(number, n):
+    """Another source of the n points of `source`."""
+    return (
+        f'<source id="s{number}"><technique_common><accessor source="#f" count="{n}" stride="3">'
+        '<param name="X"/><param name="Y"/><param name="Z"/></accessor></technique_common></source>'
+    )
 
 
 def skin(number, url):
@@ -201,6 +209,11 @@ DAE = {
     "vertices of one source": lambda n: dae(
         mesh="".join(FACE.replace("#v", f"#v{i}") for i in range(n)),
         before=source(np.zeros((n + 4, 3))) + "".join(vertices(i) for i in range(n)),
+    ),
+    "sources of one array": lambda n: dae(
+        mesh="".join(FACE.replace("#v", f"#v{i}") for i in range(n)),
+        before=source(np.zeros((n + 4, 3)))
+        + "".join(vertices(i, f"s{i}") + source_of_all(i, n + 4) for i in range(n)),
     ),
     "controllers": lambda n: dae(
         '<node><instance_controller url="#c0"/></node>' * n,

@@ -90,9 +90,8 @@ class _Scene:
         self._shapes: dict[str, PolygonShape] = {}
         self._controlled: dict[tuple[Element, Skeletons], tuple[FloatArray, PolygonShape, str]] = {}
         self._joints: dict[str, dict[str, Element]] = {}
-        self._points: dict[str, FloatArray] = {}
-        self._sources: dict[str, FloatArray] = {}
         self._numbers: dict[Element, FloatArray] = {}
+        self._sources: dict[tuple[Element, range, tuple[int, ...]], FloatArray] = {}
         self._n_lines = self._n_bytes = 0
         self._skinned: dict[str, None] = {}
         self._more_notes: dict[str, None] = {}
@@ -312,7 +311,7 @@ class _Scene:
             return self._shapes[key]
         points, corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
         n_corners = [np.empty(0, np.int64)]
-        first_of: dict[str, int] = {}
+        first_of: dict[int, int] = {}  # by arrays of `_sources`: many `vertices` may share one
         n_points = n_faces = 0
         for primitive in (each for mesh in children(geometry, "mesh") for each in mesh):
             self._n_lines += local_name(primitive) in LINES
@@ -323,13 +322,14 @@ class _Scene:
                 continue
             own = self._positions(source)
             n_faces += int((counts - 2).sum())
-            check_budget(n_faces, self._budget, n_points + (source not in first_of) * len(own))
+            is_new = id(own) not in first_of
+            check_budget(n_faces, self._budget, n_points + is_new * len(own))
             check_indices(indices, len(own), f"geometry {_name(geometry)!r}")
-            if source not in first_of:
-                first_of[source] = n_points
+            if is_new:
+                first_of[id(own)] = n_points
                 points.append(own)
                 n_points += len(own)
-            corners.append(indices + first_of[source])
+            corners.append(indices + first_of[id(own)])
             n_corners.append(counts)
         self._shapes[key] = PolygonShape(
             np.concatenate(points), np.concatenate(corners), np.concatenate(n_corners), n_faces
@@ -384,21 +384,16 @@ class _Scene:
         return indices, counts, at[1]
 
     def _positions(self, url: str) -> FloatArray:
-        """(V, 3) points of an element `vertices`, parsed once."""
-        if url not in self._points:
-            (entry,) = [
-                each
-                for each in children(self._target(url, "vertices"), "input")
-                if each.get("semantic") == "POSITION"
-            ]
-            source = entry.attrib["source"]
-            if source not in self._sources:
-                self._sources[source] = self._source(source)
-            self._points[url] = self._sources[source]
-        return self._points[url]
+        """(V, 3) points of an element `vertices`."""
+        (entry,) = [
+            each
+            for each in children(self._target(url, "vertices"), "input")
+            if each.get("semantic") == "POSITION"
+        ]
+        return self._source(entry.attrib["source"])
 
     def _source(self, url: str, n_columns: int = 3) -> FloatArray:
-        """(V, n_columns) numbers of a source, by its accessor."""
+        """(V, n_columns) numbers of a source, by its accessor; one array for equal accessors."""
         source = self._target(url, "source")
         (accessor,) = below(source, "technique_common", "accessor")
         array = self._target(accessor.attrib["source"], "float_array")
@@ -426,7 +421,10 @@ class _Scene:
             f"{where}: expected {count} points of {stride} numbers from {offset} on, got {n} "
             "numbers; truncated",
         )
-        return values[offset:end].reshape(count, stride)[:, columns]
+        key = array, range(offset, end, stride), tuple(columns)
+        if key not in self._sources:
+            self._sources[key] = values[offset:end].reshape(count, stride)[:, columns]
+        return self._sources[key]
 
     def _notes(self) -> list[str]:
         """Notes on content of the file that was not read."""
