@@ -14,6 +14,8 @@
 #              sanitizers; TESTS=tests/mesh takes some
 # make stubs   rastercov/engine/*.pyi, types of the loops for mypy and editors, as `make lint` does
 # make docs    the documentation as a site, docs/_build/html, without a network
+# make site    build/site: the documentation, the playground and three examples that compute, for any
+#              static host
 # make bench   all figures of the documentation, side by side with a ray tracer, to build/bench; under
 #              an hour. MESHES=DIR measures the mesh files there, too
 #
@@ -84,7 +86,7 @@ INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs bench opengl osmesa node chromium clean
+.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs site bench opengl osmesa node chromium clean
 
 test quick: LEVELS := runnable
 
@@ -200,6 +202,11 @@ docs: $(VENV)/installed-docs native
 	$(BIN)/codespell *.md docs examples rastercov reference benchmarks
 	$(BIN)/python -m sphinx -q -W --keep-going -j auto -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
+
+site: wasm docs
+	@rm -rf build/site; cp -r docs/_build/html build/site
+	@$(STEP) "writing pages that compute, some seconds" $(BIN)/python .ci/site build/site
+	@echo "build/site/index.html"
 
 # Open3D's wheel leaves libusb to the system.
 bench: $(VENV)/installed-bench native opengl

@@ -5,10 +5,12 @@ import subprocess
 import sys
 import tomllib
 from importlib.metadata import requires
+from importlib.util import module_from_spec, spec_from_file_location
 from itertools import chain
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from rastercov.base import versions
 
@@ -47,7 +49,9 @@ def test_the_oldest_versions_are_those_that_the_project_promises():
     oldest = constraints("oldest")
     for line in PROJECT["dependencies"]:
         name, least = re.match(r"([\w.-]+)>=([\w.]+)", line).groups()
-        assert oldest[name.lower()] == least
+        if (marker := Requirement(line).marker) is None or marker.evaluate():
+            assert oldest[name.lower()] == least
+    assert oldest["numpy"] == "1.26.4" if sys.platform != "win32" else "2"
     assert oldest["ruff"] == constraints("tested")["ruff"]  # a tool
     assert constraints("newest") == {}
 
@@ -79,6 +83,25 @@ def test_a_version_outside_of_what_was_tested_is_named(other, number, words):
     other("numpy", number)
     items = [line for line in versions.untested_versions() if line.startswith("numpy ")]
     assert items == [line.format(tested) for line in words]
+
+
+@pytest.mark.parametrize("system", ["linux", "darwin", "win32"])
+def test_numpy_of_windows_counts_by_64_bits_and_older_ones_are_named_there_alone(
+    monkeypatch, system
+):
+    numpy = [line for line in PROJECT["dependencies"] if line.startswith("numpy")]
+    asked = [Requirement(line) for line in numpy]
+    place = {"sys_platform": system}
+    own = [each for each in asked if each.marker is None or each.marker.evaluate(place)]
+    assert all("1.26.4" in each.specifier for each in own) == (system != "win32")
+    monkeypatch.setattr(sys, "platform", system)
+    spec = spec_from_file_location("of_a_system", versions.__file__)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.requires = lambda package: numpy
+    module.version_of = lambda name: "1.26.4"
+    words = "numpy 1.26.4 is older than 2, the oldest that rastercov supports"
+    assert module.untested_versions() == [words] * (system == "win32")
 
 
 def test_tools_of_developers_are_not_named(other):

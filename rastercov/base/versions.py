@@ -6,13 +6,16 @@ package asks for.
 
 import functools
 import re
+import sys
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.resources import files
 
 CONSTRAINTS = files("rastercov") / "data" / "constraints.txt"
-OF_DEVELOPERS = re.compile(r"extra == .(dev|docs|bench|shapes).")
-"""Requirements that no user has."""
+OF_OTHERS = re.compile(
+    rf"extra == .(dev|docs|bench|shapes).|; sys_platform == .(?!{sys.platform}\b)\w+.$"
+)
+"""Requirements that no user of this system has."""
 REQUIREMENT = re.compile(r"([\w.-]+)[^;>]*(?:>=([\w.]+))?")
 
 
@@ -47,7 +50,7 @@ def _untested_names() -> Iterator[str]:
         return
     for requirement in requirements:
         result = REQUIREMENT.match(requirement)
-        if result is None or OF_DEVELOPERS.search(requirement):
+        if result is None or OF_OTHERS.search(requirement):
             continue
         name = re.sub("[-_.]+", "-", result[1]).lower()
         here = version_of(name)

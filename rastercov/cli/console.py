@@ -587,6 +587,7 @@ COMMANDS = {
     "cameras": "Search the catalogue of cameras, lenses, sensor heads and lamps.",
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
+    "playground": "Write a page that computes without rastercov, for a mesh of its reader.",
     "sheet": "Draw a floor plan with cameras to scale: SVG, PDF or DXF.",
     "sun": "Compute sunlight hours and solar irradiation on faces, groups and storeys "
     "for a day or year.",
@@ -608,7 +609,13 @@ FAILED = {
     "validate": "fewer than 98 % of the predictions were right",
 }
 """Meaning of exit code 1 of each command that has it."""
-IN_MODULE = {"check": "place", "demo": "evaluate", "render": "evaluate", "validate": "compare"}
+IN_MODULE = {
+    "check": "place",
+    "demo": "evaluate",
+    "playground": "view",
+    "render": "evaluate",
+    "validate": "compare",
+}
 """Modules of commands that have another name."""
 
 

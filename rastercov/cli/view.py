@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from rastercov.base import CameraError, ConfigError, MeshError, first_of, plural
+from rastercov.base import CameraError, ConfigError, MeshError, first_of, plural, write_text
 from rastercov.cli import options
-from rastercov.cli.console import print_lines, say, show_lines, size_line, warn
+from rastercov.cli.console import out_option, print_lines, say, show_lines, size_line, warn
 from rastercov.cli.inputs import (
     AROUND,
     SceneOptions,
@@ -50,6 +50,9 @@ RigOption = Annotated[
         show_default="none, or that of the result",
     ),
 ]
+NoBrowser = Annotated[
+    bool, Option("--no-browser", help="Print the address without opening a browser.")
+]
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 """Variables of a desktop; without one, Python would open a browser in the terminal."""
 
@@ -70,9 +73,7 @@ def view(
         str, Option(help="Visibility method: certified, exact or sampled.")
     ] = "certified",
     port: Annotated[int, Option(min=0, max=65535, help="Local port; 0 for any free port.")] = 0,
-    no_browser: Annotated[
-        bool, Option("--no-browser", help="Print the address without opening a browser.")
-    ] = False,
+    no_browser: NoBrowser = False,
     export: Annotated[
         Path | None,
         Option(help="Write a self-contained, interactive .html file and exit."),
@@ -131,11 +132,7 @@ def _start_page(serving: ExitStack, redirecting: ExitStack, opens: bool, url: st
     serving.enter_context(show_lines(None))  # no wait, but until it is stopped
     print_lines(url)
     say("press Ctrl-C to stop")
-    if not opens:
-        return
-    # Those of other systems have no name.
-    if sys.platform == "linux" and not any(map(os.environ.get, DISPLAYS)):
-        say("no display found: forward the port with ssh -L and open the address elsewhere")
+    if not opens or not _has_display("forward the port with ssh -L and open the address elsewhere"):
         return
     try:
         page = redirecting.enter_context(redirect(url)).as_uri()
@@ -144,6 +141,35 @@ def _start_page(serving: ExitStack, redirecting: ExitStack, opens: bool, url: st
         return
     # The page is answered once this thread serves; a browser may hold its own.
     Thread(target=webbrowser.open, args=(page,), daemon=True).start()
+
+
+def _has_display(remedy: str) -> bool:
+    """True where a browser can be opened; says what to do instead."""
+    # Those of other systems have no name.
+    if sys.platform != "linux" or any(map(os.environ.get, DISPLAYS)):
+        return True
+    say(f"no display found: {remedy}")
+    return False
+
+
+def playground(
+    out: Annotated[Path, out_option("File to write, .html.")] = Path("playground.html"),
+    no_browser: NoBrowser = False,
+) -> None:
+    """Write a page that computes without rastercov, for a mesh of its reader.
+
+    Example: rastercov playground --out page.html
+    """
+    from rastercov.page.saving import check_name
+    from rastercov.report import live
+
+    check_name(out)
+    if live.engine() is None:
+        raise ConfigError(f"expected the engine of pages, got {live.WITHOUT}")
+    write_text(out, live.playground())
+    print_lines(out)
+    if not no_browser and _has_display("open the file in a browser elsewhere"):
+        webbrowser.open(out.absolute().as_uri())
 
 
 def open_scene(

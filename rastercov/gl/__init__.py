@@ -39,8 +39,8 @@ def __getattr__(name: str) -> Any:
         from rastercov.gl import rasterizer
     except ImportError as error:
         raise DeviceError(
-            f"expected OpenGL, got an import error ({error}); pip install moderngl, "
-            "or use backend 'cpu'"
+            f"expected OpenGL, got an import error ({error}); run: pip install "
+            "moderngl, or use the device cpu"
         ) from error
     return getattr(rasterizer, name)
 

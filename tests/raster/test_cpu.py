@@ -274,7 +274,7 @@ except rc.DeviceError as error:
     seen, error = run_python("-c", code).stdout.splitlines()
     assert int(seen) > 0
     assert error.startswith("expected OpenGL, got an import error (import of moderngl halted")
-    assert error.endswith("; pip install moderngl, or use backend 'cpu'")
+    assert error.endswith("; run: pip install moderngl, or use the device cpu")
 
 
 # --- what the loops are given ---------------------------------------------------------------------

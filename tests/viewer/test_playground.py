@@ -2,11 +2,16 @@
 
 import json
 import re
+import sys
+import webbrowser
+from pathlib import Path
 
 import numpy as np
 import pytest
 from browser import Tab
 from mesh_files import VALID, WRITERS
+from nightly import IS_NIGHTLY
+from processes import run_python
 from test_live import downloaded
 
 import rastercov as rc
@@ -17,6 +22,7 @@ from rastercov.report import live
 WITHOUT = pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
 pytestmark = [pytest.mark.slow, WITHOUT]
 PART = shapes.torus(16, 8)
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -24,6 +30,53 @@ def address(tmp_path):
     path = tmp_path / "playground.html"
     path.write_text(live.playground(), encoding="utf-8")
     return path.as_uri()
+
+
+@pytest.mark.every_day
+def test_the_command_writes_it_and_opens_it_where_there_is_a_display(tmp_path, monkeypatch, capsys):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert command(["playground"]) == 0
+    said = capsys.readouterr()
+    assert said.out == "playground.html\n"
+    assert said.err == "no display found: open the file in a browser elsewhere\n"
+    path = tmp_path / "own page.htm"
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert command(["playground", "--out", path.name, "--no-browser"]) == 0
+    assert opened == []
+    assert command(["playground", "--out", path.name]) == 0
+    assert opened == [path.as_uri()]
+    texts = {each.read_text(encoding="utf-8") for each in tmp_path.iterdir()}
+    assert texts == {live.playground()}
+    assert command(["playground", "--out", "page.txt"]) == 2
+    assert len([*tmp_path.iterdir()]) == 2
+
+
+@pytest.mark.every_day
+def test_an_installation_without_the_engine_says_so(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(live, "engine", lambda: None)
+    assert command(["playground", "--out", str(tmp_path / "page.html")]) == 2
+    assert capsys.readouterr().err == (
+        "error: expected the engine of pages, got no engine in this installation; run make wasm\n"
+    )
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.skipif(not IS_NIGHTLY, reason="at night")
+def test_pages_of_the_site_compute(context, tmp_path):
+    run_python(ROOT / ".ci/site", tmp_path)
+    assert {each.stem for each in tmp_path.iterdir()} == {"playground", "part", "room", "flight"}
+    for name in ("part", "room", "flight"):
+        page = Tab(context, (tmp_path / f"{name}.html").as_uri())
+        before = page.area_percent()
+        page.js("rastercov.session.act({do: 'delete', station: rastercov.state().stations[0].id})")
+        page.idle()
+        assert 0 < page.area_percent() < before
+        assert {each.split(":")[0] for each in page.requests} <= {"file", "blob", "data"}
 
 
 class Begun(Tab):
