@@ -101,7 +101,7 @@ ROUNDING = 1e-9
 
 @frozen_record
 class Choice:
-    """Selection among candidates for cameras whose poses are known, by a `Chooser`.
+    """Selection among candidates for cameras whose poses are known, by `Products.choose`.
 
     Attributes
     ----------
@@ -251,8 +251,10 @@ Improvement = tuple[str, Callable[[Placement], object], Work]
 
 
 class Products:
-    """Hooks of a feature that makes something of placed cameras."""
+    """Hooks of a feature that makes something of placed cameras, or chooses places of its own."""
 
+    word = ""
+    """Of its equipment, where it chooses places for that."""
     steps: Sequence[Improvement] = ()
     """Steps that add to `Placement.made`, by their names."""
 
@@ -264,6 +266,10 @@ class Products:
 
     def of(self, placement: Placement) -> Product | None:
         """The product without a step, where the plan asks for it."""
+
+    def choose(self, job: "Run", plan: Plan, eyes: Poses | None) -> Placement:
+        """Choice for cameras that are there; with cameras, too, for None."""
+        raise NotImplementedError  # each feature with a word has its own
 
 
 def place(
@@ -331,7 +337,7 @@ def place(
     job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not beside:
         return job.cameras(plan, (*STEPS, *last_steps()))
-    chooser = next(each for each in hooks_of(Chooser) if each.word == beside)
+    chooser = next(each for each in hooks_of(Products) if each.word == beside)
     chosen = chooser.choose(job, plan, eyes)
     if chosen.interrupted:
         return chosen
@@ -437,16 +443,6 @@ class Run:
             except KeyboardInterrupt:
                 placement = replace(placement, interrupted=name)
         return placement
-
-
-class Chooser:
-    """Hooks of a feature that chooses places of its own, where candidates are of it."""
-
-    word: str
-
-    def choose(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
-        """Choice for cameras that are there; with cameras, too, for None."""
-        raise NotImplementedError  # each feature has its own
 
 
 def _select(prepared: Prepared, seconds: float | None = None) -> Selection:
