@@ -18,9 +18,17 @@ from rastercov.core.area.relaxed import without_borders
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import MODELS, Camera, Gate, Rig, eyes_of, near_limit, valid_poses
 from rastercov.core.camera.lenses.of_camera import lens_of
-from rastercov.core.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
-from rastercov.core.coverage.surface import own_reasons
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import (
+    BASELINE,
+    BITS,
+    CRITERIA,
+    NAMES,
+    ROW_OF,
+    Reason,
+    Task,
+    code_of,
+    own_reasons,
+)
 from rastercov.core.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
 from rastercov.reference.polygons import as_central, farthest_of

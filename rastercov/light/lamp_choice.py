@@ -62,7 +62,7 @@ from rastercov.placement.plan.run import (
 )
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
 from rastercov.placement.plan.sections import CameraType, SelectionSection
-from rastercov.placement.select.integer import select_by
+from rastercov.placement.select.methods import select_by
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,

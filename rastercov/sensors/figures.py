@@ -52,8 +52,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.rig import are_central
 from rastercov.core.camera.rule import Limited, limits_of
-from rastercov.core.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN, Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import BASELINE, CONDITIONS, UNCERTAIN, Reason, Task
 from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.sensors.ray_limits import measure_limits, within_limits, worst_deviations
 

@@ -21,8 +21,7 @@ from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches
 from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.provenance import provenance_of
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind
 from rastercov.reference.models import MODELS, zhang

@@ -16,8 +16,7 @@ from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, join
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of
 from rastercov.core.coverage.device import Carried, Device, devices
-from rastercov.core.coverage.reasons import NAMES, Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import NAMES, Reason, Task
 from rastercov.core.mesh import Mesh
 
 

@@ -23,9 +23,8 @@ from rastercov.core.coverage.bits import CoverageBits, area_units, room_for_bits
 from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.reasons import Reason, nearer
 from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task, nearer
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind
 from rastercov.engine.coverage_network import add_poses, add_rows

@@ -39,8 +39,7 @@ from rastercov.core.mesh.groups import list_names, rows_of
 from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
-from rastercov.placement.improve.search import Optimised, optimise
+from rastercov.placement.improve.refine import INTERRUPTED, Optimised, Refined, optimise, refine
 from rastercov.placement.plan.check import plan_of_cameras
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
@@ -85,7 +84,7 @@ from rastercov.placement.plan.product import Product
 from rastercov.placement.plan.scene import CandidatePool, name_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, views_for_zones, ways
-from rastercov.placement.select.integer import select_by
+from rastercov.placement.select.methods import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
 from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers, silent
