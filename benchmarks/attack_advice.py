@@ -17,7 +17,7 @@ from rows import Report
 import rastercov as rc
 from rastercov.core.area.frames import rows_at
 from rastercov.core.area.stages import first_failures
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.reference.regions import covers_points, points_on
 
 SCENES, POINTS, POSES = 80, 4_000, 1_000

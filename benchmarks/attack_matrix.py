@@ -24,8 +24,7 @@ from set_cover_cases import (
 
 import rastercov as rc
 from rastercov.core.mesh import shapes
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.methods import select_greedy, select_integer
 from rastercov.placement.select.problem import BestCoverage, Problem, problem_of_matrix
 
 TRIALS = 3000

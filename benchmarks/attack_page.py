@@ -25,7 +25,7 @@ import rastercov as rc
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.rig import Rig
-from rastercov.core.coverage.reasons import NAMES
+from rastercov.core.coverage.task import NAMES
 from rastercov.page import measurements
 from rastercov.page.live import open_live, record_cause
 from rastercov.page.rig_state import RigState

@@ -18,7 +18,7 @@ import rastercov as rc
 from rastercov.core.area.frames import rows_at
 from rastercov.core.area.relaxed import without_borders
 from rastercov.core.area.zones import DeadZones, areas_by_reason, dead_zones
-from rastercov.core.coverage.reasons import UNSEEABLE, name_of
+from rastercov.core.coverage.task import UNSEEABLE, name_of
 from rastercov.reference.regions import points_on, reasons_of_points
 
 FloatArray = NDArray[np.float64]

@@ -26,7 +26,7 @@ from rastercov.placement.bits import CoveredBits, n_words, spread_out
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select import bounds
 from rastercov.placement.select.cover import CoverState, LazyCover
-from rastercov.placement.select.greedy import EFFORT, construct_cover, improve, select_greedy
+from rastercov.placement.select.methods import EFFORT, construct_cover, improve, select_greedy
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import (
     BestCoverage,

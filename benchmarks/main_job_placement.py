@@ -17,7 +17,7 @@ import rastercov as rc
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import open_observer
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, openings
 from rastercov.placement.candidates.pool import Framing

@@ -33,11 +33,9 @@ from rastercov.placement.candidates.pool import Framing, per_segment
 from rastercov.placement.candidates.segments import segment
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.improve.refine import refine
-from rastercov.placement.improve.search import optimise
+from rastercov.placement.improve.refine import optimise, refine
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.methods import select_greedy, select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,

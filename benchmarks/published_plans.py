@@ -30,8 +30,7 @@ from set_cover_file import read_camera_cover, read_set_cover
 import rastercov as rc
 from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.methods import select_greedy, select_integer
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of
 
 FILE = Path(__file__).with_suffix(".toml")

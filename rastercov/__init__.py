@@ -63,7 +63,7 @@ if _TYPE_CHECKING:
         Observer as Observer,
         open_observer as open_observer,
     )
-    from rastercov.core.coverage.reasons import Reason as Reason
+    from rastercov.core.coverage.task import Reason as Reason
     from rastercov.light.sunlight import Sunlight as Sunlight, sunlit as sunlit
     from rastercov.core.coverage.task import Task as Task
     from rastercov.core.coverage.visibility import (
@@ -124,9 +124,8 @@ _NAMES = {
     "core.coverage.job": "evaluate",
     "core.coverage.network": "Network",
     "core.coverage.observer": "Observer open_observer",
-    "core.coverage.reasons": "Reason",
     "light.sunlight": "Sunlight sunlit",
-    "core.coverage.task": "Task",
+    "core.coverage.task": "Reason Task",
     "core.coverage.visibility": "Visibility visibility",
     "core.mesh": "Group Mesh",
     "robots.collisions": "Collisions",

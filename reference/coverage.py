@@ -12,10 +12,8 @@ import numpy as np
 from rastercov.base import AnyArray, BoolArray, ByteArray, FloatArray
 from rastercov.core.camera import Camera, near_limit, to_image
 from rastercov.core.coverage.coverage import FIGURES, Coverage
-from rastercov.core.coverage.reasons import BITS, ROW_OF, Reason
 from rastercov.core.coverage.records import ROW_TYPES, PairRows
-from rastercov.core.coverage.surface import own_reasons
-from rastercov.core.coverage.task import STEEP, Task
+from rastercov.core.coverage.task import BITS, ROW_OF, STEEP, Reason, Task, own_reasons
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind, Observation
 from rastercov.engine.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING

@@ -14,7 +14,7 @@ from rastercov.core.camera import MODELS, Camera, Poses, near_limit, to_camera, 
 from rastercov.core.camera.near_plane import pinholes
 from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind, Observation
 

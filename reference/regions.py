@@ -18,9 +18,17 @@ from rastercov.core.area.relaxed import without_borders
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import MODELS, Camera, Gate, Rig, eyes_of, near_limit, valid_poses
 from rastercov.core.camera.lenses.of_camera import lens_of
-from rastercov.core.coverage.reasons import BASELINE, BITS, CRITERIA, NAMES, ROW_OF, Reason, code_of
-from rastercov.core.coverage.surface import own_reasons
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import (
+    BASELINE,
+    BITS,
+    CRITERIA,
+    NAMES,
+    ROW_OF,
+    Reason,
+    Task,
+    code_of,
+    own_reasons,
+)
 from rastercov.core.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen
 from rastercov.reference.polygons import as_central, farthest_of
@@ -51,9 +59,10 @@ def points_on(mesh: Mesh, n: int, seed: int = 0) -> tuple[FloatArray, IntArray]:
 
 
 class PointTwin:
-    """Hooks of a feature with equipment, by points."""
+    """Hooks of a feature with equipment, or gates that ask for more than a count, by points."""
 
-    word: str
+    word = ""
+    """Of its equipment, if any."""
     reason: str
     """Name of that of points where it does not hold."""
 
@@ -63,13 +72,9 @@ class PointTwin:
         """(2, N) whether it does at points of faces, on their front and rear."""
         raise NotImplementedError  # each criterion has its own
 
-
-class GateTwin:
-    """Hooks of a feature with gates that ask for more than a count, by points."""
-
-    def holds(self, gate: Gate, rays: FloatArray) -> BoolArray:
-        """(R, N) whether it does, by the rays from N points to n devices in R poses."""
-        raise NotImplementedError  # each feature has its own
+    def holds_together(self, gate: Gate, rays: FloatArray) -> bool | BoolArray:
+        """(R, N) whether a gate does, by the rays from N points to n devices in R poses."""
+        return True
 
 
 def covers_points(
@@ -212,8 +217,8 @@ def _of_rig(
         for row in gate.needs:
             counts &= (sees & side)[row]
         of_rig |= counts & is_allowed
-    for each in hooks_of(GateTwin) if BASELINE not in left else ():
-        of_rig &= each.holds(gate, eyes - points)
+    for each in hooks_of(PointTwin) if BASELINE not in left else ():
+        of_rig &= each.holds_together(gate, eyes - points)
     return of_rig
 
 
@@ -279,7 +284,7 @@ def reasons_by(
     """
     reasons = np.full(len(own), Reason.BACK_FACING, np.uint32)
     reasons[passes(None)] = Reason.OUTSIDE
-    twins = {BASELINE, *(NAMES.index(each.reason) for each in hooks_of(PointTwin))}
+    twins = {NAMES.index(each.reason) for each in hooks_of(PointTwin)}
     every = [row for row in reversed(CRITERIA) if row < Reason.COVERED or row in twins]
     is_open = np.ones(len(own), np.bool_)
     for left in (each for k in range(len(every) + 1) for each in combinations(every, k)):

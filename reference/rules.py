@@ -5,14 +5,16 @@ import numpy as np
 from rastercov.base import BoolArray, FloatArray
 from rastercov.core.camera import Gate
 from rastercov.core.camera.rule import Limited
-from rastercov.reference.regions import GateTwin
+from rastercov.reference.regions import PointTwin
 
 
-class AngleAtPoints(GateTwin):
+class AngleAtPoints(PointTwin):
     """Rules, see `rastercov.core.camera.rule`."""
 
-    def holds(self, gate: Gate, rays: FloatArray) -> BoolArray:
-        """See `GateTwin`."""
+    reason = "baseline"
+
+    def holds_together(self, gate: Gate, rays: FloatArray) -> BoolArray:
+        """See `PointTwin`."""
         if not isinstance(gate, Limited) or not gate.has_baseline:
             return np.ones(rays.shape[1:3], np.bool_)
         u = rays / np.linalg.norm(rays, axis=3, keepdims=True)

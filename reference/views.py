@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from rastercov.base import TINY, BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.core.raster.observation import BoundKind
 
 

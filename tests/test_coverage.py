@@ -17,8 +17,7 @@ from rastercov.core.coverage import job
 from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.observer import open_observer
-from rastercov.core.coverage.reasons import NAMES, Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import NAMES, Reason, Task
 from rastercov.core.coverage.visibility import FRACTION, visibility
 from rastercov.core.mesh import Mesh, shapes
 

@@ -27,9 +27,10 @@ from rastercov.core.area.rows import with_rule
 from rastercov.core.area.stages import CentrePass, failures_of_rows
 from rastercov.core.area.table import join as joined_regions
 from rastercov.core.camera.rig import Rig
-from rastercov.core.coverage import shards, surface
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage import shards
+from rastercov.core.coverage import task as surface
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, open_for
+from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Mesh
 from rastercov.motion.over_time import TimeAreas
 from rastercov.page.rig_state import RigState
@@ -293,7 +294,7 @@ def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, equipm
         for kind in () if IS_NIGHTLY else (AreaNetwork, TimeAreas):
             patch.setattr(kind, "dead_zones", lambda *network: {})
         if seed % 3 == 0:
-            patch.setitem(surface.CRITERIA, "uncertain", is_near_level)
+            patch.setitem(surface.OWN_CRITERIA, "uncertain", is_near_level)
         assert_regions_are_as_judged(case)
         assert_points_are_as_judged(case)
         assert_callers_agree(case, folder, is_placed=seed % PLACED == 0)

@@ -8,8 +8,8 @@ from nightly import examples
 
 import rastercov as rc
 from rastercov.core.area.advice import general_advice
-from rastercov.core.coverage import surface
-from rastercov.core.coverage.reasons import NAMES, Reason
+from rastercov.core.coverage import task as surface
+from rastercov.core.coverage.task import NAMES, Reason
 
 NAME = "uncertain"
 """Reason of the criterion, of those that have words."""
@@ -21,7 +21,7 @@ OTHER = rc.Camera(width=90, height=120, fx=60, fy=60, model="opencv", distortion
 def asked():
     """Adds a criterion, and takes it away again."""
     with pytest.MonkeyPatch.context() as patch:
-        yield lambda fails: patch.setitem(surface.CRITERIA, NAME, fails)
+        yield lambda fails: patch.setitem(surface.OWN_CRITERIA, NAME, fails)
 
 
 def scene_of(seed):
@@ -40,7 +40,7 @@ def test_what_fails_is_covered_by_nothing_and_all_else_is_as_before(seed):
     before = rc.evaluate(mesh, rig, poses, by="face")
     regions = rc.regions(mesh, rig, poses).areas()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(surface.CRITERIA, NAME, lambda task, mesh: fails)
+        patch.setitem(surface.OWN_CRITERIA, NAME, lambda task, mesh: fails)
         after = rc.evaluate(mesh, rig, poses, by="face")
         assert np.array_equal(rc.regions(mesh, rig, poses).areas(), np.where(fails, 0, regions))
         area = rc.evaluate(mesh, rig, poses, by="area", fields=()).areas.covered

@@ -14,7 +14,7 @@ from visible_fractions import FRACTION, visibility
 import rastercov as rc
 from rastercov.base.errors import MeshError
 from rastercov.core.coverage.coverage import FIGURES
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.targets import faces_on, sheet_above, with_target
 from rastercov.placement import what_is_left

@@ -8,7 +8,7 @@ import pytest
 
 import rastercov as rc
 from rastercov.core.area.advice import advice, general_advice, task_in_words
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 
 OTHER = {
     "min_visibility": 0.25, "max_blur": 2.0, "max_incidence_deg": 70.0, "views": 3,

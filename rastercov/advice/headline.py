@@ -13,7 +13,7 @@ from rastercov.core.area.feature import in_words
 from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.area.zones import LEAST_PERCENT, MOST_LINES, n_unlisted, zone_line
 from rastercov.core.coverage.phases import question_in
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh.groups import at_level
 
 Summary = ReadByName

@@ -8,16 +8,15 @@ from importlib import import_module
 from typing import TypeVar
 
 Hooks = TypeVar("Hooks")
-DEVICE = ("EquipmentKind", "Wording", "Device")
+DEVICE = ("EquipmentKind", "Wording")
 """Hooks of a device on cameras, `rastercov.core.coverage.device`."""
 FEATURES: dict[str, dict[str, str]] = {
     "rules": {
         "RigEntries": "sensors.rule_entries",
-        "GateLimits": "sensors.ray_limits",
         "Feature": "sensors.figures",
         "PlanSections": "sensors.plan_section",
         "FeatureModes": "sensors.rule_modes",
-        "GateTwin": "reference.rules",
+        "PointTwin": "reference.rules",
     },
     "lamps": {
         "EquipmentKind": "light.lamp_rig",
@@ -25,7 +24,7 @@ FEATURES: dict[str, dict[str, str]] = {
         "Feature": "light.points",
         "PlanSections": "light.plan_section",
         "PlanFeature": "light.lamp_plan",
-        "Chooser": "light.lamp_choice",
+        "Products": "light.lamp_choice",
         "FeatureModes": "light.lamp_modes",
         "PointTwin": "reference.lamps",
     },
@@ -33,7 +32,7 @@ FEATURES: dict[str, dict[str, str]] = {
         "Phased": "motion.moving",
         "PlanSections": "motion.plan_section",
         "PlanFeature": "motion.plan_over_time",
-        "PlanPhased": "motion.plan_over_time",
+        "PlanScene": "motion.plan_over_time",
         "FeatureModes": "motion.time_modes",
         "ReportHooks": "motion.report",
         "SceneFile": "cli.motion",
@@ -56,7 +55,7 @@ FEATURES: dict[str, dict[str, str]] = {
     "robots": {
         "PlanSections": "robots.plan_section",
         "PlanFeature": "robots.plan_arm",
-        "CarrierHooks": "robots.plan_arm",
+        "PlanScene": "robots.plan_arm",
         "CarriedGenerators": "robots.generators",
         "page": "joints",
     },

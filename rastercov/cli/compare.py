@@ -112,7 +112,7 @@ def _compare_models(
 ) -> None:
     """Compare all coverage models, leave the page, and print a table or the JSON."""
     from rastercov.reference.models import report
-    from rastercov.reference.models.comparison import compare_models, names_without_model
+    from rastercov.reference.models.report import compare_models, names_without_model
 
     for name, reason in names_without_model(camera).items():
         warn(f"{name} skipped: it needs a pinhole camera, because {reason}")

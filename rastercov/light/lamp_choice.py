@@ -54,15 +54,15 @@ from rastercov.placement.plan.prepare import Prepared, cells_of
 from rastercov.placement.plan.run import (
     STEPS,
     Choice,
-    Chooser,
     Placement,
+    Products,
     Run,
     measure_by_face,
     place_at,
 )
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
 from rastercov.placement.plan.sections import CameraType, SelectionSection
-from rastercov.placement.select.integer import select_by
+from rastercov.placement.select.methods import select_by
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
@@ -554,13 +554,13 @@ def _rank(placement: Placement) -> tuple[float, float, float]:
     return round(lack, 9), -float(cost), share
 
 
-class LampParts(Chooser):
+class LampParts(Products):
     """Lamps beside cameras."""
 
     word = "lamps"
 
     def choose(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
-        """See `Chooser`."""
+        """See `Products`."""
         return _in_turns(job, plan) if eyes is None else place_lamps(job, plan, eyes)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from rastercov.base.format import number
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.light.points import OfLight
 from rastercov.report.modes import (

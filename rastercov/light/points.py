@@ -31,8 +31,7 @@ from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.rows import tasks_of, with_rule
 from rastercov.core.area.table import Finder, Regions
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, names_of
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.light.lamp_rig import lamps_of
 from rastercov.light.lamp_words import quantity

@@ -34,8 +34,7 @@ from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, join, take_rows
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
 from rastercov.core.camera.light_units import check_unit
-from rastercov.core.coverage.reasons import NAMES
-from rastercov.core.coverage.task import NEEDED, Task
+from rastercov.core.coverage.task import NAMES, NEEDED, Task
 from rastercov.core.mesh import Mesh
 from rastercov.light.criteria import Highlight, Illuminance
 from rastercov.light.lamp_rig import lamps_of

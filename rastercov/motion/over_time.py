@@ -51,14 +51,6 @@ from rastercov.core.area.zones import CHECKED, MOST_LINES, DeadZones, points_of,
 from rastercov.core.camera import Cameras, Poses, led_by, names_of, rows_of_result
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.reasons import (
-    NO_CAMERAS,
-    TOO_FEW_VIEWS,
-    Reason,
-    name_of,
-    nearness,
-    rows_in,
-)
 from rastercov.core.coverage.shard_inputs import POSES, Inputs, open_once, read_npz
 from rastercov.core.coverage.shards import (
     PAIRS_A_SHARD,
@@ -71,8 +63,17 @@ from rastercov.core.coverage.shards import (
     store_in,
     unpack_rows,
 )
-from rastercov.core.coverage.surface import CRITERIA, own_reasons
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import (
+    NO_CAMERAS,
+    OWN_CRITERIA,
+    TOO_FEW_VIEWS,
+    Reason,
+    Task,
+    name_of,
+    nearness,
+    own_reasons,
+    rows_in,
+)
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.unseeable import areas_in_view, unseeable_areas
@@ -287,7 +288,7 @@ class OverTime(InOneLine):
         one_view = Stage((TOO_FEW_VIEWS,), *scene, frozenset())
         stages = [every, *[one_view] * (self.task.views > 1), *stages]
         of_surface = own_reasons(mesh, tasks_of(*scene)[0])
-        for row in range(len(self.motion)) if CRITERIA else ():
+        for row in range(len(self.motion)) if OWN_CRITERIA else ():
             moved, kept = self.motion._at(row, of_occluders=False)
             own = own_reasons(moved, tasks_of(*scene)[0])
             of_surface[kept] = np.maximum(of_surface[kept], own)
@@ -404,7 +405,7 @@ class OverTime(InOneLine):
         if n and n_pairs <= MOST_PAIRS and not is_carried:
             remedies = TimeRemedies.of(self, allowed)
             for entry, spot in zip(rows, remedies.spots(self.zones, n), strict=False):
-                if entry["reason"] not in ("unseeable", *CRITERIA):
+                if entry["reason"] not in ("unseeable", *OWN_CRITERIA):
                     entry |= remedies.add_fact(spot, entry["advice"])
         return {"dead_zones": rows, "other_dead_zones": self.zones.others()}
 
@@ -496,7 +497,7 @@ def _lines(said: ReadByName) -> list[str]:
 
 def _say_pose(name: str, hidden_by: str | None = None, before: str = "") -> ByName:
     """Reason of a zone, and the body that hides it, named by `before`; no change is tried."""
-    general = general_advice(name) if name in ("unseeable", *CRITERIA) else ""
+    general = general_advice(name) if name in ("unseeable", *OWN_CRITERIA) else ""
     advice = f"{before} blocks the view" if before else general
     own = {"nearest": None, "tried": None, "hidden_by": hidden_by}
     return {"reason": name, "advice": advice, **own}

@@ -61,7 +61,7 @@ from rastercov.placement.plan.file import (
     moving_bodies,
 )
 from rastercov.placement.plan.generator import Table
-from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanPhased
+from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanScene
 from rastercov.placement.plan.sections import BodyEntry, MeshEntry
 from rastercov.placement.select.problem import weights_of
 from rastercov.shards import Progress
@@ -111,7 +111,7 @@ class PlanMotion(MotionQuery):
     def of(cls, plan: Plan, mesh: Mesh) -> "PlanMotion | None":
         """The motion of a plan, None where nothing moves; PlanError for one that is none.
 
-        A turntable below a part is an axis of what carries the cameras, see `PlanPhased.table`.
+        A turntable below a part is an axis of what carries the cameras, see `PlanScene.table`.
         Figures over time are by exact area.
         """
         section, task = plan.motion, plan.task
@@ -394,13 +394,13 @@ def bodies_of_cameras(plan: Plan) -> list[str]:
     return texts
 
 
-class OfPlanMotion(PlanPhased, PlanFeature):
+class OfPlanMotion(PlanScene, PlanFeature):
     """Motion in a plan."""
 
     sections = ("motion", "bodies", "task")
 
     def phases(self, plan: Plan, mesh: Mesh) -> PlanMotion | None:
-        """See `PlanPhased`."""
+        """See `PlanScene`."""
         return PlanMotion.of(plan, mesh)
 
     def is_still(self, plan: Plan) -> bool:
@@ -432,7 +432,7 @@ class OfPlanMotion(PlanPhased, PlanFeature):
         plan.refuse(("refine", "optimise", "tolerance"), "over time")
 
     def table(self, plan: Plan, mesh: Mesh) -> tuple[Mesh, Table] | None:
-        """See `PlanPhased`."""
+        """See `PlanScene`."""
         if plan.motion is None or (table := plan.motion.turntable) is None:
             return None
         groups = {body.name: body.groups for body in plan.bodies if body.groups}

@@ -40,8 +40,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.phases import MOST_IMAGES
-from rastercov.core.coverage.surface import key_of
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Task, key_of
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import corners_of, move_boxes

@@ -60,18 +60,18 @@ from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import ViewSpread, share_of_faces
 from rastercov.core.coverage.observer import Observer, open_observer
-from rastercov.core.coverage.reasons import (
+from rastercov.core.coverage.task import (
     CONDITIONS,
     NAMES,
     REASONS,
     UNCERTAIN,
     Reason,
+    Task,
     fails,
     nearer,
     nearness,
     reason_rows,
 )
-from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.engine.coverage_spread import widest_angles
 from rastercov.page.rig_state import RigState, Station
@@ -398,7 +398,7 @@ class NetworkFigures:
 
     @cached_property
     def reasons(self) -> ByteArray:
-        """(F,) row of `rastercov.core.coverage.reasons.REASONS`."""
+        """(F,) row of `rastercov.core.coverage.task.REASONS`."""
         return reason_rows(self.reason, self.covered, len(self.rows))
 
     def _cameras(self) -> OfCameras:

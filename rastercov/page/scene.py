@@ -647,7 +647,7 @@ def scene_of_place(folder: Path) -> Shown | None:
         own += ["goals", "selection"] if told["plan"].get("goals") else []
         needed = told["plan"].keys() & {"meshes", "targets", "rooms", *own, *OF_DEVICES}
         for phased in hooks():
-            if told["plan"].get(phased.sections[0]):
+            if any(map(told["plan"].get, phased.sections[:1])):
                 needed |= told["plan"].keys() & {*phased.sections, *OF_CAMERAS}
         beside = [
             each

@@ -74,8 +74,8 @@ from rastercov.placement.plan.network import (
     views_by_group,
 )
 from rastercov.placement.select.problem import in_whole_numbers, weights_of
-from rastercov.report.camera_pictures import by_faces, camera_keys, camera_pixels, camera_scene
 from rastercov.report.modes import OCCLUDER, OCCLUDER_OF_REASONS, mode_of
+from rastercov.report.overview import by_faces, camera_keys, camera_pixels, camera_scene
 from rastercov.report.pages import (
     describe_camera,
     describe_frame,

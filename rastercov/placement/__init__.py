@@ -55,13 +55,13 @@ if _TYPE_CHECKING:
     )
     from rastercov.placement.improve.pose_space import PoseSpace as PoseSpace
     from rastercov.placement.improve.refine import Refined as Refined, refine as refine
-    from rastercov.placement.improve.search import Optimised as Optimised, optimise as optimise
+    from rastercov.placement.improve.refine import Optimised as Optimised, optimise as optimise
     from rastercov.placement.matrix import (
         VisibilityMatrix as VisibilityMatrix,
         build_matrix as build_matrix,
     )
-    from rastercov.placement.select.greedy import select_greedy as select_greedy
-    from rastercov.placement.select.integer import select_integer as select_integer
+    from rastercov.placement.select.methods import select_greedy as select_greedy
+    from rastercov.placement.select.methods import select_integer as select_integer
     from rastercov.placement.select.problem import (
         BestCoverage as BestCoverage,
         FewestCameras as FewestCameras,
@@ -94,11 +94,9 @@ _NAMES = {
     "placement.candidates.segments": "Segmentation segment",
     "placement.improve.objective": "CellObjective Objective",
     "placement.improve.pose_space": "PoseSpace",
-    "placement.improve.refine": "Refined refine",
-    "placement.improve.search": "Optimised optimise",
+    "placement.improve.refine": "Optimised Refined optimise refine",
     "placement.matrix": "VisibilityMatrix build_matrix",
-    "placement.select.greedy": "select_greedy",
-    "placement.select.integer": "select_integer",
+    "placement.select.methods": "select_greedy select_integer",
     "placement.select.problem": "BestCoverage FewestCameras Problem Selection problem_of "
     "problem_of_matrix",
     "placement.uncovered": "Leftover Sight what_is_left",

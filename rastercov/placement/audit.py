@@ -54,8 +54,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.engine import coverage_spread
 from rastercov.placement.bits import CoveredBits, by_face
 from rastercov.placement.matrix_folder import shorten_coverage
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import MOST_PAIRS, select_integer
+from rastercov.placement.select.methods import MOST_PAIRS, select_greedy, select_integer
 from rastercov.placement.select.problem import (
     PROVED,
     FewestCameras,

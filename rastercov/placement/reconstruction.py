@@ -61,7 +61,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import open_observer
-from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import components_of, first_equal_row
 from rastercov.formats.georeference import GeoReference
@@ -71,7 +71,7 @@ from rastercov.placement.candidates.cavities import face_frames
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.rooms import filter_candidates
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
-from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.methods import select_greedy
 from rastercov.placement.select.problem import BestCoverage, Problem
 from rastercov.shards import ALONE, Progress, silent
 

@@ -46,8 +46,15 @@ from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.parts import MOST_ROWS
-from rastercov.core.coverage.reasons import BITS, REASONS, UNSEEABLE, Reason, nearness, reason_rows
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import (
+    BITS,
+    REASONS,
+    UNSEEABLE,
+    Reason,
+    Task,
+    nearness,
+    reason_rows,
+)
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.contacts import TriangleTree
@@ -271,7 +278,7 @@ class Leftover:
         `Reason` of the camera that comes nearest to covering the face; `COVERED` if too few cameras
         cover it, or from directions that differ too little.
     alone : uint8
-        Bits of the criteria that a camera fails alone, see `rastercov.core.coverage.reasons.BITS`.
+        Bits of the criteria that a camera fails alone, see `rastercov.core.coverage.task.BITS`.
     nearest_camera : int64
         Index of that camera; -1 for none. It fails the fewest criteria, of equally many the latest
         in the order of `Reason`; ties go to the largest share of the face if that is the failing

@@ -58,25 +58,24 @@ from rastercov.core.coverage.evaluation import Evaluation, Query, regions
 from rastercov.core.coverage.job import answer, evaluate
 from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.phases import Phases
-from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.shards import folder_of_shards, remove
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.coverage.visibility import GroupViews, check_groups
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
-from rastercov.report.camera_pictures import (
-    by_faces,
-    by_points,
-    camera_keys,
-    camera_pixels,
-    camera_scene,
-)
 from rastercov.report.coverage_files import INSTALL_PYARROW, has_parquet
 from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, add_frame, contact_sheet, face_index_picture, save_picture
 from rastercov.report.live import Asked
 from rastercov.report.network_page import NetworkPage, pictures_in_words
+from rastercov.report.overview import (
+    by_faces,
+    by_points,
+    camera_keys,
+    camera_pixels,
+    camera_scene,
+)
 from rastercov.report.pages import image_name
 from rastercov.report.panorama import FINE
 from rastercov.report.printing import browser, write_page

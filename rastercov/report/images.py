@@ -30,7 +30,7 @@ from rastercov.base import (
 )
 from rastercov.base.output import writing
 from rastercov.core.camera import Camera
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import components_of
 from rastercov.core.raster import open_rasterizer

@@ -39,9 +39,7 @@ from rastercov.core.camera.catalogue import catalogue
 from rastercov.core.camera.rig import RigEntries, are_central
 from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
 from rastercov.core.coverage.densities import DORI
-from rastercov.core.coverage.reasons import REASONS
-from rastercov.core.coverage.surface import CRITERIA
-from rastercov.core.coverage.task import NEEDED, OF_SURFACE, Task
+from rastercov.core.coverage.task import NEEDED, OF_SURFACE, OWN_CRITERIA, REASONS, Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_areas
@@ -263,7 +261,7 @@ def record_cause(
         **dict.fromkeys(equipment_on(cameras), True),
         **others,
         "telecentric lenses": any(each.is_parallel for each in cameras_of(cameras)),
-        "criteria of the surface": any(fails(task, mesh).any() for fails in CRITERIA.values()),
+        "criteria of the surface": any(fails(task, mesh).any() for fails in OWN_CRITERIA.values()),
         "angles between views": task.min_angle_deg > 0,
         "parallel rays": not are_central(cameras),
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0

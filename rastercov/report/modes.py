@@ -29,7 +29,7 @@ from rastercov.base.format import number
 from rastercov.core.area.polygons import quantile
 from rastercov.core.camera import Gate
 from rastercov.core.coverage.densities import DORI
-from rastercov.core.coverage.reasons import NAMES, REASONS
+from rastercov.core.coverage.task import NAMES, REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key

@@ -40,7 +40,7 @@ from rastercov.core.camera import Cameras, Poses, axes_of, cameras_of, gates_of,
 from rastercov.core.camera.rig import short_names
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
-from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
 from rastercov.report.feature import NetworkPart, hooks, part_of

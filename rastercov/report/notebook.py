@@ -35,7 +35,7 @@ from rastercov.core.coverage.coverage import Coverage
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.parts import MOST_ROWS, PartRow, part_rows
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.check import Checked, to_json
 from rastercov.placement.plan.run import Placement

@@ -44,7 +44,7 @@ from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of, na
 from rastercov.core.camera.projection import view_border, view_frame
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.parts import part_rows
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.feature import InPhases

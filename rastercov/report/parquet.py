@@ -31,7 +31,7 @@ from rastercov.core.area.frames import frames_of
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.coverage.coverage import FIGURES, Coverage
-from rastercov.core.coverage.reasons import NAMES
+from rastercov.core.coverage.task import NAMES
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind
 

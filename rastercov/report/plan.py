@@ -49,7 +49,7 @@ from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
 from rastercov.placement.plan.phases import carriers
 from rastercov.placement.plan.prepare import Prepared, Step, quiet
-from rastercov.placement.plan.run import Chooser, Placement, Products, is_lowered, place
+from rastercov.placement.plan.run import Placement, Products, is_lowered, place
 from rastercov.placement.plan.shortfall import entries_of, line_of
 from rastercov.placement.select.problem import BestCoverage, FewestCameras
 from rastercov.placement.uncovered import Sight
@@ -227,7 +227,7 @@ def summary(placement: Placement) -> ByName:
         "network": network,
         "cameras": _cameras(placement),
         **{e.key: placement.carried and placement.carried.to_json() for e in carriers()},
-        **dict.fromkeys(each.word for each in hooks_of(Chooser)),
+        **dict.fromkeys(each.word for each in hooks_of(Products) if each.word),
         **{word: choice.summary() for word, choice in placement.choices.items()},
         **{each.word: each.summary() for each in placement.products},
         "candidates": prepared.pool.summary()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rastercov.base import ConfigError, IntArray
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
 
 Colour = tuple[int, int, int]

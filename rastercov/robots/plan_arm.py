@@ -41,7 +41,7 @@ from rastercov.placement.improve.refine import INTERRUPTED, Refined
 from rastercov.placement.improve.tour import tour
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generator import Generator
-from rastercov.placement.plan.phases import CarrierHooks
+from rastercov.placement.plan.phases import PlanScene
 from rastercov.placement.plan.scene import keep_outs, space_of
 from rastercov.placement.plan.sections import BodyEntry
 from rastercov.robots.arm import Arm, on_arm
@@ -462,7 +462,7 @@ def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
     )
 
 
-class OfArms(CarrierHooks, PlanFeature):
+class OfArms(PlanScene, PlanFeature):
     """Arms of robots."""
 
     key, files = "arm", (JOINTS,)
@@ -506,13 +506,13 @@ class OfArms(CarrierHooks, PlanFeature):
         entry: Generator,
         make: Callable[[Generator], Iterator[Candidates]],
     ) -> Iterator[Candidates]:
-        """See `CarrierHooks`."""
+        """See `PlanScene`."""
         assert isinstance(entry, OnArm)
         arm = _arm(plan, mesh, entry)
         return (on_arm(part, arm) for part in make(entry.views()))
 
     def carrier(self, plan: Plan, mesh: Mesh) -> PlanArm | None:
-        """See `CarrierHooks`."""
+        """See `PlanScene`."""
         arms = arms_of(plan, mesh)
         return PlanArm(plan, arms[0]) if arms else None
 

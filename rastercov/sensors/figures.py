@@ -52,10 +52,9 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.rig import are_central
 from rastercov.core.camera.rule import Limited, limits_of
-from rastercov.core.coverage.reasons import BASELINE, CONDITIONS, UNCERTAIN, Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import BASELINE, CONDITIONS, UNCERTAIN, Reason, Task
 from rastercov.core.mesh.arrays import cross_matrix
-from rastercov.sensors.ray_limits import measure_limits, worst_deviations
+from rastercov.sensors.ray_limits import measure_limits, within_limits, worst_deviations
 
 WIDER = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 5.0)
 """Baselines that are tried, in that of the rig."""
@@ -444,6 +443,10 @@ class OfRules(Feature):
             yield UNCERTAIN, _without_limits(camera, most_deviation=0.0), task
         if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates):
             yield BASELINE, _without_limits(camera, least_deg=0.0, most_deg=180.0), task
+
+    def cut_rigs(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
+        """See `Feature`."""
+        return within_limits(regions, gate, devices, without)
 
     def unmet(self, judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
         """See `Feature`."""

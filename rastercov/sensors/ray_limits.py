@@ -8,7 +8,6 @@ from rastercov.base import ConfigError, FloatArray, row_lengths
 from rastercov.core.area.criteria import RayAngle, Uncertainty
 from rastercov.core.area.cut import values_of
 from rastercov.core.area.frames import to_world
-from rastercov.core.area.gates import GateLimits
 from rastercov.core.area.polygons import following
 from rastercov.core.area.table import Regions, any_of
 from rastercov.core.camera import Gate
@@ -129,19 +128,13 @@ def worst_deviations(
     return values, place
 
 
-class LimitsOfRules(GateLimits):
-    """Limits of rules, see `Limited`."""
-
-    def cut(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
-        """See `GateLimits`; an uncertainty is that by all devices."""
-        for limits in limits_of([gate]):
-            if limits.has_baseline:
-                some = [at for at in range(gate.n) if at != without]
-                eyes = devices.eyes.reshape(-1, gate.n, 3)[:, some]
-                regions = _within_baseline(regions, limits, eyes)
-            if limits.has_deviation and devices.columns is not None:
-                regions = _within_deviation(regions, limits, devices)
-        return regions
-
-
-HOOKS = LimitsOfRules()
+def within_limits(regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
+    """What rigs cover within the limits of their rule; an uncertainty is that by all devices."""
+    for limits in limits_of([gate]):
+        if limits.has_baseline:
+            some = [at for at in range(gate.n) if at != without]
+            eyes = devices.eyes.reshape(-1, gate.n, 3)[:, some]
+            regions = _within_baseline(regions, limits, eyes)
+        if limits.has_deviation and devices.columns is not None:
+            regions = _within_deviation(regions, limits, devices)
+    return regions

@@ -58,8 +58,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.core.camera.lenses.planes import first_derivatives
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Rules, Task
+from rastercov.core.coverage.task import Reason, Rules, Task
 from rastercov.core.exact.cameras import pinhole_numbers
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_tolerance

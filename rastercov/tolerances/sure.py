@@ -46,8 +46,7 @@ from rastercov.core.camera import (
     names_of_poses,
 )
 from rastercov.core.camera.lenses.of_camera import OPTICS
-from rastercov.core.coverage.reasons import BASELINE, NAMES, Reason, name_of, nearer, rows_in
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import BASELINE, NAMES, Reason, Task, name_of, nearer, rows_in
 from rastercov.core.mesh import Mesh
 from rastercov.tolerances.installation import displace
 from rastercov.tolerances.passes import NO_IMAGE, Amount, Errors, TolerancePass, unmet

@@ -13,7 +13,7 @@ import rastercov as rc
 from rastercov.core.area.features import deviations_of
 from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.rig import eyes_of, with_equipment
-from rastercov.core.coverage.reasons import SEVERAL, nearness
+from rastercov.core.coverage.task import SEVERAL, nearness
 from rastercov.reference.regions import points_on, reasons_of_points, rig_covers_points
 
 pytestmark = [pytest.mark.native, pytest.mark.slow]

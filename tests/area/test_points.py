@@ -10,8 +10,7 @@ from surface_cases import hostile_scene, in_regions, room
 import rastercov as rc
 from rastercov.core.area.regions import covering_poses
 from rastercov.reference.regions import points_on
-from rastercov.report.camera_pictures import covered_pixels
-from rastercov.report.overview import nearest_covering
+from rastercov.report.overview import covered_pixels, nearest_covering
 from rastercov.report.panorama import draw_scene, points_of_pixels
 
 pytestmark = pytest.mark.native

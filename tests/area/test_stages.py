@@ -14,7 +14,7 @@ from rastercov.core.area.frames import rows_at
 from rastercov.core.area.overlay import Overlay
 from rastercov.core.area.polygons import polygon_areas
 from rastercov.core.area.zones import areas_by_reason, dead_zones
-from rastercov.core.coverage.reasons import (
+from rastercov.core.coverage.task import (
     BETWEEN,
     CRITERIA,
     NAMES,

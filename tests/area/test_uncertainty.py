@@ -19,7 +19,7 @@ from rastercov.core.area.features import deviations_of
 from rastercov.core.area.frames import frames_of, to_plane, to_world
 from rastercov.core.area.stages import CentrePass
 from rastercov.core.camera.rule import rule_of
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.page.scene import open_mesh
 from rastercov.reference.regions import points_on
 from rastercov.report.coverage import Options, network_of, run

@@ -22,7 +22,7 @@ from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.stages import ReasonPieces, first_failures
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.area.zones import dead_zones, linked, summary_of, zone_line, zone_place
-from rastercov.core.coverage.reasons import BITS, REASONS
+from rastercov.core.coverage.task import BITS, REASONS
 from rastercov.core.mesh.topology import components_of
 from rastercov.formats.meshes.ifc import Product
 from rastercov.placement import NearestSurface, in_solid

@@ -16,7 +16,7 @@ from rastercov.core.area.cells import cells
 from rastercov.core.area.features import values_of
 from rastercov.core.area.stages import CentrePass, failures_of_rows
 from rastercov.core.camera.rig import with_equipment
-from rastercov.core.coverage.reasons import NAMES, Reason
+from rastercov.core.coverage.task import NAMES, Reason
 from rastercov.light.lamp_file import lamp_of, lamps_of
 from rastercov.light.lamps import illuminances, intensities_of, lamps_of_json, points_of
 from rastercov.light.points import OfLight

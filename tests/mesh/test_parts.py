@@ -16,7 +16,7 @@ from rastercov.core.mesh.groups import Names
 from rastercov.core.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
 from rastercov.formats.meshes.polygons import names_in_tree
 from rastercov.placement.plan.network import classify_network
-from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.methods import select_greedy
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,

@@ -14,7 +14,7 @@ from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.table import join
 from rastercov.core.area.zones import MOST_LINES, points_of, zone_line
-from rastercov.core.coverage.reasons import NAMES
+from rastercov.core.coverage.task import NAMES
 from rastercov.core.mesh.solids import in_solid
 from rastercov.placement.candidates.rooms import NearestSurface
 

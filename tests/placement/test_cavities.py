@@ -12,7 +12,7 @@ from scenes import joined, sheet
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.candidates.cavities import Access, Hemicube, openings
 from rastercov.placement.candidates.pool import Framing, per_face

@@ -14,7 +14,7 @@ from rastercov.core.area.cells import USUAL_CELLS, usual_size
 from rastercov.core.area.regions import RegionPass
 from rastercov.placement.improve.objective import CellObjective
 from rastercov.placement.matrix import build_matrix
-from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.methods import select_greedy
 from rastercov.placement.select.problem import BestCoverage, problem_of
 from rastercov.placement.uncovered import CandidateBounds
 

@@ -11,7 +11,7 @@ from selection_cases import QUICK, best_by_trying_all, covers_faces, dense_of, p
 
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.select.cover import LazyCover
-from rastercov.placement.select.greedy import select_greedy
+from rastercov.placement.select.methods import select_greedy
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, problem_of_matrix
 

@@ -20,7 +20,7 @@ from selection_cases import (
 )
 
 from rastercov.placement.bits import CoveredBits
-from rastercov.placement.select import integer as integer_module
+from rastercov.placement.select import methods as integer_module
 from rastercov.placement.select.cover import CoverState
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, Problem, in_order

@@ -18,7 +18,7 @@ from rastercov.placement.candidates.rooms import (
 from rastercov.placement.improve import objective as objective_module
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.improve.search import optimise
+from rastercov.placement.improve.refine import optimise
 
 MESH = shapes.torus(10, 6)
 CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)

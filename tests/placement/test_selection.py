@@ -28,11 +28,16 @@ from set_cover_cases import (
 )
 
 from rastercov.base.errors import ConfigError, ResourceError
-from rastercov.placement.select import integer as integer_module
+from rastercov.placement.select import methods as integer_module
 from rastercov.placement.select.bounds import Deadline, TimeUpError, bound_of
 from rastercov.placement.select.cover import CoverState
-from rastercov.placement.select.greedy import EFFORT, construct, improve, select_greedy
-from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.methods import (
+    EFFORT,
+    construct,
+    improve,
+    select_greedy,
+    select_integer,
+)
 from rastercov.placement.select.presolve import presolve
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 from rastercov.reference.thesis import select_thesis

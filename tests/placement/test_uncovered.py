@@ -13,8 +13,7 @@ from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.reasons import REASONS, Reason, nearness
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import REASONS, Reason, Task, nearness
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.engine.coverage_pairs import EDGE_ON
 from rastercov.placement import uncovered

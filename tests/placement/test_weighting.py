@@ -11,7 +11,7 @@ from set_cover_cases import COVERS, FOLDER, OPTIMA, read_set_cover, steiner
 from rastercov.engine import placement_weighting as kernels
 from rastercov.placement.bits import by_face
 from rastercov.placement.select.bounds import NEVER
-from rastercov.placement.select.greedy import (
+from rastercov.placement.select.methods import (
     construct,
     has_equal_cameras,
     search_by_weights,

@@ -25,7 +25,7 @@ from rastercov.placement.plan.goals import (
 )
 from rastercov.placement.plan.run import _raise_goals
 from rastercov.placement.plan.scene import name_scene
-from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.methods import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,

@@ -21,8 +21,8 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.area.stages import CentrePass
 from rastercov.core.camera.rig import rig_of_json, rig_to_json, with_places
-from rastercov.core.coverage.reasons import NAMES, Reason
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, make, open_for
+from rastercov.core.coverage.task import NAMES, Reason
 from rastercov.formats.cameras.own import content_of
 from rastercov.page.measurements import NetworkFigures
 from rastercov.page.scene import open_mesh

@@ -11,7 +11,7 @@ from union_greedy import room_candidates
 import rastercov as rc
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.placement.plan import prepare as held_module
-from rastercov.placement.select import integer
+from rastercov.placement.select import methods as integer
 
 BY_FACE = {"max_incidence_deg": 75, "by": "face", "min_pixels": 20}
 FOUR = {"goal": "best_coverage", "cameras": 4}

@@ -11,7 +11,7 @@ from commands import done, enter, refusal
 from plans import told
 
 import rastercov as rc
-from rastercov.core.coverage.reasons import name_of
+from rastercov.core.coverage.task import name_of
 from rastercov.placement.plan.file import PlanError, plan_of
 
 PLAN = """

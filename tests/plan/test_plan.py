@@ -20,7 +20,7 @@ from rastercov.base.features import hooks_of
 from rastercov.base.format import distinct_percents
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import shapes
 from rastercov.placement.plan import entries as plan_entry
 from rastercov.placement.plan import generators as plan_generators

@@ -29,7 +29,7 @@ from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.observation import BoundKind, Observation
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measure_geometry as face_geometry
-from rastercov.reference.methods import contenders as compare_entrants
+from rastercov.reference.methods import comparison as compare_entrants
 from rastercov.reference.methods import convergence as compare_convergence
 from rastercov.reference.methods.comparison import MIN_FACES, SIGNIFICANCE, _often_enough, compare
 from rastercov.reference.methods.convergence import KnownFaces, converge
@@ -40,8 +40,13 @@ from rastercov.reference.methods.error_statistics import (
     FaceError,
     PoseFigures,
 )
-from rastercov.reference.methods.faces import face_picture, neighbourhood
-from rastercov.reference.methods.report import comparison_plots, page, write_comparison
+from rastercov.reference.methods.report import (
+    comparison_plots,
+    face_picture,
+    neighbourhood,
+    page,
+    write_comparison,
+)
 from rastercov.reference.pages import LIGHT, image_of
 from rastercov.reference.samples import grid_points
 
@@ -621,7 +626,7 @@ def test_json_is_what_the_file_holds(capsys):
     [
         ("", "methods.compare", ["compare.json", "compare.html", "plot_time.png", "worst_x_1.png"]),
         (
-            " --models", "models.comparison.compare_models",
+            " --models", "models.report.compare_models",
             ["models.json", "models.html", "models_9.png", "occlusion_0.png"],
         ),
     ],

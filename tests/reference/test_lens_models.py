@@ -16,8 +16,8 @@ from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import shapes
 from rastercov.reference.models import MODELS
 from rastercov.reference.models.base import facing_density, focus_depth
-from rastercov.reference.models.comparison import compare_models
 from rastercov.reference.models.line_of_sight import LineOfSight
+from rastercov.reference.models.report import compare_models
 
 PINHOLE = Camera(width=400, height=300, fx=200, fy=200)
 ZERO = replace(PINHOLE, max_angle_deg=85)

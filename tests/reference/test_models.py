@@ -25,9 +25,10 @@ from rastercov.reference.models import (
     zhang,
 )
 from rastercov.reference.models.base import ramp, required_density
-from rastercov.reference.models.comparison import compare_models, covers
 from rastercov.reference.models.line_of_sight import MARGIN, LineOfSight
 from rastercov.reference.models.report import (
+    compare_models,
+    covers,
     look_at_part,
     occlusion_sheet,
     write_model_comparison,
@@ -430,7 +431,7 @@ AROUND = sphere_of_poses(TEAPOT.bounds.mean(axis=0), 0.5, 4)
 @pytest.fixture(scope="module")
 def result():
     with pytest.MonkeyPatch.context() as patch:  # in batches of 3 and 1
-        patch.setattr("rastercov.reference.models.comparison.POSES_A_BATCH", 3)
+        patch.setattr("rastercov.reference.models.report.POSES_A_BATCH", 3)
         return compare_models(TEAPOT, EYE, AROUND)
 
 

@@ -9,11 +9,11 @@ from target_scenes import beside, sheet_at
 
 import rastercov as rc
 from rastercov.core.camera.projection import to_camera, to_image
-from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.reference.regions import covers_points
 from rastercov.report import theme
-from rastercov.report.camera_pictures import (
+from rastercov.report.overview import (
     by_faces,
     by_points,
     camera_keys,

@@ -23,8 +23,7 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.judging import CHOICES
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.observation import BoundKind

@@ -21,7 +21,7 @@ from rastercov.core.area.zones import zones_at
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.camera.viewpoints import upwards
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.reasons import REASONS, reason_rows
+from rastercov.core.coverage.task import REASONS, reason_rows
 from rastercov.core.mesh import Group, Mesh, shapes, unseeable
 from rastercov.placement.uncovered import what_is_left
 from rastercov.reference.regions import covers_points, points_on

@@ -19,8 +19,7 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.coverage import FIGURES, Coverage
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.core.raster.contract import RasterizerInfo, VisibilityBuffer
 from rastercov.core.raster.observation import BoundKind

@@ -9,7 +9,7 @@ from target_scenes import beside
 
 from rastercov.core.camera.camera import Camera
 from rastercov.core.raster import open_rasterizer
-from rastercov.reference.methods.faces import neighbourhood
+from rastercov.reference.methods.report import neighbourhood
 from rastercov.reference.models.report import coverage_pixels, difference_picture, look_at_part
 from rastercov.report import theme
 from rastercov.report.coverage_files import write_coloured_mesh

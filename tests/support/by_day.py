@@ -7,7 +7,7 @@ from rastercov.core.area import remedies, zones
 from rastercov.placement import reconstruction
 from rastercov.placement.improve import tour
 from rastercov.placement.plan import fewer
-from rastercov.placement.select import greedy
+from rastercov.placement.select import methods as greedy
 from rastercov.report import panorama
 from rastercov.report.network_page import NetworkPage
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.core.camera.rule import RigRule
-from rastercov.core.coverage.reasons import (
+from rastercov.core.coverage.task import (
     BASELINE,
     BITS,
     CRITERIA,

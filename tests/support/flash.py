@@ -42,7 +42,7 @@ from surface_cases import in_regions  # noqa: E402
 import rastercov as rc  # noqa: E402
 from rastercov import cli  # noqa: E402
 from rastercov.core.area.stages import failures_of_rows  # noqa: E402
-from rastercov.core.coverage.reasons import NAMES, Reason  # noqa: E402
+from rastercov.core.coverage.task import NAMES, Reason  # noqa: E402
 from rastercov.reference.regions import points_on  # noqa: E402
 
 N = 1000

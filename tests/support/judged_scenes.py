@@ -10,8 +10,7 @@ from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.bits import Criteria, area_units
 from rastercov.core.raster.cpu import CPURasterizer

@@ -6,8 +6,7 @@ from itertools import combinations
 import numpy as np
 from hypothesis import strategies as st
 
-from rastercov.placement.select.greedy import select_greedy
-from rastercov.placement.select.integer import select_integer
+from rastercov.placement.select.methods import select_greedy, select_integer
 from rastercov.placement.select.problem import BestCoverage, FewestCameras, problem_of_matrix
 from rastercov.reference.thesis import select_thesis
 

@@ -13,7 +13,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 import rastercov as rc
 from rastercov.core.area.zones import zones_at
-from rastercov.core.coverage.reasons import REASONS, Reason
+from rastercov.core.coverage.task import REASONS, Reason
 from rastercov.core.mesh import shapes
 from rastercov.page.saving import export_page
 from rastercov.report.pages import describe_camera

@@ -19,14 +19,14 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.area.features import values_of
 from rastercov.core.area.stages import failures_of_rows
-from rastercov.core.coverage.reasons import NAMES, REASONS
+from rastercov.core.coverage.task import NAMES, REASONS
 from rastercov.light.points import OfLight
 from rastercov.light.regions import TOO_DARK
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene, describe_devices, task_fields
 from rastercov.page.session import remove_head
-from rastercov.report.camera_pictures import by_faces, camera_pixels, camera_scene
 from rastercov.report.modes import MODES
+from rastercov.report.overview import by_faces, camera_pixels, camera_scene
 
 CENTRE = PART.bounds.mean(axis=0)
 PLACES = rc.look_at(np.add(CENTRE, [(0.4, -0.3, 0.5), (-0.2, 0.3, 0.4)]), CENTRE)

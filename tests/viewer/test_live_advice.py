@@ -12,7 +12,7 @@ from rigs_to_view import ROOM, acted, session_of_room
 
 import rastercov as rc
 from rastercov.core.area.advice import advice
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.page.saving import export_page
 from rastercov.report import live
 

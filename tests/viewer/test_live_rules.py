@@ -18,7 +18,7 @@ from rastercov.core.area.rows import rule_reasons
 from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
-from rastercov.core.coverage.reasons import (
+from rastercov.core.coverage.task import (
     BASELINE,
     NAMES,
     REASONS,

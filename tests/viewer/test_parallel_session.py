@@ -8,7 +8,7 @@ from edited import Session, Work, changed
 from rigs_to_view import acted, around, part
 
 import rastercov as rc
-from rastercov.core.coverage.reasons import Reason
+from rastercov.core.coverage.task import Reason
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene
 from rastercov.reference import telecentric

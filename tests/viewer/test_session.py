@@ -19,8 +19,7 @@ from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.evaluation import regions
-from rastercov.core.coverage.reasons import NO_CAMERAS, Reason
-from rastercov.core.coverage.task import NEEDED, OF_SURFACE
+from rastercov.core.coverage.task import NEEDED, NO_CAMERAS, OF_SURFACE, Reason
 from rastercov.page import measurements
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene, task_fields

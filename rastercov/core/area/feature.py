@@ -21,7 +21,7 @@ from rastercov.base import (
     with_bound,
 )
 from rastercov.core.area.table import Condition, Finder, Regions
-from rastercov.core.camera import Camera, Cameras, Poses
+from rastercov.core.camera import Camera, Cameras, Gate, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 
@@ -147,6 +147,13 @@ class Feature:
         find: Callable[[Sequence[Camera]], Finder],
     ) -> Condition | None:
         """Condition on the regions of cameras; `find` makes a finder of regions of others."""
+
+    def cut_rigs(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
+        """Part of what rigs cover where their gate holds beyond its count, by those of its devices.
+
+        Without one of these, the others count; see `rastercov.core.area.gates.through`.
+        """
+        return regions
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """Rows of `REASONS` of its criteria that are asked, with cameras and task without each."""

@@ -15,9 +15,8 @@ from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, join
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of
-from rastercov.core.coverage.device import Carried, Device
-from rastercov.core.coverage.reasons import NAMES, Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.device import Carried, Device, devices
+from rastercov.core.coverage.task import NAMES, Reason, Task
 from rastercov.core.mesh import Mesh
 
 
@@ -120,7 +119,7 @@ class OfDevice(Feature):
         return self._word if reason == self._reason and self._on(camera) else None
 
 
-FEATURES = (*hooks_of(Feature), *map(OfDevice, hooks_of(Device)))
+FEATURES = (*hooks_of(Feature), *map(OfDevice, devices()))
 
 
 def narrow(camera: Cameras, task: Task) -> Task:

@@ -10,19 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rastercov.base import hooks_of
+from rastercov.core.area.feature import Feature
 from rastercov.core.area.table import Cut, Regions, join
 from rastercov.core.camera import Gate
-
-
-class GateLimits:
-    """Hooks of a feature with gates that ask for more than a count."""
-
-    def cut(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
-        """Part of what rigs cover where it holds, with the regions of their devices.
-
-        Without one of these, the others count; see `through`.
-        """
-        raise NotImplementedError  # each feature has its own
 
 
 def through(
@@ -50,8 +40,8 @@ def through(
         parts = count_part(part)
         for cut in cuts:
             parts = cut(parts, is_rear)
-        for each in hooks_of(GateLimits):
-            parts = each.cut(parts, gate, regions, without)
+        for each in hooks_of(Feature):
+            parts = each.cut_rigs(parts, gate, regions, without)
         return parts
 
     def count_part(part: Regions) -> Regions:

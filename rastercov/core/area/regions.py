@@ -37,9 +37,7 @@ from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
 from rastercov.core.coverage.observer import ExactObserver
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.surface import own_reasons
-from rastercov.core.coverage.task import STEEP, Rules, Task
+from rastercov.core.coverage.task import STEEP, Reason, Rules, Task, own_reasons
 from rastercov.core.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh

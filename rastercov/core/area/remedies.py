@@ -45,16 +45,16 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.projection import view_border
 from rastercov.core.camera.viewpoints import depth_of_targets
-from rastercov.core.coverage.reasons import (
+from rastercov.core.coverage.task import (
     NO_CAMERAS,
     REASONS,
     TOO_FEW_VIEWS,
     UNSEEABLE,
     Reason,
+    Task,
     name_of,
     rows_in,
 )
-from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.solids import hiders_of, matter_of, rooms_at
 

@@ -12,8 +12,7 @@ from rastercov.base import ByteArray, ConfigError, FloatArray, Int32Array, error
 from rastercov.core.area.gates import through
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, by_gate, gates_of, led_by, names_of
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import NEEDED, Task
+from rastercov.core.coverage.task import NEEDED, Reason, Task
 
 
 def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:

@@ -61,9 +61,17 @@ from rastercov.core.camera import (
     rows_of_result,
 )
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.reasons import BITS, CRITERIA, NAMES, TOO_FEW_VIEWS, Reason
-from rastercov.core.coverage.surface import own_reasons
-from rastercov.core.coverage.task import DENSITIES, STEEP, Task
+from rastercov.core.coverage.task import (
+    BITS,
+    CRITERIA,
+    DENSITIES,
+    NAMES,
+    STEEP,
+    TOO_FEW_VIEWS,
+    Reason,
+    Task,
+    own_reasons,
+)
 from rastercov.core.mesh import Mesh
 from rastercov.engine import area_reason
 
@@ -85,7 +93,7 @@ class ReasonPieces(NamedTuple):
     xy, starts, face, views
         As in `Covered`.
     reason : (N,) uint32
-        Code of the reasons, see `rastercov.core.coverage.reasons.code_of`.
+        Code of the reasons, see `rastercov.core.coverage.task.code_of`.
     """
 
     xy: FloatArray

@@ -60,22 +60,23 @@ from rastercov.core.camera import (
     names_of,
     rows_of_result,
 )
-from rastercov.core.coverage.reasons import (
+from rastercov.core.coverage.task import (
     BASELINE,
     BITS,
     NO_CAMERAS,
+    OWN_CRITERIA,
     REASONS,
     TOO_FEW_VIEWS,
     UNCERTAIN,
     UNSEEABLE,
     Reason,
+    Task,
     bits_of,
     leads,
     name_of,
+    own_reasons,
     rows_in,
 )
-from rastercov.core.coverage.surface import CRITERIA, own_reasons
-from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker, body_of
 from rastercov.core.mesh.solids import rooms_at
@@ -103,7 +104,7 @@ class DeadZones(FacePolygons):
     piece_area : (N,) float64
         Area of each piece, m^2.
     reason : (N,) uint32
-        Code of the reasons of each piece, see `rastercov.core.coverage.reasons.name_of`; all
+        Code of the reasons of each piece, see `rastercov.core.coverage.task.name_of`; all
         pieces of a zone have the same.
     doubt : (F,) float64
         Error bound of the area of a face that is assigned to a reason, m^2.
@@ -604,7 +605,7 @@ def _reasons(
             lead = poses[failing[:1]]
             words, figures = measure_at((mesh, camera, task), spot.points, spot.face, lead, winner)
             entry |= {"advice": f"{words}: {entry['advice']}", **figures} if words else {}
-        if name in CRITERIA:
+        if name in OWN_CRITERIA:
             entry |= {"advice": general_advice(name), "tried": None}
         elif {BASELINE, UNCERTAIN} & {*rows_in(winner)}:
             rows, is_tried = rows_of_result(camera, poses), row < MOST_LINES

@@ -23,6 +23,7 @@ from rastercov.base import (
     UnreadableError,
     check_limits,
     errors_as,
+    hooks_of,
     read_json,
     read_toml,
     shown,
@@ -112,3 +113,8 @@ class Device(EquipmentKind):
             raise CameraError(f"expected {missing[0]} of a {self.word}, got none; add it")
         with errors_as(CameraError, self.word, ConfigError):
             return self._own(**entries)
+
+
+def devices() -> list[Device]:
+    """Devices among the equipment of features."""
+    return [each for each in hooks_of(EquipmentKind) if isinstance(each, Device)]

@@ -26,8 +26,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.doubts import convention_warnings
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 
 LEAST_UNSEEN_SHARE = 0.5

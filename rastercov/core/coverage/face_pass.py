@@ -13,7 +13,6 @@ from rastercov.base import AnyArray, read_only, share_poses
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
-from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.records import (
     ObservationRecord,
     figures_of,
@@ -21,8 +20,7 @@ from rastercov.core.coverage.records import (
     scene_of,
     workspace,
 )
-from rastercov.core.coverage.surface import own_reasons
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task, own_reasons
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import Criteria
 from rastercov.core.raster.contract import FaceCounts

@@ -22,9 +22,8 @@ from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, row
 from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums, merge_sums, no_sums
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import CoverageBits, area_units, room_for_bits
 from rastercov.engine.coverage_network import add_poses, add_rows

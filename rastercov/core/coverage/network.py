@@ -32,9 +32,8 @@ from rastercov.core.coverage.judging import (
     sums_of,
 )
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.reasons import BITS, NAMES, UNSEEABLE, Reason, nearer, reason_rows
 from rastercov.core.coverage.records import Sums, merge_sums
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import BITS, NAMES, UNSEEABLE, Reason, Task, nearer, reason_rows
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import parts_of
 from rastercov.core.raster.observation import BoundKind

@@ -7,7 +7,7 @@ groups are the leaves.
 from typing import NamedTuple
 
 from rastercov.base import ReadByName
-from rastercov.core.coverage.reasons import REASONS
+from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh.groups import parts_above
 
 MOST_ROWS = 12

@@ -21,8 +21,7 @@ from rastercov.base import (
 )
 from rastercov.base.memory import align_array
 from rastercov.core.camera import Camera
-from rastercov.core.coverage.reasons import nearer
-from rastercov.core.coverage.surface import own_reasons
+from rastercov.core.coverage.task import nearer, own_reasons
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind
 from rastercov.engine.coverage_figures import COLUMNS, CURVED_COLUMNS, MOST_DOUBTFUL, SIDE_ROUNDING

@@ -559,12 +559,12 @@ class Mesh(InNotebook):
         """North, latitude and longitude of its files, where they agree."""
         return Site.common((NOWHERE, *(each.site for each in self.sources)))
 
-    @property
+    @cached_property
     def n_faces(self) -> int:
         """Number of faces F."""
         return len(self.faces)
 
-    @property
+    @cached_property
     def n_vertices(self) -> int:
         """Number of vertices V."""
         return len(self.vertices)

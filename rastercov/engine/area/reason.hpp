@@ -12,7 +12,7 @@ namespace area {
 
 // Criteria as bits, those of coverage::Fails and these; further ones are of features.
 constexpr uint32_t IS_AT_ANGLE = 32, IS_UNCERTAIN = 64;
-// Reason of each bit, as rastercov.core.coverage.reasons.CRITERIA.
+// Reason of each bit, as rastercov.core.coverage.task.CRITERIA.
 constexpr std::array<uint8_t, 7> CRITERIA = {
     coverage::OUTSIDE,     coverage::OUT_OF_FOCUS,       coverage::TOO_COARSE,   coverage::OCCLUDED,
     coverage::TOO_OBLIQUE, coverage::ANGLE_OUT_OF_RANGE, coverage::TOO_UNCERTAIN};

@@ -40,11 +40,11 @@ enum Reason : uint8_t {
     COVERED,
     FIRST_OF_SEVERAL,
     LAST_OF_SEVERAL = FIRST_OF_SEVERAL + 25,
-    ANGLE_OUT_OF_RANGE = LAST_OF_SEVERAL + 3, // BASELINE of rastercov.core.coverage.reasons
+    ANGLE_OUT_OF_RANGE = LAST_OF_SEVERAL + 3, // BASELINE of rastercov.core.coverage.task
     TOO_UNCERTAIN,
 };
 
-// Criteria that may fail together, as bits: rastercov.core.coverage.reasons.TOGETHER.
+// Criteria that may fail together, as bits: rastercov.core.coverage.task.TOGETHER.
 enum Fails : uint8_t {
     IS_OUTSIDE = 1,
     IS_BLURRED = 2,

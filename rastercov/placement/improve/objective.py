@@ -30,8 +30,7 @@ from rastercov.core.camera import Poses, eyes_of, led_by, renumber, rows_of_resu
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.network import least_cosine
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.reasons import Reason
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.engine.coverage_spread import cameras_until_covered, worth_added
 from rastercov.placement.mounts import Mounts, places_on_rigs

@@ -40,9 +40,8 @@ from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
 from rastercov.core.camera import Cameras, Poses, Rig, Views, gates_of, names_of_poses, renumber
 from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.reasons import REASONS
 from rastercov.core.coverage.required import HOLDS
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import REASONS, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import Names, list_names, parts_above, quote, rows_at, rows_of
 from rastercov.formats.cameras import read_views

@@ -40,7 +40,7 @@ from rastercov.base.arguments import share_meant
 from rastercov.core.area.network import unit_of_result
 from rastercov.core.camera import Camera, Poses, Rig, is_joint
 from rastercov.core.camera.equipment import Equipment
-from rastercov.core.coverage.device import Device
+from rastercov.core.coverage.device import devices
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
@@ -296,7 +296,7 @@ class Plan(PlanModel):
             with errors_at(self.name, each.word):
                 if (own := each.equipment(self, self.folder)) is not None:
                     equipments[each.word] = own
-        for device in hooks_of(Device):
+        for device in devices():
             if (file := getattr(self, device.word)) is not None:
                 with errors_at(self.name, device.word):
                     equipments[device.word] = device.of(self.folder / file)

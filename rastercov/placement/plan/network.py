@@ -39,7 +39,6 @@ from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batc
 from rastercov.core.coverage.doubts import find_warnings
 from rastercov.core.coverage.network import Network, share_of_faces
 from rastercov.core.coverage.observer import Observer, open_observer
-from rastercov.core.coverage.reasons import Reason
 from rastercov.core.coverage.required import (
     HOLDS,
     UNDECIDED,
@@ -49,7 +48,7 @@ from rastercov.core.coverage.required import (
     short_by,
     status_of,
 )
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.candidates.rooms import wrong_side

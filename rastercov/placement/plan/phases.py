@@ -114,32 +114,6 @@ class PlanPhases(Protocol):
         """Visibility matrix of candidates in all phases; poses are those of mounts."""
 
 
-class PlanPhased:
-    """Hooks of a feature that gives a plan phases; they do nothing here."""
-
-    sections: tuple[str, ...]
-    """Sections of a plan that phases are made of, the one that has to be there first."""
-
-    def phases(self, plan: Plan, mesh: Mesh) -> PlanPhases | None:
-        """Phases of the scene of a plan; PlanError for what goes with none."""
-        return None
-
-    def table(self, plan: Plan, mesh: Mesh) -> tuple[Mesh, Table] | None:
-        """Scene that turns, and its axis for a carrier; ConfigError for a task beside it."""
-        return None
-
-
-def hooks() -> tuple[PlanPhased, ...]:
-    """Hooks of all features."""
-    return hooks_of(PlanPhased)
-
-
-def phases_of(plan: Plan, mesh: Mesh) -> PlanPhases | None:
-    """Phases of the scene of a plan; None where it has one."""
-    result = (each.phases(plan, mesh) for each in hooks())
-    return next((phases for phases in result if phases is not None), None)
-
-
 class CarriedPoses(Protocol):
     """K chosen poses as they are carried."""
 
@@ -161,7 +135,7 @@ class CarriedPoses(Protocol):
         """Joints of each pose, and figures of the carrier."""
 
     def files(self) -> Mapping[str, str]:
-        """Texts of files, by the names of `CarrierHooks.files`."""
+        """Texts of files, by the names of `PlanScene.files`."""
 
     def line(self) -> str:
         """The joints in words."""
@@ -192,13 +166,23 @@ class Carrier(Protocol):
         """True where it brings a camera, by its row, to a world_from_camera without a collision."""
 
 
-class CarrierHooks:
-    """Hooks of a feature that carries cameras, where `Generator.is_carried`."""
+class PlanScene:
+    """Hooks of a feature that gives a plan phases, or carries cameras; they do nothing here."""
 
-    key: str
-    """Its entry in the outcome of a plan."""
+    sections: tuple[str, ...] = ()
+    """Sections of a plan that phases are made of, the one that has to be there first."""
+    key = ""
+    """Entry in the outcome of a plan, of what carries cameras."""
     files: Sequence[str] = ()
     """Names of files of a placement."""
+
+    def phases(self, plan: Plan, mesh: Mesh) -> PlanPhases | None:
+        """Phases of the scene of a plan; PlanError for what goes with none."""
+        return None
+
+    def table(self, plan: Plan, mesh: Mesh) -> tuple[Mesh, Table] | None:
+        """Scene that turns, and its axis for a carrier; ConfigError for a task beside it."""
+        return None
 
     def make(
         self,
@@ -207,20 +191,31 @@ class CarrierHooks:
         entry: Generator,
         make: Callable[[Generator], Iterator[Candidates]],
     ) -> Iterator[Candidates]:
-        """Candidates that it can carry, of those that an entry names."""
+        """Candidates that it can carry, of those of an entry; see `Generator.is_carried`."""
         raise NotImplementedError  # each feature has its own
 
     def carrier(self, plan: Plan, mesh: Mesh) -> Carrier | None:
         """Carrier of the cameras of a plan; None where they are placed one by one."""
-        raise NotImplementedError  # each feature has its own
+        return None
 
 
-def carriers() -> tuple[CarrierHooks, ...]:
+def hooks() -> tuple[PlanScene, ...]:
     """Hooks of all features."""
-    return hooks_of(CarrierHooks)
+    return hooks_of(PlanScene)
+
+
+def phases_of(plan: Plan, mesh: Mesh) -> PlanPhases | None:
+    """Phases of the scene of a plan; None where it has one."""
+    result = (each.phases(plan, mesh) for each in hooks())
+    return next((phases for phases in result if phases is not None), None)
+
+
+def carriers() -> list[PlanScene]:
+    """Hooks of features that carry cameras."""
+    return [each for each in hooks() if each.key]
 
 
 def carrier_of(plan: Plan, mesh: Mesh) -> Carrier | None:
     """Carrier of the cameras of a plan; None where they are placed one by one."""
-    result = (each.carrier(plan, mesh) for each in carriers())
+    result = (each.carrier(plan, mesh) for each in hooks())
     return next((carrier for carrier in result if carrier is not None), None)

@@ -46,9 +46,8 @@ from rastercov.core.coverage.bits_alone import engine_for
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.observer import Observer, open_observer
-from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.coverage.shard_inputs import INPUTS
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import NAMES, REASONS, Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings

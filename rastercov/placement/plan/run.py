@@ -41,8 +41,7 @@ from rastercov.core.mesh.groups import list_names, rows_of
 from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
-from rastercov.placement.improve.refine import INTERRUPTED, Refined, refine
-from rastercov.placement.improve.search import Optimised, optimise
+from rastercov.placement.improve.refine import INTERRUPTED, Optimised, Refined, optimise, refine
 from rastercov.placement.plan.check import plan_of_cameras
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
@@ -88,7 +87,7 @@ from rastercov.placement.plan.product import Product
 from rastercov.placement.plan.scene import CandidatePool, name_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, views_for_zones, ways
-from rastercov.placement.select.integer import select_by
+from rastercov.placement.select.methods import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
 from rastercov.placement.uncovered import Leftover
 from rastercov.shards import Progress, Workers, silent
@@ -104,7 +103,7 @@ ROUNDING = 1e-9
 
 @frozen_record
 class Choice:
-    """Selection among candidates for cameras whose poses are known, by a `Chooser`.
+    """Selection among candidates for cameras whose poses are known, by `Products.choose`.
 
     Attributes
     ----------
@@ -257,8 +256,10 @@ Improvement = tuple[str, Callable[[Placement], object], Work]
 
 
 class Products:
-    """Hooks of a feature that makes something of placed cameras."""
+    """Hooks of a feature that makes something of placed cameras, or chooses places of its own."""
 
+    word = ""
+    """Of its equipment, where it chooses places for that."""
     steps: Sequence[Improvement] = ()
     """Steps that add to `Placement.made`, by their names."""
 
@@ -270,6 +271,10 @@ class Products:
 
     def of(self, placement: Placement) -> Product | None:
         """The product without a step, where the plan asks for it."""
+
+    def choose(self, job: "Run", plan: Plan, eyes: Poses | None) -> Placement:
+        """Choice for cameras that are there; with cameras, too, for None."""
+        raise NotImplementedError  # each feature with a word has its own
 
 
 def place(
@@ -337,7 +342,7 @@ def place(
     job = Run(mesh, folder, clock, save, workers, whole, goals)
     if not beside:
         return job.cameras(plan, (*STEPS, *last_steps()))
-    chooser = next(each for each in hooks_of(Chooser) if each.word == beside)
+    chooser = next(each for each in hooks_of(Products) if each.word == beside)
     chosen = chooser.choose(job, plan, eyes)
     if chosen.interrupted:
         return chosen
@@ -443,16 +448,6 @@ class Run:
             except KeyboardInterrupt:
                 placement = replace(placement, interrupted=name)
         return placement
-
-
-class Chooser:
-    """Hooks of a feature that chooses places of its own, where candidates are of it."""
-
-    word: str
-
-    def choose(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
-        """Choice for cameras that are there; with cameras, too, for None."""
-        raise NotImplementedError  # each feature has its own
 
 
 def _select(prepared: Prepared, seconds: float | None = None) -> Selection:

@@ -137,7 +137,7 @@ def name_scene(plan: Plan) -> tuple[Mesh, Plan, Names]:
     if lines:
         raise PlanError(plan.name, lines)
     for each in hooks() if is_carried else ():
-        with errors_at(plan.name, each.sections[0]):
+        with errors_at(plan.name, next(iter(each.sections), each.key)):
             if (result := each.table(plan, mesh)) is not None:
                 mesh, table = result
                 plan = plan.with_table(table)

@@ -29,13 +29,13 @@ from pydantic import (
     model_validator,
 )
 
-from rastercov.base import ByName, CameraError, RastercovError, ReadByName, hooks_of
+from rastercov.base import ByName, CameraError, RastercovError, ReadByName
 from rastercov.core.area.regions import OF_A_FACE
 from rastercov.core.camera import Camera, Conventions, Rig, look_at
 from rastercov.core.camera.camera import check_optics
 from rastercov.core.camera.catalogue import price_of
 from rastercov.core.camera.rig import entries_of_rig, preset_rig, rig_with
-from rastercov.core.coverage.device import Device
+from rastercov.core.coverage.device import devices
 from rastercov.core.coverage.task import NEEDED, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
@@ -649,8 +649,7 @@ class SheetSection(Entry):
 
 
 OF_DEVICES: ByName = {
-    each.word: (File | None, Field(default=None, description=each.help))
-    for each in hooks_of(Device)
+    each.word: (File | None, Field(default=None, description=each.help)) for each in devices()
 }
 """Entries of devices on cameras."""
 

@@ -36,9 +36,8 @@ from rastercov.core.area.zones import (
 )
 from rastercov.core.camera import Camera, Poses, Rig, led_by, look_at, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.reasons import BETWEEN, NAMES, REASONS, Reason, code_of
 from rastercov.core.coverage.required import FAILS, HOLDS
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import BETWEEN, NAMES, REASONS, Reason, Task, code_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words

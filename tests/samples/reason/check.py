@@ -4,7 +4,7 @@ import subprocess
 from pathlib import Path
 
 import rastercov
-from rastercov.core.coverage.reasons import BASELINE, FIRST_OF_SEVERAL, NAMES, REASONS, Reason
+from rastercov.core.coverage.task import BASELINE, FIRST_OF_SEVERAL, NAMES, REASONS, Reason
 
 
 def check(command, folder):
