@@ -48,8 +48,9 @@ MOST_POSES, MOST_POINTS = 100, 500
 def size_warnings(mesh: Mesh, least: float, most: float) -> list[str]:
     """A line where a mesh with a size is smaller or larger than it may be, metres."""
     size = float(np.ptp(mesh.bounds, axis=0).max())
-    is_likely = least <= size <= most or not size
-    return [] if is_likely else [f"the mesh measures {mesh.size_in_words}: check --unit"]
+    if least <= size <= most or not size:
+        return []
+    return [f"the mesh measures {mesh.size_in_words}: check --unit"]
 
 
 def unit_warnings(mesh: Mesh, camera: Cameras, poses: Poses, reach: float = math.inf) -> list[str]:
