@@ -102,6 +102,15 @@ def test_primitives_share_the_points_that_they_name(part, load):
     assert mesh.n_vertices == SIZE + 4
 
 
+def test_parts_of_a_scene_twice_as_many_are_twice_the_work_at_most():
+    def join(n):
+        Mesh.joined([box] * n, [f"part {row}" for row in range(n)])
+
+    box = rc.shapes.box()
+    counts = [calls_of(join, k * SIZE) for k in (1, 2, 4)]
+    assert counts[2] - counts[1] <= MOST_GROWTH * (counts[1] - counts[0])
+
+
 def test_rigs_without_places_are_one_note(tmp_path):
     def make(n):
         rows = [f"{i} PINHOLE 640 480 500 500 320 240\n" for i in range(2 * n)]

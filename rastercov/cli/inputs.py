@@ -487,32 +487,26 @@ def _name_camera(text: str) -> tuple[str, str] | None:
 def _cameras(camera: str, border: Border) -> Views:
     if (is_pair := is_head(camera)) or is_name(camera):
         try:
-            if is_pair:
-                return _without_poses(Rig.preset(camera))
-            return _without_poses(Rig([Camera.preset(camera)], [camera]))
+            rig = Rig.preset(camera) if is_pair else Rig([Camera.preset(camera)], [camera])
+            return _without_poses(rig)
         except CameraError as error:
             raise CameraError(f"--camera: {error}, or give a file") from None
     if "=" in camera and not os.path.exists(camera):  # noqa: PTH110 - of a text
-        return _of_entries(camera, border)
+        try:  # entries of a camera file, as one line; files are in the working folder
+            if "file" in (entries := _entries(camera)):
+                return read_with_optics(Path(), entries, border)
+            return _without_poses(Rig([Camera.from_dict(entries)], ["camera"]))
+        except CameraError as error:
+            raise CameraError(f"--camera {shorten(camera, 40)}: {error}") from None
+        except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
+            raise CameraError(
+                '--camera: expected a file, a preset, or entries such as \'preset = "khepra", '
+                f"near = 0.1', got {shown(camera)}; correct it"
+            ) from None
     through = read_through(camera, border)
     if through.rig is None:
         raise CameraError(f"{camera}: expected a camera, got poses only; give a camera file")
     return through
-
-
-def _of_entries(text: str, border: Border) -> Views:
-    """Camera of the entries of a camera file, as one line; files are in the working folder."""
-    try:
-        if "file" in (entries := _entries(text)):
-            return read_with_optics(Path(), entries, border)
-        return _without_poses(Rig([Camera.from_dict(entries)], ["camera"]))
-    except CameraError as error:
-        raise CameraError(f"--camera {shorten(text, 40)}: {error}") from None
-    except (tomllib.TOMLDecodeError, RecursionError, AttributeError):
-        raise CameraError(
-            '--camera: expected a file, a preset, or entries such as \'preset = "khepra", '
-            f"near = 0.1', got {shown(text)}; correct it"
-        ) from None
 
 
 def _without_poses(rig: Rig) -> Views:

@@ -12,7 +12,7 @@ from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
-from rastercov.core.camera import Conventions
+from rastercov.core.camera import Conventions, unit_warnings
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff
@@ -88,7 +88,7 @@ def sheet(
         {"north_deg": title.pop("north", None)}, "north of the sheet"
     )
     frame = report.frame_of(mesh, start.poses(), paper, scale, floor, cut)
-    warn(*mesh.warnings, *scene.notes)
+    warn(*mesh.warnings, *scene.notes, *unit_warnings(mesh, start.rig(), start.poses()))
     if scene.plan_file:
         title["plan"] = scene.plan_file
     title |= {name: value for name, value in entries._asdict().items() if value is not None}

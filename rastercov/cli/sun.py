@@ -14,6 +14,7 @@ from rastercov.base.format import coordinates, text_with_bound
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
+from rastercov.core.camera import size_warnings
 from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import Mesh, names_of
 from rastercov.light.sun import NORTH_DEG, angle, sun_directions
@@ -182,7 +183,8 @@ def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh
     if of:
         kept = names_of_groups("--of", of, names_of(mesh)) or set()
         mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
-    warn(*mesh.warnings)  # before it is divided, where sides of different faces do not match
+    # Before it is divided, where sides of different faces do not match; of a model or a town.
+    warn(*mesh.warnings, *size_warnings(mesh, 0.03, 5e3))
     if resolution is not None:
         mesh = divide_targets(mesh, resolution)
     return mesh

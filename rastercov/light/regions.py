@@ -312,15 +312,16 @@ class Light(Condition):
     def _light(self, regions: Regions, poses: Poses, n_rows: int) -> Lit:
         """Lit parts of rows by poses of the points of their lamps, the same number for each."""
         row = np.repeat(np.arange(n_rows), len(poses) // n_rows)
-        make = self._light_enough if asks_for_light(self.task) else self._reach_by
-        sides = [make(side, poses, row) for side in regions._sides()]
+        sides = [
+            self._light_enough(side, poses, row)
+            if asks_for_light(self.task)
+            else self._reach(side, poses.camera, row)
+            for side in regions._sides()
+        ]
         if len(sides) == 1:
             sides.append(_only(sides[0], np.zeros(len(sides[0]), np.bool_)))
         positions = eyes_of(self.lamps.eyes, poses).reshape(n_rows, -1, 3)
         return Lit((sides[0], sides[1]), np.arange(n_rows), positions)
-
-    def _reach_by(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
-        return self._reach(regions, poses.camera, row)
 
     def _light_enough(self, regions: Regions, poses: Poses, row: IntArray) -> Regions:
         """Parts of rows with as much light as the task asks for, with their sets of points."""

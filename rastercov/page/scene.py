@@ -319,7 +319,8 @@ class Scene:
                 | {"options": list(SEGMENT_OPTIONS if name == "segments" else ())}
                 for name in self.modes
             ],
-            "constraints": self._constraints() | {"is_kept": self.has_constraints},
+            "constraints": ({"boxes": [], "keep_out": []} if self.pool is None else self.limits)
+            | {"is_kept": self.has_constraints},
             "can_edit": can_edit,
             "placement": self.placement,
             "result": self.result,
@@ -356,10 +357,6 @@ class Scene:
             rooms = (self.plan.room(name) for name in self.plan.rooms)
             items = [(room.name, "", room.outline(height)) for room in rooms]
         return [each for each in items if not each[2].is_empty]
-
-    def _constraints(self) -> ByName:
-        """Limits that the page keeps: those of a plan with candidates."""
-        return {"boxes": [], "keep_out": []} if self.pool is None else self.limits
 
     @property
     def limits(self) -> ByName:

@@ -47,6 +47,32 @@ def test_millimetres_read_as_metres_are_asked_for_in_every_command(line, capsys)
     assert "the mesh measures" not in call(capsys, line + unit)[2]
 
 
+AROUND = [
+    "evaluate part.obj -c camera.toml -p sphere:8 --pictures 0 --table none",
+    "render part.obj -c camera.toml -p sphere:8",
+    "compare part.obj -c camera.toml -p sphere:8 --method sampled@1",
+    "view part.obj -c camera.toml -p sphere:8 --export page.html",
+    "sheet part.obj -c camera.toml -p rig.json --out sheet.svg",
+    "place around.toml",
+    "check around.toml -p rig.json",
+    "sun part.obj --latitude 48 --longitude 11 --day 2026-06-21 --step 60",
+]
+AROUND_PLAN = PLAN.replace('"poses"\nfile = "rig.json"', '"on_sphere"\ncount = 20')
+
+
+@pytest.mark.parametrize("line", AROUND)
+def test_cameras_that_are_placed_by_the_size_of_the_mesh_tell_its_unit(line, capsys):
+    """A part of 0.5 m and a house of 9 m, read as of thousands of metres, and of a thousandth."""
+    Path("around.toml").write_text(AROUND_PLAN)
+    for side in (0.5e-3, 0.5, 9.0, 9e3):
+        if side > 1e3 and line.startswith("place"):  # few cameras are chosen, not all around
+            Path("camera.toml").write_text(CAMERA + "focus_range = [0.05, 30.0]\n")
+        write_part("part.obj", side=side)
+        write_poses("rig.json", sphere_of_poses((0, 0, 0), 2.5 * side, 8))
+        _, _, err = call(capsys, line)
+        assert err.count("the mesh measures") == (not 1e-3 < side < 1e3), (side, err)
+
+
 @pytest.mark.parametrize("limits", ["", "[constraints]\nstand_off = [0.2, 0.5]\n"])
 def test_a_plan_whose_candidates_are_all_rejected_asks_too(capsys, limits):
     """Without a stand-off they are all in the solid."""

@@ -11,7 +11,7 @@ from rastercov.core.camera.conventions import (
     model_in,
     share_frames,
 )
-from rastercov.core.camera.doubts import unit_warnings
+from rastercov.core.camera.doubts import size_warnings, unit_warnings
 from rastercov.core.camera.equipment import EquipmentKind, equipment_words
 from rastercov.core.camera.models import MODELS, PROGRAMS, Foreign
 from rastercov.core.camera.near_plane import near_limit, near_limits
@@ -78,6 +78,7 @@ __all__ = [
     "renumber",
     "rows_of_result",
     "share_frames",
+    "size_warnings",
     "to_camera",
     "to_image",
     "unit_warnings",

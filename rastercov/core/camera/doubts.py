@@ -29,8 +29,9 @@ PARTS, FEW = 2.0, 3
 """Distance at which parts are looked at, m, and number of cameras from which it tells the unit."""
 LEAST_IN_MM = 5.0
 """Size of a mesh, m, from which it may be a part that was meant in mm."""
-UNLIKELY_SIZE = 2e-4
-"""Size of a mesh, m, below which its unit is asked for: metres that were read as mm."""
+UNLIKELY_SIZE, MOST_SIZE_AROUND = 1e-3, 1e3
+"""Size of a mesh, m, below which its unit is asked for: metres that were read as mm; and above
+which it is where cameras are on all sides of it, below it, too."""
 MM = 1e-3
 LEAST_SHARE_IN_MM, MOST_SHARE_IN_METRES = 0.9, 0.5
 """Shares of the cameras that have the whole mesh before them, read in mm and in metres."""
@@ -44,9 +45,15 @@ MOST_POSES, MOST_POINTS = 100, 500
 """Poses and vertices that are looked at, spread evenly: about 5 ms."""
 
 
-def unit_warnings(
-    mesh: Mesh, camera: Cameras, poses: Poses | None = None, reach: float = math.inf
-) -> list[str]:
+def size_warnings(mesh: Mesh, least: float, most: float) -> list[str]:
+    """A line where a mesh with a size is smaller or larger than it may be, metres."""
+    size = float(np.ptp(mesh.bounds, axis=0).max())
+    if least <= size <= most or not size:
+        return []
+    return [f"the mesh measures {mesh.size_in_words}: check --unit"]
+
+
+def unit_warnings(mesh: Mesh, camera: Cameras, poses: Poses, reach: float = math.inf) -> list[str]:
     """A line where the size of the mesh is unlikely beside what its cameras look at; often none.
 
     Parameters
@@ -54,35 +61,34 @@ def unit_warnings(
     mesh : Mesh
     camera : Camera, or several
         Their depth of field is compared with the size.
-    poses : Poses, optional
+    poses : Poses
         Cameras, or places where they may be.
     reach : float
         Greatest distance from the mesh that is allowed, m.
     """
     size = float(np.ptp(mesh.bounds, axis=0).max())
-    if not size > 0:
-        return []
-    cameras, words = cameras_of(camera), f"the mesh measures {mesh.size_in_words}"
     if size < UNLIKELY_SIZE:
-        return [f"{words}: check --unit"]
-    has_poses = poses is not None and len(poses) > 0
-    used = np.unique(poses.camera) if poses is not None and has_poses else range(len(cameras))
-    far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)
-    nearest = 0.0
-    if poses is not None and has_poses:
-        eyes = poses.eyes
+        return size_warnings(mesh, UNLIKELY_SIZE, math.inf)
+    cameras, words = cameras_of(camera), f"the mesh measures {mesh.size_in_words}"
+    eyes, used, nearest = poses.eyes, [*range(len(cameras))], 0.0
+    if len(poses):
+        used = np.unique(poses.camera).tolist()
         nearest = float(row_lengths(_beyond(mesh.bounds, eyes)).min())
+    far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
 
     def times(away: float) -> str:
         return f"{words}, {size / away:.0f} times the {size_in_words(away)}"
 
-    if math.isfinite(far) and size > ratio * far:
+    if size > ratio * far:
         return [f"{times(far)} up to which the camera is in focus: --unit mm?"]
-    if math.isfinite(reach) and size > UNLIKELY_DEPTH_RATIO * reach:
+    if size > UNLIKELY_DEPTH_RATIO * reach:
         return [f"{times(reach)} within which cameras are: --unit mm?"]
-    if poses is None or not has_poses:
+    if not len(poses):
         return []
+    margins = (mesh.bounds - (eyes.min(axis=0), eyes.max(axis=0))) * [[1], [-1]]
+    if size > MOST_SIZE_AROUND and margins.min() > 0:
+        return size_warnings(mesh, UNLIKELY_SIZE, MOST_SIZE_AROUND)
     if nearest > UNLIKELY_RATIO * size:
         return [
             f"{words}, but the nearest camera is {size_in_words(nearest)} away, "
@@ -92,9 +98,8 @@ def unit_warnings(
         return [f"{times(away)} at which cameras look at it: --unit mm?"]
     if any(camera.is_parallel for camera in cameras):
         return []  # whose images have no angle
-    focal = np.array([min(each.fx, each.fy) for each in cameras])[poses.camera]
-    sides = np.array([min(each.width, each.height) for each in cameras])[poses.camera]
-    half = np.arctan(sides / 2 / focal)
+    tangents = [min(each.width, each.height) / 2 / min(each.fx, each.fy) for each in cameras]
+    half = np.arctan(tangents)[poses.camera]
     in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
     if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
         away = float(np.median(row_lengths(eyes - MM * mesh.centre)))

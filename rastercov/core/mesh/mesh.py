@@ -353,8 +353,8 @@ class Mesh(InNotebook):
         if not parts or (new is not None and len(new) != len(groups)):
             raise MeshError(f"expected parts and {words}, got {len(parts)} parts")
         named = [replace(g, name=n) for g, n in zip(groups, new or (), strict=False)] or groups
-        unique = list(dict.fromkeys(named))
-        row_of = np.array([unique.index(group) for group in named])
+        rows = {group: row for row, group in enumerate(dict.fromkeys(named))}
+        row_of = np.array([rows[group] for group in named])
         n_vertices, n_groups = (
             np.cumsum([0, *counts]).tolist()
             for counts in ([p.n_vertices for p in parts], [len(p.groups) for p in parts])
@@ -362,7 +362,7 @@ class Mesh(InNotebook):
         return cls(
             vertices=np.concatenate([part.vertices for part in parts]),
             faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),
-            groups=unique,
+            groups=[*rows],
             face_group=row_of[
                 np.concatenate([p.face_group + n for p, n in zip(parts, n_groups, strict=False)])
             ],

@@ -123,15 +123,6 @@ double overlap_in_space(const Side &one, const Side &other, double tolerance) {
     return std::min(all.most, length) - std::max(all.least, 0.0);
 }
 
-bool are_far(const Side &one, const Side &other, double tolerance) {
-    for (size_t k = 0; k < 3; k++) {
-        const auto [low, high] = std::minmax(one.from[k], one.to[k]);
-        const auto [first, last] = std::minmax(other.from[k], other.to[k]);
-        if (first > high + tolerance || low > last + tolerance) return true;
-    }
-    return false;
-}
-
 // Sets the class of each side, in keys by line, kind and face, to that of the first face that joins
 // its own smoothly there, by the first side of each.
 void set_smooth(Keys &keys, const std::vector<Side> &sides) {
@@ -380,9 +371,7 @@ class Linker {
                 if (!keys[b].is_with(keys[a]) || keys[b].start > keys[a].end + tolerance) break;
                 const Side &one = open[size_t(keys[a].row)], &other = open[size_t(keys[b].row)];
                 const int64_t i = leaf_of(keys[a].row), j = leaf_of(keys[b].row);
-                if (one.face == other.face || root_of(parents, i) == root_of(parents, j) ||
-                    are_far(one, other, tolerance))
-                    continue;
+                if (one.face == other.face || root_of(parents, i) == root_of(parents, j)) continue;
                 if (overlap_in_space(one, other, tolerance) > least ||
                     overlap_in_space(other, one, tolerance) > least)
                     join(i, j, parents);
@@ -397,11 +386,12 @@ class Linker {
     double _tolerance, _least; // metres
 };
 
-// Numbers the zones of more area than the bounds of their faces together.
+// Numbers the zones, without the smallest: those that fit into what the ones before them have left
+// of the bounds of their faces, so that the areas of zones add up within the bounds.
 int64_t rank_zones(Forest parents, Int32Array face, FloatArray areas, FloatArray excess,
                    Column<int64_t> zone, Column<double> sizes) {
     const int64_t n = face.rows();
-    std::vector<double> sum(static_cast<size_t>(n)), bound(static_cast<size_t>(n));
+    std::vector<double> sum(static_cast<size_t>(n)), left(excess.begin(), excess.end());
     Keys keys, ranked;
     for (int64_t i = 0; i < n; i++) {
         const int64_t root = root_of(parents, i);
@@ -410,19 +400,36 @@ int64_t rank_zones(Forest parents, Int32Array face, FloatArray areas, FloatArray
     }
     sort_keys(keys);
     for (size_t k = 0; k < keys.size(); k++)
-        if (k == 0 || !keys[k].is_with(keys[k - 1]))
-            bound[size_t(keys[k].line)] += excess[keys[k].kind];
-    std::vector<int64_t> rank(static_cast<size_t>(n), -1);
-    for (int64_t i = 0; i < n; i++)
-        if (root_of(parents, i) == i && sum[size_t(i)] > bound[size_t(i)])
-            ranked.push_back({0, 0, 0, -sum[size_t(i)], 0.0, i});
+        if (k == 0 || keys[k].line != keys[k - 1].line)
+            ranked.push_back({0, 0, 0, -sum[size_t(keys[k].line)], 0.0, int64_t(k)});
     sort_keys(ranked);
-    for (size_t k = 0; k < ranked.size(); k++) {
-        rank[size_t(ranked[k].row)] = int64_t(k);
-        sizes[int64_t(k)] = sum[size_t(ranked[k].row)];
+    for (size_t at = ranked.size(); at-- > 0;) {
+        const auto first = size_t(ranked[at].row);
+        const int64_t root = keys[first].line;
+        const auto is_own = [&](size_t k) { return k < keys.size() && keys[k].line == root; };
+        double bound = 0.0;
+        for (size_t k = first; is_own(k); k++)
+            if (k == first || !keys[k].is_with(keys[k - 1])) bound += left[size_t(keys[k].kind)];
+        double &rest = sum[size_t(root)];
+        if (rest > bound) continue;
+        for (size_t k = first; is_own(k); k++) {
+            double &of_face = left[size_t(keys[k].kind)];
+            const double used = std::min(rest, of_face);
+            of_face -= used;
+            rest -= used;
+        }
+        rest = 0.0; // what rounding leaves
+    }
+    std::vector<int64_t> rank(static_cast<size_t>(n), -1);
+    int64_t n_zones = 0;
+    for (const Key &each : ranked) {
+        const auto root = size_t(keys[size_t(each.row)].line);
+        if (sum[root] <= 0) continue;
+        sizes[n_zones] = sum[root];
+        rank[root] = n_zones++;
     }
     for (int64_t i = 0; i < n; i++) zone[i] = rank[size_t(root_of(parents, i))];
-    return int64_t(ranked.size());
+    return n_zones;
 }
 
 } // namespace

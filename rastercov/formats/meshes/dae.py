@@ -91,7 +91,7 @@ class _Scene:
         self._controlled: dict[tuple[Element, Skeletons], tuple[FloatArray, PolygonShape, str]] = {}
         self._joints: dict[str, dict[str, Element]] = {}
         self._numbers: dict[Element, FloatArray] = {}
-        self._sources: dict[tuple[Element, range, tuple[int, ...]], FloatArray] = {}
+        self._sources: dict[object, FloatArray] = {}  # by array, rows and columns
         self._n_lines = self._n_bytes = 0
         self._skinned: dict[str, None] = {}
         self._more_notes: dict[str, None] = {}
@@ -257,7 +257,7 @@ class _Scene:
 
     def _world_from_joint(self, what: str, name: str, roots: Skeletons) -> FloatArray:
         """Place of a joint: the node with that sid below the skeletons, or with that id."""
-        for root in roots or ("",):
+        for root in (*roots, ""):
             if root not in self._joints:
                 top = self._target(root, "node") if root else self._visual_scene()
                 elements: dict[str, Element] = {}
@@ -268,9 +268,6 @@ class _Scene:
                 self._joints[root] = elements
             if (joint := self._joints[root].get(name)) is not None:
                 break
-        else:
-            if roots:
-                return self._world_from_joint(what, name, ())
         matrix = None if joint is None else self._world_from_nodes.get(joint)
         if matrix is None:
             raise broken(
@@ -317,10 +314,10 @@ class _Scene:
             self._n_lines += local_name(primitive) in LINES
             if local_name(primitive) not in (*POLYGONS, *STRIPS):
                 continue
-            indices, counts, source = self._primitive(primitive, _name(geometry))
+            indices, counts, url = self._primitive(primitive, _name(geometry))
             if not len(counts):
                 continue
-            own = self._positions(source)
+            own = self._source(_sources_in(self._target(url, "vertices"))["POSITION"])
             n_faces += int((counts - 2).sum())
             is_new = id(own) not in first_of
             check_budget(n_faces, self._budget, n_points + is_new * len(own))
@@ -382,15 +379,6 @@ class _Scene:
             indices = np.concatenate([np.empty(0, np.int64), *corners])
             counts = np.full(len(indices) // 3, 3)
         return indices, counts, at[1]
-
-    def _positions(self, url: str) -> FloatArray:
-        """(V, 3) points of an element `vertices`."""
-        (entry,) = [
-            each
-            for each in children(self._target(url, "vertices"), "input")
-            if each.get("semantic") == "POSITION"
-        ]
-        return self._source(entry.attrib["source"])
 
     def _source(self, url: str, n_columns: int = 3) -> FloatArray:
         """(V, n_columns) numbers of a source, by its accessor; one array for equal accessors."""

@@ -99,12 +99,12 @@ class OwnGoal:
             return requirement.at_most(self.name, self.limit)
         return replace(requirement, goal=self.name)
 
-    def most_share(self, camera: Cameras, poses: Poses) -> float:
-        """Share of the area of the goal that some cameras cover together at most."""
+    def permits(self, share: float, camera: Cameras, poses: Poses) -> bool:
+        """True where some cameras cover together at most a share of the area of the goal."""
         with closing(RegionPass(self.mesh, camera, self.plan.build_task())) as finder:
             regions = finder.find(poses)
         whole = self.mesh.areas[self.mesh.task_mask].sum()
-        return float((regions.area + regions.bound).sum() / whole)
+        return bool((regions.area + regions.bound).sum() / whole <= share + SHARE_TOLERANCE)
 
 
 def permits_of(goals: Sequence[tuple[OwnGoal, float]]) -> Callable[[Cameras, Poses], bool] | None:
@@ -122,9 +122,7 @@ def permits_of(goals: Sequence[tuple[OwnGoal, float]]) -> Callable[[Cameras, Pos
     ]
 
     def permits(camera: Cameras, poses: Poses) -> bool:
-        return all(
-            goal.most_share(camera, poses) <= share + SHARE_TOLERANCE for goal, share in rest
-        )
+        return all(goal.permits(share, camera, poses) for goal, share in rest)
 
     return permits if rest else None
 

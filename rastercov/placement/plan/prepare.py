@@ -67,7 +67,7 @@ from rastercov.placement.plan.goals import (
     with_goals,
     without_candidates,
 )
-from rastercov.placement.plan.network import OF, counting, goal_of, most_views
+from rastercov.placement.plan.network import OF, counting, goal_of, most_views, of_plan
 from rastercov.placement.plan.phases import Carrier, PlanPhases, carrier_of
 from rastercov.placement.plan.scene import (
     CandidatePool,
@@ -363,12 +363,16 @@ def _check_some(
     plan: Plan, mesh: Mesh, candidate_pool: CandidatePool, carrier: Carrier | None
 ) -> None:
     """Raise `ConfigError` where no candidate is left."""
-    if not len(candidate_pool.candidates):
-        raise ConfigError(
-            f"{plan.name}: expected candidates, got none ({'; '.join(candidate_pool.lines())}); "
-            f"relax constraints, {OF_CARRIED if carrier else ''}or add candidates"
-            f"{_of_unit(plan, mesh, candidate_pool.proposed)}"
-        )
+    if len(candidate_pool.candidates):
+        return
+    reach = no_limit(plan.constraints.stand_off)[1]
+    places, _ = plan.mounts.cameras(candidate_pool.proposed.placed)
+    lines = unit_warnings(mesh, plan.rig, places, reach) if _has_open_unit(plan) else []
+    raise ConfigError(
+        f"{plan.name}: expected candidates, got none ({'; '.join(candidate_pool.lines())}); "
+        f"relax constraints, {OF_CARRIED if carrier else ''}or add candidates"
+        f"{''.join(f'; {line}' for line in of_plan(lines))}"
+    )
 
 
 @frozen_record
@@ -581,15 +585,6 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     faces = np.zeros(cells.mesh.n_faces, np.bool_)
     faces[cells.source_face[elements]] = True
     return faces
-
-
-def _of_unit(plan: Plan, mesh: Mesh, proposed: Candidates) -> str:
-    """End of a line about candidates that are all rejected: the unit, where it is in doubt."""
-    reach = no_limit(plan.constraints.stand_off)[1]
-    if not _has_open_unit(plan):
-        return ""
-    lines = unit_warnings(mesh, plan.rig, plan.mounts.cameras(proposed.placed)[0], reach)
-    return "".join(f"; {line}" for line in lines).replace("--unit", "unit of [[meshes]]")
 
 
 def _sample(poses: Poses, most: int = N_DIAGNOSED) -> Poses:
