@@ -3,10 +3,10 @@
 `evaluate`, `place` and `check` fill the template `report.html` with it, each with its own headline.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -26,21 +26,19 @@ from rastercov.base import (
     with_bound,
 )
 from rastercov.base.format import area, length, text_with_sign, verb
-from rastercov.core.area import polygons
+from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.figures import in_words
-from rastercov.core.area.frames import to_world
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
 from rastercov.core.area.table import Regions, take_rows
-from rastercov.core.area.union import unite
 from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
 from rastercov.core.camera import Cameras, Poses, axes_of, cameras_of, gates_of, names_of
 from rastercov.core.camera.rig import short_names
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
+from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
 from rastercov.report.feature import NetworkPart, hooks, part_of
@@ -104,6 +102,27 @@ def pictures_in_words() -> dict[str, str]:
     }
 
 
+class GoalPart(NamedTuple):
+    """A goal of a plan: lines on it, the page of it alone, and area lost without each camera."""
+
+    name: str
+    words: str
+    status: str
+    is_most: bool
+    lines: Sequence[str]
+    page: "NetworkPage"
+    lost_m2: FloatArray | None
+
+    def picture(self) -> Image.Image | None:
+        """Dead zones of a goal, or the cameras that see what must not be seen; None for none."""
+        zones, said = self.page.dead
+        if self.status == HOLDS or not (self.is_most or zones):
+            return None
+        if self.is_most:
+            return self.page.overview()
+        return zones_picture(zones, said, self.page.poses.world_from_camera)
+
+
 @frozen_record
 class NetworkPage:
     """A network to be shown; drawings and pages are made when they are asked for.
@@ -136,6 +155,9 @@ class NetworkPage:
         True where cameras serve goals that are not shown: none is said to be spare.
     volumes : sequence of Volume
         Limits of places of cameras.
+    kept : set of int
+        Rows of cameras that were there before.
+    goals : sequence of GoalPart
     asked : Asked or None
         What a page computes; recorded figures for None.
     allowed : Allowed
@@ -164,6 +186,8 @@ class NetworkPage:
     volumes: Sequence[Volume] = ()
     asked: Asked | None = None
     allowed: Allowed = ANY
+    kept: Collection[int] = ()
+    goals: Sequence[GoalPart] = ()
 
     @property
     def eyes(self) -> FloatArray:
@@ -307,6 +331,7 @@ class NetworkPage:
                 said=said["dead_zones"],
                 noun=self.noun,
                 volumes=self.volumes,
+                kept=self.kept,
                 most=f"{self._covers} it{self._long}",
                 left=f"not covered{self._long}"
                 if self._covers == "covers"
@@ -335,6 +360,7 @@ class NetworkPage:
             tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
         if self.part is not None:
             tasks |= self.part.pictures
+        tasks |= {f"goal_{each.name}": each.picture for each in self.goals}
         names, table = list(tasks), {}
 
         def work(turn: slice) -> None:
@@ -411,6 +437,15 @@ class NetworkPage:
             }
             | values.pop("more", {}),
             zone_cards=self._cards(images),
+            goal_cards=[
+                {
+                    "heading": f"{each.words[:1].upper()}{each.words[1:]}",
+                    "lines": [f"{line[:1].upper()}{line[1:]}." for line in each.lines],
+                    "picture": (drawn := images.get(f"goal_{each.name}"))
+                    and Picture.draw(each.words, drawn),
+                }
+                for each in self.goals
+            ],
             zone_rows=zone_rows(self.dead[1]),
             by_area=by_area,
             camera_headings=more,
@@ -548,7 +583,11 @@ class NetworkPage:
         is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
         unit = "mm" if is_small else "m" if self.unit == "m" else "units"
         for name, places in zip("xyz", self.eyes.T * (1e3 if is_small else 1.0), strict=True):
-            columns[f"{name}, {unit}"] = [length(value) for value in places.tolist()]
+            digits = {"m": 3, "mm": 1}.get(unit)
+            columns[f"{name}, {unit}"] = [
+                length(value) if digits is None else text_with_sign(value, digits)
+                for value in places.tolist()
+            ]
         axes = upright(poses := self.poses.world_from_camera)
         turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
         for row, name in enumerate(("heading", "tilt down", "roll")):
@@ -566,6 +605,9 @@ class NetworkPage:
                 columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
+        for goal in self.goals:
+            if goal.lost_m2 is not None:
+                columns[f"{goal.name}: lost without it"] = self._areas(goal.lost_m2, 0.0)
         columns |= more
         return [[each[row] for each in columns.values()] for row in order.tolist()], list(columns)
 
@@ -585,10 +627,12 @@ class NetworkPage:
             cards.append(
                 {
                     "heading": heading,
-                    "reason": f"{group}: {reason}"
-                    if len(self.mesh.groups) > 1
-                    else f"{reason[:1].upper()}{reason[1:]}",
-                    "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",
+                    "lines": [
+                        f"{group}: {reason}"
+                        if len(self.mesh.groups) > 1
+                        else f"{reason[:1].upper()}{reason[1:]}",
+                        f"{advice[:1].upper()}{advice[1:]}." if advice else "",
+                    ],
                     "picture": drawn and Picture.draw(f"{heading}, {reason}", drawn),
                 }
             )
@@ -613,13 +657,3 @@ class FaceRemedies(Remedies):
         camera, task, poses = self._place_changes([change], row)
         result = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
         return float((result.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
-
-
-def lose_without(parts: Regions, need: IntArray) -> FloatArray:
-    """(P,) area that too few cameras cover without each one; `need`, (F,), are those wanted."""
-    covered = unite(parts, int(need.max(initial=1)) + 1)
-    tight = np.flatnonzero(covered.views == need[covered.face])
-    xy, starts = polygons.choose_polygons(covered.xy, covered.starts, tight)
-    areas, face = polygons.polygon_areas(xy, starts), covered.face[tight]
-    points = to_world(parts.mesh, face, polygons.centroids(xy, starts, np.maximum(areas, 1e-300)))
-    return areas @ covering_poses(parts, face, points)

@@ -18,10 +18,11 @@ from rastercov.core.area.zones import ZONES
 from rastercov.core.camera import gates_of, names_of_poses, rows_of_result
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.coverage.parts import MOST_ROWS
+from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.clearance import KeepOutBox
-from rastercov.placement.plan.check import Checked
+from rastercov.placement.plan.check import Checked, to_json
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
@@ -30,7 +31,7 @@ from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
-from rastercov.report.network_page import NetworkPage
+from rastercov.report.network_page import GoalPart, NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
@@ -188,7 +189,29 @@ def network_of(
             else None,
         ),
         allowed=Allowed(places_of(plan, of.mesh), free=partial(free_places, plan)),
+        kept={row for row, at in enumerate(cameras.owner) if _is_kept(placement, at)},
+        goals=_goal_parts(placement),
     )
+
+
+def _is_kept(placement: Placement | Checked, row: int) -> bool:
+    """True for a camera that a plan has kept."""
+    return isinstance(placement, Placement) and placement.origin[row].startswith("existing")
+
+
+def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
+    """Goals of a plan for a page, those that lack most first."""
+    items = []
+    for each in sorted(placement.requirements, key=lambda each: -each.lack):
+        if (own := placement.goals.get(each.goal)) is None:
+            continue
+        lines = [*own.zone_lines(each), *([] if each.is_most else own.reasons(each))]
+        page = network_of(own, to_json(own), has_parts=each.is_most and each.status != HOLDS)
+        lost = None if own.by_camera is None else own.by_camera[1]
+        items.append(
+            GoalPart(each.goal, each.words(), each.status, each.is_most, lines, page, lost)
+        )
+    return items
 
 
 def _limits(checked: Checked | Placement) -> dict[str | None, float]:
