@@ -12,12 +12,12 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -41,12 +41,21 @@ from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.figures import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.zones import face_zones
-from rastercov.core.camera import Poses, Rig, cameras_of, equipment_words, gates_of, names_of
+from rastercov.core.camera import Poses, cameras_of, equipment_words, gates_of, names_of
 from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.sections import polygons_in, section, solid
-from rastercov.report.drawing import GAP, MARGIN, PANEL, PAPERS, SheetFrame, scale_bar
+from rastercov.report.drawing import (
+    GAP,
+    MARGIN,
+    PANEL,
+    PAPERS,
+    SheetDevice,
+    SheetFrame,
+    devices_of,
+    scale_bar,
+)
 from rastercov.report.pages import render
 from rastercov.report.plan_geometry import (
     distances_to_walls,
@@ -205,6 +214,7 @@ def plan_sheet(
         Called with the layers done and their total.
     """
     progress(0, N_LAYERS)
+    own = evaluation.camera, evaluation.poses, evaluation.task
     mesh, (width, height) = evaluation.mesh.opaque, PAPERS[frame.paper]
     walls = section(mesh.vertices, mesh.welded_faces[~is_foliage(mesh)], frame.cut)
     solids = solid(walls)
@@ -216,7 +226,7 @@ def plan_sheet(
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_cross(v)) for v in volumes)
     paths = {name: path or NOTHING for name, path in paths.items()}
-    devices = list(islice(_devices(evaluation), MOST_MEASURED))
+    devices = list(islice(devices_of(*own), MOST_MEASURED))
     marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
     marks |= {kind.upper(): (OF_DEVICES, kind.removesuffix("s")) for kind, _ in devices}
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(evaluation, frame, walls)
@@ -476,36 +486,6 @@ def _symbols(
         entry = {"symbol": symbol, "x": x, "y": y, "half": half, "name": text, "height": height}
         entries.append(entry)
     return entries
-
-
-class SheetDevice(NamedTuple):
-    """A device beside the cameras: name, pose, whether it rides on one, and words on it.
-
-    The position of a device at infinity counts for nothing.
-    """
-
-    name: str
-    pose: FloatArray
-    rides: bool
-    words: str
-    has_position: bool = True
-
-
-def _devices(evaluation: Evaluation) -> Iterator[tuple[str, SheetDevice]]:
-    """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
-    rig, placed = evaluation.camera, evaluation.poses
-    if not isinstance(rig, Rig):
-        return
-    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
-    for kind, own in rig.equipment.items():
-        for row, on in enumerate(own.carried_by(rig.names)):
-            name, words = own.names[row], own._words(row, vars(evaluation.task))
-            if not own.rides[row]:
-                yield kind, SheetDevice(name, own.places[row], False, words, own._has_position(row))
-            for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
-                if on[index]:
-                    at = pose @ camera_from_rig[index] @ own.places[row]
-                    yield kind, SheetDevice(name, at, True, words)
 
 
 def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> dict[str, list[Any]]:

@@ -6,6 +6,7 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from rastercov.base import (
     FloatArray,
     IntArray,
     ReadByName,
+    first_of,
     frozen_record,
     percent,
     plural,
@@ -26,6 +28,7 @@ from rastercov.base import (
     with_bound,
 )
 from rastercov.base.format import area, length, text_with_sign, verb
+from rastercov.core.area.advice import focus_in_words
 from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.figures import in_words
@@ -33,7 +36,15 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
 from rastercov.core.area.table import Regions, take_rows
 from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
-from rastercov.core.camera import Cameras, Poses, axes_of, cameras_of, gates_of, names_of
+from rastercov.core.camera import (
+    Cameras,
+    Poses,
+    axes_of,
+    cameras_of,
+    equipment_on,
+    gates_of,
+    names_of,
+)
 from rastercov.core.camera.rig import short_names
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
@@ -41,7 +52,9 @@ from rastercov.core.coverage.reasons import NAMES, REASONS, Reason
 from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
+from rastercov.report.drawing import devices_of
 from rastercov.report.feature import NetworkPart, hooks, part_of
+from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
 from rastercov.report.live import Asked, record_cause, view_of
 from rastercov.report.modes import (
     MODES,
@@ -76,6 +89,10 @@ from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
 from rastercov.shards import Progress, silent
 
+NO_FOCUS = (0.0, np.inf)
+"""Depth of field of a camera without one."""
+LAMP, LAMP_REL, MOST_LAMPS = (148, 98, 0), 0.02, 40
+"""Colour of equipment in pictures, its radius relative to the scene, and most of it."""
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 MOST_CLOSE_UPS = MOST_KINDS = 3
@@ -330,7 +347,7 @@ class NetworkPage:
                 zones=zones,
                 said=said["dead_zones"],
                 noun=self.noun,
-                volumes=self.volumes,
+                volumes=[*self.volumes, *self._lamps()],
                 kept=self.kept,
                 most=f"{self._covers} it{self._long}",
                 left=f"not covered{self._long}"
@@ -428,6 +445,7 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             rules=self._rules(),
+            is_joint=bool(gates_of(self.camera)),
             goals=self.asked and self.asked.goals,
             kinds=self._kinds(),
             pictures={
@@ -447,6 +465,7 @@ class NetworkPage:
                 for each in self.goals
             ],
             zone_rows=zone_rows(self.dead[1]),
+            features=table_of(self.features(), self.unit),
             by_area=by_area,
             camera_headings=more,
             camera_table=rows,
@@ -461,16 +480,50 @@ class NetworkPage:
             **{"title_block": title_block, "by_face": self.areas is None, **values},
         )
 
+    def features(self) -> list[FeatureRow]:
+        """Rows of the table of features; none of a scene of several phases."""
+        if self.part is not None:
+            return []
+        poses, names = self._placed
+        scene = self.mesh, self.camera, poses, self.network.task
+        return feature_rows(*scene, short_names(names), self.figures)
+
     def _rules(self) -> list[str]:
-        """Sentences on what devices measure together."""
-        names = names_of(self.camera)
+        """Sentences on what devices measure together, on focus, and on equipment."""
+        names, task = names_of(self.camera), self.network.task
         gates = gates_of(self.camera).items()
-        return [gate.in_words(names[at : at + gate.n]) for at, gate in gates]
+        said = [gate.in_words(names[at : at + gate.n]) for at, gate in gates]
+        every = [(names[row], cameras_of(self.camera)[row]) for row in self._used]
+        ends = {name: each.depth_of_field(task.max_blur) for name, each in every}
+        focus = {name: focus_in_words(own) for name, own in ends.items() if own != NO_FOCUS}
+        if len({*focus.values()}) == 1 and len(focus) == len(every):
+            said.append(f"It must be in focus, at a depth of {focus.popitem()[1]}.")
+        said += [f"{name} is in focus at a depth of {text}." for name, text in focus.items()]
+        for word, own in equipment_on(self.camera).items():
+            words = (f"{name} ({own._words(at, vars(task))})" for at, name in enumerate(own.names))
+            said.append(f"{word.capitalize()}: {first_of([*words])}.")
+        return said
+
+    def _lamps(self) -> list[Volume]:
+        """Equipment beside the cameras, to be drawn."""
+        placed = self._placed[0]
+        size = LAMP_REL * float(np.ptp([*self.mesh.bounds, *placed.eyes], axis=0).max())
+        every = islice(devices_of(self.camera, placed, self.network.task), MOST_LAMPS)
+        return [
+            Volume.sphere(f"{word.removesuffix('s')} {each.name}", LAMP, each.pose[:3, 3], size)
+            for word, each in every
+            if each.has_position
+        ]
+
+    @property
+    def _used(self) -> list[int]:
+        """Indices of the cameras that have poses, or of all of a rig with a rule."""
+        index: IntArray = np.unique(self._placed[0].camera)
+        return [*range(len(names_of(self.camera)))] if gates_of(self.camera) else index.tolist()
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
-        placed, names = self._placed[0], names_of(self.camera)
-        used = np.arange(len(names)) if gates_of(self.camera) else np.unique(placed.camera)
+        names, used = names_of(self.camera), self._used
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
