@@ -267,7 +267,7 @@ class Checked(InOneLine, InNotebook):
         """Uncovered areas, or faces, of some groups by reason."""
         if self.cameras.areas is not None:
             members = np.isin(self.mesh.face_group, rows) & self.mesh.task_mask
-            return by_reason(areas_by_reason(self._zones, members))
+            return by_reason(areas_by_reason(self.zones, members))
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
         why = ", ".join(
             f"{share['faces']:,} {REASONS[name].label}{gain_in_faces(share)}"
@@ -283,11 +283,12 @@ class Checked(InOneLine, InNotebook):
             row = mesh.face_group
             weights = weights_of(mesh, self.plan.task.weight_by) * self.leftover.left
         else:
-            row, weights = mesh.face_group[self._zones.face], self._zones.piece_area
+            row, weights = mesh.face_group[self.zones.face], self.zones.piece_area
         return np.bincount(row, weights, len(mesh.groups)).astype(np.float64)
 
     @property
-    def _zones(self) -> DeadZones:
+    def zones(self) -> DeadZones:
+        """Dead zones by area."""
         assert self.cameras.areas is not None
         by_group = views_by_group(self.plan, self.asked_views)
         return self.cameras.areas.zones(self.plan.rig, self.cameras.placed, by_group)
