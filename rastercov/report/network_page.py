@@ -34,7 +34,7 @@ from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.figures import in_words
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
-from rastercov.core.area.table import Regions, take_rows
+from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
 from rastercov.core.camera import (
     Cameras,
@@ -43,6 +43,7 @@ from rastercov.core.camera import (
     cameras_of,
     equipment_on,
     gates_of,
+    led_by,
     names_of,
 )
 from rastercov.core.camera.rig import short_names
@@ -197,7 +198,6 @@ class NetworkPage:
     covers: BoolArray | None = None
     unit: str = "m"
     level: int | None = None
-    together: IntArray | None = None
     of_faces: Mapping[str, FloatArray] = field(default_factory=dict)
     serves_goals: bool = False
     volumes: Sequence[Volume] = ()
@@ -278,9 +278,6 @@ class NetworkPage:
         """(P,) area that is not covered any more without each camera; None where not known."""
         if self.part is not None and not self.part.is_any:
             return None
-        if self.parts is not None and self.together is not None:
-            leads = np.unique(self.together, return_index=True)[1]
-            return lose_without(take_rows(self.parts, leads), self.need)[self.together]
         if self.parts is not None:
             return lose_without(self.parts, self.need)
         if self.areas is not None or (self.need > 1).any():
@@ -355,10 +352,11 @@ class NetworkPage:
                 else f"covered by no {self.noun}",
             )
             if self.part is not None:
-                rows = np.arange(len(self.poses)) if self.together is None else self.together
-                best = np.append(np.unique(rows, return_index=True)[1], -1)[self.part.best()]
                 shown = replace(
-                    shown, best_pose=best, regions=None, most=f"covers it {self.part.most}"
+                    shown,
+                    best_pose=self.part.best(),
+                    regions=None,
+                    most=f"covers it {self.part.most}",
                 )
             return shown.picture()
         mode = "views" if self.areas is None else "area"
@@ -690,6 +688,21 @@ class NetworkPage:
                 }
             )
         return cards
+
+
+def heads_of(
+    camera: Cameras, poses: Poses, names: Sequence[str]
+) -> tuple[IntArray, list[str], str]:
+    """Rows of poses that a page has, their names, and a word for one.
+
+    Of a rig with a rule, those of its first camera, which are named without it.
+    """
+    leads, cameras = led_by(camera, poses), names_of(camera)
+    own = zip(leads.tolist(), poses.camera[leads].tolist(), strict=True)
+    is_head = len(leads) < len(poses)
+    said = [names[row].removesuffix(f"/{cameras[index]}") for row, index in own]
+    said = [f"camera {n}" if text in names else text for n, text in enumerate(said, start=1)]
+    return leads, said if is_head else list(names), "head" if is_head else "camera"
 
 
 class FaceRemedies(Remedies):
