@@ -3,7 +3,7 @@
 All are made of the summary of a network as commands print it, which has its dead zones.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 from rastercov.base import ReadByName, percent, plural
 from rastercov.base.format import area
@@ -36,15 +36,19 @@ def answer(summary: Summary) -> str:
     return text
 
 
-def first_lines(summary: Summary, goal: str = "", level: int | None = None) -> list[str]:
-    """Answer, goal if any, the worst dead zone or reason, and advice for it.
+def first_lines(
+    summary: Summary, goal: str = "", level: int | None = None, instead: Sequence[str] = ()
+) -> list[str]:
+    """Answer, goal if any, the worst dead zone or reason, and advice for it, or lines `instead`.
 
     Zones are named by parts of a level, as `with_parts` has them.
     """
     lines = [answer(summary), goal]
     zones = [with_parts(zone, level) for zone in _zones(summary)[:1]]
     reasons = {} if "covered_area" in summary else summary["not_covered_because"]
-    if zones:
+    if instead:
+        lines += instead
+    elif zones:
         devices = summary.get("by_device", ()) if "run" in summary else ()  # else each has a number
         n = sum(each["device"] is not None for each in devices) or 1
         lines += [zone_line(zones[0]), advice_line(zones[0], n_sensors=n)]

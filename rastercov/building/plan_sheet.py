@@ -12,12 +12,13 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -41,12 +42,22 @@ from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.feature import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.zones import face_zones
-from rastercov.core.camera import Poses, Rig, cameras_of, equipment_words, gates_of, names_of
+from rastercov.core.camera import Poses, cameras_of, equipment_words, gates_of, names_of
 from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.sections import polygons_in, section, solid
-from rastercov.report.drawing import GAP, MARGIN, PANEL, PAPERS, SheetFrame, scale_bar
+from rastercov.placement.plan.check import Checked
+from rastercov.report.drawing import (
+    GAP,
+    MARGIN,
+    PANEL,
+    PAPERS,
+    SheetDevice,
+    SheetFrame,
+    devices_of,
+    scale_bar,
+)
 from rastercov.report.pages import render
 from rastercov.report.plan_geometry import (
     distances_to_walls,
@@ -74,6 +85,7 @@ MARKS = {
     "SPACES": ("#1a7f37", "permitted camera positions"),
     "KEEP_OUT": ("#c45500", "keep-out volume"),
     "IR": ("#7a3db8", "range of infrared lamps, as stated by the maker"),
+    "GOALS": ("#b8172a", "goals: uncovered, or visible where it must not be seen"),
 }
 """Layers that the legend names where there is something in them, with their colours and words."""
 OF_DEVICES = "#946200"
@@ -185,6 +197,7 @@ def plan_sheet(
     site: SheetSite,
     views: Mapping[str, int] | None = None,
     progress: Progress = silent,
+    goals: Mapping[str, Checked] = MappingProxyType({}),
 ) -> str:
     """Plan of what an evaluation is of, with its cameras, what they see, and dead zones; SVG.
 
@@ -203,8 +216,11 @@ def plan_sheet(
         Cameras that faces of a group need, 1 for the others; those of the task unless given.
     progress : callable
         Called with the layers done and their total.
+    goals : mapping of str to Checked
+        Goals of the plan, with their requirements.
     """
     progress(0, N_LAYERS)
+    own = evaluation.camera, evaluation.poses, evaluation.task
     mesh, (width, height) = evaluation.mesh.opaque, PAPERS[frame.paper]
     walls = section(mesh.vertices, mesh.welded_faces[~is_foliage(mesh)], frame.cut)
     solids = solid(walls)
@@ -215,8 +231,9 @@ def plan_sheet(
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_cross(v)) for v in volumes)
+    paths["GOALS"] = frame.path(_goal_marks(goals))
     paths = {name: path or NOTHING for name, path in paths.items()}
-    devices = list(islice(_devices(evaluation), MOST_MEASURED))
+    devices = list(islice(devices_of(*own), MOST_MEASURED))
     marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
     marks |= {kind.upper(): (OF_DEVICES, kind.removesuffix("s")) for kind, _ in devices}
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(evaluation, frame, walls)
@@ -251,7 +268,7 @@ def plan_sheet(
         edition=DORI_EDITION,
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
-        title_rows=_title_rows(evaluation, frame, title, views),
+        title_rows=[*_title_rows(evaluation, frame, title, views), *_goal_rows(goals)],
         project=shorten(title["project"], 44),
     )
 
@@ -317,6 +334,30 @@ def _title_rows(
         ("Scale", f"{scale_text(frame.scale)} on {frame.paper}, lengths in metres"),
         ("Software", f"rastercov {rastercov.__version__}"),
     ]
+
+
+def _goal_rows(goals: Mapping[str, Checked]) -> list[tuple[str, str]]:
+    """Rows of the title block on goals, and on who sees what must not be seen."""
+    rows = list[tuple[str, str]]()
+    for own in goals.values():
+        (each,) = own.requirements
+        words = "; ".join([f"{each.status}: {each.words()}", *own.zone_lines(each)[:1]])
+        rows += [("" if row else "Goal", line) for row, line in enumerate(wrap(words, LETTERS))]
+    return rows
+
+
+def _goal_marks(goals: Mapping[str, Checked]) -> shapely.Geometry:
+    """Outlines on the plan of what goals lack, and of what is seen and must not be."""
+    shapes = list[shapely.Geometry]()
+    for own in goals.values():
+        if (areas := own.cameras.areas) is None:
+            continue
+        parts = areas.covered if own.requirements[0].is_most else own.zones
+        corner_of = np.repeat(np.arange(len(parts.face)), np.diff(parts.starts))
+        corners = to_world(own.mesh, parts.face[corner_of].astype(np.int64), parts.xy)
+        points = shapely.multipoints(shapely.points(corners[:, :2]), indices=corner_of)
+        shapes += shapely.convex_hull(points).tolist()  # of an upright part it is a line
+    return shapely.union_all(shapes, grid_size=1e-6)
 
 
 def scale_text(scale: float) -> str:
@@ -476,36 +517,6 @@ def _symbols(
         entry = {"symbol": symbol, "x": x, "y": y, "half": half, "name": text, "height": height}
         entries.append(entry)
     return entries
-
-
-class SheetDevice(NamedTuple):
-    """A device beside the cameras: name, pose, whether it rides on one, and words on it.
-
-    The position of a device at infinity counts for nothing.
-    """
-
-    name: str
-    pose: FloatArray
-    rides: bool
-    words: str
-    has_position: bool = True
-
-
-def _devices(evaluation: Evaluation) -> Iterator[tuple[str, SheetDevice]]:
-    """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
-    rig, placed = evaluation.camera, evaluation.poses
-    if not isinstance(rig, Rig):
-        return
-    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
-    for kind, own in rig.equipment.items():
-        for row, on in enumerate(own.carried_by(rig.names)):
-            name, words = own.names[row], own._words(row, vars(evaluation.task))
-            if not own.rides[row]:
-                yield kind, SheetDevice(name, own.places[row], False, words, own._has_position(row))
-            for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
-                if on[index]:
-                    at = pose @ camera_from_rig[index] @ own.places[row]
-                    yield kind, SheetDevice(name, at, True, words)
 
 
 def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> dict[str, list[Any]]:

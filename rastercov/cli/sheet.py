@@ -76,6 +76,8 @@ def sheet(
     Without a result: rastercov sheet room -c khepra -p rig.json --out plan.dxf
     """
     from rastercov.building import plan_sheet as report
+    from rastercov.page.scene import goals_of_place
+    from rastercov.placement.plan.check import check_goals
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
@@ -101,7 +103,13 @@ def sheet(
     names = [each.name for each in start.on]
     with progress_bar(then="sheet") as progress:
         measures = _evaluate_rig(start, mesh, progress)
-        text = report.plan_sheet(measures, names, frame, title, site, start.needed, progress)
+        own = scene.goals or goals_of_place(Path(sources[0]))
+        goals = check_goals(
+            [replace(each, plan=each.plan.with_cameras(start.rig())) for each in own],
+            start.poses(),
+            names,
+        )
+        text = report.plan_sheet(measures, names, frame, title, site, start.needed, progress, goals)
         report.write_sheet(text, frame, out)
     say(f"{report.scale_text(frame.scale)} on {paper}; print it at 100 %")
     print_lines(out)

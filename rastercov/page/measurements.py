@@ -33,6 +33,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, number
 from rastercov.core.area.advice import advice, depth_in_words, general_advice
+from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.feature import PointCondition
 from rastercov.core.area.features import (
     FEATURES,
@@ -77,7 +78,6 @@ from rastercov.engine.coverage_spread import widest_angles
 from rastercov.page.rig_state import RigState, Station
 from rastercov.placement.uncovered import in_front
 from rastercov.report.modes import OF_EQUIPMENT, OF_GATES, OfCameras, OfUnit, of_devices
-from rastercov.report.network_page import lose_without
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
 

@@ -635,13 +635,32 @@ def _open_scene(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
 
 def scene_of_place(folder: Path) -> Shown | None:
     """Scene of the plan in a result of `place`; None elsewhere, and where files were moved."""
+    if (placed := _plan_of_place(folder)) is None:
+        return None
+    plan, mesh = placed
+    try:
+        chosen = read_views(folder / "poses.json").rig if plan.candidates else None
+        equipment = chosen.equipment if chosen else plan.build_equipment()
+        return phases_of(plan, mesh) or separate_goals(plan, mesh)[0], equipment
+    except RastercovError:
+        return None
+
+
+def goals_of_place(folder: Path) -> tuple[OwnGoal, ...]:
+    """Goals of the plan in a result of `place`; none elsewhere."""
+    placed = _plan_of_place(folder)
+    return () if placed is None else separate_goals(*placed)[1]
+
+
+def _plan_of_place(folder: Path) -> "tuple[Plan, Mesh] | None":
+    """The plan of a result of `place`, without its cameras, and its scene."""
     told = _read(folder / "plan.json") if (folder / "plan.json").is_file() else {}
     if not isinstance(told.get("plan"), Mapping) or not isinstance(told.get("folder"), str):
         return None
     try:
         # Cameras and candidates may have files that are there no more.
         own = [name for each in hooks_of(PlanSections) for name in each.plan.model_fields]
-        own += ["goals", "selection"] if told["plan"].get("goals") else []
+        own += ["goals", "selection", "task"] if told["plan"].get("goals") else []
         needed = told["plan"].keys() & {"meshes", "targets", "rooms", *own, *OF_DEVICES}
         for phased in hooks():
             if any(map(told["plan"].get, phased.sections[:1])):
@@ -656,9 +675,7 @@ def scene_of_place(folder: Path) -> Shown | None:
         entries = {name: told["plan"][name] for name in needed} | {"candidates": beside}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = name_scene(plan)
-        chosen = read_views(folder / "poses.json").rig if beside else None
-        equipment = chosen.equipment if chosen else plan.build_equipment()
-        return phases_of(plan, mesh) or separate_goals(plan, mesh)[0], equipment
+        return plan, mesh
     except RastercovError:  # such as a file that was moved
         return None
 

@@ -49,7 +49,6 @@ from rastercov.core.camera import (
     Poses,
     cameras_of,
     gates_of,
-    led_by,
     names_of,
     names_of_poses,
 )
@@ -68,7 +67,7 @@ from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, add_frame, contact_sheet, face_index_picture, save_picture
 from rastercov.report.live import Asked
-from rastercov.report.network_page import NetworkPage, pictures_in_words
+from rastercov.report.network_page import NetworkPage, heads_of, pictures_in_words
 from rastercov.report.overview import (
     by_faces,
     by_points,
@@ -458,16 +457,10 @@ def network_of(
 ) -> NetworkPage:
     """Page of an evaluation by its summary, and the `parts` and names of all its poses."""
     mesh, poses, areas = evaluation.mesh, evaluation.poses, evaluation.areas
-    names, noun = names or names_of_poses(poses), "camera"
+    names = names or names_of_poses(poses)
     placed = poses, names
-    if gates_of(evaluation.camera):  # a row a pose of the rig, which is named without its camera
-        leads, cameras = led_by(evaluation.camera, poses), names_of(evaluation.camera)
-        noun = "pose" if len(leads) < len(poses) else noun
-        names = [
-            names[row].removesuffix(f"/{cameras[index]}")
-            for row, index in zip(leads.tolist(), poses.camera[leads].tolist(), strict=True)
-        ]
-        poses = poses[leads]
+    rows, names, noun = heads_of(evaluation.camera, poses, names)
+    poses = poses[rows]
     return NetworkPage(
         title,
         mesh,

@@ -1,12 +1,15 @@
-"""Frame of a drawing to scale, and its scale bar."""
+"""Frame of a drawing to scale, its scale bar, and devices beside the cameras."""
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 from rastercov.base import FloatArray
+from rastercov.core.camera import Cameras, Poses, Rig
+from rastercov.core.coverage.task import Task
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 """Width and height of landscape sheets, mm."""
@@ -71,3 +74,32 @@ def scale_bar(frame: SheetFrame) -> tuple[float, str]:
     power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
     bar = max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
     return bar * metre, f"{bar:g} m"
+
+
+class SheetDevice(NamedTuple):
+    """A device beside the cameras: name, pose, whether it rides on one, and words on it.
+
+    The position of a device at infinity counts for nothing.
+    """
+
+    name: str
+    pose: FloatArray
+    rides: bool
+    words: str
+    has_position: bool = True
+
+
+def devices_of(rig: Cameras, placed: Poses, task: Task) -> Iterator[tuple[str, SheetDevice]]:
+    """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
+    if not isinstance(rig, Rig):
+        return
+    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+    for kind, own in rig.equipment.items():
+        for row, on in enumerate(own.carried_by(rig.names)):
+            name, words = own.names[row], own._words(row, vars(task))
+            if not own.rides[row]:
+                yield kind, SheetDevice(name, own.places[row], False, words, own._has_position(row))
+            for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
+                if on[index]:
+                    at = pose @ camera_from_rig[index] @ own.places[row]
+                    yield kind, SheetDevice(name, at, True, words)

@@ -3,10 +3,11 @@
 `evaluate`, `place` and `check` fill the template `report.html` with it, each with its own headline.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
-from typing import Any
+from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -17,6 +18,7 @@ from rastercov.base import (
     FloatArray,
     IntArray,
     ReadByName,
+    first_of,
     frozen_record,
     percent,
     plural,
@@ -26,24 +28,34 @@ from rastercov.base import (
     with_bound,
 )
 from rastercov.base.format import area, length, text_with_sign, verb
-from rastercov.core.area import polygons
+from rastercov.core.area.advice import focus_in_words
+from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.feature import in_words
 from rastercov.core.area.features import values_of as values_of_features
-from rastercov.core.area.frames import to_world
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
-from rastercov.core.area.table import Regions, take_rows
-from rastercov.core.area.union import unite
+from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
-from rastercov.core.camera import Cameras, Poses, axes_of, cameras_of, gates_of, names_of
+from rastercov.core.camera import (
+    Cameras,
+    Poses,
+    axes_of,
+    cameras_of,
+    equipment_on,
+    gates_of,
+    led_by,
+    names_of,
+)
 from rastercov.core.camera.rig import short_names
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
+from rastercov.core.coverage.required import HOLDS
 from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
+from rastercov.report.drawing import devices_of
 from rastercov.report.feature import NetworkPart, hooks, part_of
+from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
 from rastercov.report.live import Asked, record_cause, view_of
 from rastercov.report.modes import (
     MODES,
@@ -78,6 +90,10 @@ from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
 from rastercov.shards import Progress, silent
 
+NO_FOCUS = (0.0, np.inf)
+"""Depth of field of a camera without one."""
+LAMP, LAMP_REL, MOST_LAMPS = (148, 98, 0), 0.02, 40
+"""Colour of equipment in pictures, its radius relative to the scene, and most of it."""
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 MOST_CLOSE_UPS = MOST_KINDS = 3
@@ -102,6 +118,27 @@ def pictures_in_words() -> dict[str, str]:
         "zones": "Dead zones by number and reason, from two sides",
         "contact_sheet": "The images of the cameras, with the reasons why parts are not covered",
     }
+
+
+class GoalPart(NamedTuple):
+    """A goal of a plan: lines on it, the page of it alone, and area lost without each camera."""
+
+    name: str
+    words: str
+    status: str
+    is_most: bool
+    lines: Sequence[str]
+    page: "NetworkPage"
+    lost_m2: FloatArray | None
+
+    def picture(self) -> Image.Image | None:
+        """Dead zones of a goal, or the cameras that see what must not be seen; None for none."""
+        zones, said = self.page.dead
+        if self.status == HOLDS or not (self.is_most or zones):
+            return None
+        if self.is_most:
+            return self.page.overview()
+        return zones_picture(zones, said, self.page.poses.world_from_camera)
 
 
 @frozen_record
@@ -136,6 +173,9 @@ class NetworkPage:
         True where cameras serve goals that are not shown: none is said to be spare.
     volumes : sequence of Volume
         Limits of places of cameras.
+    kept : set of int
+        Rows of cameras that were there before.
+    goals : sequence of GoalPart
     asked : Asked or None
         What a page computes; recorded figures for None.
     allowed : Allowed
@@ -158,12 +198,13 @@ class NetworkPage:
     covers: BoolArray | None = None
     unit: str = "m"
     level: int | None = None
-    together: IntArray | None = None
     of_faces: Mapping[str, FloatArray] = field(default_factory=dict)
     serves_goals: bool = False
     volumes: Sequence[Volume] = ()
     asked: Asked | None = None
     allowed: Allowed = ANY
+    kept: Collection[int] = ()
+    goals: Sequence[GoalPart] = ()
 
     @property
     def eyes(self) -> FloatArray:
@@ -237,9 +278,6 @@ class NetworkPage:
         """(P,) area that is not covered any more without each camera; None where not known."""
         if self.part is not None and not self.part.is_any:
             return None
-        if self.parts is not None and self.together is not None:
-            leads = np.unique(self.together, return_index=True)[1]
-            return lose_without(take_rows(self.parts, leads), self.need)[self.together]
         if self.parts is not None:
             return lose_without(self.parts, self.need)
         if self.areas is not None or (self.need > 1).any():
@@ -306,17 +344,19 @@ class NetworkPage:
                 zones=zones,
                 said=said["dead_zones"],
                 noun=self.noun,
-                volumes=self.volumes,
+                volumes=[*self.volumes, *self._lamps()],
+                kept=self.kept,
                 most=f"{self._covers} it{self._long}",
                 left=f"not covered{self._long}"
                 if self._covers == "covers"
                 else f"covered by no {self.noun}",
             )
             if self.part is not None:
-                rows = np.arange(len(self.poses)) if self.together is None else self.together
-                best = np.append(np.unique(rows, return_index=True)[1], -1)[self.part.best()]
                 shown = replace(
-                    shown, best_pose=best, regions=None, most=f"covers it {self.part.most}"
+                    shown,
+                    best_pose=self.part.best(),
+                    regions=None,
+                    most=f"covers it {self.part.most}",
                 )
             return shown.picture()
         mode = "views" if self.areas is None else "area"
@@ -335,6 +375,7 @@ class NetworkPage:
             tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
         if self.part is not None:
             tasks |= self.part.pictures
+        tasks |= {f"goal_{each.name}": each.picture for each in self.goals}
         names, table = list(tasks), {}
 
         def work(turn: slice) -> None:
@@ -402,6 +443,7 @@ class NetworkPage:
             title=self.title,
             sentences=self.sentences(),
             rules=self._rules(),
+            is_joint=bool(gates_of(self.camera)),
             goals=self.asked and self.asked.goals,
             kinds=self._kinds(),
             pictures={
@@ -411,7 +453,17 @@ class NetworkPage:
             }
             | values.pop("more", {}),
             zone_cards=self._cards(images),
+            goal_cards=[
+                {
+                    "heading": f"{each.words[:1].upper()}{each.words[1:]}",
+                    "lines": [f"{line[:1].upper()}{line[1:]}." for line in each.lines],
+                    "picture": (drawn := images.get(f"goal_{each.name}"))
+                    and Picture.draw(each.words, drawn),
+                }
+                for each in self.goals
+            ],
             zone_rows=zone_rows(self.dead[1]),
+            features=table_of(self.features(), self.unit),
             by_area=by_area,
             camera_headings=more,
             camera_table=rows,
@@ -426,16 +478,50 @@ class NetworkPage:
             **{"title_block": title_block, "by_face": self.areas is None, **values},
         )
 
+    def features(self) -> list[FeatureRow]:
+        """Rows of the table of features; none of a scene of several phases."""
+        if self.part is not None:
+            return []
+        poses, names = self._placed
+        scene = self.mesh, self.camera, poses, self.network.task
+        return feature_rows(*scene, short_names(names), self.figures)
+
     def _rules(self) -> list[str]:
-        """Sentences on what devices measure together."""
-        names = names_of(self.camera)
+        """Sentences on what devices measure together, on focus, and on equipment."""
+        names, task = names_of(self.camera), self.network.task
         gates = gates_of(self.camera).items()
-        return [gate.in_words(names[at : at + gate.n]) for at, gate in gates]
+        said = [gate.in_words(names[at : at + gate.n]) for at, gate in gates]
+        every = [(names[row], cameras_of(self.camera)[row]) for row in self._used]
+        ends = {name: each.depth_of_field(task.max_blur) for name, each in every}
+        focus = {name: focus_in_words(own) for name, own in ends.items() if own != NO_FOCUS}
+        if len({*focus.values()}) == 1 and len(focus) == len(every):
+            said.append(f"It must be in focus, at a depth of {focus.popitem()[1]}.")
+        said += [f"{name} is in focus at a depth of {text}." for name, text in focus.items()]
+        for word, own in equipment_on(self.camera).items():
+            words = (f"{name} ({own._words(at, vars(task))})" for at, name in enumerate(own.names))
+            said.append(f"{word.capitalize()}: {first_of([*words])}.")
+        return said
+
+    def _lamps(self) -> list[Volume]:
+        """Equipment beside the cameras, to be drawn."""
+        placed = self._placed[0]
+        size = LAMP_REL * float(np.ptp([*self.mesh.bounds, *placed.eyes], axis=0).max())
+        every = islice(devices_of(self.camera, placed, self.network.task), MOST_LAMPS)
+        return [
+            Volume.sphere(f"{word.removesuffix('s')} {each.name}", LAMP, each.pose[:3, 3], size)
+            for word, each in every
+            if each.has_position
+        ]
+
+    @property
+    def _used(self) -> list[int]:
+        """Indices of the cameras that have poses, or of all of a rig with a rule."""
+        index: IntArray = np.unique(self._placed[0].camera)
+        return [*range(len(names_of(self.camera)))] if gates_of(self.camera) else index.tolist()
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
-        placed, names = self._placed[0], names_of(self.camera)
-        used = np.arange(len(names)) if gates_of(self.camera) else np.unique(placed.camera)
+        names, used = names_of(self.camera), self._used
         words = [camera_words(cameras_of(self.camera)[row]) for row in used]
         if len(set(words)) == 1:
             return words[:1]
@@ -548,7 +634,11 @@ class NetworkPage:
         is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
         unit = "mm" if is_small else "m" if self.unit == "m" else "units"
         for name, places in zip("xyz", self.eyes.T * (1e3 if is_small else 1.0), strict=True):
-            columns[f"{name}, {unit}"] = [length(value) for value in places.tolist()]
+            digits = {"m": 3, "mm": 1}.get(unit)
+            columns[f"{name}, {unit}"] = [
+                length(value) if digits is None else text_with_sign(value, digits)
+                for value in places.tolist()
+            ]
         axes = upright(poses := self.poses.world_from_camera)
         turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
         for row, name in enumerate(("heading", "tilt down", "roll")):
@@ -566,6 +656,9 @@ class NetworkPage:
                 columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
+        for goal in self.goals:
+            if goal.lost_m2 is not None:
+                columns[f"{goal.name}: lost without it"] = self._areas(goal.lost_m2, 0.0)
         columns |= more
         return [[each[row] for each in columns.values()] for row in order.tolist()], list(columns)
 
@@ -585,14 +678,31 @@ class NetworkPage:
             cards.append(
                 {
                     "heading": heading,
-                    "reason": f"{group}: {reason}"
-                    if len(self.mesh.groups) > 1
-                    else f"{reason[:1].upper()}{reason[1:]}",
-                    "advice": f"{advice[:1].upper()}{advice[1:]}." if advice else "",
+                    "lines": [
+                        f"{group}: {reason}"
+                        if len(self.mesh.groups) > 1
+                        else f"{reason[:1].upper()}{reason[1:]}",
+                        f"{advice[:1].upper()}{advice[1:]}." if advice else "",
+                    ],
                     "picture": drawn and Picture.draw(f"{heading}, {reason}", drawn),
                 }
             )
         return cards
+
+
+def heads_of(
+    camera: Cameras, poses: Poses, names: Sequence[str]
+) -> tuple[IntArray, list[str], str]:
+    """Rows of poses that a page has, their names, and a word for one.
+
+    Of a rig with a rule, those of its first camera, which are named without it.
+    """
+    leads, cameras = led_by(camera, poses), names_of(camera)
+    own = zip(leads.tolist(), poses.camera[leads].tolist(), strict=True)
+    is_head = len(leads) < len(poses)
+    said = [names[row].removesuffix(f"/{cameras[index]}") for row, index in own]
+    said = [f"camera {n}" if text in names else text for n, text in enumerate(said, start=1)]
+    return leads, said if is_head else list(names), "head" if is_head else "camera"
 
 
 class FaceRemedies(Remedies):
@@ -613,13 +723,3 @@ class FaceRemedies(Remedies):
         camera, task, poses = self._place_changes([change], row)
         result = evaluate(self.mesh, camera, poses, task, fields=("reason",), by="face")
         return float((result.reason[:, spot.face] == Reason.COVERED).any(axis=0).mean())
-
-
-def lose_without(parts: Regions, need: IntArray) -> FloatArray:
-    """(P,) area that too few cameras cover without each one; `need`, (F,), are those wanted."""
-    covered = unite(parts, int(need.max(initial=1)) + 1)
-    tight = np.flatnonzero(covered.views == need[covered.face])
-    xy, starts = polygons.choose_polygons(covered.xy, covered.starts, tight)
-    areas, face = polygons.polygon_areas(xy, starts), covered.face[tight]
-    points = to_world(parts.mesh, face, polygons.centroids(xy, starts, np.maximum(areas, 1e-300)))
-    return areas @ covering_poses(parts, face, points)

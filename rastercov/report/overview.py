@@ -13,7 +13,7 @@ each point, else each face as a whole.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -244,6 +244,8 @@ ENOUGH = 0.4
 """Part of the most pixels of the zone from any direction that an earlier, oblique one may have."""
 TILTS = 0.6 * np.array([(0.5, -0.7, 0.5), (-0.5, 0.7, 0.5), (0.7, 0.5, 0.5), (0.0, 0.0, -1.0)])
 """Of directions of such a picture against the normal of the zone, so that it shows depth."""
+DASHES = 8
+"""Of an edge of the pyramid of a camera that is kept."""
 MOST_ZONES = 30
 """Zones with a number."""
 FEW_UNSEEN = 3
@@ -289,7 +291,8 @@ class Overview:
     are all poses of which they are some, and which say what is up; `noun` is a word for a pose. Of
     `zones`, with their entries `said`, those for which a camera of a rig with a rule fails have the
     hatch of that camera. `most` says which camera gives a face its colour, `about` is a title in
-    place of that, and `left` a word for -1. `volumes` are limits of the places of cameras.
+    place of that, and `left` a word for -1. `volumes` are limits of the places of cameras. The
+    pyramids of cameras `kept`, by their rows, are dashed.
     """
 
     mesh: Mesh
@@ -306,6 +309,7 @@ class Overview:
     about: str = ""
     left: str = "not covered"
     volumes: Sequence[Volume] = ()
+    kept: Collection[int] = ()
 
     @property
     def devices(self) -> dict[str, int]:
@@ -371,7 +375,7 @@ class Overview:
         near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
         images = [self.draw(scenes[0], near), self.draw(scenes[1], pyramids, self.volumes)]
         keys = [
-            Key.of(f"{self.noun} {name}" if row == 0 else str(name), colour)
+            Key.of(f"{f'{self.noun} ' * (row == 0)}{name}{', kept' * (row in self.kept)}", colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
         keys.append(Key.of(self.left, theme.UNCOVERED))
@@ -396,7 +400,11 @@ class Overview:
             draw_in_space(image, scene, lines, each.colour)
         rows, places = in_picture(scene, self.eyes[: len(pyramids)])
         for row in rows:
-            draw_in_space(image, scene, _edges(pyramids[row]), colours[row])
+            lines = _edges(pyramids[row])
+            lines = (
+                [dash for line in lines for dash in _dashes(line)] if row in self.kept else lines
+            )
+            draw_in_space(image, scene, lines, colours[row])
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
         names = [self.names[row] for row in rows]
         write_labels(image, places, names, [colours[row] for row in rows], font, FINE)
@@ -475,6 +483,15 @@ def _edges(pyramid: FloatArray) -> list[Line]:
     for row, (one, other) in enumerate(zip(base, np.roll(base, -1, axis=0), strict=True)):
         lines.append(Line(one, other, 1.6 if row >= parts else 4.0, max(1, PIECES // parts)))
     return lines
+
+
+def _dashes(line: Line) -> list[Line]:
+    """Every other piece of a line."""
+    ends = np.linspace(line.start, line.end, 2 * DASHES)
+    return [
+        line._replace(start=a, end=b, pieces=1)
+        for a, b in zip(*(ends[::2], ends[1::2]), strict=True)
+    ]
 
 
 def number_cameras(summary: ReadByName) -> list[ReadByName]:

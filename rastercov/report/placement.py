@@ -13,15 +13,15 @@ import numpy as np
 
 from rastercov.base import ReadByName, percent
 from rastercov.core.area.remedies import Allowed
-from rastercov.core.area.table import take_rows
 from rastercov.core.area.zones import ZONES
-from rastercov.core.camera import gates_of, names_of_poses, rows_of_result
+from rastercov.core.camera import led_by, names_of_poses
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.coverage.parts import MOST_ROWS
+from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.rooms import KeepOutBox
-from rastercov.placement.plan.check import Checked
+from rastercov.placement.plan.check import Checked, to_json
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
@@ -30,7 +30,7 @@ from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
-from rastercov.report.network_page import NetworkPage
+from rastercov.report.network_page import GoalPart, NetworkPage, heads_of
 from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
@@ -70,10 +70,12 @@ def pages_of(
     """
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
     shown = replace(network_of(placement, summary), level=level)
-    drawn = shown.draw(progress)
+    drawn, leads = shown.draw(progress), led_by(plan.rig, cameras.placed)
     columns = {
-        "source": [source_of(placement.origin[row]) for row in cameras.owner],
-        "covered so far": [percent(share) for share in cameras.curve],
+        "source": [source_of(placement.origin[row]) for row in cameras.owner[leads]],
+        "covered so far": [
+            percent(cameras.curve[row]) for row in [*(leads[1:] - 1), -1][: len(leads)]
+        ],
     }
     page = shown.page(
         "placement.html",
@@ -155,17 +157,15 @@ def network_of(
     if areas is not None and has_parts:
         scene = of.mesh, plan.rig, placed, of.task
         parts = areas.parts(partial(regions, *scene, method=plan.task.method))
-    together = None
-    if gates_of(plan.rig) and parts is not None:
-        together = rows_of_result(plan.rig, placed)
-        parts = take_rows(parts, together)
+    every = names_of_poses(placed, names)
+    rows, shown, noun = heads_of(plan.rig, placed, every)
     return NetworkPage(
         title,
         of.mesh,
         plan.rig,
-        placed,
-        "camera",
-        names_of_poses(placed, names),
+        placed[rows],
+        noun,
+        shown,
         cameras.network,
         cameras.covered,
         views_of(of.mesh, asked or plan.task.views),
@@ -173,8 +173,7 @@ def network_of(
         areas,
         None if areas is None else areas.zones(plan.rig, placed, views_by_group(plan, asked)),
         parts,
-        cameras.covers,
-        together=together,
+        cameras.covers[rows],
         of_faces={} if cameras.per_camera is None else cameras.per_camera.of_faces,
         serves_goals=bool(plan.goals),
         volumes=_volumes(plan),
@@ -183,12 +182,39 @@ def network_of(
             plan.task.method,
             views_by_group(plan, asked),
             _limits(placement) if plan.task.weight_by == "area" else {},
+            placed=(placed, every),
             goals=Goals(of.scene, *separate_goals(plan, of.scene))
             if plan.goals and of.scene
             else None,
         ),
         allowed=Allowed(places_of(plan, of.mesh), free=partial(free_places, plan)),
+        kept={row for row, at in enumerate(cameras.owner[rows]) if _is_kept(placement, at)},
+        goals=_goal_parts(placement),
     )
+
+
+def _is_kept(placement: Placement | Checked, row: int) -> bool:
+    """True for a camera that a plan has kept."""
+    return isinstance(placement, Placement) and placement.origin[row].startswith("existing")
+
+
+def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
+    """Goals of a plan for a page, those that lack most first."""
+    items = []
+    for each in sorted(placement.requirements, key=lambda each: -each.lack):
+        if (own := placement.goals.get(each.goal)) is None:
+            continue
+        lines = [*own.zone_lines(each), *([] if each.is_most else own.reasons(each))]
+        page = network_of(own, to_json(own), has_parts=each.is_most and each.status != HOLDS)
+        lost = (
+            None
+            if own.by_camera is None
+            else own.by_camera[1, led_by(own.plan.rig, own.cameras.placed)]
+        )
+        items.append(
+            GoalPart(each.goal, each.words(), each.status, each.is_most, lines, page, lost)
+        )
+    return items
 
 
 def _limits(checked: Checked | Placement) -> dict[str | None, float]:

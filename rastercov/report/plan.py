@@ -44,6 +44,7 @@ from rastercov.core.area.feature import in_words
 from rastercov.core.area.zones import ZONES
 from rastercov.core.coverage.provenance import name_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo
+from rastercov.placement.plan.check import explain_goals, zone_of_goal
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
@@ -220,6 +221,7 @@ def summary(placement: Placement) -> ByName:
         "doubts": placement.doubts,
         "size_m": np.ptp(prepared.mesh.bounds, axis=0),
         "requirements": [asdict(each) for each in placement.requirements],
+        "goals": explain_goals(placement.requirements, placement.goals),
         "share": cameras.share,
         **{name: network[name] for name in ("covered_area",) if name in network},
         **({"certified_area": _certified(placement)} if placement.certified else {}),
@@ -366,7 +368,8 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
         if asked.budget is not None:
             most.append(f"a cost of at most {asked.budget:g}")
         goal = f"goal: best coverage with {' and '.join(most)}"
-    return first_lines(summary_of(prepared.plan, cameras), goal, level)
+    zone = zone_of_goal(placement.requirements, placement.goals, level)
+    return first_lines(summary_of(prepared.plan, cameras), goal, level, zone)
 
 
 def lines(
@@ -378,7 +381,16 @@ def lines(
     """
     prepared, selection = placement.prepared, placement.selection
     what = prepared.noun
-    said = goal_lines(placement.requirements)[1]
+    first, others = goal_lines(placement.requirements)
+    worst = max(placement.requirements, key=lambda each: each.lack, default=None)
+    ranked = sorted(placement.requirements, key=lambda each: each is not worst)
+    said, before = list[str](), zone_of_goal(placement.requirements, placement.goals, level)
+    for line, required in zip((first, *others), ranked, strict=False):
+        own = placement.goals.get(required.goal)
+        reasons = [] if own is None else own.explain(required, level)
+        said += [line] * (required is not worst)
+        said += [f"  {text}" for text in reasons if text not in before]
+    named = () if before else named
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_cell_questions(prepared)]
         said.append(_selection_note(placement))

@@ -77,8 +77,17 @@ def _write_rig(path: Path, own: "Evaluation", names: Sequence[str]) -> None:
     write_rig(path, own.camera, own.poses, names)
 
 
+def _write_features(path: Path, own: "Evaluation", names: Sequence[str]) -> None:
+    from rastercov.base import write_text
+    from rastercov.report.feature_table import csv_of, feature_rows
+
+    scene = own.mesh, own.camera, own.poses, own.task
+    write_text(path, csv_of(feature_rows(*scene, names, own.summary())))
+
+
 FILES = (
     ResultFile("areas.parquet", "area of each face", _write_areas, is_by_area=True, is_table=True),
+    ResultFile("features.csv", "best camera of each group", _write_features, is_usual=False),
     ResultFile("network.glb", "the coloured mesh", _write_mesh),
     ResultFile("rig.json", "cameras and poses", _write_rig),
 )

@@ -201,4 +201,5 @@ def camera_table(summary: ReadByName, most: int = 20) -> Table | None:
 def source_of(origin: str) -> str:
     """Origin of a camera in words: its number is that of a face, or counts from 0."""
     text = re.sub(r"^((?:cavity|in ).*)(?= \d)", r"\1 at face", origin)
-    return re.sub(r"^((?:existing|facade|orbit|poses|strips).* \d+)", r"\1 (from 0)", text)
+    text = re.sub("^existing", "kept: existing", text)
+    return re.sub(r"^((?:kept: existing|facade|orbit|poses|strips).* \d+)", r"\1 (from 0)", text)

@@ -12,6 +12,7 @@ import shapely
 from bungalow import bungalow
 from commands import call, enter, write_part
 from ezdxf import bbox
+from goals_to_view import plan_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -310,6 +311,30 @@ def test_trees_and_terrain_do_not_shrink_the_house(role, seed):
     names = [site.groups[row].name for row in np.unique(site.face_group[is_foliage(site)])]
     assert names == ["crown"]
     assert is_foliage(site).sum() == 600
+
+
+@pytest.mark.parametrize("sees_window", [True, False])
+def test_goals_are_on_the_sheet_with_what_they_lack_and_who_sees_the_private(
+    capsys, tmp_path, monkeypatch, sees_window
+):
+    """Upright parts are lines: of doors what nobody identifies, of a window what is seen."""
+    monkeypatch.chdir(tmp_path)
+    plan_in(tmp_path)
+    at, to = ((2.0, 1.5, 1.5), (1.5, 4, 1.5)) if sees_window else ((2.0, 1.5, 1.5), (3.5, 0, 0.5))
+    rc.write_poses("rig.json", rc.look_at([at], [to]))
+    assert call(capsys, "sheet plan.toml -p rig.json --out s.svg")[0] == 0
+    assert call(capsys, "sheet plan.toml -p rig.json --out s.dxf")[0] == 0
+    texts = [text.text for text in ElementTree.parse("s.svg").getroot().iter() if text.text]
+    words = " ".join(texts)
+    assert "fails: goal doors: 0.0 % of the area covered, 70.0 % required" in words
+    seen = "seen by camera 1 (1 m²)", "no camera sees any of it (proved)"
+    assert seen[not sees_window] in words
+    assert seen[sees_window] not in words
+    lines = ezdxf.readfile("s.dxf").modelspace().query("LWPOLYLINE[layer=='GOALS']")
+    drawn = shapely.union_all([shapely.LineString(line.get_points("xy")) for line in lines])
+    wanted = [shapely.LineString(((0, 0), (0, 4)))]
+    wanted += [shapely.LineString(((1, 3.99), (2, 3.99)))] * sees_window
+    assert shapely.hausdorff_distance(drawn, shapely.union_all(wanted)) < 2e-3
 
 
 def test_what_a_plan_says_is_on_the_sheet(capsys, tmp_path, monkeypatch):

@@ -135,7 +135,7 @@ def test_coordinates_of_cameras_fit_80_columns(far, several):
         ("in Room 12 on arm 7", "in Room 12 on arm at face 7"),
         ("poses 6, searched, refined", "poses 6 (from 0), searched, refined"),
         ("strips on drone 2 11", "strips on drone 2 11 (from 0)"),
-        ("existing 0", "existing 0 (from 0)"),
+        ("existing 0", "kept: existing 0 (from 0)"),
     ],
 )
 def test_the_number_of_a_source_is_of_a_face_or_counts_from_0(origin, words):

@@ -14,7 +14,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
 from rastercov.placement.plan.baseline import compare
-from rastercov.placement.plan.check import record
+from rastercov.placement.plan.check import explain_goals, record
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.goals import (
     OF_GOALS,
@@ -23,6 +23,7 @@ from rastercov.placement.plan.goals import (
     open_objectives,
     separate_goals,
 )
+from rastercov.placement.plan.outcome import cases
 from rastercov.placement.plan.run import _raise_goals
 from rastercov.placement.plan.scene import name_scene
 from rastercov.placement.select.methods import select_integer
@@ -32,7 +33,10 @@ from rastercov.placement.select.problem import (
     group_goal,
     problem_of_matrix,
 )
-from rastercov.report.plan import head_lines
+from rastercov.report.check import html_of
+from rastercov.report.placement import network_of, pages_of
+from rastercov.report.plan import head_lines, summary
+from rastercov.shards import silent
 
 QUADS = {
     "floor": ((0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)),
@@ -410,3 +414,78 @@ def test_goals_share_the_cells_of_a_few(n, tmp_path):
         counts = [len(each.of.cells.cells) for each in opened.goals]
     assert sum(counts) <= TOGETHER * USUAL_CELLS + n * (LEAST_CELLS + 2 * 2)
     assert min(counts) >= min(USUAL_CELLS, TOGETHER * USUAL_CELLS // n) / 4
+
+
+@examples(3, at_night=30)
+@given(seed=st.integers(0, 10**6))
+def test_a_goal_is_explained_by_the_cameras_that_cover_it(room, seed):
+    """Areas of single cameras are those of rigs of one, and losses those of rigs without one."""
+    rng = np.random.default_rng(seed)
+    eyes = rng.uniform((0.5, 0.5, 0.5), (3.8, 3.5, 2.5), (3, 3))
+    poses = rc.look_at(eyes, rng.uniform((0, 2, 0.5), (2, 4, 2), (3, 3)))
+    asked = plan(room, goals={"doors": DOORS | {"views": 1}, "window": PRIVATE})
+    checked = rc.check(asked, poses, min_coverage=0.5)
+    for told in explain_goals(checked.requirements, checked.goals):
+        result = of(checked, told["goal"])
+        table = {each["pose"]: each for each in told["cameras"]}
+        for row in range(3):
+            alone = of(rc.check(asked, poses[[row]], min_coverage=0.5), told["goal"])
+            rest = of(
+                rc.check(asked, np.delete(poses, row, axis=0), min_coverage=0.5), told["goal"]
+            )
+            own = table.get(row, {"m2": 0.0, "lost_m2": 0.0})
+            assert own["m2"] == pytest.approx(alone.m2, abs=1e-9)
+            assert own["lost_m2"] == pytest.approx(result.m2 - rest.m2, abs=1e-7)
+        if told["goal"] == "window":
+            assert told["is_unseen"] == (not table)
+            assert bool(table) != ("no camera sees any of it (proved)" in told["lines"])
+            continue
+        is_short = result.status != "holds"
+        assert any("dead zone " in line for line in told["lines"]) == is_short
+        assert bool(told["dead_zones"]) >= is_short
+        advice = [line for line in told["lines"] if line.startswith("advice: ")]
+        assert not any("aim the camera at" in line or "move the camera" in line for line in advice)
+
+
+def test_advice_for_a_goal_covers_no_more_of_another_than_it_permits(room):
+    """Doors beside the window: the camera that is named for them does not see it."""
+    poses = rc.look_at([(2.0, 1.0, 1.5)], [(2.0, 0.5, 0.0)])
+    most = []
+    for own in ({}, {"window": PRIVATE | {"min_facing_density": 20}}):
+        goals = {"north": {"groups": ["north"], "coverage": 0.9}} | own
+        checked = rc.check(plan(room, goals=goals), poses, min_coverage=0.5)
+        named = advised(checked.goals["north"], checked.plan)
+        coarse = plan(room, goals={"window": PRIVATE | {"min_facing_density": 20}})
+        most.append(max([of(rc.check(coarse, pose), "window").share for pose in named], default=0))
+    assert most[1] == 0 < most[0]
+
+
+def test_the_goal_that_lacks_most_has_its_zone_in_the_first_lines_and_on_the_page(room, tmp_path):
+    poses = rc.look_at([(2.0, 1.0, 1.5)], [(1.5, 4.0, 1.5)])
+    asked = plan(room, goals={"doors": DOORS, "window": PRIVATE})
+    checked = rc.check(asked, poses, min_coverage=0.01)
+    first, others = checked.first_lines(), checked.other_lines()
+    assert first[2].startswith("seen by camera 1 (")
+    assert first[3] == "advice: turn, move or mask camera 1: 0.0 % of it would be seen"
+    assert first[2] not in "\n".join(others)
+    assert any(line.startswith("  dead zone ") and "west" in line for line in others)
+    junit = {case.name: case.lines for case in cases(checked)}
+    assert junit["coverage of goal window"][-2:] == first[2:]
+    page = html_of(checked)
+    assert page.index("<h2>Goals</h2>") < page.index("Seen by camera 1 (")
+    assert "doors: lost without it" in page
+    away = rc.check(asked, rc.look_at([(2.0, 3.0, 1.5)], [(2.0, 0.0, 1.0)]), min_coverage=0.01)
+    assert "  no camera sees any of it (proved)" in away.other_lines()
+
+
+def test_a_camera_that_is_kept_is_drawn_and_named_as_kept(room, tmp_path):
+    path = tmp_path / "old.json"
+    rc.write_poses(path, rc.look_at([(3.5, 0.5, 2.5)], [(1.0, 2.5, 0.5)]))
+    selection = {"goal": "best_coverage", "cameras": 1}
+    placed = rc.place(plan(room, existing=str(path), selection=selection))
+    shown = network_of(placed, summary(placed))
+    (row,) = shown.kept
+    assert placed.origin[placed.cameras.owner[row]] == "existing 0"
+    dashed, full = shown.overview(), replace(shown, kept=()).overview()
+    assert np.any(np.asarray(dashed) != np.asarray(full))
+    assert "kept: existing 0" in pages_of(placed, summary(placed), [], silent)["page.html"]

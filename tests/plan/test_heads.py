@@ -31,9 +31,11 @@ from rastercov.placement import build_matrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.report import overview
+from rastercov.report import placement as placement_page
+from rastercov.report import plan as plan_report
 from rastercov.report.coverage import html_of, network_of, regions_of
 from rastercov.report.modes import MODES
-from rastercov.shards import Staff
+from rastercov.shards import Staff, silent
 
 CAMERA = rc.Camera(width=96, height=72, fx=90, fy=90)
 MESH = rc.shapes.icosahedron()
@@ -203,7 +205,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
     assert set(devices) == of_zones
     assert of_zones <= {"cam fails", "proj fails"}
     shown = network_of(result, said, "heads", regions_of(result))
-    assert [shown.noun, *shown.names] == ["pose", "camera 1", "camera 3"]
+    assert [shown.noun, *shown.names] == ["head", "camera 1", "camera 2"]
     drawn = shown.draw()
     assert {"overview", "zones"} <= drawn.keys()
     every = {0, *devices.values()}
@@ -632,3 +634,17 @@ def test_an_uncertainty_with_installation_errors_is_refused_before_any_work(monk
     own = PLAN["rigs"]["fringe"] | {"max_uncertainty": "1 mm", "noise_px": 0.5}
     with pytest.raises(ConfigError, match="expected no max_uncertainty with installation errors"):
         rc.check(PLAN | {"rigs": {"fringe": own}}, POSES, min_coverage=0.1, tolerance="1 mm")
+
+
+def test_heads_that_are_placed_are_counted_and_named_as_heads():
+    """A page has a row, a colour and a caption a head, whose covered area grows to that of all."""
+    result = rc.place(PLAN)
+    shown = placement_page.network_of(result, plan_report.summary(result))
+    n = len(result.cameras.mounted)
+    assert 2 * n == len(result.cameras.placed) > 2
+    assert [shown.noun, *shown.labels] == ["head", *map(str, range(1, n + 1))]
+    assert len(shown.seen_m2) == len(shown.lost_m2) == n
+    assert max(shown.seen_m2) <= sum(shown.seen_m2) <= n * shown.task_m2
+    page = placement_page.pages_of(result, plan_report.summary(result), [], silent)["page.html"]
+    assert f"{n} heads cover " in page
+    assert f"{len(result.cameras.placed)} cameras" not in page

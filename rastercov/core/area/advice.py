@@ -120,11 +120,10 @@ def advice_of(
     if "{found}" in template and short is None:
         return GENERAL["too_coarse"]
     most = Short(1.0, "", "") if short is None else short
-    far = "or more" if math.isinf(focus[1]) else f"to {in_words(focus[1], unit)}"
     return template.format(
         wider=" or use a wider lens" if min(depth) > 0 else "",
         depth=depth_in_words(depth, unit),
-        in_focus=f"{in_words(focus[0], unit)} {far}",
+        in_focus=focus_in_words(focus, unit),
         found=most.found,
         wanted=most.wanted,
         distance=in_words(figures["distance"], unit),
@@ -147,6 +146,18 @@ def depth_in_words(depth: Sequence[float] | FloatArray, unit: str = "m") -> str:
     if near == far:
         return far
     return f"{near.removesuffix(' ' + far.split(' ')[1])} to {far}"
+
+
+def focus_in_words(focus: Sequence[float], unit: str = "m") -> str:
+    """Ends of a depth of field, with as many digits as tell them apart."""
+    if math.isinf(focus[1]):
+        return f"{in_words(focus[0], unit)} or more"
+    text = f"{in_words(focus[0], unit)} to {in_words(focus[1], unit)}"
+    metres = "m" if unit == "m" else "units"
+    for digits in (4, 5, 6):
+        if number(focus[0], digits - 1) == number(focus[1], digits - 1):
+            text = f"{number(focus[0], digits)} to {number(focus[1], digits)} {metres}"
+    return text
 
 
 def figures_of_point(

@@ -9,10 +9,14 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, ReadByName
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, ReadByName
+from rastercov.core.area import polygons
 from rastercov.core.area.features import FEATURES
+from rastercov.core.area.frames import to_world
 from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.table import Regions
+from rastercov.core.area.union import unite
 from rastercov.core.camera import Cameras, Poses, cameras_of, is_joint, names_of
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network, share_of_faces
@@ -134,3 +138,13 @@ def lines_of(summary: ReadByName) -> list[str]:
 def warnings_of(summary: ReadByName) -> list[str]:
     """Warnings about further figures."""
     return [line for each in FIGURES for line in each.doubts(summary)]
+
+
+def lose_without(parts: Regions, need: IntArray) -> FloatArray:
+    """(P,) area that too few cameras cover without each one; `need`, (F,), are those wanted."""
+    covered = unite(parts, int(need.max(initial=1)) + 1)
+    tight = np.flatnonzero(covered.views == need[covered.face])
+    xy, starts = polygons.choose_polygons(covered.xy, covered.starts, tight)
+    areas, face = polygons.polygon_areas(xy, starts), covered.face[tight]
+    points = to_world(parts.mesh, face, polygons.centroids(xy, starts, np.maximum(areas, 1e-300)))
+    return areas @ covering_poses(parts, face, points)

@@ -106,6 +106,8 @@ class Allowed(NamedTuple):
         pose; None for any.
     permits : callable or None
         True for a camera and its pose that see no more than they may; None for any.
+    adds_only : bool
+        True where cameras are changed for no zone, since goals of other surfaces need them.
     free : callable
         Of the mesh in a frame of a motion, and the distance from it that cameras keep unless a plan
         has another, m, the places that it leaves free.
@@ -115,6 +117,7 @@ class Allowed(NamedTuple):
     kind: int = 0
     reaches: Callable[[FloatArray, int], bool] | None = None
     permits: Callable[[Cameras, Poses], bool] | None = None
+    adds_only: bool = False
     free: Callable[[Mesh, float], IsFree] = outside_of_matter
 
 
@@ -541,7 +544,8 @@ class Remedies:
     def _keeps_area(self, change: Change, row: int) -> bool:
         """True where all cameras together cover as much after a change, as far as that is known."""
         n = len(self.poses) * self.mesh.n_faces
-        if self.covered_m2 is None or self.pairs + n > MOST_PAIRS or gates_of(self.camera):
+        is_known = self.covered_m2 is not None and self.pairs + n <= MOST_PAIRS
+        if not is_known or self.allowed.adds_only or gates_of(self.camera):
             return False
         if isinstance(self.camera, Rig) and np.ptp(self.camera.rig_from_camera, axis=0).any():
             return False  # one may be fixed to another

@@ -29,18 +29,31 @@ from rastercov.base import (
     hooks_of,
     json_bytes,
     parse_json,
+    percent,
     plural,
 )
 from rastercov.base.arguments import is_number, share_meant
+from rastercov.base.format import area
+from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
-from rastercov.core.camera import Cameras, Poses, Rig, Views, gates_of, names_of_poses, renumber
+from rastercov.core.camera import (
+    Cameras,
+    Poses,
+    Rig,
+    Views,
+    gates_of,
+    names_of_poses,
+    renumber,
+    rows_of_result,
+)
 from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.required import HOLDS
+from rastercov.core.coverage.required import HOLDS, SHARE_TOLERANCE
 from rastercov.core.coverage.task import REASONS, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import Names, list_names, parts_above, quote, rows_at, rows_of
@@ -72,13 +85,13 @@ from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.product import Demand, Verdicts
 from rastercov.placement.plan.scene import free_places, name_scene, places_of
-from rastercov.placement.select.problem import weights_of
+from rastercov.placement.select.problem import views_of, weights_of
 from rastercov.placement.uncovered import Leftover
 
 Limits = Mapping[str | None, float]
 NOTHING_MORE = Demand()
-MOST_GROUPS = 5
-"""Number of groups named, those with the most uncovered weight."""
+MOST_GROUPS, MOST_GOALS = 5, 50
+"""Groups named, those with the most uncovered weight, and goals explained, the worst."""
 
 
 @frozen_record(repr=False)
@@ -169,24 +182,25 @@ class Checked(InOneLine, InNotebook):
         if (lost := self._lost_alone) is None:
             if self.assured is not None and self.unmet == [self.assured.word]:
                 goal = self.assured.lines()[0]
-            return first_lines(self.summary(), goal, level)
+            zone = zone_of_goal(self.requirements, self.goals, level)
+            return first_lines(self.summary(), goal, level, zone)
         lines = first_lines(self.summary(), lost.lines()[0], level)
         return [*lines[:2], *lost.words_of_zone(lost.zones[0], level)] if lost.zones else lines
 
     def other_lines(self, level: int | None = None) -> list[str]:
         """The rest: other goals, each with reasons why it fails, losses, and other dead zones."""
         goal, others = self._goal_lines
-        before, rows, lines = set(self.first_lines(level)), {0}, list[str]()
+        before, lines = set(self.first_lines(level)), list[str]()
+        rows = set() if zone_of_goal(self.requirements, self.goals) else {0}
         worst = max(self.requirements, key=lambda each: each.lack, default=None)
         ranked = sorted(self.requirements, key=lambda each: each is not worst)
         for line, each in zip([goal, *others], ranked, strict=False):
-            reasons = [f"  {why}" for why in self.reasons(each, level)]
+            reasons = [f"  {why}" for why in self.reasons(each, level) if why not in before]
             again = [
                 why if why not in lines else f"{why.partition(':')[0]}: as above" for why in reasons
             ]
             is_apart = line in before and reasons
             lines += [f"why the {line.partition(':')[0]}:" if is_apart else line, *again]
-        reasons = [line for line in lines if line.startswith("  ")]
         if (of_plan := self.plan.task.views) != self.views:
             planned = f" ({of_plan} in the plan)"
             if not isinstance(of_plan, int):
@@ -204,10 +218,11 @@ class Checked(InOneLine, InNotebook):
         if self.against is not None:
             lines += self.against.lines(level)
             changed = [zone["row"] for zone in self.against.zones]
-            rows = {*changed} if self._lost_alone and changed else {0, *changed}
+            rows = {*changed} if self._lost_alone and changed else {*rows, *changed}
         if self.assured is not None:
             lines += self.assured.lines()
-        lines += other_lines(self.summary(), level, has_reasons=not reasons, said=rows)
+        is_held = all(each.status == HOLDS for each in self.requirements if not each.goal)
+        lines += other_lines(self.summary(), level, has_reasons=is_held, said=rows)
         return [line for line in lines if line not in before]
 
     def summary(self) -> ByName:
@@ -219,12 +234,12 @@ class Checked(InOneLine, InNotebook):
 
         The parts are those of the level below its own unless `level` is given.
         """
+        if requirement.goal in self.goals:
+            return self.goals[requirement.goal].explain(requirement, level)
+        if requirement.is_most:
+            return self.zone_lines(requirement, level)
         if requirement.status == HOLDS:
             return []
-        if requirement.goal in self.goals:
-            return self.goals[requirement.goal].reasons(requirement, level)
-        if requirement.is_most:
-            return self._seen_by
         groups, below, own = self.mesh.groups, 1, None
         if requirement.group is not None:
             own = rows_of([group.name for group in groups], requirement.group)
@@ -251,7 +266,7 @@ class Checked(InOneLine, InNotebook):
         """Uncovered areas, or faces, of some groups by reason."""
         if self.cameras.areas is not None:
             members = np.isin(self.mesh.face_group, rows) & self.mesh.task_mask
-            return by_reason(areas_by_reason(self._zones, members))
+            return by_reason(areas_by_reason(self.zones, members))
         shares = sorted(entry["reasons"].items(), key=lambda item: -item[1]["faces"])
         why = ", ".join(
             f"{share['faces']:,} {REASONS[name].label}{gain_in_faces(share)}"
@@ -267,11 +282,12 @@ class Checked(InOneLine, InNotebook):
             row = mesh.face_group
             weights = weights_of(mesh, self.plan.task.weight_by) * self.leftover.left
         else:
-            row, weights = mesh.face_group[self._zones.face], self._zones.piece_area
+            row, weights = mesh.face_group[self.zones.face], self.zones.piece_area
         return np.bincount(row, weights, len(mesh.groups)).astype(np.float64)
 
     @property
-    def _zones(self) -> DeadZones:
+    def zones(self) -> DeadZones:
+        """Dead zones by area."""
         assert self.cameras.areas is not None
         by_group = views_by_group(self.plan, self.asked_views)
         return self.cameras.areas.zones(self.plan.rig, self.cameras.placed, by_group)
@@ -331,13 +347,57 @@ class Checked(InOneLine, InNotebook):
         return unmet_lines(failures_of_rows, regions, scene, self.cameras.placed)
 
     @cached_property
-    def _seen_by(self) -> list[str]:
-        """The cameras that cover some of what may not be covered."""
-        sees = np.array((self.cameras.covers & self.mesh.task_mask).any(axis=1))
-        if (regions := self._regions) is not None:
-            sees[regions.pair_pose[regions.area > 0]] = True
-        rows = np.flatnonzero(sees).tolist()
-        return [f"seen by {first_of([self.names[row] for row in rows])}"] if rows else []
+    def by_camera(self) -> FloatArray | None:
+        """(2, K) area that each camera covers, and that is not covered without it, m^2.
+
+        A camera of a rig with a rule has those of its rig. None by face, and of several phases.
+        """
+        if (regions := self._regions) is None:
+            return None
+        rig, placed = self.plan.rig, self.cameras.placed
+        parts, rows = with_rule(regions, rig, placed), rows_of_result(rig, placed)
+        covers = np.bincount(parts.pair_pose, parts.area, len(parts.pose_ids))
+        lost = lose_without(parts, views_of(self.mesh, self.views))
+        return np.array((covers, lost), np.float64)[:, rows]
+
+    def explain(self, requirement: Requirement, level: int | None = None) -> list[str]:
+        """Reasons of a goal, and lines as of `zone_lines`."""
+        zone = [] if requirement.is_most else self.zone_lines(requirement, level)
+        return [*self.reasons(requirement, level), *zone]
+
+    def cameras_of_goal(self) -> list[ByName]:
+        """Figures of `by_camera` of those that cover any of it, ready for JSON."""
+        covers, lost = ((), ()) if self.by_camera is None else self.by_camera.tolist()
+        return [
+            {"pose": row, "name": name, "m2": m2, "lost_m2": alone}
+            for row, (name, m2, alone) in enumerate(zip(self.names, covers, lost, strict=False))
+            if m2 > 0
+        ]
+
+    def zone_lines(self, requirement: Requirement, level: int | None = None) -> list[str]:
+        """The worst dead zone of a goal, and advice; of what must not be seen, who sees it."""
+        if not requirement.is_most:
+            return first_lines(self.summary(), level=level)[1:] if requirement.lack else []
+        rows = np.flatnonzero((self.cameras.covers & self.mesh.task_mask).any(axis=1))
+        names, lost = np.array(self.names, object), np.zeros(len(self.names))
+        if self.by_camera is not None:
+            covers, lost = self.by_camera
+            rows = np.flatnonzero(covers)
+            names = np.array(
+                [f"{n} ({area(m)})" for n, m in zip(names, covers, strict=True)], object
+            )
+        if not len(rows):
+            most = f"at most {percent(requirement.high)}, by the error bound"
+            return [f"no camera sees any of it ({'proved' if requirement.high <= 0 else most})"]
+        lines = [f"seen by {first_of(names[rows].tolist())}"]
+        if requirement.status == HOLDS:
+            return lines
+        best = int(lost.argmax())
+        left = requirement.share - lost[best] / getattr(requirement, "of_m2", 1.0)
+        is_one = left <= requirement.limit + SHARE_TOLERANCE
+        named = [self.names[best]] if is_one else [self.names[row] for row in rows]
+        rest = percent(max(left, 0.0)) if is_one else "0.0 %"
+        return [*lines, f"advice: turn, move or mask {first_of(named)}: {rest} of it would be seen"]
 
 
 def limits(
@@ -457,21 +517,17 @@ def check(
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
-    apart: dict[str, Checked] = {}
-    of_goals: list[tuple[OwnGoal, Requirement]] = []
-    for goal in goals:
-        result = _check_rig(goal.plan, goal.mesh, rig, {None: goal.limit}, None, step)
-        apart[goal.name] = replace(result, poses_file=poses_file, names=shown)
-        of_goals.append((goal, goal.requirement_of(*result.requirements)))
-    permits = permits_of([(goal, each.high) for goal, each in of_goals])
-    checked = _check_rig(plan, mesh, rig, limits, views, step, permits)
+    apart = check_goals(goals, rig, shown, step)
+    of_goals = [each.requirements[0] for each in apart.values()]
+    permits = permits_of([(g, each.high) for g, each in zip(goals, of_goals, strict=True)])
+    checked = _check_rig(plan, mesh, rig, limits, views, step, permits, adds_only=bool(goals))
     required = [
         replace(each, plan_limit=asked[each.group])
         if asked.get(each.group, each.limit) != each.limit
         else each
         for each in checked.requirements
     ]
-    required += [each for _, each in of_goals]
+    required += of_goals
     checked = replace(
         checked,
         poses_file=poses_file,
@@ -487,6 +543,48 @@ def check(
     if baseline is None:
         return checked
     return replace(checked, against=compare(baseline, parse_json(json_bytes(record(checked)))))
+
+
+def check_goals(
+    goals: Sequence[OwnGoal], rig: Poses, names: Sequence[str], step: Step = quiet
+) -> dict[str, Checked]:
+    """Check of each goal of a plan, with its requirement, by its name, for a rig with names."""
+    table: dict[str, Checked] = {}
+    for goal in sorted(goals, key=lambda each: not each.is_most):
+        limits: Limits = {None: goal.limit}
+        own = goal.plan, goal.mesh, rig, limits, None, step
+        known = [(each, table[each.name]) for each in goals if each.name in table]
+        permits = permits_of([(each, one.requirements[0].high) for each, one in known])
+        result = _check_rig(*own, permits, adds_only=True)
+        required = tuple(map(goal.requirement_of, result.requirements))
+        table[goal.name] = replace(result, names=tuple(names), requirements=required)
+    return {goal.name: table[goal.name] for goal in goals}
+
+
+def zone_of_goal(
+    requirements: Sequence[Requirement], goals: Mapping[str, Checked], level: int | None = None
+) -> list[str]:
+    """Lines on the goal that lacks most, as of `Checked.zone_lines`; none where it is the task."""
+    worst = max(requirements, key=lambda each: each.lack, default=None)
+    if worst is None or worst.status == HOLDS or worst.goal not in goals:
+        return []
+    return goals[worst.goal].zone_lines(worst, level)
+
+
+def explain_goals(
+    requirements: Sequence[Requirement], goals: Mapping[str, Checked]
+) -> list[ByName]:
+    """Reasons, zones and cameras of each goal, those that lack most first, ready for JSON."""
+    items = list[ByName]()
+    for each in sorted(requirements, key=lambda each: -each.lack)[:MOST_GOALS]:
+        if (own := goals.get(each.goal)) is not None:
+            told = {} if each.is_most else own.summary()
+            items.append(
+                {"goal": each.goal, "status": each.status, "lines": own.explain(each)}
+                | {name: told[name] for name in ("not_covered_because", *ZONES) if name in told}
+                | {"is_unseen": each.is_most and each.high <= 0, "cameras": own.cameras_of_goal()}
+            )
+    return items
 
 
 def _with_choice(plan: Plan, chosen: Rig | None, poses_file: Path) -> Plan:
@@ -510,8 +608,9 @@ def _check_rig(
     views: int | None,
     step: Step,
     permits: Callable[[Cameras, Poses], bool] | None = None,
+    adds_only: bool = False,
 ) -> Checked:
-    """Check of the task of a plan, without its goals; `permits` is as of `Allowed`."""
+    """Check of the task of a plan, without its goals; the last two are as of `Allowed`."""
     phases = phases_of(plan, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
@@ -529,7 +628,7 @@ def _check_rig(
                     cameras = with_areas(plan, cameras, finder, views, progress)
         if cameras.areas is not None:
             places, free = places_of(plan, mesh), partial(free_places, plan)
-            cameras.areas.allowed = Allowed(places, permits=permits, free=free)
+            cameras.areas.allowed = Allowed(places, permits=permits, adds_only=adds_only, free=free)
             with step("dead zones") as progress:
                 wanted = views_by_group(plan, views)
                 cameras.areas.dead_zones(plan.rig, cameras.placed, wanted, progress)
@@ -652,6 +751,7 @@ def to_json(checked: Checked) -> ByName:
         "all": asdict(checked.whole),
         "groups": [asdict(each) for each in checked.groups],
         "parts": checked.parts(),
+        "goals": explain_goals(checked.requirements, checked.goals),
         "task": _task_of(checked.plan, checked.asked_views),
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,

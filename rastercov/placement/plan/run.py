@@ -42,7 +42,7 @@ from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Optimised, Refined, optimise, refine
-from rastercov.placement.plan.check import plan_of_cameras
+from rastercov.placement.plan.check import Checked, check_goals, plan_of_cameras
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generators import PoseFile
@@ -222,6 +222,15 @@ class Placement(InOneLine, InNotebook):
         if not len(self.cameras.placed):  # nothing is covered from any candidate
             return of_plan(unit_warnings(prepared.mesh, plan.rig, prepared.pool.candidates.placed))
         return warnings_of(plan, self.cameras)
+
+    @cached_property
+    def goals(self) -> Mapping[str, Checked]:
+        """Check of each goal of the plan by its name; none of an interrupted placement."""
+        plan, scene = self.prepared.plan, self.prepared.scene
+        if not plan.goals or self.interrupted or scene is None:
+            return {}
+        placed = self.cameras.placed
+        return check_goals(separate_goals(plan, scene)[1], placed, names_of_poses(placed, ()))
 
     @property
     def chosen(self) -> IntArray:
@@ -542,7 +551,9 @@ def _by_area(
     of_goals = tuple(each for each in placement.requirements if each.goal)
     highs = [each.high for each in of_goals]
     goals = zip((each.goal for each in objectives.goals), highs, strict=True)
-    cameras.areas.allowed = prepared.allowed._replace(permits=permits_of(list(goals)))
+    cameras.areas.allowed = prepared.allowed._replace(
+        permits=permits_of(list(goals)), adds_only=bool(plan.goals)
+    )
     candidates = without(prepared.pool.candidates, prepared.quarantined)
     if not prepared.problem.reachable.any() and not len(cameras.placed) and len(candidates):
         cameras.areas.instead = sample_candidates(plan, candidates)

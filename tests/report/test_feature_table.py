@@ -1,0 +1,121 @@
+"""Table of features: the best camera of each, by formulas of a pinhole, and its files."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+from commands import call, write_part
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+
+import rastercov as rc
+from rastercov.core.area.advice import focus_in_words
+from rastercov.core.mesh import shapes
+from rastercov.report.coverage import html_of
+from rastercov.report.feature_table import feature_rows, table_of
+
+SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
+
+
+def box_of_sides(size):
+    """A box about the origin whose sides are groups, each of four triangles."""
+    box = shapes.box(size)
+    normal = box.normals
+    side = 2 * abs(normal).argmax(axis=1) + (normal.sum(axis=1) > 0)
+    return rc.Mesh(
+        box.vertices,
+        box.faces,
+        groups=[rc.Group(name) for name in SIDES],
+        face_group=side.astype(np.int32),
+    )
+
+
+@examples(12, at_night=200)
+@given(seed=st.integers(0, 10**6))
+def test_figures_of_features_are_those_of_the_best_camera_by_formula(seed):
+    rng = np.random.default_rng(seed)
+    mesh = box_of_sides(tuple(rng.uniform(0.2, 1.0, 3)))
+    low = rng.uniform(1.0, 4.0)
+    high = low + rng.uniform(0.1, 3.0)
+    camera = rc.Camera(width=320, height=240, fx=250, fy=260, focus_range=(low, high))
+    ways = rng.normal(size=(5, 3))
+    eyes = rng.uniform(1.5, 3.5, (5, 1)) * ways / np.linalg.norm(ways, axis=1)[:, None]
+    poses = rc.look_at(eyes, rng.uniform(-0.1, 0.1, (5, 3)))
+    result = rc.evaluate(mesh, camera, poses)
+    names = [f"eye {row}" for row in range(5)]
+    rows = feature_rows(mesh, camera, rc.Poses.of(poses), rc.Task(), names, result.summary())
+    shares = [each.covered_percent for each in rows]
+    assert shares == sorted(shares)
+    assert {each.name for each in rows} == set(SIDES)
+    for each in rows:
+        of_group = np.flatnonzero(mesh.face_group == SIDES.index(each.name))
+        assert each.area_m2 == pytest.approx(mesh.areas[of_group].sum())
+        at, normal = mesh.centroids[of_group], mesh.normals[of_group[0]]
+        best = []  # at either centroid: both are as near to the middle
+        for point in at:
+            local = np.einsum("pji,pj->pi", poses[:, :3, :3], point - poses[:, :3, 3])
+            x, y, z = local.T
+            is_in = (abs(250 * x / z) < 160) & (abs(260 * y / z) < 120) & (z > 0)
+            front = (eyes - point) @ normal > 0
+            slopes = np.zeros((5, 2, 3))
+            slopes[:, 0, 0], slopes[:, 1, 1] = 250 / z, 260 / z
+            slopes[:, 0, 2], slopes[:, 1, 2] = -250 * x / z**2, -260 * y / z**2
+            on = (
+                slopes
+                @ poses[:, :3, :3].transpose(0, 2, 1)
+                @ (np.eye(3) - np.outer(normal, normal))
+            )
+            density = np.linalg.svd(on, compute_uv=False)[:, 1]
+            covers = is_in & front & (low <= z) & (z <= high)
+            angle = np.degrees(np.arccos((eyes - point) @ normal / np.linalg.norm(local, axis=1)))
+            row = int(np.where(covers, density, -1).argmax())
+            if covers.any():
+                best.append((names[row], density[row], angle[row], True))
+            elif front.any():
+                best.append(None)  # of those that fail, the nearest by their criterion
+            else:
+                best.append(("", 0.0, 90.0, None))
+        own = each.camera, each.px_per_m, each.incidence_deg, each.in_focus
+        assert None in best or any(
+            one[0] == own[0] and one[3] == own[3] and one[1:3] == pytest.approx(own[1:3], rel=1e-6)
+            for one in best
+        )
+        assert each.in_focus or each.missing
+
+
+@pytest.mark.parametrize("focus", [(0.1378, 0.1382), (1.0, 1.0001), (0.2, 0.9), (2.0, math.inf)])
+def test_a_range_in_focus_has_two_ends_that_differ(focus):
+    ends = [float(end.split()[0]) for end in focus_in_words(focus).split(" to ")]
+    assert len({*ends}) == (1 if math.isinf(focus[1]) else 2)
+    assert ends == pytest.approx(focus[: len(ends)], rel=2e-3)
+
+
+def test_the_page_has_rule_lamps_and_features(tmp_path):
+    lamps = tmp_path / "lamps.toml"
+    lamps.write_text('[lamps.key]\nkind = "point"\nintensity_cd = 9\nposition = [0, 0, 2]\n')
+    camera = rc.Camera(width=320, height=240, fx=250, fy=260, focus_range=(0.5, 2.5))
+    mesh, pose = box_of_sides((0.4, 0.4, 0.4)), rc.look_at([(0.3, 0.2, 1.5)], (0, 0, 0))
+    result = rc.evaluate(mesh, camera, pose, rc.Task(min_illuminance="1 lx"), lamps=str(lamps))
+    page = html_of(result)
+    assert "It must be in focus, at a depth of 0.5 m to 2.5 m. Lamps: key (9 cd" in page
+    assert "<h2>Features</h2>" in page
+    rows = feature_rows(
+        mesh, result.camera, result.poses, result.task, ["camera 1"], result.summary()
+    )
+    heads, cells = table_of(rows)
+    assert heads[-2:] == ["in focus", "lit"]
+    assert cells[-1][0] == "+z"
+    assert cells[-1][-2:] == ["yes", "yes"]
+
+
+def test_features_are_a_file_of_the_result(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_part("part.obj")
+    line = "evaluate part.obj -c khepra -p sphere:6 --pictures 0 -o out --output features"
+    assert call(capsys, line)[0] == 0
+    rows = list(csv.DictReader((tmp_path / "out/features.csv").read_text().splitlines()))
+    assert len(rows) == len({each["name"] for each in rows}) > 1
+    shares = [float(each["covered_percent"]) for each in rows]
+    assert shares == sorted(shares)
