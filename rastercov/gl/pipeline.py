@@ -2,7 +2,7 @@
 
 Each face is drawn with its index + 1 as colour into a 32-bit integer image; the depth buffer keeps
 the nearest. Depth is float32 and reversed (near is 1, infinity 0), which gives the same relative
-precision at every distance, with near fitted to each pose. Poses are drawn one at a time, and their
+precision at every distance. Poses are drawn one at a time, and their
 ids are read back and counted by numpy: on Mesa's llvmpipe that is a copy in memory.
 
 `drawn` counts come from a second pass without the depth test, where every sample adds one to its
