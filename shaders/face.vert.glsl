@@ -19,8 +19,8 @@ in vec3 position_low;
 // Every program places the corners of a face alike, so edges stay watertight.
 invariant gl_Position;
 
-// Face index + 1, taken from the last corner of a face: vertex f is the last corner of face f alone.
-// gl_PrimitiveID would be simpler, but Mesa splits primitives to number them.
+// Face index + 1. gl_PrimitiveID would need no corners of its own for each face, but Mesa splits
+// primitives to number them.
 flat out uint id;
 
 void main() {
@@ -30,5 +30,5 @@ void main() {
     float z = dot(pose.forward.xyz, from_eye);
     // Rows of images and of our framebuffers both run down, so nothing is flipped.
     gl_Position = vec4(image.x * x + image.z * z, image.y * y + image.w * z, pose.near.x, z);
-    id = uint(gl_VertexID) + 1u;
+    id = uint(gl_VertexID) / 3u + 1u;
 }

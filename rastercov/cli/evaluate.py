@@ -108,10 +108,7 @@ class ReportOptions(NamedTuple):
     output: Annotated[list[str], Option(help=OUTPUT_HELP, metavar="FILE")] = USUAL
 
 
-BITS = (
-    "Folder for the covered pairs, a bit each, in place of a report: by face, for a million poses "
-    "and more."
-)
+BITS = "Folder for the covered pairs by face, a bit each, in place of a report."
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
 
 

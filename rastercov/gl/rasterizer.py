@@ -36,7 +36,7 @@ from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInf
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl.compute import Compute
 from rastercov.gl.context import HeadlessContext, open_context
-from rastercov.gl.judging import Judging, room_to_judge, why_no_shader
+from rastercov.gl.judging import FACE, Judging, why_no_shader
 from rastercov.gl.pipeline import Pipeline
 from rastercov.gl.resources import Resources
 
@@ -173,7 +173,7 @@ class GLRasterizer(Rasterizer):
             return f"plan {plan!r} judges nothing on the device"
         if self._targets is not None or grid.count_type != np.int32:
             return "targets, and images of 2^31 samples, are counted on the host"
-        if room_to_judge(self._scene) > block:
+        if max(FACE.itemsize * self.mesh.n_faces, self.mesh.vertices.nbytes) > block:
             return f"a storage block of {block:,} bytes holds too little of this mesh"
         return why_no_shader(self.camera, criteria)
 

@@ -5,9 +5,8 @@ Depth is what the device interpolates, which costs less than that of the plane o
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base import ByName, Float32Array, FloatArray, IntArray
+from rastercov.base import ByName, Float32Array, FloatArray
 from rastercov.core.camera import Camera
 from rastercov.core.camera.near_plane import limits
 from rastercov.core.mesh import Mesh
@@ -18,7 +17,6 @@ POSITIONS = "3f 3f", "position_high", "position_low"
 # Rows of struct Pose (vec4) of face.vert.
 RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, NEAR, RECORD_ROWS = range(7)
 RECORD_BYTES = 4 * 4 * RECORD_ROWS
-INDEX_BYTES = 4
 
 
 class DeviceScene:
@@ -39,29 +37,22 @@ class DeviceScene:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.centre
         self._programs = programs
-        corners, indices = _number_by_last_corner(mesh.faces, mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
         positions = np.concatenate((high, low), axis=1)
-        vertices = resources.buffer("vertices", positions[corners]), *POSITIONS
+        vertices = resources.buffer("vertices", positions[mesh.faces.ravel()]), *POSITIONS
 
         # Samples of each row inside the image, for shaders that count a rotated grid.
         self.runs = None
         if "corner" in programs["drawn"]:
             self.runs = resources.buffer("rows of samples", grid.runs.T)
-        all_faces = resources.buffer("faces", indices)
         self._drawables = {
-            name: resources.own(
-                resources.gl.vertex_array(
-                    program, (vertices,), index_buffer=all_faces, index_element_size=INDEX_BYTES
-                )
-            )
+            name: resources.own(resources.gl.vertex_array(program, (vertices,)))
             for name, program in programs.items()
         }
 
     def draw(self, program: str, tile: Box, grid: SampleGrid) -> None:
         """Draw the faces by a program into a tile."""
-        uniforms = {"corner": tile[:2], "image": _projection(tile, grid)}
-        set_uniforms(self._programs[program], **uniforms)
+        set_uniforms(self._programs[program], corner=tile[:2], image=_projection(tile, grid))
         self._drawables[program].render(moderngl.TRIANGLES)
 
 
@@ -110,20 +101,3 @@ def split_floats(values: FloatArray) -> tuple[Float32Array, Float32Array]:
     """Two floats whose sum is each double, to 48 bits."""
     high = values.astype(np.float32)
     return high, (values - high).astype(np.float32)
-
-
-def _number_by_last_corner(faces: IntArray, n_vertices: int) -> tuple[IntArray, NDArray[np.uint32]]:
-    """Vertices to upload, (N,), and faces that index them, (F, 3): vertex f is f's last corner.
-
-    The other two corners of a face may be any vertex uploaded for the same position; vertices that
-    are the last corner of no face follow the first F.
-    """
-    n_faces = len(faces)
-    sent = np.full(n_vertices, -1, np.int64)
-    sent[faces[:, 2]] = np.arange(n_faces)
-    others = np.unique(faces[:, :2][sent[faces[:, :2]] < 0])
-    sent[others] = n_faces + np.arange(len(others))
-    indices = np.empty((n_faces, 3), np.uint32)
-    indices[:, :2] = sent[faces[:, :2]]
-    indices[:, 2] = np.arange(n_faces)
-    return np.concatenate((faces[:, 2], others)), indices

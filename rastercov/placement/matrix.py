@@ -188,7 +188,8 @@ class VisibilityMatrix:
         texts: dict[int, str] = {}
         first = 0
         for part in self.parts:
-            texts |= {first + pose: end for pose, end in part.quarantined().items()}
+            left = part.quarantined() if isinstance(part, MatrixFolder) else {}
+            texts |= {first + pose: end for pose, end in left.items()}
             first += part.n_poses
         return texts
 

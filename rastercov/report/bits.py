@@ -12,6 +12,7 @@ Nothing but the current batch and a few bytes for a pose is in the memory.
 import re
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,7 @@ def write_bits(query: Query, out: Path, options: ReadByName, staff: Staff) -> By
     with ExitStack() as opened:
         folder = opened.enter_context(ReportFolder(out, BITS))
         observer = opened.enter_context(open_for(mesh, camera, task, wanted))
-        wanted = Wanted(engine, False, bits=True, alone=can_judge(observer, poses, task))
+        wanted = replace(wanted, alone=can_judge(observer, poses, task))
         network = wanted.network(mesh, task)
         shards = EvaluationShards(folder_of_shards(folder.path), observer, poses, task, wanted)
         shape, at = (len(poses), -(-mesh.n_faces // 8)), 0
