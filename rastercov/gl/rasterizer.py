@@ -179,8 +179,6 @@ class GLRasterizer(Rasterizer):
 
     def _judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
         """Faces that poses cover, judged on the device; see `Rasterizer.judge`."""
-        if self._why_not_judged(criteria):
-            return super()._judge(poses, criteria)
         with self._current():
             if self._judging is None:
                 self._judging = Judging(self._resources, self._strategy, self._scene)

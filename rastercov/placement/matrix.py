@@ -137,7 +137,7 @@ class VisibilityMatrix:
 
     @property
     def is_of_bits(self) -> bool:
-        """True if covered pairs are kept alone, without coverage; see `build_matrix`."""
+        """True if covered pairs are kept alone; see `build_matrix`."""
         return "bits" in self.header
 
     @property
@@ -294,9 +294,8 @@ def build_matrix(
         if it covers at least `task.min_coverage`, one half, of its area. The mesh itself occludes,
         and the method must be certified or exact.
     bits : bool
-        Keep no coverage, but the covered pairs alone, a bit each: 1.25 kB for a pose and 10,000
-        faces. Only for faces, single cameras and a rasteriser that judges what it counts; others
-        keep coverage.
+        Keep covered pairs alone, a bit each, where a rasteriser judges faces for single cameras;
+        others keep coverage.
     poses_a_shard : int, optional
         Number of poses in each file; unless given, the one that gives about 4 million pairs, or 33
         million bits.

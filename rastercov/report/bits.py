@@ -6,7 +6,7 @@ views.npy        (F,) int64
 bits.json        figures of all poses, and what the bits depend on; the last file
 unfinished/      shards, until the others are whole
 
-Nothing but the current batch and a few bytes for a pose is in the memory.
+In the memory are a batch, and some bytes for a pose.
 """
 
 import re

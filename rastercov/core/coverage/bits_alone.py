@@ -25,8 +25,8 @@ LOG = logging.getLogger("rastercov")
 MOST_JUDGED, BYTES_JUDGED, SECONDS_JUDGED = 1 << 14, 64 << 20, 0.2
 """Most poses that are judged at a time, and the memory and time of these."""
 LEAST_PAIRS = 1 << 26
-"""Pairs of pose and face from which on a GPU is opened and tested, which takes a second or two: the
-CPU takes about that for them. Not measured on a GPU."""
+"""Pairs of pose and face from which on a GPU is tested, which takes a second or two, about what the
+CPU takes for them. Not measured on a GPU."""
 NO_ROWS = PairRows(*(np.empty(0, ROW_TYPES[name]) for name in PairRows._fields))
 LATER = (
     *("best", "best_pose", "reason", "alone", "covered_faces", "mean_coverage", "kinds"),
