@@ -25,7 +25,7 @@ from rastercov.base import (
     json_text,
     plural,
 )
-from rastercov.base.format import area, percent, verb
+from rastercov.base.format import percent, verb
 from rastercov.base.output import write_npz
 from rastercov.cli import options
 from rastercov.cli.console import (
@@ -209,11 +209,9 @@ def _print_bits(
     if as_json:
         print(json_text(summary))
         return
-    share, best = summary["covered"]["area_percent"] / 100, summary["best"]
+    share = percent(summary["covered"]["area_percent"] / 100)
     print_lines(
-        f"covered: {percent(share)} of the area, of faces as a whole, by "
-        f"{plural(summary['poses'], 'pose')}; the most by pose {best['pose']}, "
-        f"{area(best['area_m2'])}",
+        f"covered: {share} of the area, in whole faces, by {plural(summary['poses'], 'pose')}",
         f"measured by {summary['run']['measured_by']['renderer']}",
         str(folder),
     )

@@ -13,7 +13,6 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.gl.resources import Resources, set_uniforms
 
-POSITIONS = "3f 3f", "position_high", "position_low"
 # Rows of struct Pose (vec4) of face.vert.
 RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, NEAR, RECORD_ROWS = range(7)
 RECORD_BYTES = 4 * 4 * RECORD_ROWS
@@ -39,7 +38,8 @@ class DeviceScene:
         self._programs = programs
         high, low = split_floats(mesh.vertices - self.centre)
         positions = np.concatenate((high, low), axis=1)
-        vertices = resources.buffer("vertices", positions[mesh.faces.ravel()]), *POSITIONS
+        corners = resources.buffer("vertices", positions[mesh.faces.ravel()])
+        vertices = corners, "3f 3f", "position_high", "position_low"
 
         # Samples of each row inside the image, for shaders that count a rotated grid.
         self.runs = None

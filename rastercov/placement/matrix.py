@@ -136,11 +136,6 @@ class VisibilityMatrix:
         return "cells" in self.header
 
     @property
-    def is_of_bits(self) -> bool:
-        """True if covered pairs are kept alone; see `build_matrix`."""
-        return "bits" in self.header
-
-    @property
     def n_pairs(self) -> int:
         """Number of pairs with coverage above 0, or of bits."""
         return sum(part.n_pairs for part in self.parts)
@@ -218,7 +213,7 @@ class VisibilityMatrix:
             When the disk has no room for the bits.
         """
         least = self.task.min_coverage if least is None else least
-        if self.is_of_bits and least != self.task.min_coverage:
+        if "bits" in self.header and least != self.task.min_coverage:
             raise ConfigError(
                 f"expected a matrix with coverage for min_coverage {least:g}, got bits of "
                 f"{self.task.min_coverage:g}; build it without bits"

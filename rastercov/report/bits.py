@@ -53,7 +53,7 @@ def write_bits(query: Query, out: Path, options: ReadByName, staff: Staff) -> By
         wanted = replace(wanted, alone=can_judge(observer, poses, task))
         network = wanted.network(mesh, task)
         shards = EvaluationShards(folder_of_shards(folder.path), observer, poses, task, wanted)
-        shape, at = (len(poses), -(-mesh.n_faces // 8)), 0
+        at, shape = 0, (len(poses), -(-mesh.n_faces // 8))
         with writing(folder.file(PACKED)) as part, part.open("wb") as file:
             head = {"descr": "|u1", "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, head)

@@ -40,7 +40,7 @@ def engine_for(engine: Engine, mesh: Mesh, camera: Cameras, task: Task, n_poses:
 
     The GPU has passed its self-test, in a process of its own.
     """
-    is_open = engine.method == "sampled" and engine.device == "auto"
+    is_open = (engine.method, engine.device) == ("sampled", "auto")
     is_large = n_poses * mesh.n_faces >= LEAST_PAIRS
     has_lens = any(each.is_curved for each in cameras_of(camera))
     is_judged = not (mesh.has_targets or has_lens or _needs_rows(camera, task))
@@ -96,7 +96,7 @@ class NetworkOfBits(Network):
             except ResourceError:
                 if step == 1:
                     raise
-                step = step // 2
+                step //= 2
                 continue
             except DeviceError as error:
                 if observer.info.backend != "gl":
