@@ -1,6 +1,6 @@
 """Data of the graphics pipeline on the device: the mesh, uploaded once, and poses, once a batch.
 
-Depth is what the device interpolates, which costs less than that of the plane of a face.
+The device interpolates depth.
 """
 
 import moderngl
