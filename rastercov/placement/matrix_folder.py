@@ -178,9 +178,7 @@ class PackedPairs(NamedTuple):
 
     def pairs(self) -> Iterator[Pairs]:
         """ConfigError: there is no coverage of pairs."""
-        raise ConfigError(
-            "expected coverage of pairs, got bits of those that are covered; build without bits"
-        )
+        raise ConfigError("expected coverage of pairs, got bits; build without bits")
 
     def rows_and_areas(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
         """The pairs, whatever `least`; no coverage is known, so that its sums are not numbers."""

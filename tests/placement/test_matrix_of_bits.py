@@ -82,7 +82,7 @@ def test_a_folder_holds_little_more_than_a_bit_a_pair_and_is_read_again(tmp_path
 
 def test_a_matrix_of_bits_refuses_what_it_does_not_hold():
     mesh, ours, _ = matrices(2)
-    with pytest.raises(rc.ConfigError, match="expected coverage of pairs, got bits of those"):
+    with pytest.raises(rc.ConfigError, match="expected coverage of pairs, got bits"):
         _ = ours.coverage
     with pytest.raises(rc.ConfigError, match="a matrix with coverage for min_coverage"):
         problem_of(ours, mesh, BestCoverage(1), min_coverage=0.9)

@@ -40,14 +40,14 @@ def engine_for(engine: Engine, mesh: Mesh, camera: Cameras, task: Task, n_poses:
 
     The GPU has passed its self-test, in a process of its own.
     """
-    is_open = (engine.method, engine.device) == ("sampled", "auto")
+    is_open = engine.method == "sampled" and engine.device == "auto"
     is_large = n_poses * mesh.n_faces >= LEAST_PAIRS
     has_lens = any(each.is_curved for each in cameras_of(camera))
     is_judged = not (mesh.has_targets or has_lens or _needs_rows(camera, task))
     label = drawer().find_gpu() if is_open and is_large and is_judged else ""
     if not label:
         return engine
-    LOG.warning("device auto is %s, for a run of %s poses", label, f"{n_poses:,}")
+    LOG.warning("device auto is %s, for %s poses", label, f"{n_poses:,}")
     return replace(engine, device=label)
 
 
