@@ -6,12 +6,12 @@
 struct Pose {
     vec4 right, down, forward;  // camera axes; right and down mixed to rotate the grid
     vec4 eye_high, eye_low;
-    vec4 near;                  // clip z = x + y z, clip w = z z + w; of a pinhole z, else 1
+    vec4 near;                  // clip z in x
 };
 
 layout(std140) uniform Poses { Pose pose; };
 
-uniform vec4 image;  // clip x = image.x * x + image.z * w, clip y = image.y * y + image.w * w
+uniform vec4 image;  // clip x = image.x * x + image.z * z, clip y = image.y * y + image.w * z
 
 in vec3 position_high;
 in vec3 position_low;
@@ -19,8 +19,8 @@ in vec3 position_low;
 // Every program places the corners of a face alike, so edges stay watertight.
 invariant gl_Position;
 
-// Face index + 1, taken from the last corner of a face: vertex f is the last corner of face f alone.
-// gl_PrimitiveID would be simpler, but Mesa splits primitives to number them.
+// Face index + 1. gl_PrimitiveID would need no corners of its own for each face, but Mesa splits
+// primitives to number them.
 flat out uint id;
 
 void main() {
@@ -29,10 +29,6 @@ void main() {
     float y = dot(pose.down.xyz, from_eye);
     float z = dot(pose.forward.xyz, from_eye);
     // Rows of images and of our framebuffers both run down, so nothing is flipped.
-    float w = pose.near.z * z + pose.near.w;
-    gl_Position = vec4(image.x * x + image.z * w,
-                       image.y * y + image.w * w,
-                       pose.near.x + pose.near.y * z,
-                       w);
-    id = uint(gl_VertexID) + 1u;
+    gl_Position = vec4(image.x * x + image.z * z, image.y * y + image.w * z, pose.near.x, z);
+    id = uint(gl_VertexID) / 3u + 1u;
 }

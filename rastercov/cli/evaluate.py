@@ -25,7 +25,7 @@ from rastercov.base import (
     json_text,
     plural,
 )
-from rastercov.base.format import area, percent, verb
+from rastercov.base.format import percent, verb
 from rastercov.base.output import write_npz
 from rastercov.cli import options
 from rastercov.cli.console import (
@@ -108,10 +108,7 @@ class ReportOptions(NamedTuple):
     output: Annotated[list[str], Option(help=OUTPUT_HELP, metavar="FILE")] = USUAL
 
 
-BITS = (
-    "Folder for the covered pairs, a bit each, in place of a report: by face, for a million poses "
-    "and more."
-)
+BITS = "Folder for the covered pairs by face, a bit each, in place of a report."
 BEFORE = "Earlier poses to compare with; prints the area and regions lost and gained."
 
 
@@ -212,11 +209,9 @@ def _print_bits(
     if as_json:
         print(json_text(summary))
         return
-    share, best = summary["covered"]["area_percent"] / 100, summary["best"]
+    share = percent(summary["covered"]["area_percent"] / 100)
     print_lines(
-        f"covered: {percent(share)} of the area, of faces as a whole, by "
-        f"{plural(summary['poses'], 'pose')}; the most by pose {best['pose']}, "
-        f"{area(best['area_m2'])}",
+        f"covered: {share} of the area, in whole faces, by {plural(summary['poses'], 'pose')}",
         f"measured by {summary['run']['measured_by']['renderer']}",
         str(folder),
     )

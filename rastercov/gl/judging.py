@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rastercov.base import FloatArray, check_memory
+from rastercov.base import FloatArray
 from rastercov.core.camera import Camera
 from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, area_units
 from rastercov.gl.compute import MAX_GROUPS, Compute, ComputePoses, ComputeScene
@@ -66,9 +66,6 @@ class Judging:
     def judge(self, poses: FloatArray, criteria: Criteria, note: Callable[[int], None]) -> Judged:
         """Pairs of all poses; `note` takes the number of each batch."""
         n_poses, n_faces = len(poses), self._scene.mesh.n_faces
-        n_bytes = 4 * self._n_words
-        what = f"bits of {n_poses:,} poses x {n_faces:,} faces"
-        check_memory(what, n_poses * n_bytes, "judge fewer poses at a time")
         result = CoverageBits.room(self._scene.mesh, n_poses)
         clipped = np.empty(n_poses, np.bool_)
         self._take_criteria(criteria)
@@ -137,8 +134,3 @@ def why_no_shader(camera: Camera, criteria: Criteria) -> str:
     if camera.is_parallel:
         left += [name for name in asked if name in OF_PINHOLES]
     return f"no shader judges {', '.join(left)} for this camera" if left else ""
-
-
-def room_to_judge(scene: ComputeScene) -> int:
-    """Bytes of the largest storage block that judging needs."""
-    return max(FACE.itemsize * scene.mesh.n_faces, scene.mesh.vertices.nbytes)

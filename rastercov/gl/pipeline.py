@@ -2,7 +2,7 @@
 
 Each face is drawn with its index + 1 as colour into a 32-bit integer image; the depth buffer keeps
 the nearest. Depth is float32 and reversed (near is 1, infinity 0), which gives the same relative
-precision at every distance, with near fitted to each pose. Poses are drawn one at a time, and their
+precision at every distance. Poses are drawn one at a time, and their
 ids are read back and counted by numpy: on Mesa's llvmpipe that is a copy in memory.
 
 `drawn` counts come from a second pass without the depth test, where every sample adds one to its
@@ -17,7 +17,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from rastercov.base import Float32Array, FloatArray, Int32Array, IntArray
+from rastercov.base import Float32Array, Int32Array, IntArray
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
@@ -34,6 +34,7 @@ class Pipeline(Strategy):
     """`Strategy` on the graphics pipeline."""
 
     depth = "float32 reversed"
+    prepare = PreparedPoses
 
     def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         super().__init__(resources, mesh, COUNTER_BYTES, 0)
@@ -52,10 +53,6 @@ class Pipeline(Strategy):
     def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> DeviceScene:
         """Upload a mesh."""
         return DeviceScene(self._resources, self._programs, mesh, camera, grid)
-
-    def prepare(self, scene: DeviceScene, poses: FloatArray, grid: SampleGrid) -> PreparedPoses:
-        """Compute the uniform blocks of the poses."""
-        return PreparedPoses(scene, poses, grid)
 
     def batches(self, prepared: PreparedPoses) -> Iterator[IntArray]:
         """Rows of the poses of each batch: one."""
@@ -89,9 +86,8 @@ class Pipeline(Strategy):
         self, scene: DeviceScene, prepared: PreparedPoses, rows: IntArray, tile: Box
     ) -> None:
         """Draw the nearest faces of a pose into the triangle-ID image."""
-        can_cull = bool(prepared.can_cull[rows[0]])
         self._resources.clear(self._target)
-        self._begin(tile, cull=can_cull)
+        self._begin(tile, cull=bool(prepared.can_cull[rows[0]]))
         scene.draw("face", tile, prepared.grid)
 
     def _begin(self, tile: Box, *, cull: bool = False, test: bool = True) -> None:
@@ -121,7 +117,9 @@ class Pipeline(Strategy):
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
         frame = self._target.frame
         frame.color_mask = (False,) * 4  # the shader writes no id
-        self._bind_counters(scene)
+        self._counters.bind_to_storage_buffer(COUNTS_BINDING)
+        if scene.runs is not None:
+            scene.runs.bind_to_storage_buffer(RUNS_BINDING)
         try:
             self._begin(tile, test=False)
             self._counters.clear()
@@ -129,8 +127,3 @@ class Pipeline(Strategy):
             return self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)[:, 1:]
         finally:
             frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
-
-    def _bind_counters(self, scene: DeviceScene) -> None:
-        self._counters.bind_to_storage_buffer(COUNTS_BINDING)
-        if scene.runs is not None:
-            scene.runs.bind_to_storage_buffer(RUNS_BINDING)

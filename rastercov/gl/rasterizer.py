@@ -3,10 +3,10 @@
 - *pipeline*: graphics pipeline of any driver, a pose at a time; see `pipeline`.
 - *compute*: compute shaders, many poses at a time, counted on the device; see `compute`.
 
-"auto" is "compute" on a GPU with integers of 64 bits, and for a focal length so long that the
-graphics pipeline would misplace edges, else "pipeline". A pipeline interpolates depth from the
-corners of each face, so that rounding would decide between faces of one plane: a mesh whose faces
-touch others is drawn by "compute" in any case.
+"auto" is "compute" on a GPU with integers of 64 bits, else "pipeline". In any case "compute" draws
+parallel rays, a focal length so long that the graphics pipeline would misplace edges, and a mesh
+whose faces touch others: a pipeline interpolates depth from the corners of each face, so that
+rounding would decide between faces of one plane.
 
 A device is tested against a scene with known counts at opening and every `SELF_TEST_INTERVAL`
 poses, with the programs, images and buffers in use.
@@ -22,7 +22,6 @@ from rastercov import shaders
 from rastercov.base import (
     ByName,
     CameraError,
-    ConfigError,
     DeviceError,
     Float32Array,
     FloatArray,
@@ -37,7 +36,7 @@ from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInf
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl.compute import Compute
 from rastercov.gl.context import HeadlessContext, open_context
-from rastercov.gl.judging import Judging, room_to_judge, why_no_shader
+from rastercov.gl.judging import FACE, Judging, why_no_shader
 from rastercov.gl.pipeline import Pipeline
 from rastercov.gl.resources import Resources
 
@@ -63,7 +62,7 @@ class GLRasterizer(Rasterizer):
         "auto", "hardware", "egl:0", "surfaceless" or "osmesa" as for `open_context`; a context
         that is already open is used and left open.
     plan : {"auto", "pipeline", "compute"}
-        Way to draw and count; "compute" for any mesh whose faces touch others.
+        Way to draw and count; "compute" where "pipeline" cannot, see above.
 
     Raises
     ------
@@ -102,25 +101,19 @@ class GLRasterizer(Rasterizer):
 
     def _choose_plan(self, plan: str) -> str:
         """Plan to run; ConfigError when it cannot run."""
-        camera, info, what = self.camera, self._context.info, "fx, fy, cx and cy"
+        camera, info = self.camera, self._context.info
         reach = max(camera.fx, camera.fy, abs(camera.cx), abs(camera.cy))
-        if camera.is_parallel:
-            reach, what = max(camera.fx, camera.fy) * self.mesh.diagonal, "a mesh"
-        if plan == "auto":
-            is_faster = info.has_int64 and not info.is_software
-            plan = "compute" if is_faster or reach > MAX_FOCAL_LENGTH else "pipeline"
-        contacts = self.mesh.opaque.contacts if plan == "pipeline" else None
-        if contacts is not None and contacts.faces_for(REACHES * contacts.reach).any():
+        is_faster = plan == "auto" and info.has_int64 and not info.is_software
+        if is_faster or camera.is_parallel or reach > MAX_FOCAL_LENGTH:
             plan = "compute"
-        if plan == "pipeline" and not reach <= MAX_FOCAL_LENGTH:
-            raise ConfigError(
-                f"expected {what} of up to {MAX_FOCAL_LENGTH:,} px for plan 'pipeline', got "
-                f"{reach:,g}; use plan 'compute' or backend 'cpu'"
-            )
+        if plan != "compute":
+            contacts = self.mesh.opaque.contacts
+            touch = contacts.faces_for(REACHES * contacts.reach).any()
+            plan = "compute" if touch else "pipeline"
         if plan == "compute" and not info.has_int64:
             raise DeviceError(
                 f"expected GL_ARB_gpu_shader_int64 for plan 'compute', got {info.renderer} without "
-                "it; use plan 'pipeline' or backend 'cpu'"
+                "it; use backend 'cpu'"
             )
         return plan
 
@@ -180,14 +173,12 @@ class GLRasterizer(Rasterizer):
             return f"plan {plan!r} judges nothing on the device"
         if self._targets is not None or grid.count_type != np.int32:
             return "targets, and images of 2^31 samples, are counted on the host"
-        if room_to_judge(self._scene) > block:
+        if max(FACE.itemsize * self.mesh.n_faces, self.mesh.vertices.nbytes) > block:
             return f"a storage block of {block:,} bytes holds too little of this mesh"
         return why_no_shader(self.camera, criteria)
 
     def _judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
         """Faces that poses cover, judged on the device; see `Rasterizer.judge`."""
-        if self._why_not_judged(criteria):
-            return super()._judge(poses, criteria)
         with self._current():
             if self._judging is None:
                 self._judging = Judging(self._resources, self._strategy, self._scene)

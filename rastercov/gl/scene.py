@@ -1,27 +1,21 @@
 """Data of the graphics pipeline on the device: the mesh, uploaded once, and poses, once a batch.
 
-Depth is what the device interpolates, which costs less than that of the plane of a face.
+The device interpolates depth.
 """
 
 import moderngl
 import numpy as np
-from numpy.typing import NDArray
 
-from rastercov.base import ByName, Float32Array, FloatArray, IntArray
-from rastercov.core.camera import Camera, box_corners
-from rastercov.core.camera.near_plane import can_cull, depth_range, limits
+from rastercov.base import ByName, Float32Array, FloatArray
+from rastercov.core.camera import Camera
+from rastercov.core.camera.near_plane import limits
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box, SampleGrid
-from rastercov.core.raster.tie_order import in_one_order
 from rastercov.gl.resources import Resources, set_uniforms
 
-POSITIONS = "3f 3f", "position_high", "position_low"
 # Rows of struct Pose (vec4) of face.vert.
 RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, NEAR, RECORD_ROWS = range(7)
 RECORD_BYTES = 4 * 4 * RECORD_ROWS
-INDEX_BYTES = 4
-FIRST_REL = 1e-5
-"""Distance of the near plane of parallel rays before the mesh, in its diagonals."""
 
 
 class DeviceScene:
@@ -42,30 +36,23 @@ class DeviceScene:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.centre
         self._programs = programs
-        faces = in_one_order(mesh)
-        corners, indices = _number_by_last_corner(faces, mesh.n_vertices)
         high, low = split_floats(mesh.vertices - self.centre)
         positions = np.concatenate((high, low), axis=1)
-        vertices = resources.buffer("vertices", positions[corners]), *POSITIONS
+        corners = resources.buffer("vertices", positions[mesh.faces.ravel()])
+        vertices = corners, "3f 3f", "position_high", "position_low"
 
         # Samples of each row inside the image, for shaders that count a rotated grid.
         self.runs = None
         if "corner" in programs["drawn"]:
             self.runs = resources.buffer("rows of samples", grid.runs.T)
-        all_faces = resources.buffer("faces", indices)
         self._drawables = {
-            name: resources.own(
-                resources.gl.vertex_array(
-                    program, (vertices,), index_buffer=all_faces, index_element_size=INDEX_BYTES
-                )
-            )
+            name: resources.own(resources.gl.vertex_array(program, (vertices,)))
             for name, program in programs.items()
         }
 
     def draw(self, program: str, tile: Box, grid: SampleGrid) -> None:
         """Draw the faces by a program into a tile."""
-        uniforms = {"corner": tile[:2], "image": _projection(tile, grid)}
-        set_uniforms(self._programs[program], **uniforms)
+        set_uniforms(self._programs[program], corner=tile[:2], image=_projection(tile, grid))
         self._drawables[program].render(moderngl.TRIANGLES)
 
 
@@ -77,9 +64,7 @@ class PreparedPoses:
     grid : SampleGrid
         As given.
     near : (P,) float64
-        Depths of the near plane, fitted to the mesh in view.
-    farthest : (P,) float64
-        Depth C beyond the mesh of parallel rays, 0 of pinholes.
+        Depths of the near plane.
     clipped : (P,) bool
         Whether the near plane cuts a surface in view.
     can_cull : (P,) bool
@@ -92,50 +77,17 @@ class PreparedPoses:
         mesh, camera, self.grid = scene.mesh, scene.camera, grid
         self.records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
         self.records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
-        if camera.is_parallel:
-            self._fill_parallel(scene, poses)
-            return
-        eyes, self.farthest = poses[:, :3, 3], np.zeros(len(poses))
-        self.near, _, self.clipped = depth_range(
-            mesh.vertices, mesh.faces, mesh.bounds, camera, poses
-        )
-        self.can_cull = can_cull(mesh, poses, self.clipped)
-        high, low = split_floats(eyes - scene.centre)
+        # Reversed depth in float32 has one relative precision, however near this plane is.
+        self.near, self.can_cull, self.clipped = limits(mesh, camera, poses)
+        high, low = split_floats(poses[:, :3, 3] - scene.centre)
         self.records[:, EYE_HIGH, :3], self.records[:, EYE_LOW, :3] = high, low
         self.records[:, NEAR, 0] = self.near  # clip z = near, so depth = near / z in [0, 1]
-        self.records[:, NEAR, 2] = 1.0
-
-    def _fill_parallel(self, scene: DeviceScene, poses: FloatArray) -> None:
-        """State of parallel rays: (C - z) / (C - near) for the depth, C beyond the mesh.
-
-        The eye moves along its axis to the depth of the middle of the mesh, so that no distance
-        costs precision; the near plane moves to the mesh where it is before it.
-        """
-        mesh = scene.mesh
-        near, self.can_cull, self.clipped = limits(mesh, scene.camera, poses)
-        axes = poses[:, :3, 2]
-        start = np.einsum("pi,pi->p", scene.centre - poses[:, :3, 3], axes)
-        depth = (box_corners(mesh.bounds) - scene.centre) @ axes[:, :, None]
-        first, last = depth.min(axis=(1, 2)) + start, depth.max(axis=(1, 2)) + start
-        size = max(mesh.diagonal, 1e-300)
-        self.near = np.maximum(near, first - FIRST_REL * size)
-        self.farthest = np.maximum(last, self.near) + size
-        eyes = poses[:, :3, 3] + start[:, None] * axes - scene.centre
-        high, low = split_floats(eyes)
-        self.records[:, EYE_HIGH, :3], self.records[:, EYE_LOW, :3] = high, low
-        scale = 1 / (self.farthest - self.near)
-        self.records[:, NEAR, 0] = scale * (self.farthest - start)
-        self.records[:, NEAR, 1], self.records[:, NEAR, 3] = -scale, 1.0
 
     def depth(self, row: int, values: Float32Array) -> Float32Array:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
-        inverse = values.astype(np.float64)
         with np.errstate(divide="ignore"):
-            z = self.near[row] / inverse
-        if self.farthest[row]:
-            z = self.farthest[row] - inverse * (self.farthest[row] - self.near[row])
-            z[values == 0] = np.inf
-        return z.astype(np.float32)
+            z: Float32Array = (self.near[row] / values.astype(np.float64)).astype(np.float32)
+        return z
 
 
 def _projection(tile: Box, grid: SampleGrid) -> tuple[float, ...]:
@@ -149,20 +101,3 @@ def split_floats(values: FloatArray) -> tuple[Float32Array, Float32Array]:
     """Two floats whose sum is each double, to 48 bits."""
     high = values.astype(np.float32)
     return high, (values - high).astype(np.float32)
-
-
-def _number_by_last_corner(faces: IntArray, n_vertices: int) -> tuple[IntArray, NDArray[np.uint32]]:
-    """Vertices to upload, (N,), and faces that index them, (F, 3): vertex f is f's last corner.
-
-    The other two corners of a face may be any vertex uploaded for the same position; vertices that
-    are the last corner of no face follow the first F.
-    """
-    n_faces = len(faces)
-    sent = np.full(n_vertices, -1, np.int64)
-    sent[faces[:, 2]] = np.arange(n_faces)
-    others = np.unique(faces[:, :2][sent[faces[:, :2]] < 0])
-    sent[others] = n_faces + np.arange(len(others))
-    indices = np.empty((n_faces, 3), np.uint32)
-    indices[:, :2] = sent[faces[:, :2]]
-    indices[:, 2] = np.arange(n_faces)
-    return np.concatenate((faces[:, 2], others)), indices

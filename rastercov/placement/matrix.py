@@ -136,11 +136,6 @@ class VisibilityMatrix:
         return "cells" in self.header
 
     @property
-    def is_of_bits(self) -> bool:
-        """True if covered pairs are kept alone, without coverage; see `build_matrix`."""
-        return "bits" in self.header
-
-    @property
     def n_pairs(self) -> int:
         """Number of pairs with coverage above 0, or of bits."""
         return sum(part.n_pairs for part in self.parts)
@@ -188,7 +183,8 @@ class VisibilityMatrix:
         texts: dict[int, str] = {}
         first = 0
         for part in self.parts:
-            texts |= {first + pose: end for pose, end in part.quarantined().items()}
+            left = part.quarantined() if isinstance(part, MatrixFolder) else {}
+            texts |= {first + pose: end for pose, end in left.items()}
             first += part.n_poses
         return texts
 
@@ -217,7 +213,7 @@ class VisibilityMatrix:
             When the disk has no room for the bits.
         """
         least = self.task.min_coverage if least is None else least
-        if self.is_of_bits and least != self.task.min_coverage:
+        if "bits" in self.header and least != self.task.min_coverage:
             raise ConfigError(
                 f"expected a matrix with coverage for min_coverage {least:g}, got bits of "
                 f"{self.task.min_coverage:g}; build it without bits"
@@ -293,9 +289,8 @@ def build_matrix(
         if it covers at least `task.min_coverage`, one half, of its area. The mesh itself occludes,
         and the method must be certified or exact.
     bits : bool
-        Keep no coverage, but the covered pairs alone, a bit each: 1.25 kB for a pose and 10,000
-        faces. Only for faces, single cameras and a rasteriser that judges what it counts; others
-        keep coverage.
+        Keep covered pairs alone, a bit each, where a rasteriser judges faces for single cameras;
+        others keep coverage.
     poses_a_shard : int, optional
         Number of poses in each file; unless given, the one that gives about 4 million pairs, or 33
         million bits.

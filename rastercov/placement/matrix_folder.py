@@ -68,7 +68,7 @@ from rastercov.core.coverage.shard_inputs import (
 )
 from rastercov.core.coverage.shards import PAIRS_OF_COUNTS, hash_of, inputs_of
 from rastercov.core.coverage.task import Task
-from rastercov.core.raster.bits import CoverageBits
+from rastercov.core.raster.bits import room_for_bits
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import CandidateBounds, Greatest, list_pairs
@@ -132,10 +132,6 @@ class Pairs(NamedTuple):
         """These, as those of a folder."""
         yield self
 
-    def quarantined(self) -> dict[int, str]:
-        """None, see `MatrixFolder.quarantined`."""
-        return {}
-
     def unite(self) -> "Pairs":
         """Each face of a pose once, with the greatest coverage of those that follow one another."""
         if not len(self.on_rig):
@@ -159,18 +155,16 @@ NO_PAIRS = Pairs(*(np.zeros(0, kind) for kind in KINDS))
 NOT_ON_RIGS = NO_PAIRS.on_rig
 
 
-BITS_OF_OCTETS = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(1, np.uint8)
-
-
 class PackedPairs(NamedTuple):
-    """Covered pairs of poses and evaluated faces as bits, (P, ceil(F / 8)); see `CoverageBits`."""
+    """Covered pairs of poses and evaluated faces as bits, (P, 8 W); see `room_for_bits`."""
 
     packed: ByteArray
 
     @property
     def counts(self) -> IntArray:
         """(P,) pairs of each pose."""
-        return BITS_OF_OCTETS[self.packed].sum(axis=1, dtype=np.int64)
+        bits, _ = self.rows_and_areas(0.0, 8 * self.packed.shape[1])
+        return bits.counts(np.full(bits.n_words, ~np.uint64(0)))
 
     @property
     def n_poses(self) -> int:
@@ -184,19 +178,11 @@ class PackedPairs(NamedTuple):
 
     def pairs(self) -> Iterator[Pairs]:
         """ConfigError: there is no coverage of pairs."""
-        raise ConfigError(
-            "expected coverage of pairs, got bits of those that are covered; build without bits"
-        )
-
-    def quarantined(self) -> dict[int, str]:
-        """None, see `MatrixFolder.quarantined`."""
-        return {}
+        raise ConfigError("expected coverage of pairs, got bits; build without bits")
 
     def rows_and_areas(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
         """The pairs, whatever `least`; no coverage is known, so that its sums are not numbers."""
-        octets = np.zeros((len(self.packed), 8 * n_words(n_faces)), np.uint8)
-        octets[:, : self.packed.shape[1]] = self.packed
-        bits = CoveredBits.of(octets.view("<u8").astype(np.uint64, copy=False), n_faces)
+        bits = CoveredBits.of(self.packed.view("<u8").astype(np.uint64, copy=False), n_faces)
         return bits, np.full(len(self.packed), math.nan)
 
 
@@ -258,12 +244,12 @@ def packed_pairs(
 ) -> PackedPairs:
     """Covered pairs of poses that the observer judges; other arguments are those of `pairs_of`."""
     n_faces, scored = observer.mesh.n_faces, observer.mesh.task_mask
-    packed, at = CoverageBits.room(observer.mesh, len(poses)).packed, 0
+    packed, at = room_for_bits(len(poses), n_faces), 0
     mask = np.packbits(scored, bitorder="little")
     for batch in NetworkOfBits(observer.mesh, task, None).judge(observer, poses):
         assert batch.bits is not None
         n = len(batch.poses)
-        np.bitwise_and(batch.bits.packed, mask, out=packed[at : at + n])
+        np.bitwise_and(batch.bits.packed, mask, out=packed[at : at + n, : len(mask)])
         at += n
         if bounds is not None:
             unknown = np.zeros(n_faces), np.ones(n_faces)

@@ -6,12 +6,13 @@ views.npy        (F,) int64
 bits.json        figures of all poses, and what the bits depend on; the last file
 unfinished/      shards, until the others are whole
 
-Nothing but the current batch and a few bytes for a pose is in the memory.
+In the memory are a batch, and some bytes for a pose.
 """
 
 import re
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,10 +50,10 @@ def write_bits(query: Query, out: Path, options: ReadByName, staff: Staff) -> By
     with ExitStack() as opened:
         folder = opened.enter_context(ReportFolder(out, BITS))
         observer = opened.enter_context(open_for(mesh, camera, task, wanted))
-        wanted = Wanted(engine, False, bits=True, alone=can_judge(observer, poses, task))
+        wanted = replace(wanted, alone=can_judge(observer, poses, task))
         network = wanted.network(mesh, task)
         shards = EvaluationShards(folder_of_shards(folder.path), observer, poses, task, wanted)
-        shape, at = (len(poses), -(-mesh.n_faces // 8)), 0
+        at, shape = 0, (len(poses), -(-mesh.n_faces // 8))
         with writing(folder.file(PACKED)) as part, part.open("wb") as file:
             head = {"descr": "|u1", "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(file, head)

@@ -224,7 +224,7 @@ def summary(placement: Placement) -> ByName:
         "goals": explain_goals(placement.requirements, placement.goals),
         "share": cameras.share,
         **{name: network[name] for name in ("covered_area",) if name in network},
-        **({"certified_area": _certified(placement)} if placement.certified else {}),
+        **_certified(placement),
         **zones,
         "network": network,
         "cameras": _cameras(placement),
@@ -250,9 +250,11 @@ def summary(placement: Placement) -> ByName:
 
 
 def _certified(placement: Placement) -> ByName:
-    """Exact covered area of cameras that were chosen by samples."""
-    assert placement.certified is not None
-    return placement.certified.summary(views_by_group(placement.prepared.plan, None))
+    """Exact covered area of cameras that were chosen by samples, if any."""
+    if placement.certified is None:
+        return {}
+    of = views_by_group(placement.prepared.plan, None)
+    return {"certified_area": placement.certified.summary(of)}
 
 
 def _matrix(prepared: Prepared) -> ByName:
@@ -404,8 +406,8 @@ def lines(
         moved = f"refinement moved {int(done.moved.sum())} of {plural(len(done.poses), what)}"
         shares = f": {percent(done.start_share)} -> {percent(done.share)} of {of}"
         said.append(f"{moved}{'' if prepared.plan.goals else shares} ({done.status})")
-    if placement.certified is not None:
-        words = in_words(_certified(placement))
+    for certified in _certified(placement).values():
+        words = in_words(certified)
         said.append(f"sampled: {percent(placement.cameras.share)} of {of}; certified: {words}")
     if placement.left_out:
         left_out = plural(len(placement.left_out), what)

@@ -64,7 +64,7 @@ def test_a_gpu_judges_the_candidates_of_a_plan_to_the_same_choice(monkeypatch, c
     monkeypatch.setattr(bits_alone, "LEAST_PAIRS", 1)
     placed(PLAN)
     device = told()
-    assert f"device auto is {DEVICE}, for a run of 60 poses" in caplog.messages
+    assert f"device auto is {DEVICE}, for 60 poses" in caplog.messages
     backends = [each["made_from"]["measured_by"]["backend"] for each in (host, device)]
     assert backends == ["cpu", "gl"]
     for name in ("share", "certified_area", "requirements", "cameras"):

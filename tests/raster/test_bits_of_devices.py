@@ -148,7 +148,7 @@ def gpu(monkeypatch):
 def test_auto_takes_a_gpu_for_large_runs_and_says_so(judged, gpu, caplog):
     with caplog.at_level(logging.WARNING, "rastercov"):
         ours = evaluate(MESH, CAMERA, POSES, TASK, "auto", fields=("covered",))
-    assert caplog.messages == [f"device auto is {DEVICE}, for a run of 23 poses"]
+    assert caplog.messages == [f"device auto is {DEVICE}, for 23 poses"]
     assert sum(judged) == len(POSES)
     assert ours.info.backend == "gl"
     check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))

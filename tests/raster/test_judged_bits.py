@@ -14,7 +14,7 @@ from test_parallel_samples import views_of
 
 import rastercov as rc
 from rastercov import shaders
-from rastercov.base.errors import ConfigError, DeviceError, ResourceError
+from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.observer import SampledObserver
 from rastercov.core.coverage.task import Rules
@@ -105,8 +105,6 @@ def test_a_threshold_without_a_shader_is_left_to_the_host_and_named(open_compute
         for value, reason in ((0.0, ""), (2.0, "no shader judges min_gloss for this camera")):
             criteria = replace(plain, rules={**plain.rules, "min_gloss": value})
             assert rasterizer._why_not_judged(criteria) == reason
-        with pytest.raises(ConfigError, match="does not: no shader judges min_gloss for this"):
-            rasterizer._judge(POSES, criteria)
 
 
 def test_every_threshold_of_a_task_is_registered_and_decides(open_compute):
@@ -134,8 +132,6 @@ def test_the_rasteriser_of_the_cpu_leaves_judging_to_the_host():
     criteria = criteria_of(MESH, rc.Task().rules(CAMERA))
     with rc.open_rasterizer(MESH, CAMERA, "cpu") as cpu:
         assert "counts, and judges nothing" in cpu._why_not_judged(criteria)
-        with pytest.raises(ConfigError, match="expected a rasteriser that judges, got one"):
-            cpu._judge(POSES, criteria)
 
 
 # --- how the work is divided ----------------------------------------------------------------------

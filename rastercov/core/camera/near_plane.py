@@ -133,7 +133,7 @@ def near_cuts(
     Parameters
     ----------
     vertices, faces, bounds
-        As for `depth_range`.
+        Of the opaque part of a mesh, metres.
     views : sequence of (Camera, (P, 4, 4) float64)
         Of `pinholes`: they differ in their rotations.
     """
@@ -191,50 +191,6 @@ def hides_its_back(mesh: Mesh, distance: float) -> bool:
         return False
     is_near = distance <= mesh.contacts.reach
     return is_near or not mesh.contacts.faces_within_components(distance).any()
-
-
-def depth_range(
-    vertices: FloatArray, faces: IntArray, bounds: FloatArray, camera: Camera, poses: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Near and far planes that fit the surfaces in view, and whether any of them was cut.
-
-    A depth buffer resolves in proportion to far/near, so near is set as far out as the surfaces in
-    view allow: by the corners of the bounding box where that is enough, else by the vertices, else
-    by what the viewing pyramid cuts from the faces.
-
-    Parameters
-    ----------
-    vertices : (V, 3) float64
-        World points, metres.
-    faces : (F, 3) int
-        Their triangles.
-    bounds : (2, 3) float64
-        Bounding box of the vertices.
-    camera : Camera
-        Image border and near limit.
-    poses : (P, 4, 4) float64
-        world_from_camera.
-
-    Returns
-    -------
-    near, far : (P,) float64
-        Depths in metres, 0 < near < far.
-    clipped : (P,) bool
-        True where a surface in view lies nearer than `near_limit` and is cut there.
-    """
-    limit = near_limit(camera, bounds, poses)
-    forward = poses[:, :3, 2]
-    depth = (box_corners(bounds) - poses[:, None, :3, 3]) @ forward[:, :, None]
-    nearest, farthest = depth.min(axis=(1, 2)), depth.max(axis=(1, 2))
-    for row in np.flatnonzero((nearest < 0.01 * farthest) | (nearest < limit)):
-        depths = to_camera(vertices, poses[row])[:, 2]
-        nearest[row], farthest[row] = depths.min(), depths.max()
-        if nearest[row] < 0.01 * farthest[row] or nearest[row] < limit[row]:
-            nearest[row] = nearest_depth_in_view(vertices, faces, camera, poses[row], limit[row])
-    # Nearer by 1e-5, so that rounding on the device cannot cut what is exactly at the plane.
-    near = np.clip(nearest * (1 - 1e-5), limit, np.maximum(farthest / 2, limit))
-    clipped = near_cuts(vertices, faces, bounds, [(camera, poses)])
-    return near, np.maximum(farthest * (1 + 1e-5), near * 2), clipped
 
 
 def sides_of(camera: Camera) -> list[tuple[float, float, float]]:

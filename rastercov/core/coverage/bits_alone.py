@@ -25,8 +25,8 @@ LOG = logging.getLogger("rastercov")
 MOST_JUDGED, BYTES_JUDGED, SECONDS_JUDGED = 1 << 14, 64 << 20, 0.2
 """Most poses that are judged at a time, and the memory and time of these."""
 LEAST_PAIRS = 1 << 26
-"""Pairs of pose and face from which on a GPU is opened and tested, which takes a second or two: the
-CPU takes about that for them. Not measured on a GPU."""
+"""Pairs of pose and face from which on a GPU is tested, which takes a second or two, about what the
+CPU takes for them. Not measured on a GPU."""
 NO_ROWS = PairRows(*(np.empty(0, ROW_TYPES[name]) for name in PairRows._fields))
 LATER = (
     *("best", "best_pose", "reason", "alone", "covered_faces", "mean_coverage", "kinds"),
@@ -42,20 +42,23 @@ def engine_for(engine: Engine, mesh: Mesh, camera: Cameras, task: Task, n_poses:
     """
     is_open = engine.method == "sampled" and engine.device == "auto"
     is_large = n_poses * mesh.n_faces >= LEAST_PAIRS
-    is_judged = not mesh.has_targets and not task.min_angle_deg and not is_joint(camera)
-    are_flat = not any(each.is_curved for each in cameras_of(camera))
-    label = drawer().find_gpu() if is_open and is_large and is_judged and are_flat else ""
+    has_lens = any(each.is_curved for each in cameras_of(camera))
+    is_judged = not (mesh.has_targets or has_lens or _needs_rows(camera, task))
+    label = drawer().find_gpu() if is_open and is_large and is_judged else ""
     if not label:
         return engine
-    LOG.warning("device auto is %s, for a run of %s poses", label, f"{n_poses:,}")
+    LOG.warning("device auto is %s, for %s poses", label, f"{n_poses:,}")
     return replace(engine, device=label)
+
+
+def _needs_rows(camera: Cameras, task: Task) -> bool:
+    """True where more is asked of pairs than bits tell."""
+    return is_joint(camera) or task.min_angle_deg > 0
 
 
 def can_judge(observer: Observer, poses: Poses, task: Task) -> bool:
     """True where the observer judges what it counts; a device that does not is named."""
-    if not isinstance(observer, SampledObserver) or is_joint(observer.camera):
-        return False
-    if task.min_angle_deg > 0:
+    if not isinstance(observer, SampledObserver) or _needs_rows(observer.camera, task):
         return False
     criteria = FacePass(observer.mesh, observer.camera, 1, task).criteria()
     why = observer.why_not_judged(poses, criteria)
@@ -93,7 +96,7 @@ class NetworkOfBits(Network):
             except ResourceError:
                 if step == 1:
                     raise
-                step = step // 2
+                step //= 2
                 continue
             except DeviceError as error:
                 if observer.info.backend != "gl":

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from rastercov.base import ByName, ConfigError, ReadByName, ResourceError, StrPath
 from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.locks import lock
-from rastercov.core.area.by_camera import ByCamera
+from rastercov.core.area.by_camera import ByCamera, cameras_apart
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
@@ -156,7 +156,7 @@ class QuerySums:
     fields : sequence of str
         Figures to keep of all pairs of pose and face, of `FIGURES`.
     wanted : Wanted
-        Entries but those on the bits, and on cameras apart.
+        As asked for; `wanted` of this is what the observer can do of it.
     """
 
     def __init__(
@@ -166,10 +166,8 @@ class QuerySums:
         self.query, self.done = query, 0
         self.areas = AreaNetwork(mesh, task) if query.by_area else None
         self.per_camera = ByCamera(mesh, task, camera, poses, by_area=query.by_area)
-        apart = self.per_camera.is_asked
-        alone = [*fields] == [COVERED] and wanted.pairs == "none" and not apart
-        alone = alone and can_judge(observer, poses, task)
-        self.wanted = replace(wanted, apart=apart, bits=COVERED in fields, alone=alone)
+        alone = wanted.alone and can_judge(observer, poses, task)
+        self.wanted = replace(wanted, apart=self.per_camera.is_asked, alone=alone)
         self.network = self.wanted.network(mesh, task, self._measure)
         names = [name for name in fields if name != COVERED]
         # Counts are kept in place of figures.
@@ -269,10 +267,11 @@ def answer(
         Processes that measure.
     """
     camera, poses, task = query.camera, query.poses, query.task
+    alone = [*fields] == [COVERED] and pairs == "none" and not cameras_apart(camera, poses)
     engine = query.engine
-    if [*fields] == [COVERED] and pairs == "none":
+    if alone:
         engine = engine_for(engine, query.mesh, camera, task, len(poses))
-    wanted = Wanted(engine, query.by_area, pairs)
+    wanted = Wanted(engine, query.by_area, pairs, bits=COVERED in fields, alone=alone)
     interrupted, shards, table = False, None, None
     with open_for(query.mesh, camera, task, wanted) as observer, ExitStack() as opened:
         sums = QuerySums(query, observer, fields, wanted)

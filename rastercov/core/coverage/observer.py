@@ -17,7 +17,7 @@ from contextlib import suppress
 from numpy.typing import ArrayLike
 
 import rastercov
-from rastercov.base import ByName, Closing, DeviceError, ReadByName, check_memory, thread_count
+from rastercov.base import Closing, DeviceError, ReadByName, check_memory, thread_count
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
@@ -147,8 +147,8 @@ class SampledObserver(Observer):
         """Count on the CPU from now on, in place of a device that fails."""
         with suppress(DeviceError):
             self._rasterizers.close()
-        options: ByName = {"backend": "cpu", "threads": self.threads}
-        self._open(options | {"supersample": self._supersample})
+        own = {"threads": self.threads, "supersample": self._supersample}
+        self._open({"backend": "cpu", **own})
 
     def close(self) -> None:
         """Release the memory."""

@@ -274,10 +274,7 @@ class Rasterizer(Closing):
 
     def _judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
         """Faces that poses, (P, 4, 4), cover; the same bits as by their counts."""
-        raise ConfigError(
-            "expected a rasteriser that judges, got one that does not: "
-            f"{self._why_not_judged(criteria)}; judge the counts"
-        )
+        raise NotImplementedError  # asked where `_why_not_judged` has no reason
 
     def close(self) -> None:
         """Release the memory of the device: later calls raise `DeviceError`.

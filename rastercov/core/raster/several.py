@@ -27,7 +27,7 @@ class Rasterizers:
         The faces.
     cameras : sequence of Camera
         At least one; the first is opened at once.
-    *arguments, **options
+    **options
         As for `open_rasterizer`.
 
     Attributes
@@ -36,11 +36,9 @@ class Rasterizers:
         Of the first.
     """
 
-    def __init__(
-        self, mesh: Mesh, cameras: Sequence[Camera], *arguments: Any, **options: Any
-    ) -> None:
+    def __init__(self, mesh: Mesh, cameras: Sequence[Camera], **options: Any) -> None:
         def open_one(index: int) -> Rasterizer:
-            return open_rasterizer(mesh, cameras[index], *arguments, **options)
+            return open_rasterizer(mesh, cameras[index], **options)
 
         first = open_one(0)
         self.info, self._opened, self._open = first.info, open_one, {0: first}

@@ -888,10 +888,10 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
 
 def _is_sampled(placement: Placement) -> bool:
     """True where cameras were chosen by samples, for a task that areas can be computed for."""
-    plan = placement.prepared.plan
-    is_asked = plan.task.method == "sampled" and plan.is_still and plan.chooses_cameras
-    by_area = is_asked and unit_of_result(None, plan.build_task(), Engine(), plan.rig)[0] == "area"
-    return by_area and placement.carried is None
+    plan, is_carried = placement.prepared.plan, placement.prepared.carrier is not None
+    if plan.task.method != "sampled" or is_carried or not (plan.is_still and plan.chooses_cameras):
+        return False
+    return unit_of_result(None, plan.build_task(), Engine(), plan.rig)[0] == "area"
 
 
 def _certify(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
