@@ -21,7 +21,7 @@ CV_FROM_BLENDER = np.diag((1.0, -1.0, -1.0, 1.0))  # Blender's cameras look alon
 
 @dataclass
 class Settings:
-    """What Blender's `scene.render` and `camera.data` have, under their names."""
+    """Values of Blender's `scene.render` and `camera.data`, under their names."""
 
     resolution_x: int = 1280
     resolution_y: int = 720

@@ -28,7 +28,7 @@ INFO = SimpleNamespace(
     k=[500.0, 0.0, 319.5, 0.0, 500.0, 239.5, 0.0, 0.0, 1.0],
     d=[-0.1, 0.02, 0.001, -0.001, 0.0],
 )
-"""What a camera publishes as sensor_msgs/CameraInfo."""
+"""Message of a camera, sensor_msgs/CameraInfo."""
 
 
 def camera_of(info: Any) -> rc.Camera:

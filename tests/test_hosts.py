@@ -80,7 +80,7 @@ def test_pixels_of_blender_are_those_of_its_view_plane(values):
 def test_quaternions_of_ros_turn_about_their_axis(numbers, angle):
     from ros_coverage import pose_of
 
-    axis, vector = np.array(numbers[:3]) + (0, 0, 2), np.array([0.3, -0.7, 0.5])
+    axis, vector = np.add(numbers[:3], (0, 0, 2)), np.array([0.3, -0.7, 0.5])
     axis /= np.linalg.norm(axis)
     x, y, z = np.sin(angle / 2) * axis
     place = SimpleNamespace(x=1.0, y=2.0, z=numbers[3])
