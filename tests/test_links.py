@@ -156,7 +156,7 @@ def test_a_folder_of_shards_that_is_a_link_is_not_followed(tmp_path, outside, pl
         lambda: remove(folder, FILES), lambda: remove(folder, OF_A_MATRIX),
         lambda: store(folder, f"{place}/shard-00000.npz", b"ours"),
         lambda: shards.note(0, {1: "why"}), lambda: shards.note(0, {}),
-        lambda: shards.mend(lambda line: None, shards.read),
+        lambda: shards.mend(lambda line: None, shards.read, range(len(shards))),
     ):  # fmt: skip
         try:
             act()

@@ -153,5 +153,9 @@ def errors_as(
         raise kind(str(error) if where is None else f"{where}: {error}") from None
 
 
+class PartMadeError(RastercovError):
+    """The shards of a part are made; the message says what finishes the run."""
+
+
 class PoolLostError(Exception):
     """Processes on other machines do not answer any more."""

@@ -15,7 +15,9 @@ if sys.platform == "win32":
 
     LOCK, _FLAGS = ".rastercov-lock", os.O_RDWR | os.O_CREAT | os.O_TEMPORARY
 
-    def _lock(descriptor: int) -> None:
+    def _lock(descriptor: int, is_shared: bool) -> None:
+        if is_shared:  # the system has no such locks
+            return
         try:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         except OSError:
@@ -26,14 +28,16 @@ else:
 
     LOCK, _FLAGS = "", os.O_RDONLY | os.O_DIRECTORY
 
-    def _lock(descriptor: int) -> None:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    def _lock(descriptor: int, is_shared: bool) -> None:
+        kind = fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
 
 
 @contextmanager
-def lock(path: Path) -> Iterator[Path]:
+def lock(path: Path, *, is_shared: bool = False) -> Iterator[Path]:
     """The folder, made when it is missing, for this process alone; a killed one leaves no lock.
 
+    It is for all processes that share it, or for one that does not.
     A folder that was made, and in which there is nothing at the end, is removed.
     """
     made = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
@@ -50,7 +54,7 @@ def lock(path: Path) -> Iterator[Path]:
     is_free = True
     with suppress(OSError):  # a file system without locks
         try:
-            _lock(descriptor)
+            _lock(descriptor, is_shared)
             is_free = path.exists()  # not removed by a process that had made it
         except BlockingIOError:
             is_free = False

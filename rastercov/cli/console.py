@@ -25,7 +25,7 @@ from rich.segment import Segment
 
 import rastercov
 from rastercov.base import ByName, RastercovError, ReadByName, plural, shorten
-from rastercov.base.errors import is_out_of_memory
+from rastercov.base.errors import PartMadeError, is_out_of_memory
 from rastercov.base.interrupts import (
     ABANDONED,
     announce_end,
@@ -142,6 +142,8 @@ def _outcome(app: Callable[..., Any], arguments: Sequence[str]) -> int:
         return _report_interrupt()
     except NoReaderError:
         return NO_READER
+    except PartMadeError as made:
+        return say(str(made), 0)
     except RastercovError as error:
         for line in getattr(error, "lines", [str(error)]):  # of a plan, a line for each fault
             say(f"error: {_with_options(line, arguments)}")

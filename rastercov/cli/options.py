@@ -113,9 +113,18 @@ class ProcessOptions(NamedTuple):
         ),
     ] = None
 
+    only: Annotated[
+        str | None,
+        Option(
+            metavar="I/N",
+            help="Make only the shards whose number is I modulo N, without a report; the command "
+            "without it finishes. N such commands may share the folder, as in a SLURM array.",
+        ),
+    ] = None
+
     def open(self) -> Workers | None:
         """Choice of workers; None for this process."""
-        return Workers.of(self.workers, self.scheduler)
+        return Workers.of(*self)
 
 
 class CameraOptions(NamedTuple):

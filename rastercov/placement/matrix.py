@@ -347,11 +347,13 @@ def build_matrix(
             starts = range(0, max(1, len(placed)), n_at_once)
             parts = tuple(pairs(slice(at, at + n_at_once), did) for at in starts)
             return VisibilityMatrix(placed=placed, header=header, parts=parts)
-        with lock(Path(folder)) as place:
-            remove_halves(place)
+        staff = Staff(workers, progress, watch, note)
+        with lock(Path(folder), is_shared=staff.part is not None) as place:
+            if staff.part is None:
+                remove_halves(place)
             is_given = poses_a_shard is not None
             matrix = claim(place, header, observer, placed, is_given, note)
-            whole = matrix.fill(pairs, Staff(workers, progress, watch, note))
+            whole = matrix.fill(pairs, staff)
             if workers is not None and bounds is not None:
                 add_bounds(matrix, bounds)
             return VisibilityMatrix(placed=placed, header=matrix.header, parts=(whole,))

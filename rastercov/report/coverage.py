@@ -233,7 +233,7 @@ def run(
         For a folder that cannot be used, before the work begins.
     """
     accepted, cameras = Poses.of(poses, skip_bad=options.skip_bad_poses), cameras_of(camera)
-    with ReportFolder(out, EVALUATION) as folder:
+    with ReportFolder(out, EVALUATION, is_shared=staff.part is not None) as folder:
         query = Query(mesh, camera, accepted, task, options.engine, phases, options.by)
         files = files_of(options.output, by_area=query.by_area, has_tables=options.table != "none")
         if any(each.is_table for each in files):

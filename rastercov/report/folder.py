@@ -94,6 +94,8 @@ class ReportFolder:
         Made when it is missing, and removed again when the block leaves nothing in it.
     kind : ReportKind
         Kind of the report.
+    is_shared : bool
+        True for one of several commands that make shards in it, and no report.
 
     Attributes
     ----------
@@ -109,20 +111,23 @@ class ReportFolder:
         For a disk error, with the name of the file of the report.
     """
 
-    def __init__(self, path: str | Path, kind: ReportKind) -> None:
+    def __init__(self, path: str | Path, kind: ReportKind, *, is_shared: bool = False) -> None:
         if not os.fspath(path).strip():
             raise ConfigError(
                 "expected a folder for the report, got an empty name; use '.' for the current one"
             )
         self.path, self.kind = Path(path), kind
-        self.has_earlier = False
+        self.has_earlier, self.is_shared = False, is_shared
         self._staging, self._new = self.path / STAGING, self.path / STAGING / NEW
         self._files: Files = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(lock(self.path))
+            stack.enter_context(lock(self.path, is_shared=self.is_shared))
+            if self.is_shared:
+                self._stack = stack.pop_all()
+                return self
             if not os.access(self.path, os.W_OK | os.X_OK):
                 raise ConfigError(
                     f"{_name(self.path)}: expected a writable folder, got another; name one"

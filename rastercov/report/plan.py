@@ -58,7 +58,7 @@ from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.printing import browser, write_page
 from rastercov.report.tables import LITTLE, heading_and_tilt, source_of
-from rastercov.shards import Workers
+from rastercov.shards import Staff, Workers
 
 WORTH_SAVING = 1.0
 """Seconds of work from which on an intermediate result is saved: a save may take as long."""
@@ -113,7 +113,8 @@ def run_into(
         When no candidate is left, and for a folder that cannot be used.
     """
     began = monotonic()
-    with ReportFolder(out, PLACEMENT) as files:
+    is_shared = Staff(workers).part is not None
+    with ReportFolder(out, PLACEMENT, is_shared=is_shared) as files:
         if pdf:
             browser()  # none fails before the work
 

@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from rastercov.base import ConfigError, RastercovError, ReadByName, one_line, plural, shown
-from rastercov.base.errors import PoolLostError
+from rastercov.base.errors import PartMadeError, PoolLostError
 from rastercov.shards.store import Note, ShardStore
 from rastercov.shards.work import Made, alone, work
 from rastercov.shards.workers import Pool, Workers
@@ -58,6 +58,11 @@ class Staff:
     note: Note = logging.getLogger("rastercov").warning
     answer: Callable[[ReadByName], object] = lambda summary: None
 
+    @property
+    def part(self) -> tuple[int, int] | None:
+        """See `Workers.only`."""
+        return self.workers.only if self.workers else None
+
 
 ALONE = Staff()
 """This process, without reports."""
@@ -82,16 +87,23 @@ def fill(
     staff : Staff
         Workers make the missing shards before the first number is given. After an interrupt the
         shards that are there are given before it is raised.
+
+    Raises
+    ------
+    PartMadeError
+        After the shards of workers with `only` are made.
     """
-    store.mend(staff.note, check)
-    missing = store.missing()
+    start, step = staff.part or (0, 1)
+    own = range(start, len(store), step)
+    store.mend(staff.note, check, own)
+    missing = {number: n for number, n in store.missing().items() if number in own}
     did = count_poses_of(store.n_poses, staff.progress, store.n_poses - sum(missing.values()))
 
     def take_shard(shard: Made) -> None:
         did(shard.n_poses)
         staff.watch(shard)
 
-    if staff.workers is not None and missing:
+    if staff.workers is not None and missing and staff.part is None:
         try:
             make_shards(staff.workers, store, take_shard, staff.note)
         except KeyboardInterrupt:
@@ -104,7 +116,13 @@ def fill(
             data = make(number, did)
             store.note(number, {})
             store.write(number, data)
-        yield number
+        if staff.part is None:
+            yield number
+    if staff.part is not None:
+        raise PartMadeError(
+            f"expected {plural(len(store), 'shard')} for a report, got the {len(own)} of this "
+            "part; when all parts are made, run the command without --only"
+        )
 
 
 def count_poses_of(n_poses: int, progress: Progress, done: int = 0) -> Callable[[int], None]:

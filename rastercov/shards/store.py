@@ -181,9 +181,10 @@ class ShardStore:
         """Write a shard."""
         store(self.folder, self.name(number), data)
 
-    def mend(self, note: Note, check: Callable[[int], object]) -> None:
+    def mend(self, note: Note, check: Callable[[int], object], own: Sequence[int]) -> None:
         """Remove damaged shards, those beyond the last, and where notes on poses are damaged.
 
+        Only shards of the numbers `own` are looked at, which no other process makes meanwhile.
         `check` reads a shard by its number, such as `read`, or raises `DamagedError`; it is called
         with all that are there. `note` is called with a line on each that is removed.
         """
@@ -192,7 +193,7 @@ class ShardStore:
             note(f"{stray}: expected a shard of this job, got another file; removed")
             discard(self.folder, str(stray.relative_to(self.folder)))
         missing = self.missing()
-        for number in range(len(self)):
+        for number in own:
             try:
                 self.missing_rows(number)
                 if number not in missing:

@@ -1,5 +1,6 @@
 """Choice of the processes that make shards."""
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from typing import Any, Protocol
 from rastercov.base import ConfigError, hooks_of, shown
 from rastercov.shards.process import Processes
 
+PART = re.compile("([0-9]{1,9})/([0-9]{1,9})")
 MOST_WORKERS = 1024
 """Processes on one machine; more are a slip of the keyboard."""
 ENVIRONMENT = {
@@ -70,6 +72,9 @@ class Workers:
     scheduler : str, optional
         Address of a Dask scheduler: tcp:// on this machine, or tls:// with the certificates that
         the configuration of Dask names (`distributed.comm.tls`).
+    only : (int, int), optional
+        I and N: this process makes the shards whose number is I modulo N, and raises
+        `PartMadeError`. Others may make the rest in the same folder, also at the same time.
 
     Raises
     ------
@@ -91,12 +96,17 @@ class Workers:
 
     number: int | None = None
     scheduler: str | None = None
+    only: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        if (self.number is None) == (self.scheduler is None):
+        given = [each for each in (self.number, self.scheduler, self.only) if each is not None]
+        if len(given) != 1:
             raise ConfigError(
-                "expected either workers or a scheduler, got "
-                f"{'neither' if self.number is None else 'both'}; give one"
+                f"expected workers, a scheduler or only, got {len(given)} of them; give one"
+            )
+        if self.only is not None and not 0 <= self.only[0] < self.only[1]:
+            raise ConfigError(
+                f"expected only to be I/N with I below N, got {shown(self.only)}; correct it"
             )
         number = 1 if self.number is None else self.number
         if type(number) is not int or not 1 <= number <= MOST_WORKERS:
@@ -107,9 +117,16 @@ class Workers:
             elsewhere().check(self.scheduler)
 
     @classmethod
-    def of(cls, number: int | None, scheduler: str | None) -> "Workers | None":
-        """Workers of the options --workers and --scheduler; None if neither is given."""
-        return None if number is None and scheduler is None else cls(number, scheduler)
+    def of(
+        cls, number: int | None, scheduler: str | None, only: str | None = None
+    ) -> "Workers | None":
+        """Workers of the options --workers, --scheduler and --only; None if none is given."""
+        if number is None and scheduler is None and only is None:
+            return None
+        part = None if only is None else PART.fullmatch(only)
+        if only is not None and part is None:
+            raise ConfigError(f"--only: expected I/N, got {shown(only)}; write 0/4")
+        return cls(number, scheduler, part and (int(part[1]), int(part[2])))
 
     @property
     def _address(self) -> str:

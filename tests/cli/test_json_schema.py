@@ -52,7 +52,7 @@ LINES = {
 }
 FAILING = {"place, not met", "check, fails"}
 SLOW = {"validate"}
-WITHOUT = {"view", "sheet"}
+WITHOUT = {"view", "playground", "sheet"}
 """Commands that print no JSON."""
 
 

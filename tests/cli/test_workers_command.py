@@ -41,7 +41,7 @@ def test_place_by_workers_is_place(capsys):
 @pytest.mark.parametrize(
     ("words", "line"),
     [("--workers 0", "--workers: expected a number from 1 to 1024, got 0"),
-     ("--workers 2 --scheduler tcp://127.0.0.1:1", "got both"),
+     ("--workers 2 --scheduler tcp://127.0.0.1:1", "got 2 of them"),
      ("--scheduler tcp://10.1.2.3:8786", "anyone can run programs on the workers")],
 )  # fmt: skip
 def test_wrong_choices_are_one_line_and_leave_nothing(capsys, command, words, line):

@@ -4,7 +4,7 @@
  * Corners are equal where their coordinates are, to the bit.
  */
 
-import { cross, dot, subtract, unit } from "rastercov/maths.js";
+import { dot, normalOf, unit } from "rastercov/maths.js";
 
 /** Angle between two normals from which their edge is a crease. */
 const COSINE_OF_CREASE = Math.cos((30 * Math.PI) / 180);
@@ -31,7 +31,7 @@ export function creasesOf(corners, faceGroups) {
     const of = first[at];
     if (of !== at) met[of] = met[of] === -1 ? at : -2;
   }
-  const normals = Array.from({ length: nFaces }, (_, face) => normalOf(corners, face));
+  const normals = Array.from({ length: nFaces }, (_, face) => directionOf(corners, face));
   const isCrease = (at) => {
     if (met[at] < 0) return true;
     const [f, g] = [(at - (at % 3)) / 3, (met[at] - (met[at] % 3)) / 3];
@@ -46,9 +46,8 @@ export function creasesOf(corners, faceGroups) {
   );
 }
 
-function normalOf(corners, face) {
-  const [a, b, c] = [0, 3, 6].map((at) => [...corners.subarray(9 * face + at, 9 * face + at + 3)]);
-  const twice = cross(subtract(b, a), subtract(c, a));
+function directionOf(corners, face) {
+  const twice = normalOf([0, 3, 6].map((at) => [...corners.subarray(9 * face + at, 9 * face + at + 3)]));
   return Math.hypot(...twice) > 0 ? unit(twice) : twice;
 }
 

@@ -170,8 +170,7 @@ export class Frusta {
   /** Planes between which the camera is in focus, where it has such. */
   #focus(sketch, station) {
     const camera = this.session.cameraOf(station);
-    const isPlanar = camera.border.every((ray) => Math.abs(ray[2] - 1) < 1e-6);
-    if (!camera.depth_of_field || !isPlanar) return;
+    if (!camera.depth_of_field || !isPlanar(camera)) return;
     const pose = this.session.poseOf(station);
     const reach = 3 * sphereAround(this.session.scene.frame).radius;
     for (const depth of camera.depth_of_field) {
@@ -238,6 +237,8 @@ export class Frusta {
   }
 }
 
+const isPlanar = ({ border }) => border.every((ray) => Math.abs(ray[2] - 1) < 1e-6);
+
 /** Points of the border rays of a camera at a multiple of them, world; parallel ones start side by side. */
 function borderAt(camera, pose, times) {
   const from = (row) => camera.origins?.[row] ?? [0, 0, 0];
@@ -266,8 +267,7 @@ export function halfOfStation(camera, canvas) {
 
 /** Vertical field of view, radians, of a picture on a canvas that shows all of a camera's image. */
 export function fieldOfStation(camera, canvas) {
-  const isPlanar = camera.border.every((ray) => Math.abs(ray[2] - 1) < 1e-6);
-  if (!isPlanar) return radians(110);
+  if (!isPlanar(camera)) return radians(110);
   const slope = (axis) => Math.max(...camera.border.map((ray) => Math.abs(ray[axis])));
   const half = Math.max(slope(1), (slope(0) * canvas.clientHeight) / canvas.clientWidth);
   return Math.min(radians(150), 2 * Math.atan(1.03 * half));

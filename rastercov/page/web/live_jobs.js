@@ -8,7 +8,8 @@
 
 import { refuse } from "rastercov/api.js";
 import { editState, focusOf, stationOf } from "rastercov/live_rig.js";
-import { add, clamp, column, cross, dot, length, multiply, poseOf, scale, subtract, unit } from "rastercov/maths.js";
+import { polygonsOf } from "rastercov/live_zones.js";
+import { add, clamp, column, cross, dot, length, multiply, normalOf, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 import { distances_to_try } from "rastercov/texts.js";
 
@@ -249,14 +250,11 @@ const gainText = (m2, { task, needed }, more = "more ") =>
   `${squareMetres(m2)} ${more}covered${Math.max(...(needed ? Object.values(needed) : [task.views])) < 2 ? "" : ", summed over views"}`;
 
 /** Middle, normal and area of each piece that is not covered; what is never seen is none. */
-function openParts({ counts, corners, areas, reasons }) {
-  let at = 0;
-  return Array.from(counts).flatMap((count, row) => {
-    const own = Array.from({ length: count }, (_, k) => [...corners.subarray(at + 3 * k, at + 3 * k + 3)]);
-    at += 3 * count;
-    const normal = cross(subtract(own[1], own[0]), subtract(own[2], own[0]));
-    const middle = scale(own.reduce(add), 1 / count);
-    return reasons[row] === "unseeable" || !(length(normal) > 0) ? [] : [{ middle, normal: unit(normal), area: areas[row] }];
+function openParts(parts) {
+  return polygonsOf(parts).flatMap(({ corners: own, area, reason }) => {
+    const normal = normalOf(own);
+    const middle = scale(own.reduce(add), 1 / own.length);
+    return reason === "unseeable" || !(length(normal) > 0) ? [] : [{ middle, normal: unit(normal), area }];
   });
 }
 

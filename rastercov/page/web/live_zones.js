@@ -83,7 +83,7 @@ function whatFails(points, reason, { data: { scene }, groupOf, history: { state 
   };
 }
 
-function polygonsOf({ faces, counts, corners, areas, reasons }) {
+export function polygonsOf({ faces, counts, corners, areas, reasons }) {
   let at = 0;
   return Array.from(faces, (face, row) => {
     const own = Array.from({ length: counts[row] }, (_, k) => [...corners.subarray(at + 3 * k, at + 3 * k + 3)]);

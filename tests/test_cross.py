@@ -1,0 +1,89 @@
+"""What `.ci/cross` makes for another kind of machine: options, and Python's library for Windows."""
+
+import subprocess
+import sys
+import zipfile
+from importlib.machinery import SourceFileLoader
+from importlib.util import find_spec, module_from_spec, spec_from_loader
+from pathlib import Path
+
+import pytest
+from nightly import nightly
+
+CROSS = Path(__file__).parents[1] / ".ci/cross"
+ZIG = [sys.executable, "-m", "ziglang"]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("ziglang") is None, reason="no Zig; run: make wasm"),
+]
+SOURCE = "__declspec(dllexport) int {}(void) {{ return 3; }}\n"
+EXPORTS = ["PyLong_AsLong", "PyModule_Create2", "_Py_Dealloc"]
+
+
+@pytest.fixture
+def cross():
+    loader = SourceFileLoader("cross", str(CROSS))
+    module = module_from_spec(spec_from_loader("cross", loader))
+    loader.exec_module(module)
+    return module
+
+
+def said(*words):
+    return subprocess.run(
+        [sys.executable, str(CROSS), *map(str, words)], capture_output=True, text=True, check=False
+    )
+
+
+@nightly  # Zig compiles what each target links, at first
+@pytest.mark.parametrize(
+    ("kind", "magic"),
+    [
+        ("x86_64", b"\x7fELF\x02\x01"),
+        ("aarch64", b"\x7fELF\x02\x01"),
+        ("macos_arm64", b"\xcf\xfa\xed\xfe"),
+    ],
+)
+def test_zig_compiles_for_the_target_of_each_kind(kind, magic, tmp_path):
+    done = said(kind, tmp_path)
+    assert done.returncode == 0, done.stderr
+    options = dict(each.split("=", 1) for each in done.stdout.split())
+    source, made = tmp_path / "a.c", tmp_path / "a.o"
+    source.write_text("int a(void) { return 3; }\n")
+    target = options["-DCMAKE_CXX_COMPILER_TARGET"]
+    subprocess.run([*ZIG, "cc", "-target", target, "-c", source, "-o", made], check=True)
+    assert made.read_bytes().startswith(magic)
+
+
+@nightly
+def test_the_library_of_windows_names_what_its_python_exports(cross, tmp_path, monkeypatch):
+    python = tmp_path / "python"
+    python.mkdir()
+    source = tmp_path / "python3.c"
+    source.write_text("".join(SOURCE.format(name) for name in EXPORTS))
+    words = ["cc", "-target", "x86_64-windows-gnu", "-shared", source, "-o", python / "python3.dll"]
+    subprocess.run([*ZIG, *words], check=True)
+    wheel = tmp_path / "numpy.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("numpy/core/include/numpy/arrayobject.h", "")
+    monkeypatch.setattr(cross, "embedded", lambda folder: python)
+    monkeypatch.setattr(cross, "from_pypi", lambda folder, *words: wheel)
+    assert set(EXPORTS) <= set(cross.exports(python / "python3.dll"))
+    options = dict(each.split("=", 1) for each in cross.for_windows(tmp_path / "made"))
+    assert (Path(options["-DRASTERCOV_NUMPY"]) / "numpy/arrayobject.h").is_file()
+    assert "MS_WIN64" in (Path(options["-DPython_INCLUDE_DIR"]) / "pyconfig.h").read_text()
+    user, made = tmp_path / "user.c", tmp_path / "user.dll"
+    calls = "".join(f"int {name}(void);\n" for name in EXPORTS)
+    user.write_text(f"{calls}int main(void) {{ return {'() + '.join(EXPORTS)}(); }}\n")
+    library = options["-DPython_SABI_LIBRARY"]
+    words = ["cc", "-target", "x86_64-windows-gnu", user, library, "-o", made]
+    subprocess.run([*ZIG, *words], check=True)
+    table = subprocess.run(["objdump", "-p", made], capture_output=True, text=True, check=True)
+    assert "DLL Name: python3.dll" in table.stdout
+    assert all(name in table.stdout for name in EXPORTS)
+
+
+@pytest.mark.parametrize("words", [(), ("x86_64",), ("sparc", "x"), ("aarch64", "a", "b")])
+def test_other_words_are_refused_in_a_line(words):
+    done = said(*words)
+    assert done.returncode == 1
+    assert done.stderr.startswith("expected one of x86_64, aarch64, win_amd64, macos_arm64 and a")

@@ -1,0 +1,121 @@
+"""Examples for Blender and ROS: their cameras are those of the hosts, without the hosts."""
+
+from dataclasses import fields
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from nightly import examples
+
+import rastercov as rc
+
+
+@pytest.fixture(scope="module", autouse=True)
+def hosts():
+    """The modules of the examples."""
+    from pathlib import Path
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parents[1] / "examples")
+        import blender_coverage
+        import ros_coverage
+
+        yield blender_coverage, ros_coverage
+
+
+def plane_of_view(render, data):
+    """(left, bottom, right, top) at unit depth, as Blender computes it, BKE_camera_params."""
+    width, height = (render.resolution_percentage * side / 100 for side in
+                     (render.resolution_x, render.resolution_y))  # fmt: skip
+    ratio = render.pixel_aspect_y / render.pixel_aspect_x
+    fit = data.sensor_fit
+    if fit == "AUTO":
+        is_wide = render.pixel_aspect_x * width >= render.pixel_aspect_y * height
+        fit, sensor = ("HORIZONTAL" if is_wide else "VERTICAL"), data.sensor_width
+    else:
+        sensor = data.sensor_width if fit == "HORIZONTAL" else data.sensor_height
+    factor = width if fit == "HORIZONTAL" else ratio * height
+    pixel = sensor / data.lens / factor
+    middle = np.array((data.shift_x, data.shift_y)) * factor
+    half = np.array((width, ratio * height)) / 2
+    return (*(pixel * (middle - half)), *(pixel * (middle + half)))
+
+
+SETTINGS = {
+    "resolution_x": st.integers(16, 4000),
+    "resolution_y": st.integers(16, 4000),
+    "pixel_aspect_x": st.floats(1, 3),
+    "pixel_aspect_y": st.floats(1, 3),
+    "lens": st.floats(5, 300),
+    "sensor_fit": st.sampled_from(["AUTO", "HORIZONTAL", "VERTICAL"]),
+    "sensor_width": st.floats(5, 60),
+    "sensor_height": st.floats(5, 60),
+    "shift_x": st.floats(-0.4, 0.4),
+    "shift_y": st.floats(-0.4, 0.4),
+}
+
+
+@examples(60)
+@given(st.fixed_dictionaries(SETTINGS))
+def test_pixels_of_blender_are_those_of_its_view_plane(values):
+    from blender_coverage import Settings, camera_of
+
+    assert set(values) <= {field.name for field in fields(Settings)}
+    own = Settings(**values)
+    camera = camera_of(own, own)
+    left, bottom, right, top = plane_of_view(own, own)
+    middle = 0.3 * left + 0.7 * right, 0.6 * bottom + 0.4 * top
+    for x, y in ((left, bottom), (right, top), middle):
+        u, v = (x - left) / (right - left), (top - y) / (top - bottom)
+        told = camera.fx * x + camera.cx, -camera.fy * y + camera.cy
+        np.testing.assert_allclose(
+            told, (u * camera.width, v * camera.height), atol=1e-9 * max(camera.fx, camera.fy, 1e3)
+        )
+
+
+@examples(30)
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4), st.floats(0.01, 3.1))
+def test_quaternions_of_ros_turn_about_their_axis(numbers, angle):
+    from ros_coverage import pose_of
+
+    axis, vector = np.add(numbers[:3], (0, 0, 2)), np.array([0.3, -0.7, 0.5])
+    axis /= np.linalg.norm(axis)
+    x, y, z = np.sin(angle / 2) * axis
+    place = SimpleNamespace(x=1.0, y=2.0, z=numbers[3])
+    pose = pose_of(place, SimpleNamespace(x=x, y=y, z=z, w=np.cos(angle / 2)))
+    wanted = vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle)
+    wanted += axis * (axis @ vector) * (1 - np.cos(angle))
+    np.testing.assert_allclose(pose[:3, :3] @ vector, wanted, atol=1e-12)
+    assert pose[:, 3].tolist() == [1.0, 2.0, numbers[3], 1.0]
+
+
+@pytest.mark.parametrize(
+    ("model", "d"),
+    [
+        ("plumb_bob", [-0.1, 0.02, 0.001, -0.001, 0.003]),
+        ("plumb_bob", []),
+        ("", []),
+        ("equidistant", [0.01, -0.002, 0.0, 0.0]),
+        ("rational_polynomial", [-0.1, 0.02, 0.001, -0.001, 0.0, 0.01, 0.0, 0.0]),
+    ],
+)
+def test_messages_of_ros_are_cameras_with_the_first_pixel_at_its_centre(hosts, model, d):
+    _, ros = hosts
+    info = SimpleNamespace(**vars(ros.INFO) | {"distortion_model": model, "d": d})
+    camera = ros.camera_of(info)
+    assert (camera.width, camera.height, camera.fx, camera.fy) == (640, 480, 500.0, 500.0)
+    assert (camera.cx, camera.cy) == (320.0, 240.0)
+    assert any(d) == (camera.model != "pinhole")
+    told = list(camera.distortion)[: len(d)]
+    assert told == (d if any(d) else told)
+
+
+def test_covered_triangles_are_those_of_an_evaluation(hosts):
+    _, ros = hosts
+    mesh, pose = rc.shapes.box(), rc.look_at((0, 0, -4.0), (0, 0, 0))[0]
+    corners = ros.covered_triangles(mesh, ros.camera_of(ros.INFO), pose)
+    low = mesh.bounds[0][2]
+    assert (corners[:, 2] == low).all()
+    assert len(corners) == 6
