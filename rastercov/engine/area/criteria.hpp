@@ -20,6 +20,9 @@ constexpr Value UNKNOWN = {0.0, 0.0, 0.0, INFINITE};
 constexpr Value HOLDS = {1.0, 0.0, 0.0, 0.0};
 
 inline Vector vector_of(Array<const double, 3> row) { return {row[0], row[1], row[2]}; }
+inline Vector less(const Vector &a, const Vector &b) {
+    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
 inline bool has(int64_t set, int64_t device) { return uint64_t(set) >> device & 1; }
 
 // sign * cos(angle between the rays to two eyes) - limit.
@@ -35,7 +38,7 @@ struct RayAngle {
 
     Value at(double x, double y, double r) const {
         const Vector p = plane.point(x, y);
-        Vector u = minus(eye, p), v = minus(other, p);
+        Vector u = less(eye, p), v = less(other, p);
         const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
         if (!(d > r && e > r)) return UNKNOWN;
         for (int k = 0; k < 3; k++) {
@@ -386,7 +389,7 @@ struct Illuminance {
         Vector slope = {0.0, 0.0, 0.0};
         for (int64_t i = 0; i < lamps.centre.extent(1); i++) {
             if (!has(set, i)) continue;
-            Vector u = minus(p, vector_of(lamps.centre[row][i]));
+            Vector u = less(p, vector_of(lamps.centre[row][i]));
             const double h = std::abs(dot(u, normal)) * lamps.intensity(row, i);
             if (h == 0) continue; // in its plane
             const double d = std::sqrt(dot(u, u));
@@ -430,7 +433,7 @@ struct Highlight {
     Value at(double x, double y, double r) const {
         if (!is_asked) return HOLDS;
         const Vector p = plane.point(x, y);
-        Vector u = minus(eye, p), v = minus(lamp, p);
+        Vector u = less(eye, p), v = less(lamp, p);
         const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
         if (!(d > r && e > r)) return UNKNOWN;
         Vector s;
@@ -442,7 +445,7 @@ struct Highlight {
         const double a = 1 / (d - r), b = 1 / (e - r), size = std::sqrt(dot(s, s));
         const double least = size - r * (a + b);
         if (!(least > 0)) return UNKNOWN;
-        const double side = dot(minus(eye, p), normal) < 0 ? -1.0 : 1.0;
+        const double side = dot(less(eye, p), normal) < 0 ? -1.0 : 1.0;
         Vector w, slope;
         for (int k = 0; k < 3; k++) w[k] = cosine * s[k] / size - side * normal[k];
         const double along_u = dot(w, u), along_v = dot(w, v);
@@ -482,7 +485,7 @@ struct Beam {
 
     Value at(double x, double y, double r) const {
         if (limit <= 0) return HOLDS;
-        const Vector u = minus(plane.point(x, y), centre);
+        const Vector u = less(plane.point(x, y), centre);
         const double h = scale * std::abs(dot(u, normal)), along = dot(u, axis);
         Vector v;
         for (int k = 0; k < 3; k++) v[k] = u[k] - along * axis[k];

@@ -61,7 +61,7 @@ struct PlacedRule {
         std::array<Vector, MOST_DEVICES> rays;
         double found = 1.0;
         for (int64_t d = 0; d < poses.rows(); d++) {
-            rays[size_t(d)] = space::minus(column(d, 3), point);
+            rays[size_t(d)] = smooth::less(column(d, 3), point);
             const double size = std::max(length(rays[size_t(d)]), TINY);
             for (double &each : rays[size_t(d)]) each /= size;
             for (int64_t e = 0; e < d; e++)
@@ -75,15 +75,15 @@ struct PlacedRule {
         std::array<double, MOST_DEVICES> sizes;
         double nearest = INFINITY; // relative to it, so that nothing overflows
         for (int64_t d = 0; d < poses.rows(); d++) {
-            const double away = length(space::minus(point, column(d, 3)));
+            const double away = length(smooth::less(point, column(d, 3)));
             sizes[size_t(d)] = std::max(rule.noise[d] * away, TINY);
             nearest = std::min(nearest, sizes[size_t(d)]);
         }
         smooth::Symmetric sum = {};
         for (int64_t d = 0; d < poses.rows(); d++) {
             const bool is_stripe = d < rule.stripes.rows() && rule.stripes[d];
-            Vector axis = space::minus(point, column(d, 3));
-            if (is_stripe) axis = space::cross(axis, column(d, 1));
+            Vector axis = smooth::less(point, column(d, 3));
+            if (is_stripe) axis = smooth::Uncertainty::cross(axis, column(d, 1));
             const double size = std::max(length(axis), TINY);
             const double weight = nearest / sizes[size_t(d)] * (nearest / sizes[size_t(d)]);
             for (size_t i = 0; i < 3; i++)

@@ -105,7 +105,7 @@ struct Uncertainty {
     };
 
     bool see(int64_t i, const Vector &p, double r, Seen &out) const {
-        out.u = minus(p, vector_of(devices.centre[row][i]));
+        out.u = less(p, vector_of(devices.centre[row][i]));
         const Vector a = vector_of(devices.axis[row][i]);
         const double h = std::abs(dot(out.u, normal)), range = devices.range(row, i);
         const double sigma = devices.noise(row, i) / limit;
@@ -130,6 +130,10 @@ struct Uncertainty {
         out.m = cross(a, t);
         for (double &each : out.m) each /= out.rho;
         return true;
+    }
+
+    static Vector cross(const Vector &a, const Vector &b) {
+        return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
     }
 
     // Derivative of the normal of the stripe along e.
@@ -312,7 +316,7 @@ struct Uncertainty {
 
     // Distance of a point from the segment between two others.
     static double from_segment(const Vector &p, const Vector &a, const Vector &b) {
-        const Vector side = minus(b, a), to = minus(p, a);
+        const Vector side = less(b, a), to = less(p, a);
         const double whole = dot(side, side);
         const double t = whole > 0 ? std::clamp(dot(to, side) / whole, 0.0, 1.0) : 0.0;
         return length_between(p, {a[0] + t * side[0], a[1] + t * side[1], a[2] + t * side[2]});

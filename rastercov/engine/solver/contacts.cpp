@@ -6,7 +6,6 @@
 #include "mesh/contacts.hpp"
 #include "solver/threads.hpp"
 #include "sort.hpp"
-#include "vector.hpp"
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -19,12 +18,16 @@ constexpr double LEAST_TOLERANCE_REL = 1e-12; // diagonals: 200 times the roundi
 constexpr int64_t FRAME_SAMPLES = 4096;       // faces at most on which two frames are compared
 constexpr double LESS = 0.999;                // of the area of boxes, by which a frame is better
 
-using Point = space::Vector;
-using space::cross, space::dot, space::minus;
+using Point = std::array<double, 3>;
 using Matrix = std::array<Point, 3>;
 
+double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 double length(const Point &a) { return std::sqrt(dot(a, a)); }
+Point minus(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 Point times(const Point &a, double s) { return {a[0] * s, a[1] * s, a[2] * s}; }
+Point cross(const Point &a, const Point &b) {
+    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
 
 Point point_at(const Room<double> &points, int64_t v) {
     return {points[3 * v], points[3 * v + 1], points[3 * v + 2]};

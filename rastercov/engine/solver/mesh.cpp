@@ -4,14 +4,15 @@
 #include "solver/mesh.hpp"
 #include "area/frames.hpp"
 #include "solver/contacts.hpp"
-#include "vector.hpp"
 #include <algorithm>
 #include <cmath>
 #include <thread>
 
 namespace rastercov::engine {
 namespace {
-using space::dot, space::minus, space::Vector;
+using Vector = std::array<double, 3>;
+double dot(const Vector &a, const Vector &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+Vector minus(const Vector &a, const Vector &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 
 // Sets the frame of face f, of three corners.
 void set_frame(MeshArrays &mesh, int64_t f, const double *const (&points)[3]) {
