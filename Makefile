@@ -159,7 +159,7 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	for module in $(MODULES); do \
 	[ $$module = lens ] && more="--flatten --rereloop --code-folding -Os" || more=; \
 	$(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions --low-memory-unused -Os $$more $(WASM) build/wasm/$$module.wasm \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions --low-memory-unused -Os $$more --const-hoisting --reorder-locals $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/page/web/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
 	@sha256sum $(MODULES:%=rastercov/page/web/%.wasm)

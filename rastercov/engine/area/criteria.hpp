@@ -20,9 +20,6 @@ constexpr Value UNKNOWN = {0.0, 0.0, 0.0, INFINITE};
 constexpr Value HOLDS = {1.0, 0.0, 0.0, 0.0};
 
 inline Vector vector_of(Array<const double, 3> row) { return {row[0], row[1], row[2]}; }
-inline Vector less(const Vector &a, const Vector &b) {
-    return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
 inline bool has(int64_t set, int64_t device) { return uint64_t(set) >> device & 1; }
 
 // sign * cos(angle between the rays to two eyes) - limit.
@@ -38,8 +35,8 @@ struct RayAngle {
 
     Value at(double x, double y, double r) const {
         const Vector p = plane.point(x, y);
-        Vector u = less(eye, p), v = less(other, p);
-        const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
+        Vector u = minus(eye, p), v = minus(other, p);
+        const double d = length(u), e = length(v);
         if (!(d > r && e > r)) return UNKNOWN;
         for (int k = 0; k < 3; k++) {
             u[k] /= d;
@@ -389,10 +386,10 @@ struct Illuminance {
         Vector slope = {0.0, 0.0, 0.0};
         for (int64_t i = 0; i < lamps.centre.extent(1); i++) {
             if (!has(set, i)) continue;
-            Vector u = less(p, vector_of(lamps.centre[row][i]));
+            Vector u = minus(p, vector_of(lamps.centre[row][i]));
             const double h = std::abs(dot(u, normal)) * lamps.intensity(row, i);
             if (h == 0) continue; // in its plane
-            const double d = std::sqrt(dot(u, u));
+            const double d = length(u);
             if (!(d > r)) return UNKNOWN;
             for (double &each : u) each /= d;
             const double near = d - r, cube = h / (d * d * d);
@@ -433,8 +430,8 @@ struct Highlight {
     Value at(double x, double y, double r) const {
         if (!is_asked) return HOLDS;
         const Vector p = plane.point(x, y);
-        Vector u = less(eye, p), v = less(lamp, p);
-        const double d = std::sqrt(dot(u, u)), e = std::sqrt(dot(v, v));
+        Vector u = minus(eye, p), v = minus(lamp, p);
+        const double d = length(u), e = length(v);
         if (!(d > r && e > r)) return UNKNOWN;
         Vector s;
         for (int k = 0; k < 3; k++) {
@@ -442,10 +439,10 @@ struct Highlight {
             v[k] /= e;
             s[k] = u[k] + v[k];
         }
-        const double a = 1 / (d - r), b = 1 / (e - r), size = std::sqrt(dot(s, s));
+        const double a = 1 / (d - r), b = 1 / (e - r), size = length(s);
         const double least = size - r * (a + b);
         if (!(least > 0)) return UNKNOWN;
-        const double side = dot(less(eye, p), normal) < 0 ? -1.0 : 1.0;
+        const double side = dot(minus(eye, p), normal) < 0 ? -1.0 : 1.0;
         Vector w, slope;
         for (int k = 0; k < 3; k++) w[k] = cosine * s[k] / size - side * normal[k];
         const double along_u = dot(w, u), along_v = dot(w, v);
@@ -485,11 +482,11 @@ struct Beam {
 
     Value at(double x, double y, double r) const {
         if (limit <= 0) return HOLDS;
-        const Vector u = less(plane.point(x, y), centre);
+        const Vector u = minus(plane.point(x, y), centre);
         const double h = scale * std::abs(dot(u, normal)), along = dot(u, axis);
         Vector v;
         for (int k = 0; k < 3; k++) v[k] = u[k] - along * axis[k];
-        const double d = std::sqrt(dot(u, u)), rho = std::sqrt(dot(v, v));
+        const double d = length(u), rho = length(v);
         if (!(rho > r)) {
             const double most = d + r;
             return h >= limit * most * most * (rho + r) && h > 0 ? HOLDS : UNKNOWN;

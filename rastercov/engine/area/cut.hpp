@@ -17,6 +17,7 @@
 #pragma once
 #include "area/polygon.hpp"
 #include "interrupt.hpp"
+#include "vector.hpp"
 #include <array>
 #include <vector>
 
@@ -24,15 +25,12 @@ namespace rastercov::area::smooth {
 
 constexpr int64_t MOST_CUTS = 1 << 18;
 
-using Vector = std::array<double, 3>;
+using rastercov::cross, rastercov::dot, rastercov::minus;
+using Vector = Coordinates;
 
 struct Value {
     double value, along_x, along_y, doubt;
 };
-
-inline double dot(const Vector &a, const Vector &b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
 
 inline double length_between(const Vector &a, const Vector &b) {
     return exact::length(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
@@ -46,10 +44,7 @@ struct Plane {
         for (int k = 0; k < 3; k++) p[k] = origin[k] + x * x_axis[k] + y * y_axis[k];
         return p;
     }
-    Vector normal() const {
-        const Vector &a = x_axis, &b = y_axis;
-        return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-    }
+    Vector normal() const { return cross(x_axis, y_axis); }
 };
 
 // Area of what is undecided, and the part of it that is so because cuts ended, m^2.

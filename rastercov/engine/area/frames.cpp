@@ -34,13 +34,11 @@ void build_frames(FloatRows<3> vertices, Array<const int64_t, Any, 3> faces, Boo
         const Frame frame(
             {vertices[faces(f, 0)].data, vertices[faces(f, 1)].data, vertices[faces(f, 2)].data});
         if (!(frame.area() > 0)) continue;
-        const double *const x = frame.x_axis, *const y = frame.y_axis;
         for (int i = 0; i < 3; i++) {
-            const int j = (i + 1) % 3, k = (i + 2) % 3;
             out.origin(f, i) = frame.origin[i];
-            out.x_axis(f, i) = x[i];
-            out.y_axis(f, i) = y[i];
-            out.normal(f, i) = x[j] * y[k] - x[k] * y[j];
+            out.x_axis(f, i) = frame.x_axis[i];
+            out.y_axis(f, i) = frame.y_axis[i];
+            out.normal(f, i) = frame.normal(i);
         }
         out.corners(f, 1, 0) = frame.longest;
         out.corners(f, 2, 0) = frame.x;

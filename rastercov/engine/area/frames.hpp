@@ -9,10 +9,6 @@
 
 namespace rastercov::area {
 
-inline double dot(const double *a, const double *b) {
-    return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1];
-}
-
 struct Frame {
     double origin[3], x_axis[3] = {}, y_axis[3], longest = -1.0, x, y;
 
@@ -41,6 +37,15 @@ struct Frame {
         for (int i = 0; i < 3; i++) y_axis[i] = across[i] / y;
     }
     double area() const { return longest * y / 2; }
+    double normal(int i) const {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        return x_axis[j] * y_axis[k] - x_axis[k] * y_axis[j];
+    }
+
+  private:
+    static double dot(const double *a, const double *b) {
+        return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1];
+    }
 };
 
 } // namespace rastercov::area

@@ -13,6 +13,7 @@
 #include "camera/camera.hpp"
 #include "coverage/decision.hpp"
 #include "lens/field.hpp"
+#include "vector.hpp"
 #include <algorithm>
 #include <tuple>
 #include <vector>
@@ -94,18 +95,6 @@ struct Found {
     Column<double> area, bound, doubt;
     Array<double, 1> cut_short;
 };
-
-struct Vector {
-    double x, y, z;
-};
-inline Vector operator+(const Vector &a, const Vector &b) {
-    return {a.x + b.x, a.y + b.y, a.z + b.z};
-}
-inline Vector operator-(const Vector &a, const Vector &b) {
-    return {a.x - b.x, a.y - b.y, a.z - b.z};
-}
-inline Vector operator*(double s, const Vector &a) { return {s * a.x, s * a.y, s * a.z}; }
-inline double dot(const Vector &a, const Vector &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 // A face in camera axes: its frame; the distance of the camera from the plane, negative from
 // behind, and the foot of its perpendicular; the largest error of a point of the face, and its

@@ -47,8 +47,8 @@ struct PlacedRule {
             Devices all;
             for (int64_t d = 0; d < poses.rows(); d++) {
                 all.reason[size_t(d)] = reasons[d * n + i];
-                const double height = smooth::dot(column(d, 3), normal);
-                all.is_front[size_t(d)] = height - smooth::dot(point, normal) >= 0;
+                const double height = dot(column(d, 3), normal);
+                all.is_front[size_t(d)] = height - dot(point, normal) >= 0;
             }
             const Failure found = failure(all, point);
             reason[i] = found.reason;
@@ -61,11 +61,11 @@ struct PlacedRule {
         std::array<Vector, MOST_DEVICES> rays;
         double found = 1.0;
         for (int64_t d = 0; d < poses.rows(); d++) {
-            rays[size_t(d)] = smooth::less(column(d, 3), point);
+            rays[size_t(d)] = minus(column(d, 3), point);
             const double size = std::max(length(rays[size_t(d)]), TINY);
             for (double &each : rays[size_t(d)]) each /= size;
             for (int64_t e = 0; e < d; e++)
-                found = std::min(found, smooth::dot(rays[size_t(d)], rays[size_t(e)]));
+                found = std::min(found, dot(rays[size_t(d)], rays[size_t(e)]));
         }
         return found;
     }
@@ -75,15 +75,15 @@ struct PlacedRule {
         std::array<double, MOST_DEVICES> sizes;
         double nearest = INFINITY; // relative to it, so that nothing overflows
         for (int64_t d = 0; d < poses.rows(); d++) {
-            const double away = length(smooth::less(point, column(d, 3)));
+            const double away = length(minus(point, column(d, 3)));
             sizes[size_t(d)] = std::max(rule.noise[d] * away, TINY);
             nearest = std::min(nearest, sizes[size_t(d)]);
         }
-        smooth::Symmetric sum = {};
+        Symmetric sum = {};
         for (int64_t d = 0; d < poses.rows(); d++) {
             const bool is_stripe = d < rule.stripes.rows() && rule.stripes[d];
-            Vector axis = smooth::less(point, column(d, 3));
-            if (is_stripe) axis = smooth::Uncertainty::cross(axis, column(d, 1));
+            Vector axis = minus(point, column(d, 3));
+            if (is_stripe) axis = cross(axis, column(d, 1));
             const double size = std::max(length(axis), TINY);
             const double weight = nearest / sizes[size_t(d)] * (nearest / sizes[size_t(d)]);
             for (size_t i = 0; i < 3; i++)
@@ -121,7 +121,6 @@ struct PlacedRule {
         return {is_certain ? coverage::COVERED : coverage::TOO_UNCERTAIN, -1};
     }
 
-    static double length(const Vector &v) { return std::sqrt(smooth::dot(v, v)); }
     static int64_t rank(uint8_t reason) { return coverage::nearness<double>(int64_t(reason)); }
     bool has_angles() const { return rule.least_deg > 0 || rule.most_deg < 180; }
     bool has_angle(double cosine) const {

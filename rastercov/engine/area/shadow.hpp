@@ -37,18 +37,12 @@ struct Disc {
 // Sine of the angle between a ray and the plane below which a shadow counts as unbounded.
 constexpr double LEAST_FALL = 1e-6;
 
-inline double length_of(const Vector &a) { return std::sqrt(dot(a, a)); }
-
-inline Vector cross(const Vector &a, const Vector &b) {
-    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
 // Two unit vectors at right angles to a unit vector and to each other, the first also to another
 // one where that has another direction.
 inline std::array<Vector, 2> across(const Vector &axis, const Vector &other) {
     Vector u = cross(axis, other);
-    const double size = length_of(u);
-    if (!(size > 1e-6 * length_of(other)))
+    const double size = length(u);
+    if (!(size > 1e-6 * length(other)))
         return across(axis, std::abs(axis.x) < 0.7 ? Vector{1, 0, 0} : Vector{0, 1, 0});
     u = 1 / size * u;
     return {u, cross(axis, u)};
@@ -141,7 +135,7 @@ class ShadowCaster {
         double tangent = _disc.tangent;
         Vector axis = {0, 0, 1};
         if (!(tangent > 0)) {
-            const double distance = length_of(end);
+            const double distance = length(end);
             if (!(distance > _d)) return false;
             tangent = _d / std::sqrt(distance * distance - _d * _d);
             axis = 1 / distance * end;

@@ -34,8 +34,6 @@ namespace rastercov::area::smooth {
 constexpr double SQRT2 = 1.4142135623730952; // rounded up
 constexpr Value FAILS = {-1.0, 0.0, 0.0, 0.0};
 
-using Symmetric = std::array<std::array<double, 3>, 3>;
-
 // Eigenvalues in ascending order, and the vector of the first, by Jacobi's rotations.
 struct Eigen {
     std::array<double, 3> values;
@@ -51,20 +49,7 @@ struct Eigen {
                     const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
                     const double sign = theta < 0 ? -1.0 : 1.0;
                     const double t = sign / (std::abs(theta) + std::sqrt(theta * theta + 1));
-                    const double c = 1 / std::sqrt(t * t + 1), s = t * c;
-                    for (int k = 0; k < 3; k++) {
-                        const double at = a[k][p], bt = a[k][q];
-                        a[k][p] = c * at - s * bt;
-                        a[k][q] = s * at + c * bt;
-                    }
-                    for (int k = 0; k < 3; k++) {
-                        const double at = a[p][k], bt = a[q][k];
-                        a[p][k] = c * at - s * bt;
-                        a[q][k] = s * at + c * bt;
-                        const double av = v[k][p], bv = v[k][q];
-                        v[k][p] = c * av - s * bv;
-                        v[k][q] = s * av + c * bv;
-                    }
+                    turn_axes(a, v, p, q, t);
                 }
         std::array<int, 3> order = {0, 1, 2};
         const auto set_right = [&](int i) { // equal ones stay as they are
@@ -105,11 +90,11 @@ struct Uncertainty {
     };
 
     bool see(int64_t i, const Vector &p, double r, Seen &out) const {
-        out.u = less(p, vector_of(devices.centre[row][i]));
+        out.u = minus(p, vector_of(devices.centre[row][i]));
         const Vector a = vector_of(devices.axis[row][i]);
         const double h = std::abs(dot(out.u, normal)), range = devices.range(row, i);
         const double sigma = devices.noise(row, i) / limit;
-        out.d = std::sqrt(dot(out.u, out.u));
+        out.d = length(out.u);
         out.near = out.d - r;
         out.scale = 1 / (sigma * sigma);
         out.weight = out.scale / (out.d * out.d);
@@ -123,17 +108,13 @@ struct Uncertainty {
             t[k] = out.u[k] - along * a[k];
             out.u[k] /= out.d;
         }
-        out.rho = std::sqrt(dot(t, t));
+        out.rho = length(t);
         out.near_rho = out.rho - r;
         if (!out.has_stripes) return true;
         if (!(out.near_rho > 0)) return false;
         out.m = cross(a, t);
         for (double &each : out.m) each /= out.rho;
         return true;
-    }
-
-    static Vector cross(const Vector &a, const Vector &b) {
-        return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
     }
 
     // Derivative of the normal of the stripe along e.
@@ -295,7 +276,7 @@ struct Uncertainty {
             for (int l = 0; l < 3; l++) turned[l] = dot(sum.by[along][l], v);
             slope[along] = dot(turned, v);
             for (int l = 0; l < 3; l++) turned[l] -= slope[along] * v[l];
-            across[along] = std::sqrt(dot(turned, turned));
+            across[along] = length(turned);
         }
         const double value = eigen.values[0], rest = most.bend * r * r / 2;
         const double high = value + length2(slope[0], slope[1]) * r + rest;
@@ -309,14 +290,11 @@ struct Uncertainty {
     }
 
     // Sine of the angle between unit vectors.
-    static double sine(const Vector &a, const Vector &b) {
-        const Vector c = cross(a, b);
-        return std::sqrt(dot(c, c));
-    }
+    static double sine(const Vector &a, const Vector &b) { return length(cross(a, b)); }
 
     // Distance of a point from the segment between two others.
     static double from_segment(const Vector &p, const Vector &a, const Vector &b) {
-        const Vector side = less(b, a), to = less(p, a);
+        const Vector side = minus(b, a), to = minus(p, a);
         const double whole = dot(side, side);
         const double t = whole > 0 ? std::clamp(dot(to, side) / whole, 0.0, 1.0) : 0.0;
         return length_between(p, {a[0] + t * side[0], a[1] + t * side[1], a[2] + t * side[2]});

@@ -12,6 +12,7 @@
 #include "interrupt.hpp"
 #include "range.hpp"
 #include "sort.hpp"
+#include "vector.hpp"
 #include <cmath>
 #include <tuple>
 
@@ -21,7 +22,7 @@ namespace {
 
 using exact::join, exact::root_of;
 using Forest = Column<int64_t>;
-using Vector = std::array<double, 3>;
+using Vector = Coordinates;
 
 // Distance of two sides in one plane that are one, relative to the scale: a hundred times the
 // distance of corners that the union merges.
@@ -39,8 +40,6 @@ constexpr int64_t MOST_AT_A_LINE = 16;
 // Direction of the sweep in space; the first two, in a plane.
 constexpr Vector SWEEP = {0.4794, 0.6367, 0.6040};
 
-double dot(const Vector &a, const Vector &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-Vector minus(const Vector &a, const Vector &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 Vector row_of(const FloatRows<3> &rows, int64_t i) { return {rows(i, 0), rows(i, 1), rows(i, 2)}; }
 
 // A leaf of a sweep: those of one line, kind and class are compared, in the order of their starts.

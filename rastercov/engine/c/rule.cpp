@@ -208,8 +208,8 @@ struct Rule {
         for (size_t d = 0; d < poses.size(); d++) {
             const auto is_behind = [&](int32_t f) {
                 if (!mesh.arrays->two_sided[f]) return false;
-                const smooth::Vector away = smooth::less(eyes[d], row_of(mesh.arrays->origin, f));
-                return smooth::dot(away, row_of(mesh.arrays->normal, f)) < 0;
+                const smooth::Vector away = minus(eyes[d], row_of(mesh.arrays->origin, f));
+                return dot(away, row_of(mesh.arrays->normal, f)) < 0;
             };
             parts[0].push_back(choose_regions(*poses[d], [&](int32_t f) { return !is_behind(f); }));
             parts[1].push_back(choose_regions(*poses[d], is_behind));

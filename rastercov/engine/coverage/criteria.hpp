@@ -38,13 +38,18 @@ template <class Camera> using VertexRows = Array<double, Any, COLUMNS_OF<Camera>
 // What the image of a face needs beside them; other lenses need some.
 template <class Camera> struct Memory {};
 
+// Vertices in the axes of a camera.
+template <class N> INLINE Triple<N> to_axes(const Triple<N> &vertex, Pose pose) {
+    const Triple<N> way = {vertex.x - N(pose(0, 3)), vertex.y - N(pose(1, 3)),
+                           vertex.z - N(pose(2, 3))};
+    return rotate(way, pose);
+}
+
 // Columns of projected vertices. Those before the near plane have the image of a point on the
 // optical axis, which nothing uses.
 template <class N>
 INLINE Vertex<N> projected(const Triple<N> &vertex, Pose pose, double near, const Lens &lens) {
-    const Triple<N> way = {vertex.x - N(pose(0, 3)), vertex.y - N(pose(1, 3)),
-                           vertex.z - N(pose(2, 3))};
-    const auto [x, y, z] = rotate(way, pose);
+    const auto [x, y, z] = to_axes(vertex, pose);
     const Mask<N> is_ahead = z >= N(near);
     const N depth = select(is_ahead, z, N(1.0));
     const N right = select(is_ahead, x, N(0.0)) / depth, down = select(is_ahead, y, N(0.0)) / depth;
@@ -84,9 +89,7 @@ inline void project(FloatRows<3> vertices, Pose pose, double near, const Paralle
                     VertexRows<ParallelLens> points) {
     const Lens &of = lens.scale;
     for (int64_t i = 0; i < vertices.rows(); i++) {
-        const Triple<double> way = {vertices(i, 0) - pose(0, 3), vertices(i, 1) - pose(1, 3),
-                                    vertices(i, 2) - pose(2, 3)};
-        const auto [x, y, z] = rotate(way, pose);
+        const auto [x, y, z] = to_axes(read_triple<double>(vertices[i].data), pose);
         const double u = of.fx * x + of.cx, v = of.fy * y + of.cy;
         const double ahead = is_in_image(of, u, v) ? INSIDE : AHEAD;
         const double columns[COLUMNS] = {x, y, z, NAN, NAN, u, v, z >= near ? ahead : BEHIND};

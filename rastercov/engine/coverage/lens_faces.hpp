@@ -61,9 +61,7 @@ inline lens::PlaneRecord plane_at(const CurvedLens &lens, int64_t n) {
 inline void project(FloatRows<3> vertices, Pose pose, double near, const CurvedLens &lens,
                     VertexRows<CurvedLens> points) {
     for (int64_t i = 0; i < vertices.rows(); i++) {
-        const Triple<double> way = {vertices(i, 0) - pose(0, 3), vertices(i, 1) - pose(1, 3),
-                                    vertices(i, 2) - pose(2, 3)};
-        const auto [x, y, z] = rotate(way, pose);
+        const auto [x, y, z] = to_axes(read_triple<double>(vertices[i].data), pose);
         double state = BEHIND;
         double u = NAN;
         double v = NAN;

@@ -73,7 +73,7 @@ bool pierces(Vector p, Vector q, const Triangle &t) {
     const Vector normal = normal_of(t);
     const double above = dot(normal, p - t.corner[0]), below = dot(normal, q - t.corner[0]);
     if ((above > 0.0) == (below > 0.0) || above == below) return false;
-    const Vector at = p + scaled(q - p, above / (above - below));
+    const Vector at = p + above / (above - below) * (q - p);
     for (int k = 0; k < 3; k++)
         if (dot(normal, cross(t.edge(k), at - t.corner[k])) < 0.0) return false;
     return true;
@@ -90,7 +90,7 @@ double segment_distance(Vector p, Vector u, Vector q, Vector v) {
         t = clamp_to_unit(t);
         s = a > 0.0 ? clamp_to_unit((b * t - c) / a) : 0.0;
     }
-    const Vector gap = from + scaled(u, s) - scaled(v, t);
+    const Vector gap = from + s * u - t * v;
     return dot(gap, gap);
 }
 

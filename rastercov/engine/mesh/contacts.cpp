@@ -21,7 +21,7 @@ struct Body {
         for (int k = 0; k < 3; k++) {
             const int32_t v = faces(f, k);
             require(uint64_t(v) < uint64_t(points.rows()), "faces must hold rows of points");
-            found.corner[k] = scaled(vector_of(points[v].data) - origin, scale);
+            found.corner[k] = scale * (vector_of(points[v].data) - origin);
         }
         return found;
     }

@@ -61,7 +61,7 @@ inline bool fold_touches(const Triangle &one, const Triangle &other, double reac
     const Vector edge = one.corner[1];
     const double length = dot(edge, edge);
     if (!(length > LEAST_AXIS_SQUARED)) return true;
-    const auto across = [&](Vector apex) { return apex - scaled(edge, dot(apex, edge) / length); };
+    const auto across = [&](Vector apex) { return apex - dot(apex, edge) / length * edge; };
     const Vector p = across(one.corner[2]), q = across(other.corner[2]);
     const double pp = dot(p, p), qq = dot(q, q);
     if (std::min(pp, qq) <= reach * reach) return true;
@@ -105,8 +105,8 @@ template <class I> struct Surface {
         const Vector origin = vertex(one[first]);
         Triangle a, b;
         for (int i = 0; i < 3; i++) {
-            a.corner[i] = scaled(vertex(one[(first + i) % 3]) - origin, scale);
-            b.corner[i] = scaled(vertex(other[(first_other + i) % 3]) - origin, scale);
+            a.corner[i] = scale * (vertex(one[(first + i) % 3]) - origin);
+            b.corner[i] = scale * (vertex(other[(first_other + i) % 3]) - origin);
         }
         if (shared == 0) return !are_apart(a, b, reach);
         return shared == 1 ? fan_touches(a, b, reach) : fold_touches(a, b, reach);

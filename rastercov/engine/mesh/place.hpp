@@ -79,7 +79,7 @@ template <class Counts> bool is_behind(Hits &hits, Vector p, Counts counts) {
     int backs = 0;
     for (int k = 0; k < N_DIRECTIONS; k++) {
         const Vector d = direction_of(k);
-        const int64_t hit = hits.first({p + scaled(d, ON_SURFACE), d, 2.0}, -1);
+        const int64_t hit = hits.first({p + ON_SURFACE * d, d, 2.0}, -1);
         if (hit < 0 || !counts(hit)) continue;
         backs += dot(normal_of(triangle_of(hits.corners[hit].data)), d) > 0.0;
     }

@@ -16,6 +16,7 @@
 // Twin: tests/mesh/test_triangle_tree.py asks single triangles.
 #pragma once
 #include "array.hpp"
+#include "vector.hpp"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -37,9 +38,6 @@ constexpr double LEAST_STEP = 1e-12; // least component of a direction in the te
 // more than rounding and LEAST_STEP move a point.
 constexpr double BOX_MARGIN = 1e-11;
 
-struct Vector {
-    double x, y, z;
-};
 struct Segment {
     Vector start, along; // along: a unit vector
     double reach;        // its length

@@ -16,14 +16,6 @@ namespace rastercov::mesh {
 
 constexpr double LEAST_AXIS_SQUARED = 1e-200; // length of an axis that is tried
 
-inline double dot(Vector a, Vector b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-inline Vector cross(Vector a, Vector b) {
-    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-inline Vector operator+(Vector a, Vector b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-inline Vector operator-(Vector a, Vector b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-
-inline Vector scaled(Vector a, double s) { return {a.x * s, a.y * s, a.z * s}; }
 inline Vector vector_of(const double *p) { return {p[0], p[1], p[2]}; }
 
 struct Interval {

@@ -70,6 +70,15 @@ inline Polygon clip(const Polygon &in, const double (&normal)[3], double offset)
     }
     return out;
 }
+// Place of a corner in steps, and 1/z.
+struct Place {
+    double u, v, w;
+};
+inline Place image_of(const double (&corner)[3], const Lens &lens, int steps) {
+    const double w = 1.0 / corner[2];
+    return {(lens.focal[0] * corner[0] * w + lens.centre[0]) * steps,
+            (lens.focal[1] * corner[1] * w + lens.centre[1]) * steps, w};
+}
 // The part beyond the near plane.
 inline Polygon clip_to_near(const Polygon &in, double near) { return clip(in, {0, 0, 1}, near); }
 
@@ -165,10 +174,7 @@ inline void clip_and_triangulate(const Clusters &clusters, const Cluster &cluste
     const int steps = 1 << window.step_bits();
     part = clip_to_guard_band(part, lens, steps);
     for (int i = 0; i < part.n; i++) {
-        const auto &[x, y, z] = part.corners[i];
-        const double w = 1.0 / z;
-        const double u = (lens.focal[0] * x * w + lens.centre[0]) * steps;
-        const double v = (lens.focal[1] * y * w + lens.centre[1]) * steps;
+        const auto [u, v, w] = image_of(part.corners[i], lens, steps);
         const int at = VERTICES + i;
         vertices.u[at] = u;
         vertices.v[at] = v;

@@ -16,6 +16,7 @@
 #include "interrupt.hpp"
 #include "range.hpp"
 #include "solver/room.hpp"
+#include "vector.hpp"
 #include <cmath>
 #include <limits>
 
@@ -36,14 +37,8 @@ constexpr int64_t MOST_FACES = INT32_MAX / (3 * 8);
 
 int64_t pad(int64_t n, int64_t step) { return (n + step - 1) / step * step; }
 
-struct Vector {
-    double x, y, z;
-};
-double dot(Vector p, Vector q) { return p.x * q.x + p.y * q.y + p.z * q.z; }
-// From vertex q to vertex p.
-Vector difference(const Points &vertices, int32_t p, int32_t q) {
-    return {vertices(p, 0) - vertices(q, 0), vertices(p, 1) - vertices(q, 1),
-            vertices(p, 2) - vertices(q, 2)};
+Vector corner_of(const Points &vertices, int32_t v) {
+    return {vertices(v, 0), vertices(v, 1), vertices(v, 2)};
 }
 
 // Centroids of faces, 0 to 1, and main directions of normals, 0 to 5.
@@ -243,8 +238,8 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
         const Vector middle = {bounds(0, k), bounds(1, k), bounds(2, k)};
         double squared = 0.0;
         for (int64_t i = begin; i < begin + width; i++) {
-            const Vector away = {points[i] - middle.x, points[i + width] - middle.y,
-                                 points[i + 2 * width] - middle.z};
+            const Vector away =
+                Vector{points[i], points[i + width], points[i + 2 * width]} - middle;
             squared = std::max(squared, dot(away, away));
         }
         bounds(RADIUS, k) = std::sqrt(squared);
@@ -254,25 +249,23 @@ void cluster_bounds(const Points &vertices, const Triples &faces, const Order &o
         const int n = starts[k + 1] - starts[k];
         for (int i = 0; i < n; i++) {
             const auto face = faces[order[starts[k] + i]];
-            const Vector ab = difference(vertices, face[1], face[0]);
-            const Vector ac = difference(vertices, face[2], face[0]);
-            const Vector bc = {ac.x - ab.x, ac.y - ab.y, ac.z - ab.z};
-            Vector normal = {ab.y * ac.z - ab.z * ac.y, ab.z * ac.x - ab.x * ac.z,
-                             ab.x * ac.y - ab.y * ac.x};
-            const double doubled = std::sqrt(dot(normal, normal));
+            const Vector a = corner_of(vertices, face[0]);
+            const Vector ab = corner_of(vertices, face[1]) - a;
+            const Vector ac = corner_of(vertices, face[2]) - a;
+            const Vector bc = ac - ab;
+            Vector normal = cross(ab, ac);
+            const double doubled = length(normal);
             const double longest = std::max(std::max(dot(ab, ab), dot(ac, ac)), dot(bc, bc));
             altitude = std::min(altitude, longest > 0 ? doubled / std::sqrt(longest) : 0.0);
             const double scale = doubled > 0 ? 1.0 / doubled : 0.0;
-            normal = {normal.x * scale, normal.y * scale, normal.z * scale};
+            normal = scale * normal;
             normals[i] = normal;
-            sum = {sum.x + normal.x, sum.y + normal.y, sum.z + normal.z};
-            const Vector away = {vertices(face[0], 0) - middle.x, vertices(face[0], 1) - middle.y,
-                                 vertices(face[0], 2) - middle.z};
-            offset = std::min(offset, dot(normal, away));
+            sum = sum + normal;
+            offset = std::min(offset, dot(normal, a - middle));
         }
-        const double length = std::sqrt(dot(sum, sum)), scale = length > 0 ? 1.0 / length : 0.0;
-        const Vector axis = {sum.x * scale, sum.y * scale, sum.z * scale};
-        double cosine = length > 0 ? 1.0 : -1.0;
+        const double size = length(sum);
+        const Vector axis = (size > 0 ? 1.0 / size : 0.0) * sum;
+        double cosine = size > 0 ? 1.0 : -1.0;
         for (int i = 0; i < n; i++) cosine = std::min(cosine, dot(normals[i], axis));
         // Rounding, of cosines near 1 above all.
         const double angle = std::acos(std::max(-1.0, cosine)) + 1e-7;

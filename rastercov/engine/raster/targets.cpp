@@ -209,10 +209,7 @@ void visit_triangles(const Polygon &face, const Lens &lens, double near, int ste
     const Polygon part = clip_to_guard_band(clip_to_near(face, near), lens, steps);
     Corner places[CLIP_CORNERS];
     for (int i = 0; i < part.n; i++) {
-        const auto &[x, y, z] = part.corners[i];
-        const double w = 1.0 / z;
-        const double u = (lens.focal[0] * x * w + lens.centre[0]) * steps;
-        const double v = (lens.focal[1] * y * w + lens.centre[1]) * steps;
+        const auto [u, v, w] = image_of(part.corners[i], lens, steps);
         places[i] = {to_step(u), to_step(v)};
         triangle.least = std::min(triangle.least, w);
         triangle.greatest = std::max(triangle.greatest, w);

@@ -13,7 +13,6 @@
 
 namespace rastercov::readers {
 namespace {
-using mesh::cross, mesh::dot, mesh::Vector;
 constexpr double FOLD_TOLERANCE_REL = 1e-9;     // of an area that may be wound against its polygon
 constexpr double FLATNESS_TOLERANCE_REL = 0.01; // of the size; beyond it other triangles differ
 constexpr double WHOLE_TURN = 2 * std::numbers::pi * (1 + 1e-9);
@@ -25,7 +24,6 @@ constexpr const char *WORDS[3][2] = {
     {"are concave and have more than 50000 corners",
      "their triangles fold over, cut them in the modeller"}};
 
-double length(Vector a) { return std::sqrt(dot(a, a)); }
 Vector over(Vector a, double size) {
     return size > 0.0 ? Vector{a.x / size, a.y / size, a.z / size} : a;
 }

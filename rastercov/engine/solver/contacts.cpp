@@ -6,6 +6,7 @@
 #include "mesh/contacts.hpp"
 #include "solver/threads.hpp"
 #include "sort.hpp"
+#include "vector.hpp"
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -18,16 +19,10 @@ constexpr double LEAST_TOLERANCE_REL = 1e-12; // diagonals: 200 times the roundi
 constexpr int64_t FRAME_SAMPLES = 4096;       // faces at most on which two frames are compared
 constexpr double LESS = 0.999;                // of the area of boxes, by which a frame is better
 
-using Point = std::array<double, 3>;
-using Matrix = std::array<Point, 3>;
+using Point = Coordinates;
+using Matrix = Symmetric;
 
-double dot(const Point &a, const Point &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-double length(const Point &a) { return std::sqrt(dot(a, a)); }
-Point minus(const Point &a, const Point &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 Point times(const Point &a, double s) { return {a[0] * s, a[1] * s, a[2] * s}; }
-Point cross(const Point &a, const Point &b) {
-    return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
 
 Point point_at(const Room<double> &points, int64_t v) {
     return {points[3 * v], points[3 * v + 1], points[3 * v + 2]};
@@ -91,20 +86,7 @@ Matrix directions_of(Matrix a) {
             if (a[p][q] == 0.0) continue;
             const double theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
             const double t = std::copysign(1.0, theta) / (std::abs(theta) + std::hypot(theta, 1.0));
-            const double c = 1.0 / std::sqrt(t * t + 1.0), s = t * c;
-            for (int k = 0; k < 3; k++) {
-                const double kp = a[k][p], kq = a[k][q];
-                a[k][p] = c * kp - s * kq;
-                a[k][q] = s * kp + c * kq;
-            }
-            for (int k = 0; k < 3; k++) {
-                const double pk = a[p][k], qk = a[q][k];
-                a[p][k] = c * pk - s * qk;
-                a[q][k] = s * pk + c * qk;
-                const double vp = v[k][p], vq = v[k][q];
-                v[k][p] = c * vp - s * vq;
-                v[k][q] = s * vp + c * vq;
-            }
+            turn_axes(a, v, p, q, t);
         }
     return v;
 }

@@ -4,28 +4,21 @@
 #include "solver/mesh.hpp"
 #include "area/frames.hpp"
 #include "solver/contacts.hpp"
+#include "vector.hpp"
 #include <algorithm>
 #include <cmath>
 #include <thread>
 
 namespace rastercov::engine {
 namespace {
-using Vector = std::array<double, 3>;
-double dot(const Vector &a, const Vector &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-Vector minus(const Vector &a, const Vector &b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
-
 // Sets the frame of face f, of three corners.
 void set_frame(MeshArrays &mesh, int64_t f, const double *const (&points)[3]) {
     const area::Frame frame(points);
     if (!(frame.area() > 0.0) || is_flat(points[0], points[1], points[2])) return;
-    const double *const x = frame.x_axis, *const y = frame.y_axis;
     std::copy_n(frame.origin, 3, mesh.origin.begin() + 3 * f);
-    std::copy_n(x, 3, mesh.x_axis.begin() + 3 * f);
-    std::copy_n(y, 3, mesh.y_axis.begin() + 3 * f);
-    for (int i = 0; i < 3; i++) {
-        const int j = (i + 1) % 3, k = (i + 2) % 3;
-        mesh.normal[3 * f + i] = x[j] * y[k] - x[k] * y[j];
-    }
+    std::copy_n(frame.x_axis, 3, mesh.x_axis.begin() + 3 * f);
+    std::copy_n(frame.y_axis, 3, mesh.y_axis.begin() + 3 * f);
+    for (int i = 0; i < 3; i++) mesh.normal[3 * f + i] = frame.normal(i);
     mesh.corners[6 * f + 2] = frame.longest;
     mesh.corners[6 * f + 4] = frame.x;
     mesh.corners[6 * f + 5] = frame.y;
@@ -100,8 +93,8 @@ void set_no_opaque(MeshArrays &mesh) {
 }
 
 // Bounds of the corners of faces.
-std::array<Vector, 2> bounds_of(exact::Vertices vertices, const Room<int64_t> &faces) {
-    Vector low, high;
+std::array<Coordinates, 2> bounds_of(exact::Vertices vertices, const Room<int64_t> &faces) {
+    Coordinates low, high;
     for (int axis = 0; axis < 3; axis++) {
         Range all;
         for (const int64_t v : faces.rows()) all.add(vertices(v, axis));
@@ -111,9 +104,8 @@ std::array<Vector, 2> bounds_of(exact::Vertices vertices, const Room<int64_t> &f
     return {low, high};
 }
 
-double diagonal_of(const std::array<Vector, 2> &bounds) {
-    const Vector size = minus(bounds[1], bounds[0]);
-    return std::sqrt(dot(size, size));
+double diagonal_of(const std::array<Coordinates, 2> &bounds) {
+    return length(minus(bounds[1], bounds[0]));
 }
 } // namespace
 

@@ -12,7 +12,7 @@ constexpr int64_t MOST_CELLS = 256; // of a side of the grid
 
 // Leaves the part of an edge that is in the image with some errors; false for none.
 bool keep_in_image(const std::array<Vector, 4> &border, const Errors &errors, Vector (&ends)[2]) {
-    const double reach = std::max(area::length_of(ends[0]), area::length_of(ends[1]));
+    const double reach = std::max(length(ends[0]), length(ends[1]));
     const double slack = slack_of(errors, reach) * (1 + 1e-9), cosine = std::cos(errors.angle);
     for (const Vector &normal : border) {
         const double inside[2] = {cosine * dot(normal, ends[0]) + slack,
@@ -69,7 +69,7 @@ bool EventField::set(const Posed &of, const std::array<Vector, 4> &border, doubl
         const Vector along = ends[1] - ends[0];
         const double square = dot(along, along);
         const double t = square > 0 ? std::clamp(-dot(ends[0], along) / square, 0.0, 1.0) : 0.0;
-        const double zeta = (area::length_of(ends[0] + t * along) - d) / k - d;
+        const double zeta = (length(ends[0] + t * along) - d) / k - d;
         if (deepest <= zeta) return true;
         if (!(zeta > LEAST_DEPTH * d)) return false;
         for (int i = 0; i < 2; i++) {

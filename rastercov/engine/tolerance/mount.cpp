@@ -22,8 +22,8 @@ FacePlanes::FacePlanes(const Surface &surface)
             const auto at = surface.vertices()[surface.faces()(f, k)];
             return Vector{at[0], at[1], at[2]};
         };
-        const Vector a = corner(0), n = area::cross(corner(1) - a, corner(2) - a);
-        const double size = area::length_of(n);
+        const Vector a = corner(0), n = cross(corner(1) - a, corner(2) - a);
+        const double size = length(n);
         if (!(size > 0)) continue;
         normal[size_t(f)] = 1 / size * n;
         offset[size_t(f)] = -dot(normal[size_t(f)], a);
@@ -46,7 +46,7 @@ std::array<Vector, 4> border_of(const Lens &of, double scale) {
     const double fx = of.fx * scale, fy = of.fy * scale;
     std::array<Vector, 4> normals = {Vector{fx, 0, of.cx}, Vector{-fx, 0, of.width - of.cx},
                                      Vector{0, fy, of.cy}, Vector{0, -fy, of.height - of.cy}};
-    for (Vector &each : normals) each = 1 / area::length_of(each) * each;
+    for (Vector &each : normals) each = 1 / length(each) * each;
     return normals;
 }
 

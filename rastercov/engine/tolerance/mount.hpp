@@ -7,7 +7,7 @@
 
 namespace rastercov::engine {
 
-using area::Plane, area::Points, area::U, area::V, area::Vector;
+using area::Plane, area::Points, area::U, area::V;
 using Corners = FloatRows<2>;
 
 // Greatest errors: of the camera centre, metres; of the rotation, radians; of the focal length,
