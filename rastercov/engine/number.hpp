@@ -56,6 +56,12 @@ template <MaskOfLanes M> INLINE bool all(M mask) {
 }
 template <MaskOfLanes M> INLINE int count_of(M mask) { return count(bits(mask)); }
 
+// A bit for each lane, from the lowest on.
+template <class M> INLINE int64_t lanes_of(M mask) {
+    if constexpr (std::is_integral_v<M>) return mask;
+    else return bits(mask);
+}
+
 // Elements of an array of another type, converted to those of N: as many as it holds.
 template <class N, class T> INLINE N read(const T *from) {
     if constexpr (std::is_arithmetic_v<N>) {

@@ -128,12 +128,6 @@ def test_what_a_device_cannot_judge_it_says(device, mesh, camera, options, reaso
         assert reason in rasterizer._why_not_judged(criteria_of(mesh, rules))
 
 
-def test_the_rasteriser_of_the_cpu_leaves_judging_to_the_host():
-    criteria = criteria_of(MESH, rc.Task().rules(CAMERA))
-    with rc.open_rasterizer(MESH, CAMERA, "cpu") as cpu:
-        assert "counts, and judges nothing" in cpu._why_not_judged(criteria)
-
-
 # --- how the work is divided ----------------------------------------------------------------------
 
 

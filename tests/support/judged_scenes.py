@@ -12,8 +12,8 @@ from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.bits import Criteria, area_units
-from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.gl import GLRasterizer
 
 DENSITIES = ("min_pixel_density", "min_facing_density", "min_pixels_per_m2")
@@ -83,7 +83,7 @@ def compare(rasterizer, poses, rules=None, rng=None):
     """Assert that a device judges as the host does; the number of covered pairs."""
     mesh, camera, poses = rasterizer.mesh, rasterizer.camera, np.asarray(poses, np.float64)
     options = {"supersample": rasterizer.supersample, "roll": rasterizer.roll}
-    with CPURasterizer(mesh, camera, threads=1, **options) as cpu:
+    with open_rasterizer(mesh, camera, "cpu", threads=1, **options) as cpu:
         counts = cpu.count(poses)
     if rng is not None:
         rules = random_rules(rng, mesh, camera, counts, poses)

@@ -25,7 +25,7 @@ from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums, merge_sums, no_sums
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import CoverageBits, area_units, room_for_bits
+from rastercov.core.raster.bits import CoverageBits
 from rastercov.engine.coverage_network import add_poses, add_rows
 
 if TYPE_CHECKING:
@@ -198,9 +198,7 @@ def classify_poses(
 
     def classify(batch: Poses, seen: Measured) -> JudgedPoses:
         n = len(batch)
-        words = room_for_bits(n, n_faces if bits else 0)
-        counts, areas = np.zeros((2, n), np.int64)
-        sink = Sink(choice, batch.ids, counts, memory, words, area_units(mesh), areas)
+        sink = Sink(choice, batch.ids, np.zeros(n, np.int64), memory)
         of_threads: list[dict[int, Sums]] = []
 
         def worker() -> Worker:
@@ -223,8 +221,10 @@ def classify_poses(
         rows = PairRows(*columns)
         result = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
         if bits:
-            views = sum((each.views for each in whole.values()), np.zeros(n_faces, np.int64))
-            result = replace(result, bits=CoverageBits.of(mesh, words, areas, views))
+            own = arrays_for(["reason"], (n, n_faces))
+            faces.fill(seen, batch, own)
+            covers = own["reason"] == Reason.COVERED
+            result = replace(result, bits=CoverageBits.of_pairs(mesh, covers))
         if result.leads is not None and result.regions is None:
             raise ConfigError(OF_PARTS)
         if result.leads is not None and result.regions is not None and len(batch):

@@ -216,11 +216,6 @@ class Sink(NamedTuple):
     pose_ids: IntArray
     counts: IntArray
     rows: PairRows
-    bits: (
-        Bytes  # (P, bytes) of whole words, see `CoverageBits`; (0, 0) where they are not asked for
-    )
-    area_units: IntArray  # of each face
-    areas: IntArray  # of each pose, in units
 
 
 @once_each

@@ -125,6 +125,12 @@ class CoverageBits(InOneLine):
             ) from None
 
     @classmethod
+    def of_pairs(cls, mesh: Mesh, covers: BoolArray) -> Self:
+        """Bits of a mask (P, F)."""
+        octets = np.packbits(covers, axis=1, bitorder="little")
+        return cls.of(mesh, octets, covers @ area_units(mesh), covers.sum(axis=0))
+
+    @classmethod
     def room(cls, mesh: Mesh, n_poses: int) -> Self:
         """Bits of poses before any is added, all 0."""
         areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)

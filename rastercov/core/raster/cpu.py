@@ -27,6 +27,8 @@ edge is inside and one on a right or lower edge outside, so every sample belongs
 two triangles that share an edge.
 """
 
+from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
@@ -45,8 +47,17 @@ from rastercov.base import (
 )
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.near_plane import limits, picture_limits
+from rastercov.core.coverage.records import lens_of, scene_of
+from rastercov.core.coverage.task import Reason, Rules
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
+from rastercov.core.raster.bits import (
+    CoverageBits,
+    Criteria,
+    Judged,
+    area_units,
+    room_for_bits,
+)
 from rastercov.core.raster.contract import (
     FaceCounts,
     Rasterizer,
@@ -62,6 +73,7 @@ from rastercov.engine.solver_raster import MAX_BAND, RADIUS
 Looks = tuple[FloatArray, FloatArray, BoolArray]
 """Poses (V, P, 4, 4) of V canvases, the depths of their near planes, and whether back faces are
 hidden, (P,)."""
+Drawn = tuple[list[solver_raster.Canvas], Looks]
 
 MAX_SIDE = 1 << 20
 """Largest image side in samples: edge functions are 64-bit integers of 1/256 sample."""
@@ -82,8 +94,89 @@ REGULAR = (
 """For a canvas: samples that are not scattered."""
 
 
-class CPURasterizer(Rasterizer):
-    """Rasteriser in compiled loops.
+class InLoops(Rasterizer):
+    """Rasteriser in compiled loops: what a pinhole and any other lens have in common.
+
+    Parameters
+    ----------
+    mesh, camera, threads
+        As for `CPURasterizer`.
+    grid : SampleGrid
+        Samples of the camera.
+    """
+
+    _n_parts = 1
+    """Parts of an image that are counted one after another because it is large."""
+
+    def __init__(self, mesh: Mesh, camera: Camera, grid: SampleGrid, threads: int | None) -> None:
+        super().__init__(mesh, camera, grid.supersample, grid.roll)
+        self._grid, self._threads = grid, thread_count(threads)
+        self._drawing = drawing_of(mesh, self._threads)
+
+    def _parts_of(self, n_poses: int) -> int:
+        """Parts that a canvas is counted in."""
+        return 1
+
+    @abstractmethod
+    def _draw(self, poses: FloatArray, near: FloatArray, cull: BoolArray) -> Iterator[Drawn]:
+        """Yield the canvases that are drawn together, and the looks of poses at them."""
+
+    def _count_faces(self, poses: FloatArray, drawn: bool) -> FaceCounts:
+        grid, targets, threads = self._grid, self._targets, self._threads
+        n_poses, n_parts, kind = len(poses), self._parts_of(len(poses)), grid.count_type
+        n_faces = self.mesh.opaque.n_faces
+        rows = 4 * min(threads, n_parts * n_poses) if n_parts > 1 else 0  # of threads
+        check_counts(n_poses, n_faces, (np.dtype(kind).itemsize + rows) * (1 + drawn))
+        # Not cleared here: each thread clears its rows while they are in its cache.
+        visible: Any = np.empty((n_poses, n_faces), kind)
+        alone = np.empty_like(visible if drawn else visible[:0])
+        filled = np.empty(n_poses, np.int64)
+        count = self._drawing.count if kind == np.int32 else self._drawing.count_long
+        seen = np.zeros((2, n_poses, len(targets.rows) if targets else 0), np.int64)
+        near, cull, clipped = limits(self.mesh, self.camera, poses)
+        for number, (canvases, looks) in enumerate(self._draw(poses, near, cull)):
+            count(canvases, looks, (visible, alone, filled, number > 0), n_parts, threads)
+            if targets:
+                of_targets = targets.corners, seen[0], seen[1]
+                self._drawing.count_targets(canvases, looks, *of_targets, threads)
+        if self.camera.is_curved:  # some do not count
+            filled = visible.sum(axis=1, dtype=np.int64)
+        background = grid.n_samples - filled
+        result = self._result(visible, alone if drawn else None, background, clipped)
+        return self._with_targets(result, *seen) if targets else result
+
+    def _why_not_judged(self, criteria: Criteria) -> str:
+        """Reason why faces are judged from their counts; see `Rasterizer._why_not_judged`."""
+        self._check_open()
+        if self._targets or self._n_parts > 1:
+            return "targets, and parts of a large image, are counted one after another"
+        left = {name for name, value in criteria.rules.items() if value} - {*Rules._fields}
+        return f"no loop judges {', '.join(left)}" if left else ""
+
+    def _judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
+        """Faces that poses cover, while their counts are in the cache; see `Rasterizer._judge`."""
+        if self._why_not_judged(criteria):
+            return super()._judge(poses, criteria)
+        mesh, dense = self.mesh, np.ascontiguousarray(poses)
+        near, cull, clipped = limits(mesh, self.camera, dense)
+        (shown,) = self._draw(dense, near, cull)
+        own = np.where(criteria.may_be_covered, Reason.COVERED, Reason.DEGENERATE)
+        scene = scene_of(mesh)._replace(own=own.astype(np.uint8))
+        rules = Rules._make(criteria.rules[name] for name in Rules._fields)
+        judged = dense, scene, rules, area_units(mesh), float(self.supersample**2)
+        words = room_for_bits(len(poses), mesh.n_faces)
+        found = words, np.empty(len(poses), np.int64), np.zeros(mesh.n_faces, np.int64)
+        self._drawing.judge(*shown, lens_of(self.camera), (*judged, *found), self._threads)
+        return CoverageBits.of(mesh, *found), clipped
+
+    def close(self) -> None:
+        """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
+        super().close()
+        self._drawing.close()
+
+
+class CPURasterizer(InLoops):
+    """Rasteriser of pinholes in compiled loops.
 
     Any number of threads may use one rasteriser at once, and so may a forked process.
 
@@ -95,7 +188,7 @@ class CPURasterizer(Rasterizer):
         Number of threads, by default one for each core.
     """
 
-    _of_known_scene: ClassVar["Counts | None"] = None
+    _of_known_scene: ClassVar[FaceCounts | None] = None
 
     def __init__(
         self,
@@ -110,15 +203,15 @@ class CPURasterizer(Rasterizer):
             camera.check_pinhole(
                 "expected a pinhole for CPURasterizer", "use open_rasterizer, which draws any lens"
             )
-        self._grid = SampleGrid(camera, supersample, roll)
-        side = max(self._grid.width, self._grid.height)
+        grid = SampleGrid(camera, supersample, roll)
+        side = max(grid.width, grid.height)
         if side > MAX_SIDE:
             raise ResourceError(
                 f"expected an image side of at most {MAX_SIDE:,} samples, got {side:,}; "
                 "lower supersample or use gl"
             )
-        super().__init__(mesh, camera, supersample, roll)
-        self._threads = thread_count(threads)
+        super().__init__(mesh, camera, grid, threads)
+        self._n_parts = -(-grid.n_samples // MAX_PART)
         self.info = RasterizerInfo(
             backend="cpu",
             plan="threads",
@@ -128,28 +221,16 @@ class CPURasterizer(Rasterizer):
             depth="float32 1/z",
             shaders="",
         )
-        self._canvas, self._picture = canvas_of(self._grid), canvas_of(SampleGrid(camera))
-        self._drawing = drawing_of(mesh, self._threads)
+        self._canvas, self._picture = canvas_of(grid), canvas_of(SampleGrid(camera))
         self._check()
 
-    def _count_faces(self, poses: FloatArray, drawn: bool) -> FaceCounts:
-        grid, mesh, targets = self._grid, self.mesh.opaque, self._targets
+    def _parts_of(self, n_poses: int) -> int:
         # A few large poses are split into parts, bands of rows, each with its own counts.
-        is_large = mesh.n_faces + grid.n_samples // 8 >= LARGE_POSE
-        n_parts = -(-self._threads // max(1, len(poses))) if is_large else 1
-        n_parts = max(n_parts, -(-grid.n_samples // MAX_PART))
-        counts = Counts(len(poses), mesh.n_faces, grid, drawn, (n_parts, self._threads))
-        near, cull, clipped = limits(mesh, self.camera, poses)
-        looks = poses[None], near, cull
-        counts.add(self._drawing, [self._canvas], looks)
-        background = grid.n_samples - counts.filled
-        result = self._result(counts.visible, counts.drawn, background, clipped)
-        if targets is None:
-            return result
-        seen = np.zeros((2, len(poses), len(targets.rows)), np.int64)
-        of_targets = targets.corners, seen[0], seen[1]
-        self._drawing.count_targets([self._canvas], looks, *of_targets, self._threads)
-        return self._with_targets(result, *seen)
+        is_large = self.mesh.opaque.n_faces + self._grid.n_samples // 8 >= LARGE_POSE
+        return max(self._n_parts, -(-self._threads // max(1, n_poses)) if is_large else 1)
+
+    def _draw(self, poses: FloatArray, near: FloatArray, cull: BoolArray) -> Iterator[Drawn]:
+        yield [self._canvas], (poses[None], near, cull)
 
     def _draw_faces(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         face, depth = self._draw_all(poses)
@@ -167,29 +248,28 @@ class CPURasterizer(Rasterizer):
         self._drawing.render(self._picture, looks, face, depth, self._threads)
         return face, depth
 
-    def close(self) -> None:
-        """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
-        super().close()
-        self._drawing.close()
-
     def _check(self) -> None:
         """Raise DeviceError where a miscompiled loop counts the self-test scene wrongly.
 
         It is counted once in a process.
         """
         if CPURasterizer._of_known_scene is None:
-            mesh, camera, poses = self_test.MESH, self_test.CAMERA, self_test.POSES
-            grid, (near, cull, _) = SampleGrid(camera), limits(mesh, camera, poses)
-            counts = Counts(len(poses), mesh.n_faces, grid, True, (1, 1))
-            counts.add(drawing_of(mesh, 0), [canvas_of(grid)], (poses[None], near, cull))
-            CPURasterizer._of_known_scene = counts
+            known = _Known(self_test.MESH, self_test.CAMERA, threads=1)
+            CPURasterizer._of_known_scene = known.count(self_test.POSES)
         counts = CPURasterizer._of_known_scene
         is_equal = np.array_equal(counts.visible, self_test.VISIBLE)
-        if not is_equal or not np.array_equal(counts.drawn, self_test.DRAWN):
+        if not is_equal or not np.array_equal(counts.drawn_pixels, self_test.DRAWN):
             raise DeviceError(
                 "expected correct counts of a known scene, got wrong ones from "
                 f"{self.info.renderer}; compile the modules again (`make native`) or use gl"
             )
+
+
+class _Known(CPURasterizer):
+    """That of the known scene."""
+
+    def _check(self) -> None:
+        """Nothing: its counts are what is checked."""
 
 
 def drawing_of(mesh: Mesh, threads: int) -> solver_raster.Rasterizer:
@@ -227,46 +307,3 @@ def canvas_of(grid: SampleGrid, scattered: tuple[Any, ...] = REGULAR) -> solver_
     """Canvas of the samples of a grid, or of those that are scattered in it."""
     size, kind = (grid.width, grid.height), (grid.is_rolled, grid.is_parallel)
     return solver_raster.Canvas(scattered, (*size, grid.lens, grid.mix, grid.runs, *kind), MAX_BAND)
-
-
-class Counts:
-    """Counts of poses through canvases, which threads add to.
-
-    Parameters
-    ----------
-    n_poses, n_faces : int
-    grid : SampleGrid
-        All samples.
-    drawn : bool
-        Whether they are counted, too.
-    shares : (int, int)
-        Parts that a canvas is counted in, and threads.
-
-    Attributes
-    ----------
-    visible, drawn : (P, F) int32 or int64
-        As of `FaceCounts`.
-    filled : (P,) int64
-        Samples with a face in them; of scattered ones also those that do not count.
-    """
-
-    def __init__(
-        self, n_poses: int, n_faces: int, grid: SampleGrid, drawn: bool, shares: tuple[int, int]
-    ) -> None:
-        self._shares, kind = shares, grid.count_type
-        rows = 4 * min(shares[1], shares[0] * n_poses) if shares[0] > 1 else 0  # of threads
-        check_counts(n_poses, n_faces, (np.dtype(kind).itemsize + rows) * (1 + drawn))
-        # Not cleared here: each thread clears its rows while they are in its cache.
-        self.visible: Any = np.empty((n_poses, n_faces), kind)
-        self.drawn: Any = np.empty_like(self.visible) if drawn else None
-        self.filled, self._adds = np.empty(n_poses, np.int64), False
-
-    def add(
-        self, drawing: solver_raster.Rasterizer, canvases: list[solver_raster.Canvas], looks: Looks
-    ) -> None:
-        """Add the samples of canvases; the first call clears what was there."""
-        drawn = self.visible[:0] if self.drawn is None else self.drawn
-        count = drawing.count if self.visible.dtype == np.int32 else drawing.count_long
-        out = self.visible, drawn, self.filled, self._adds
-        count(canvases, looks, out, *self._shares)
-        self._adds = True

@@ -30,17 +30,15 @@ from rastercov.base import (
     check_memory,
     row_lengths,
     share_poses,
-    thread_count,
 )
 from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of, unit_of
-from rastercov.core.camera.near_plane import limits, picture_limits
+from rastercov.core.camera.near_plane import picture_limits
 from rastercov.core.camera.parallel import MODEL
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of
 from rastercov.core.raster import self_test
-from rastercov.core.raster.contract import FaceCounts, Rasterizer
-from rastercov.core.raster.cpu import Counts, CPURasterizer, Looks, canvas_of, drawing_of
+from rastercov.core.raster.cpu import CPURasterizer, Drawn, InLoops, canvas_of
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.engine.solver_raster import FINE_STEP_BITS, LANES, SIDE, STRIP_BITS, Canvas
 
@@ -142,18 +140,18 @@ class SampleViews:
         turned = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
         frames = [each.record.frame for each in planes_of(camera)]
         self.frames = tuple({frame.tobytes(): frame @ turned for frame in frames}.values())
-        self._rows = max(1, most_rows // grid.width)
+        self.rows = max(1, most_rows // grid.width)
         self._kept: dict[int, tuple[LensView, ...]] = {}
 
     def bands(self, threads: int) -> Iterator[tuple[LensView, ...]]:
         """Yield the views of each band of rows."""
-        for top in range(0, self.grid.height, self._rows):
+        for top in range(0, self.grid.height, self.rows):
             views = self._kept.get(top)
             if views is None:
                 views = tuple(
-                    self._make_views(top, min(top + self._rows, self.grid.height), threads)
+                    self._make_views(top, min(top + self.rows, self.grid.height), threads)
                 )
-                if (top + self._rows) * self.grid.width <= MOST_KEPT or not top:
+                if (top + self.rows) * self.grid.width <= MOST_KEPT or not top:
                     self._kept[top] = views
             yield views
 
@@ -280,7 +278,7 @@ def views_of(camera: Camera, supersample: int, roll: float, keeps_places: bool) 
     return SampleViews(camera, supersample, roll, keeps_places=keeps_places)
 
 
-class LensRasterizer(Rasterizer):
+class LensRasterizer(InLoops):
     """Rasteriser of cameras with any lens, in compiled loops on the CPU.
 
     Any number of threads may use one rasteriser at once.
@@ -302,26 +300,14 @@ class LensRasterizer(Rasterizer):
         roll: float = 0.0,
         threads: int | None = None,
     ) -> None:
-        super().__init__(mesh, camera, supersample, roll)
-        self._threads = thread_count(threads)
+        self._views = views = views_of(camera, supersample, roll, keeps_places=False)
+        super().__init__(mesh, camera, views.grid, threads)
+        self._n_parts = -(-views.grid.height // views.rows)
         self.info = CPURasterizer(mesh, self_test.CAMERA, threads=1).info
-        self._drawing = drawing_of(mesh, self._threads)
-        self._views = views_of(camera, supersample, roll, keeps_places=False)
 
-    def _count_faces(self, poses: FloatArray, drawn: bool) -> FaceCounts:
-        grid, targets, threads = self._views.grid, self._targets, self._threads
-        counts = Counts(len(poses), self.mesh.opaque.n_faces, grid, drawn, (1, threads))
-        near, cull, clipped = limits(self.mesh, self.camera, poses)
-        seen = np.zeros((2, len(poses), len(targets.rows) if targets else 0), np.int64)
-        for views in self._views.bands(threads):
-            canvases, looks = _draw_views(views, poses, near, cull)
-            counts.add(self._drawing, canvases, looks)
-            if targets:
-                of_targets = targets.corners, seen[0], seen[1]
-                self._drawing.count_targets(canvases, looks, *of_targets, threads)
-        background = grid.n_samples - counts.visible.sum(axis=1, dtype=np.int64)
-        result = self._result(counts.visible, counts.drawn, background, clipped)
-        return self._with_targets(result, *seen) if targets else result
+    def _draw(self, poses: FloatArray, near: FloatArray, cull: BoolArray) -> Iterator[Drawn]:
+        for views in self._views.bands(self._threads):
+            yield _draw_views(views, poses, near, cull)
 
     def _draw_faces(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         shape = self.camera.height, self.camera.width
@@ -334,15 +320,10 @@ class LensRasterizer(Rasterizer):
             self._drawing.render_lanes(*seen, *of_faces, *image, self._threads)
         return face, depth
 
-    def close(self) -> None:
-        """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""
-        super().close()
-        self._drawing.close()
-
 
 def _draw_views(
     views: Sequence[LensView], poses: FloatArray, near: FloatArray, cull: BoolArray
-) -> tuple[list[Canvas], Looks]:
+) -> Drawn:
     """Canvases of views, and the poses of each, for the loops."""
     turns = np.array([view.turn for view in views]).reshape(-1, 1, 4, 4)
     return [view.canvas for view in views], (poses @ turns, near, cull)

@@ -62,10 +62,7 @@ void judge(const Camera &camera, const coverage::Scene &scene, const coverage::S
     std::vector<double> memory(size_t(scene.vertices.rows()) * columns);
     const coverage::VertexRows<Camera> points = {memory.data(), {scene.vertices.rows()}};
     const auto scratch = std::make_unique<coverage::Memory<Camera>>();
-    const coverage::Asked asked = {.area = false,
-                                   .density = out.densities || rules.min_pixel_density > 0,
-                                   .facing = out.facing || coverage::asks_facing(rules),
-                                   .per_m2 = rules.min_pixels_per_m2 > 0};
+    const coverage::Asked asked(rules, false, out.densities, out.facing);
     const coverage::View<Camera, double> view = {scene,  camera,   seen,  rules,
                                                  points, *scratch, asked, 0};
     const Keeper keeper = {out};

@@ -29,6 +29,11 @@ struct Scene {
     Indices indices(int64_t f) const {
         return {int64_t(faces(f, 0)), int64_t(faces(f, 1)), int64_t(faces(f, 2))};
     }
+    void check() const {
+        require(have_rows(faces.rows(), normals, own, two_sided, offsets),
+                "arrays of a scene must have one row for each face");
+        require_indices(faces, vertices.rows(), "faces must hold rows of vertices");
+    }
 };
 
 // Bound of visible / drawn of a face that is seen, at most 1.

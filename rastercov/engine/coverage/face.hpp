@@ -10,6 +10,8 @@
 #pragma once
 #include "coverage/bounds.hpp"
 #include "coverage/lens_faces.hpp"
+#include "interrupt.hpp"
+#include <memory>
 
 namespace rastercov {
 namespace coverage {
@@ -46,25 +48,24 @@ template <class N> struct Face {
     Decision<N> decision;
 };
 
-// Figures that are asked for; a density that is not is 0, and an area may be any positive number.
+// Figures that are asked for, or that a decision needs: of a target that faces the camera the
+// density; a density that is not is 0, and an area may be any positive number.
 struct Asked {
     bool area, density, facing, per_m2;
-};
 
-// True if a decision needs the density of a target that faces the camera.
-inline bool asks_facing(const Rules &rules) {
-    const bool is_dense = rules.min_pixel_density > 0 || rules.min_pixels_per_m2 > 0;
-    return rules.min_facing_density > 0 || (rules.cos_incidence > 0 && is_dense);
-}
+    explicit Asked(const Rules &rules, bool area = false, bool density = false, bool facing = false)
+        : area(area), density(density || rules.min_pixel_density > 0),
+          facing(facing || rules.min_facing_density > 0), per_m2(rules.min_pixels_per_m2 > 0) {
+        this->facing |= rules.cos_incidence > 0 && (rules.min_pixel_density > 0 || per_m2);
+    }
+};
 
 template <class Camera, class Count>
 void Scope<Camera, Count>::check(int64_t first, int64_t last) const {
     require_lens(camera);
     const int64_t n_faces = scene.faces.rows(), n = seen.poses.rows();
-    require(have_rows(n_faces, scene.normals, scene.own, scene.two_sided, scene.offsets),
-            "arrays of a scene must have one row for each face");
+    scene.check();
     require(points.rows() >= scene.vertices.rows(), "points must have a row for each vertex");
-    require_indices(scene.faces, scene.vertices.rows(), "faces must hold rows of vertices");
     require(0 <= first && first <= last && last <= n && seen.near.rows() == n,
             "an observation must have one row for each pose");
     const auto has_pairs = [&](const auto &array) {
@@ -91,6 +92,29 @@ template <class Camera, class Count> struct View {
     double near() const { return seen.near[row]; }
     int64_t at(int64_t f) const { return row * scene.faces.rows() + f; }
 };
+
+// Calls `each` with a view of each of some poses.
+template <class Camera, class Count, class Each>
+void each_view(int64_t first, int64_t last, const Scope<Camera, Count> &scope, const Rules &rules,
+               const Asked &asked, Each each) {
+    scope.check(first, last);
+    const auto &[scene, camera, seen, points] = scope;
+    const auto memory = std::make_unique<Memory<Camera>>();
+    for (int64_t row = first; row < last; row++) {
+        poll_interrupt();
+        each(View<Camera, Count>{scene, camera, seen, rules, points, *memory, asked, row});
+    }
+}
+
+// Calls `add` for all kinds of cameras and of counts.
+template <class Add> void each_kind(Add add) {
+    add.template operator()<Lens, double>();
+    add.template operator()<Lens, int32_t>();
+    add.template operator()<ParallelLens, double>();
+    add.template operator()<ParallelLens, int32_t>();
+    add.template operator()<CurvedLens, double>();
+    add.template operator()<CurvedLens, int32_t>();
+}
 
 template <class N, class T> INLINE N area_at(const T *areas, double scale) {
     const N area = read<N>(areas);

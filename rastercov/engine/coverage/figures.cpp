@@ -8,8 +8,6 @@
 // Twins: rastercov.reference.coverage.
 #include "bind.hpp"
 #include "coverage/face.hpp"
-#include "interrupt.hpp"
-#include <memory>
 
 namespace rastercov {
 namespace coverage {
@@ -75,9 +73,7 @@ struct Keeper {
 template <class Camera, class Count>
 void judge_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, const Rules &rules,
                  const Figures &out) {
-    scope.check(first, last);
-    const auto &[scene, camera, seen, points] = scope;
-    const int64_t n_poses = seen.poses.rows(), n_faces = scene.faces.rows();
+    const int64_t n_poses = scope.seen.poses.rows(), n_faces = scope.scene.faces.rows();
     int64_t skew = 0; // lanes begin at cache lines in the arrays of double
     each_field(out, Record<Figures>::fields, [&](const auto &array) {
         require(array.size() == 0 || (array.shape[0] == n_poses && array.shape[1] == n_faces),
@@ -85,20 +81,13 @@ void judge_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope,
         if (array.size() && sizeof(*array.begin()) == sizeof(double))
             skew = int64_t(reinterpret_cast<uintptr_t>(array.begin()) / sizeof(double));
     });
-    const Asked asked = {
-        .area = out.projected_area.size() > 0,
-        .density = out.pixel_density.size() > 0 || rules.min_pixel_density > 0,
-        .facing = out.facing_density.size() > 0 || asks_facing(rules),
-        .per_m2 = rules.min_pixels_per_m2 > 0,
-    };
+    const Asked asked(rules, out.projected_area.size() > 0, out.pixel_density.size() > 0,
+                      out.facing_density.size() > 0);
     const bool has_bounds = out.visibility_bound.size() > 0 || out.visibility_kind.size() > 0;
-    const auto memory = std::make_unique<Memory<Camera>>();
-    for (int64_t row = first; row < last; row++) {
-        poll_interrupt();
-        const View<Camera, Count> view = {scene, camera, seen, rules, points, *memory, asked, row};
-        Keeper keeper = {out, row * n_faces, has_bounds};
+    each_view(first, last, scope, rules, asked, [&](const auto &view) {
+        Keeper keeper = {out, view.row * n_faces, has_bounds};
         judge_pose(view, skew + keeper.start, keeper);
-    }
+    });
 }
 
 } // namespace
@@ -107,15 +96,10 @@ void judge_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope,
 void register_coverage_figures(nanobind::module_ &m) {
     using namespace coverage;
     const char *doc = "Fill rows `first` to `last` - 1 of `out` with the figures of these poses.";
-    const auto add = [&](auto judge) {
-        def(m, "judge_poses", judge, doc, "first", "last", "scope", "rules", "out");
-    };
-    add(judge_poses<Lens, double>);
-    add(judge_poses<Lens, int32_t>);
-    add(judge_poses<ParallelLens, double>);
-    add(judge_poses<ParallelLens, int32_t>);
-    add(judge_poses<CurvedLens, double>);
-    add(judge_poses<CurvedLens, int32_t>);
+    each_kind([&]<class Camera, class Count> {
+        def(m, "judge_poses", judge_poses<Camera, Count>, doc, "first", "last", "scope", "rules",
+            "out");
+    });
     def(m, "incidence_angle", incidence_angle<double>,
         "Angle of incidence, radians: the arccosine, within an ulp.", "cosine");
     m.attr("COLUMNS") = COLUMNS_OF<Lens>;

@@ -9,9 +9,7 @@
 // Twins: rastercov.reference.coverage.
 #include "bind.hpp"
 #include "coverage/face.hpp"
-#include "interrupt.hpp"
 #include "sum.hpp"
-#include <memory>
 
 namespace rastercov {
 namespace coverage {
@@ -51,9 +49,6 @@ struct Sink {
     IntArray pose_ids;
     Column<int64_t> counts;
     PairRows rows;
-    Array<uint8_t, Any, Any> bits; // (0, 0) where they are not asked for
-    IntArray area_units;
-    Column<int64_t> areas;
 };
 
 } // namespace
@@ -63,7 +58,7 @@ RECORD(coverage::Sums, views, best, best_row, reason, alone, kinds, bounds, cove
 RECORD(coverage::PairRows, pose, face, in_view, in_view_fraction, projected_area, visible_pixels,
        drawn_pixels, resolution, pixel_density, facing_density, in_focus, visibility,
        visibility_bound, visibility_kind, incidence, coverage, reason);
-RECORD(coverage::Sink, choice, pose_ids, counts, rows, bits, area_units, areas);
+RECORD(coverage::Sink, choice, pose_ids, counts, rows);
 
 namespace coverage {
 namespace {
@@ -189,25 +184,9 @@ template <class View> struct Adder {
         const Summand<N> summand = {decision.coverage, face.bound, face.part, decision.reason,
                                     face.kind};
         add_pair(view.row, f, is_scored, summand, sums);
-        if (sink.bits.size()) put_bits(f, covers(face));
         if (choice == NO_PAIRS) return;
-        const Mask<N> rows = is_row(face);
-        if constexpr (std::is_same_v<N, double>) {
-            if (rows) add_row(f, face, 0);
-        } else {
-            for (int64_t left = bits(rows); left; left = without_lowest(left))
-                add_row(f, face, lowest(left));
-        }
-    }
-
-    // Sets the bits of covered faces from f on, which share a byte, and adds their areas.
-    template <class M> INLINE void put_bits(int64_t f, M is_covered) {
-        int64_t lanes = 0;
-        if constexpr (std::is_same_v<M, bool>) lanes = is_covered;
-        else lanes = bits(is_covered);
-        sink.bits(view.row, f / 8) |= uint8_t(lanes << f % 8);
-        for (; lanes; lanes = without_lowest(lanes))
-            sink.areas[view.row] += sink.area_units[f + lowest(lanes)];
+        for (int64_t left = lanes_of(is_row(face)); left; left = without_lowest(left))
+            add_row(f, face, lowest(left));
     }
 
     // Keeps the figures of the face in lane k. The bound includes the rounding of the visible
@@ -248,14 +227,11 @@ template <class View> struct Adder {
 // Judges the faces in poses `first` to `last` - 1 and adds them to the sums.
 //
 // `coverage`, (F,), is scratch. Rows of the pairs that the sink asks for go to its rows from
-// first * F on, their number to its counts[first]; bits of covered faces, the lowest first, and the
-// sums of their area units are added to its bits and areas.
+// first * F on, their number to its counts[first].
 template <class Camera, class Count>
 void add_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, const Rules &rules,
                Scored is_scored, const Sums &sums, Column<double> coverage, const Sink &sink) {
-    scope.check(first, last);
-    const auto &[scene, camera, seen, points] = scope;
-    const int64_t n_faces = scene.faces.rows(), n_poses = seen.poses.rows();
+    const int64_t n_faces = scope.scene.faces.rows(), n_poses = scope.seen.poses.rows();
     require_sums(sums, is_scored, n_faces, n_poses);
     require(coverage.rows() == n_faces, "coverage must have one row for each face");
     require(have_rows(n_poses, sink.pose_ids, sink.counts),
@@ -264,34 +240,20 @@ void add_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, c
     each_field(sink.rows, Record<PairRows>::fields, [&](const auto &rows) {
         require(rows.rows() >= room, "a sink must have room for all pairs");
     });
-    if (sink.bits.size()) {
-        static_assert(8 % AT_A_TIME<Doubles> == 0);
-        require(have_rows(n_poses, sink.bits, sink.areas) && have_rows(n_faces, sink.area_units) &&
-                    8 * sink.bits.extent(1) >= n_faces,
-                "bits must have a row for each pose and a column for each face, areas must be of "
-                "all");
-    }
     if (first == last) return;
     const bool has_rows = sink.choice != NO_PAIRS;
-    const Asked asked = {.area = has_rows,
-                         .density = has_rows || rules.min_pixel_density > 0,
-                         .facing = has_rows || asks_facing(rules),
-                         .per_m2 = rules.min_pixels_per_m2 > 0};
-    const auto memory = std::make_unique<Memory<Camera>>();
     int64_t n_rows = first * n_faces;
-    for (int64_t row = first; row < last; row++) {
-        poll_interrupt();
-        using OfPose = View<Camera, Count>;
-        const OfPose view = {scene, camera, seen, rules, points, *memory, asked, row};
+    const Asked asked(rules, has_rows, has_rows, has_rows);
+    each_view(first, last, scope, rules, asked, [&](const auto &view) {
         const Pose pose = view.pose();
         const double reach = std::abs(pose(0, 3)) + std::abs(pose(1, 3)) + std::abs(pose(2, 3));
-        Adder<OfPose> adder = {
+        Adder<View<Camera, Count>> adder = {
             view,     is_scored,   sums,   sink,
-            coverage, sink.choice, n_rows, PLANE_ROUNDING * (reach + scene.reach)};
+            coverage, sink.choice, n_rows, PLANE_ROUNDING * (reach + view.scene.reach)};
         judge_pose(view, 0, adder);
         n_rows = adder.n_rows;
-        sums.totals[row] = total_of(coverage, is_scored);
-    }
+        sums.totals[view.row] = total_of(coverage, is_scored);
+    });
     sink.counts[first] = n_rows - first * n_faces;
 }
 
@@ -330,19 +292,13 @@ void add_rows(IntArray rows, Scored is_scored, Array<const double, Any, Any> cov
 
 void register_coverage_network(nanobind::module_ &m) {
     using namespace coverage;
-    const auto add = [&](auto add_poses) {
-        def(m, "add_poses", add_poses,
+    each_kind([&]<class Camera, class Count> {
+        def(m, "add_poses", add_poses<Camera, Count>,
             "Judge the faces in poses `first` to `last` - 1 and add them to the sums.\n\n"
             "`coverage`, (F,), is scratch. Rows of the pairs that the sink asks for go to its rows "
             "from\nfirst * F on, their number to its counts[first].",
             "first", "last", "scope", "rules", "is_scored", "sums", "coverage", "sink");
-    };
-    add(add_poses<Lens, double>);
-    add(add_poses<Lens, int32_t>);
-    add(add_poses<ParallelLens, double>);
-    add(add_poses<ParallelLens, int32_t>);
-    add(add_poses<CurvedLens, double>);
-    add(add_poses<CurvedLens, int32_t>);
+    });
     def(m, "add_rows", add_rows, "Add some rows of figures, (P, F) each, to the sums.", "rows",
         "is_scored", "coverage", "reason", "bound", "kind", "fraction", "sums");
 }

@@ -3,8 +3,6 @@
 // Twins: rastercov.reference.views, tests/placement/test_uncovered.py.
 #include "bind.hpp"
 #include "coverage/face.hpp"
-#include "interrupt.hpp"
-#include <memory>
 
 namespace rastercov {
 namespace coverage {
@@ -65,10 +63,7 @@ struct Lister {
             write(covering, read<W>(covering) + select(reason == W(COVERED), W(1), W(0)));
         }
         const Mask<N> wanted = (coverage > N(0.0)) & read_mask<N>(is_wanted.begin() + f);
-        int64_t left = 0;
-        if constexpr (std::is_same_v<N, double>) left = wanted;
-        else left = bits(wanted);
-        for (; left; left = without_lowest(left)) {
+        for (int64_t left = lanes_of(wanted); left; left = without_lowest(left)) {
             const int k = lowest(left);
             pairs.face[end] = int32_t(f + k);
             pairs.coverage[end++] = shorten(lane_of(coverage, k), least);
@@ -79,28 +74,19 @@ struct Lister {
 template <class Camera, class Count>
 void list_pairs(int64_t first, int64_t last, const Scope<Camera, Count> &scope, const Rules &rules,
                 BoolArray is_wanted, const Pairs &pairs, const Greatest &greatest) {
-    scope.check(first, last);
-    const auto &[scene, camera, seen, points] = scope;
-    const int64_t n_faces = scene.faces.rows();
-    require(pairs.counts.rows() == seen.poses.rows() && pairs.face.rows() >= last * n_faces &&
+    const int64_t n_faces = scope.scene.faces.rows();
+    require(pairs.counts.rows() == scope.seen.poses.rows() && pairs.face.rows() >= last * n_faces &&
                 pairs.coverage.rows() >= last * n_faces,
             "pairs must have room for all of the poses");
     require(is_wanted.rows() == n_faces &&
                 (greatest.low.size() == 0 ||
                  have_rows(n_faces, greatest.low, greatest.high, greatest.covering)),
             "faces must have one row each");
-    const Asked asked = {.area = false,
-                         .density = rules.min_pixel_density > 0,
-                         .facing = asks_facing(rules),
-                         .per_m2 = rules.min_pixels_per_m2 > 0};
-    const auto memory = std::make_unique<Memory<Camera>>();
-    for (int64_t row = first; row < last; row++) {
-        poll_interrupt();
-        const View<Camera, Count> view = {scene, camera, seen, rules, points, *memory, asked, row};
-        Lister lister = {is_wanted, rules.min_coverage, pairs, greatest, row * n_faces};
+    each_view(first, last, scope, rules, Asked(rules), [&](const auto &view) {
+        Lister lister = {is_wanted, rules.min_coverage, pairs, greatest, view.row * n_faces};
         judge_pose(view, 0, lister);
-        pairs.counts[row] = lister.end - row * n_faces;
-    }
+        pairs.counts[view.row] = lister.end - view.row * n_faces;
+    });
 }
 
 } // namespace
@@ -109,16 +95,11 @@ void list_pairs(int64_t first, int64_t last, const Scope<Camera, Count> &scope, 
 void register_coverage_pairs(nanobind::module_ &m) {
     using namespace coverage;
     m.attr("EDGE_ON") = EDGE_ON;
-    const auto add = [&](auto list) {
-        def(m, "list_pairs", list, "List the pairs with coverage, and add to the bounds of faces.",
-            "first", "last", "scope", "rules", "is_wanted", "pairs", "greatest");
-    };
-    add(list_pairs<Lens, double>);
-    add(list_pairs<Lens, int32_t>);
-    add(list_pairs<ParallelLens, double>);
-    add(list_pairs<ParallelLens, int32_t>);
-    add(list_pairs<CurvedLens, double>);
-    add(list_pairs<CurvedLens, int32_t>);
+    each_kind([&]<class Camera, class Count> {
+        def(m, "list_pairs", list_pairs<Camera, Count>,
+            "List the pairs with coverage, and add to the bounds of faces.", "first", "last",
+            "scope", "rules", "is_wanted", "pairs", "greatest");
+    });
 }
 
 } // namespace rastercov

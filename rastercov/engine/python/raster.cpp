@@ -3,6 +3,7 @@
 // Twin: rastercov.core.raster.cpu.
 #include "solver/raster.hpp"
 #include "bind.hpp"
+#include "coverage/bits.hpp"
 #include "python/views.hpp"
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/vector.h>
@@ -71,6 +72,13 @@ void register_solver_raster(nanobind::module_ &m) {
         "canvases", "looks", "output", "n_parts", "n_threads");
     def(all, "count_long", &Rasterizer::count<int64_t>, "The same in 64 bits.", "canvases", "looks",
         "output", "n_parts", "n_threads");
+    const auto add = [&](auto judge) {
+        def(all, "judge", judge, "Count poses, set bits of the faces that they cover, add views.",
+            "canvases", "looks", "lens", "judging", "n_threads");
+    };
+    add(coverage::OnePass<rastercov::Lens>::judge);
+    add(coverage::OnePass<ParallelLens>::judge);
+    add(coverage::OnePass<CurvedLens>::judge);
     def(all, "count_targets", &Rasterizer::count_targets, "Add the samples of targets in poses.",
         "canvases", "looks", "corners", "visible", "drawn", "n_threads");
     def(all, "render", &Rasterizer::render, "Draw images of poses.", "canvas", "looks", "face",

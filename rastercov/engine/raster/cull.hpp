@@ -227,7 +227,7 @@ inline void cull_and_bin(const Faces &faces, int n_slots, const Target &target, 
             n_wide = append_set_bits(found.wide, at, bins.wide.slots, n_wide);
             n_clipped = append_set_bits(found.clipped, at, bins.clipped.slots, n_clipped);
         }
-        if (target.counts.with_drawn) {
+        if (target.counts.with_backs) {
             int64_t small = found.hidden_samples_2x2;
             int64_t larger = found.hidden_larger;
             if (target.counts_in_blocks()) { // the mask of 2 x 2 has no places

@@ -264,7 +264,7 @@ inline int64_t fill_small(Bins &bins, const Faces &faces, const Target &target, 
         if (target.tests_cells) {
             const int64_t hidden = hidden_lanes(others, target, t);
             others &= ~hidden;
-            if (hidden && target.counts.with_drawn) count_lanes(hidden, target, t);
+            if (hidden && target.counts.with_backs) count_lanes(hidden, target, t);
         }
         if (small) {
             const Int coverage = Int::load(bins.samples_2x2.coverage + i);
@@ -302,7 +302,7 @@ inline int64_t fill_any(const int32_t *slots, int n, const Faces &faces, const T
             filled += fits_32_bits(k, t, target.window) ? fill_cells<int32_t>(k, target, t)
                                                         : fill_cells<int64_t>(k, target, t);
         }
-        int64_t hidden = target.counts.with_drawn ? sides.hidden & valid : 0;
+        int64_t hidden = target.counts.with_backs ? sides.hidden & valid : 0;
         for (; hidden; hidden = without_lowest(hidden)) {
             const int k = lowest(hidden);
             const int64_t covered = fits_32_bits(k, t, target.window)

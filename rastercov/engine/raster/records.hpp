@@ -195,12 +195,13 @@ struct Image {
     Column<uint8_t> marks;
     bool is_clear;
 };
-// Samples of each face, added to; `drawn` is empty where it is not wanted; and the lanes of each
-// block of the band that count, empty where all do.
+// Samples of each face, added to; `drawn` is empty where it is not wanted; the lanes of each block
+// of the band that count, empty where all do; and whether `drawn` is wanted, also of faces that are
+// left out because they are seen from behind.
 struct Counts {
     Column<int32_t> visible, drawn;
     Column<const uint16_t> used;
-    bool with_drawn;
+    bool with_drawn, with_backs = with_drawn;
 };
 // What a band is drawn to, and whether faces are compared with the bounds of depth in cells first.
 struct Target {

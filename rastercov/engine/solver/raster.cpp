@@ -182,7 +182,7 @@ class Worker {
         if (rows.first == rows.last) return 0;
         _memory.fit(canvas.n_marks(), canvas.n_cells());
         set_camera(canvas, look);
-        cull(canvas, look.cull && !counts.with_drawn, band_of(canvas, rows));
+        cull(canvas, look.cull && !counts.with_backs, band_of(canvas, rows));
         const bool is_only = rows.last - rows.first <= canvas.block_rows;
         int64_t filled = 0;
         for (int64_t first = rows.first; first < rows.last; first += canvas.block_rows) {
@@ -452,6 +452,20 @@ template void Rasterizer::count(const Canvases &, const Looks &, const Output<in
                                 int64_t);
 template void Rasterizer::count(const Canvases &, const Looks &, const Output<int64_t> &, int64_t,
                                 int64_t);
+
+void Rasterizer::count_each(const Canvases &canvases, const Looks &looks, int64_t n_threads,
+                            const Take &take) {
+    require_looks(canvases, looks);
+    share(looks.near.rows(), n_threads, [&](Worker &worker, int64_t pose) {
+        const Counts counts = {worker.counts(0), worker.counts(1), {}, true, false};
+        for (size_t k = 0; k < canvases.size(); k++) {
+            const Canvas &canvas = *canvases[k];
+            worker.draw(canvas, look_of(looks, int64_t(k), pose), canvas.part(0, 1), counts, ALL,
+                        [](const Band &) {});
+        }
+        take(pose, counts);
+    });
+}
 
 void Rasterizer::count_targets(const Canvases &canvases, const Looks &looks,
                                const FloatRows<3, 3> &corners,

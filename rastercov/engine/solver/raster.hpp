@@ -115,6 +115,9 @@ template <class T> struct Output {
     bool adds;
 };
 
+// Takes the counts of a pose while they are in the cache of its thread.
+using Take = std::function<void(int64_t, const Counts &)>;
+
 class Worker; // memory of one thread
 
 class Rasterizer {
@@ -127,6 +130,10 @@ class Rasterizer {
     template <class T>
     void count(const Canvases &canvases, const Looks &looks, const Output<T> &out, int64_t n_parts,
                int64_t n_threads);
+    // Counts poses in memory that threads use again, and hands each over. What is seen from behind
+    // and left out is counted as nothing.
+    void count_each(const Canvases &canvases, const Looks &looks, int64_t n_threads,
+                    const Take &take);
     // Adds the samples of targets, whose corners are from the centre of the scene: those that no
     // face is in front of, and all, (P, N).
     void count_targets(const Canvases &canvases, const Looks &looks, const FloatRows<3, 3> &corners,
