@@ -114,14 +114,22 @@ template <class N> struct Triple {
 template <class N> INLINE Triple<N> read_triple(const double *from) {
     if constexpr (std::is_same_v<N, double>) return {from[0], from[1], from[2]};
     else {
-        Triple<N> found;
-        unroll<AT_A_TIME<N>>(EACH(k) {
-            constexpr int row = k / N::WIDTH, lane = k % N::WIDTH;
-            found.x.r[row][lane] = from[3 * k];
-            found.y.r[row][lane] = from[3 * k + 1];
-            found.z.r[row][lane] = from[3 * k + 2];
-        });
-        return found;
+        constexpr int W = N::WIDTH;
+        const auto column =
+            [&]<int... i>(auto k, std::integer_sequence<int, i...>) __attribute__((always_inline)) {
+                return N::make(EACH(row) {
+                    Register<double> rows[3];
+                    std::memcpy(rows, from + 3 * W * row, sizeof rows);
+                    const auto first = __builtin_shufflevector(
+                        rows[0], rows[1], (3 * i + k < 2 * W ? 3 * i + k : i)...);
+                    return __builtin_shufflevector(first, rows[2],
+                                                   (3 * i + k < 2 * W ? i : 3 * i + k - W)...);
+                });
+            };
+        constexpr auto LANES_OF_ROW = std::make_integer_sequence<int, W>();
+        return {column(std::integral_constant<int, 0>(), LANES_OF_ROW),
+                column(std::integral_constant<int, 1>(), LANES_OF_ROW),
+                column(std::integral_constant<int, 2>(), LANES_OF_ROW)};
     }
 }
 
