@@ -7,7 +7,8 @@ rate of `observe`, and with method "sampled" to that of counting. At these dista
 beyond the camera's depth of field, so its table of covered pairs would be empty; the rows are those
 of the same camera in focus, except for one of the camera as it is. By area, as reports are unless
 asked otherwise, a table has the covered area of every pair, which the sums do not need. `--meshes
-DIR` adds reports of the mesh files of a folder.
+DIR` adds reports of the mesh files of a folder. Then method "sampled" on images of 256 x 256: bits
+of the covered pairs alone, and all figures, to the time of counting.
 
 Before anything is timed, figures are compared with their numpy twins, and reports with figures.
 Each round times the jobs in turn, each from an opened observer on. Printed are medians over the
@@ -42,8 +43,10 @@ from rastercov.reference.coverage import figures_of_pose, rows_of
 from rastercov.report.coverage import Options, run
 
 CAMERA = rc.Camera(width=1280, height=1024, fx=1152, fy=1152)
+SMALL = rc.Camera(width=256, height=256, fx=230, fy=230)
 TASK = rc.Task(min_pixels=4, max_incidence_deg=75)
 ALL_FIGURES, NETWORK_ONLY = (1.8, 1.3), (1.25, 1.1)
+BITS_ALONE, SAMPLED_FIGURES = (1.25, 1.1), (2.0, 1.5)
 """Largest ratio, and the aim."""
 REPORT_ONLY, SAMPLED_REPORT, REPORTS_PER_SECOND = (0.7, 0.9), (0.5, 0.8), (350, 500)
 """Least rate of reports without a table to `observe`, and to counting; poses per second with the
@@ -73,6 +76,8 @@ def main() -> None:
         size = float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
         poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 1.2 * size, args.poses)
         compare_judging(report, name, mesh, rc.Poses.of(poses), args.rounds, args.threads)
+        many = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 1.2 * size, args.report_poses)
+        compare_sampled(report, name, mesh, rc.Poses.of(many), args.rounds, args.threads)
     khepra = rc.Camera.preset("khepra")
     in_focus = replace(khepra, focus_range=None)
     aeroplane = shapes.aeroplane(9856)
@@ -123,6 +128,32 @@ def compare_judging(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, 
             report.add(f"{name}: {what}, {clock}", value, "", aim=aim, at_most=most)
         observed = statistics.median(times[0][kind] for times in rounds) / len(poses)
         report.add(f"{name}: observe, {clock}", 1e3 * observed, "ms a pose")
+
+
+def compare_sampled(report: Report, name, mesh, poses: rc.Poses, n_rounds: int, threads: int):
+    """Rows of `evaluate` by samples on small images, to the time of counting alone."""
+    engine, run = rc.Engine("sampled", "cpu", threads=threads), (mesh, SMALL, poses, rc.Task())
+    both = rc.evaluate(*run, method=engine, fields=("reason", "covered"))
+    bits = rc.evaluate(*run, method=engine, fields=("covered",)).bits
+    same = np.array_equal(bits.dense(), both.reason == rc.Reason.COVERED)
+    report.check(f"{name}: bits of the reasons", same)
+    rounds = timed(
+        [
+            partial(count, mesh, SMALL, poses, threads),
+            partial(rc.evaluate, *run, method=engine, fields=("covered",)),
+            partial(rc.evaluate, *run, method=engine),
+        ],
+        n_rounds,
+    )
+    for kind, clock in enumerate(("wall", "CPU")):
+        for what, job, (most, aim) in (
+            ("256 x 256: bits / count", 1, BITS_ALONE),
+            ("256 x 256: all fields / count", 2, SAMPLED_FIGURES),
+        ):
+            value = statistics.median(times[job][kind] / times[0][kind] for times in rounds)
+            report.add(f"{name}, {what}, {clock}", value, "", aim=aim, at_most=most)
+        counted = statistics.median(times[0][kind] for times in rounds) / len(poses)
+        report.add(f"{name}, 256 x 256: count, {clock}", 1e3 * counted, "ms a pose")
 
 
 def compare_reports(report: Report, name, mesh, camera, n_poses: int, n_rounds: int) -> None:
@@ -188,10 +219,10 @@ def observe(mesh, camera, poses: rc.Poses, threads: int | None = None) -> None:
             observer.observe(poses[start : start + step])
 
 
-def count(mesh, camera, poses: rc.Poses) -> None:
+def count(mesh, camera, poses: rc.Poses, threads: int | None = None) -> None:
     """Count visible and drawn samples of all poses, on the rolled grid of method "sampled"."""
-    step = batch_size(mesh.n_faces, thread_count(None))
-    with rc.open_rasterizer(mesh, camera, "cpu", roll=ROLL) as rasterizer:
+    step = batch_size(mesh.n_faces, thread_count(threads))
+    with rc.open_rasterizer(mesh, camera, "cpu", roll=ROLL, threads=threads) as rasterizer:
         for start in range(0, len(poses), step):
             rasterizer.count(poses[start : start + step])
 

@@ -38,6 +38,7 @@ WORD = 8
 """Bytes of a word: rows are whole words."""
 
 
+@once_each
 def whole_area(mesh: Mesh) -> float:
     """Evaluated area, m^2, as one correctly rounded sum."""
     return max(math.fsum(mesh.areas[mesh.task_mask].tolist()), TINY)

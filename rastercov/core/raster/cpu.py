@@ -266,7 +266,7 @@ class CPURasterizer(InLoops):
 
 
 class _Known(CPURasterizer):
-    """That of the known scene."""
+    """Rasteriser of the known scene."""
 
     def _check(self) -> None:
         """Nothing: its counts are what is checked."""
