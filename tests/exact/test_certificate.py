@@ -231,6 +231,14 @@ def thin_on_one_side(n):
     return vertices, np.concatenate(([(0, 1, 2)], thin))
 
 
+def slanted_needles(n):
+    """Parallel needles beside one another, whose boxes overlap."""
+    x = np.linspace(-1, 1, n)
+    along = np.array([(0, -0.8, 0), (1 / n, -0.8, 0), (0.6, 0.8, 0)])
+    corners = along + np.column_stack((x, 0 * x, 0 * x))[:, None]
+    return corners.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
 def pages(n):
     """Faces about one edge, their corners and themselves in any order."""
     rng = np.random.default_rng(n)
@@ -253,7 +261,9 @@ def in_any_order(scene):
 @on_both_paths
 @pytest.mark.parametrize("eye", [BEFORE, ABOVE, BEHIND])
 @pytest.mark.parametrize("made", [lambda scene: scene, in_any_order])
-@pytest.mark.parametrize("scene", [nearly_coincident, coincident, thin_on_one_side, pages])
+@pytest.mark.parametrize(
+    "scene", [nearly_coincident, coincident, thin_on_one_side, slanted_needles, pages]
+)
 def test_an_edge_is_compared_with_as_many_faces_in_any_number(scene, made, eye, path):
     few, many = (compared(*made(scene)(n), path, eye) for n in (510, 2010))
     assert many < 8 * few + 1  # of all pairs, 16 times

@@ -371,12 +371,24 @@ def needles():
     return Mesh(vertices=walls, faces=np.arange(30).reshape(10, 3))
 
 
-def test_walls_needles_copies_and_spots_cost_as_much_as_other_faces(monkeypatch, needles):
+def half_circle(n):
+    angle = np.linspace(0, np.pi, n)
+    return np.column_stack((np.cos(angle), 0 * angle, np.sin(angle)))
+
+
+def pages(n):
+    """Faces about the edge of vertices 0 and 1."""
+    return np.column_stack((np.zeros(n, int), np.ones(n, int), 2 + np.arange(n)))
+
+
+def test_walls_needles_copies_pages_and_spots_cost_as_much_as_other_faces(monkeypatch, needles):
     """By calls of the loop, each of about so many steps; turned, boxes of needles overlap."""
     fine, turned = shapes.torus(100, 100), rotation(6)
     spot = Mesh(vertices=fine.vertices * 1e-4, faces=fine.faces)
     triangle = Mesh(vertices=np.array(FLAT) - (2, 2, 1), faces=[(0, 1, 2)])
+    ends = np.array([(0, -1, 0), (0, 1, 0)])
     scenes = {
+        "pages": Mesh(vertices=np.concatenate((ends, half_circle(5000))), faces=pages(5000)),
         "walls first": joined(needles, fine),
         "walls last": joined(fine, needles),
         "needles": tube(10_000, 50),

@@ -371,23 +371,20 @@ inline Range values_at_corners(const Group &group, const Line &line, int64_t wit
     return all;
 }
 
-// True if a point is surely outside of an entry of a cell of MANY faces, by more than `margin`
-// pixels along u and v.
-inline bool is_outside(int64_t entry, double u, double v, double margin, const CellGrid &grid) {
-    const double *const corner = grid.bounds.data + grid.bounds.extent(1) * CORNER + entry;
-    const int64_t stride = grid.bounds.extent(1);
-    bool is_left = false;
-    bool is_right = false;
+// True if a point is surely outside of all faces of a group, by more than `margin` pixels along u
+// and v: all are on one side of a line through it along the middle of a side of them.
+inline bool is_outside(const Group &group, double u, double v, double margin) {
     for (int k = 0; k < 3; k++) {
-        const int j = k < 2 ? k + 1 : 0;
-        const double from_u = corner[2 * k * stride], from_v = corner[(2 * k + 1) * stride];
-        const double du = corner[2 * j * stride] - from_u,
-                     dv = corner[(2 * j + 1) * stride] - from_v;
-        const double value = du * (v - from_v) - dv * (u - from_u);
-        const double width = margin * (std::abs(du) + std::abs(dv));
-        is_left |= value<-width, is_right |= value> width;
+        const auto &from = group.corners[k].at, &to = group.corners[(k + 1) % 3].at;
+        const auto step = [&](int axis) {
+            return to[axis].least + to[axis].most - from[axis].least - from[axis].most;
+        };
+        const Line line = {u, v, step(U), step(V), 0.0};
+        const Range at = values_at_corners(group, line);
+        const double width = slack_of(line, margin);
+        if (at.least > width || at.most < -width) return true;
     }
-    return is_left & is_right;
+    return false;
 }
 
 // Depths of a face that is asked for: least W_MAX, least and greatest W_MIN.

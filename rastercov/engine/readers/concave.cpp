@@ -3,13 +3,18 @@
 // A fan about the first corner folds over where a triangle of it is wound against the polygon, seen
 // along Newell's normal. Such a polygon loses one ear after another, a triangle that holds no other
 // corner. G. H. Meisters. Polygons have ears. 1975. Corners are whole numbers of a grid in the
-// plane of the polygon, so no sign is rounded.
+// plane of the polygon, so no sign is rounded. A sweep finds edges that meet, and a tree of boxes
+// the corners in a triangle, so that n corners cost about n log n.
 //
 // Twins: tests/mesh/test_concave_polygons.py, tests/mesh/test_page_readers.py.
 #include "mesh/triangles.hpp"
 #include "readers/text.hpp"
+#include "sort.hpp"
 #include <array>
+#include <bit>
 #include <numbers>
+#include <numeric>
+#include <set>
 
 namespace rastercov::readers {
 namespace {
@@ -17,12 +22,9 @@ constexpr double FOLD_TOLERANCE_REL = 1e-9;     // of an area that may be wound 
 constexpr double FLATNESS_TOLERANCE_REL = 0.01; // of the size; beyond it other triangles differ
 constexpr double WHOLE_TURN = 2 * std::numbers::pi * (1 + 1e-9);
 constexpr double GRID = int64_t(1) << 50; // steps of a size
-constexpr size_t MOST_CORNERS = 50'000;   // of a polygon that is cut: some seconds
-constexpr const char *WORDS[3][2] = {
+constexpr const char *WORDS[2][2] = {
     {"are not flat", "other triangles would be another surface"},
-    {"cross or touch themselves", "their triangles may overlap, correct them in the modeller"},
-    {"are concave and have more than 50000 corners",
-     "their triangles fold over, cut them in the modeller"}};
+    {"cross or touch themselves", "their triangles may overlap, correct them in the modeller"}};
 
 Vector over(Vector a, double size) {
     return size > 0.0 ? Vector{a.x / size, a.y / size, a.z / size} : a;
@@ -30,7 +32,7 @@ Vector over(Vector a, double size) {
 
 struct Corner {
     int64_t x, y;
-    bool operator==(const Corner &) const = default;
+    auto operator<=>(const Corner &) const = default;
 };
 using Corners = std::vector<Corner>;
 Wide dot(Corner at, Corner a, Corner b) {
@@ -62,79 +64,203 @@ Meeting meeting_of(Corner a, Corner b, Corner c, Corner d, bool is_next) {
     return do_meet ? ACROSS : APART;
 }
 
-Meeting meeting_of(const Corners &at) {
-    const size_t n = at.size();
-    if (n < 3) return ACROSS;
-    Meeting most = APART;
-    Poll poll(16);
-    for (size_t k = 0; k < n; k++) {
-        poll();
-        for (size_t j = 0; j < k && most < ACROSS; j++) {
-            const bool is_next = k - j == 1 || k - j == n - 1;
-            most = std::max(most, meeting_of(at[k], at[(k + 1) % n], at[j], at[j + 1], is_next));
-        }
+// Edges of a polygon from left to right, and from below where they are upright.
+struct Edges {
+    const Corners &at;
+
+    Corner end(size_t k) const { return at[k + 1 < at.size() ? k + 1 : 0]; }
+    Corner low(size_t k) const { return std::min(at[k], end(k)); }
+    Corner high(size_t k) const { return std::max(at[k], end(k)); }
+    int side(size_t k, Corner p) const { return readers::side(low(k), high(k), p); }
+
+    // True if one is below another where both are; they are the same if neither is.
+    bool operator()(size_t k, size_t j) const {
+        const bool is_later = low(k) >= low(j);
+        if (!is_later) std::swap(k, j);
+        int above = side(j, low(k));
+        if (above == 0) above = side(j, high(k));
+        return is_later ? above < 0 : above > 0;
     }
-    return most;
+    Meeting meeting(size_t k, size_t j) const {
+        const size_t apart = k < j ? j - k : k - j;
+        return meeting_of(at[k], end(k), at[j], end(j), apart == 1 || apart == at.size() - 1);
+    }
+};
+
+// Largest of what two edges do. Each pair is compared that is next to one another along a sweep
+// line. M. I. Shamos and D. Hoey. Geometric Intersection Problems. 1976.
+Meeting meeting_of(const Corners &at) {
+    struct Event {
+        Corner at;
+        bool starts;
+        size_t edge;
+        auto operator<=>(const Event &) const = default;
+    };
+    if (at.size() < 3) return ACROSS;
+    const Edges edges = {at};
+    std::vector<Event> events;
+    for (size_t k = 0; k < at.size(); k++) {
+        events.push_back({edges.low(k), true, k});
+        events.push_back({edges.high(k), false, k});
+    }
+    sort_range(events.begin(), events.end());
+    using Sweep = std::set<size_t, Edges>;
+    Sweep sweep(edges);
+    std::vector<Sweep::iterator> places(at.size(), sweep.end());
+    Meeting most = APART;
+    Poll poll(64);
+    for (const auto &[corner, starts, k] : events) {
+        poll();
+        auto place = places[k];
+        if (starts) {
+            const auto [own, is_new] = sweep.insert(k);
+            most = std::max(most, is_new ? APART : edges.meeting(k, *own));
+            if (is_new) places[k] = own;
+            place = own;
+        }
+        if (place == sweep.end()) continue; // the same as another edge
+        const auto next = std::next(place);
+        const auto compare = [&](Sweep::iterator one, Sweep::iterator other) {
+            most = std::max(most, edges.meeting(*one, *other));
+        };
+        if (starts && next != sweep.end()) compare(place, next);
+        if (place != sweep.begin()) {
+            const auto before = std::prev(place);
+            if (starts) compare(before, place);
+            else if (next != sweep.end()) compare(before, next);
+        }
+        if (!starts) sweep.erase(place);
+        if (most == ACROSS) return most;
+    }
+    Corners sorted = at;
+    sort_range(sorted.begin(), sorted.end());
+    const bool is_twice = std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end();
+    return is_twice ? AT_CORNERS : most;
 }
 
 // --- ears ---
 
+// Some of n corners in their order, without an end.
+struct Ring {
+    std::vector<size_t> before, after;
+
+    explicit Ring(size_t n) : before(n), after(n) {
+        for (size_t k = 0; k < n; k++) {
+            before[k] = (k + n - 1) % n;
+            after[k] = (k + 1) % n;
+        }
+    }
+    void erase(size_t k) {
+        after[before[k]] = after[k];
+        before[after[k]] = before[k];
+    }
+    void insert(size_t k, size_t next) {
+        before[k] = before[next];
+        after[k] = next;
+        after[before[k]] = before[next] = k;
+    }
+};
+
+struct Box {
+    Corner low = {INT64_MAX, INT64_MAX}, high = {INT64_MIN, INT64_MIN};
+
+    void add(const Box &other) {
+        low = {std::min(low.x, other.low.x), std::min(low.y, other.low.y)};
+        high = {std::max(high.x, other.high.x), std::max(high.y, other.high.y)};
+    }
+    // True if it is to the right of a line from a to b.
+    bool is_beyond(Corner a, Corner b) const {
+        return side(a, b, {b.y >= a.y ? low.x : high.x, b.x >= a.x ? high.y : low.y}) < 0;
+    }
+};
+
 class Ears {
   public:
-    explicit Ears(const Corners &at) : _at(at), _before(at.size()), _after(at.size()) {
-        const size_t n = at.size();
-        for (size_t k = 0; k < n; k++) {
-            _before[k] = (k + n - 1) % n;
-            _after[k] = (k + 1) % n;
-            if (turn(k) <= 0) _dents.push_back(k);
+    explicit Ears(const Corners &at)
+        : _at(at), _left(at.size()), _order(at.size()), _leaves(at.size()),
+          _n_leaves(std::bit_ceil(at.size())), _dents(2 * _n_leaves) {
+        std::iota(_order.begin(), _order.end(), size_t(0));
+        // Along the curve of Morton. T. M. Chan. Closest-Point Problems Simplified on the RAM.
+        // 2002.
+        sort_range(_order.begin(), _order.end(), [&](size_t j, size_t k) {
+            const auto x = uint64_t(at[j].x ^ at[k].x), y = uint64_t(at[j].y ^ at[k].y);
+            if (x < y && x < (x ^ y)) return at[j].y < at[k].y;
+            return x ? at[j].x < at[k].x : j < k;
+        });
+        for (size_t leaf = 0; leaf < at.size(); leaf++) {
+            const size_t k = _order[leaf];
+            _leaves[k] = _n_leaves + leaf;
+            if (turn(k) <= 0) _dents[_leaves[k]] = {at[k], at[k]};
         }
+        for (size_t node = _n_leaves - 1; node > 0; node--) grow(node);
     }
 
     // Corners of the triangles; fewer than all but two of the corners where no ear is left.
     Wholes cut() {
         Wholes found;
-        std::vector<int8_t> is_none(_at.size());
-        size_t n = _at.size(), at = 0, n_seen = 0;
+        Ring todo(_at.size());
+        std::vector<bool> is_todo(_at.size(), true);
+        size_t at = 0, last = 0, n_todo = _at.size();
         Poll poll(16);
-        while (n > 3) {
+        for (size_t n = _at.size(); n > 3;) {
             poll();
-            if (!is_none[at] && is_ear(at)) {
-                const size_t a = _before[at], c = _after[at];
+            if (n_todo == 0) return found;
+            const size_t a = _left.before[at], c = _left.after[at];
+            const bool is_cut = is_ear(at);
+            if (is_cut) {
                 add(found, at);
-                _after[a] = c;
-                _before[c] = a;
-                std::erase_if(_dents, [&](size_t k) {
-                    return k == at || ((k == a || k == c) && turn(k) > 0);
-                });
-                is_none[a] = is_none[c] = false;
+                for (const auto &[k, next] : {std::pair(a, at), {c, todo.after[at]}})
+                    if (!is_todo[k]) {
+                        todo.insert(k, next);
+                        is_todo[k] = true;
+                        n_todo++;
+                    }
+                _left.erase(at);
+                for (const size_t k : {a, c})
+                    if (turn(k) > 0) drop_dent(k);
+                last = _left.after[c]; // not all triangles at one corner
                 n--;
-                n_seen = 0;
-                at = _after[c]; // not all triangles at one corner
-            } else {
-                is_none[at] = true;
-                at = _after[at];
-                if (++n_seen == n) return found;
             }
+            todo.erase(at);
+            is_todo[at] = false;
+            n_todo--;
+            at = todo.after[is_cut ? c : at];
         }
-        if (turn(at) >= 0) add(found, at);
+        if (turn(last) >= 0) add(found, last);
         return found;
     }
 
   private:
-    int turn(size_t k) const { return side(_at[_before[k]], _at[k], _at[_after[k]]); }
+    int turn(size_t k) const { return side(_at[_left.before[k]], _at[k], _at[_left.after[k]]); }
     void add(Wholes &found, size_t k) const {
-        for (const size_t each : {_before[k], k, _after[k]}) found.push_back(int64_t(each));
+        for (const size_t each : {_left.before[k], k, _left.after[k]})
+            found.push_back(int64_t(each));
+    }
+    void grow(size_t node) {
+        _dents[node] = _dents[2 * node];
+        _dents[node].add(_dents[2 * node + 1]);
+    }
+    void drop_dent(size_t k) {
+        size_t node = _leaves[k];
+        _dents[node] = {};
+        while (node /= 2) grow(node);
     }
 
-    bool is_ear(size_t b) const {
-        const size_t a = _before[b], c = _after[b];
-        if (turn(b) <= 0) return false;
-        const std::array<Corner, 3> ear = {_at[a], _at[b], _at[c]};
-        const auto [left, right] = std::minmax({ear[0].x, ear[1].x, ear[2].x});
-        return std::none_of(_dents.begin(), _dents.end(), [&](size_t k) {
-            const Corner p = _at[k];
-            return p.x >= left && p.x <= right && k != a && k != c && blocks(ear, k);
-        });
+    bool is_ear(size_t k) const {
+        return turn(k) > 0 &&
+               !is_blocked({_at[_left.before[k]], _at[k], _at[_left.after[k]]}, k, 1);
+    }
+
+    // True if a dent of a node is in the ear at corner b.
+    bool is_blocked(const std::array<Corner, 3> &ear, size_t b, size_t node) const {
+        const Box &box = _dents[node];
+        if (box.low.x > box.high.x) return false;
+        for (size_t j = 0; j < 3; j++)
+            if (box.is_beyond(ear[j], ear[(j + 1) % 3])) return false;
+        if (node < _n_leaves)
+            return is_blocked(ear, b, 2 * node) || is_blocked(ear, b, 2 * node + 1);
+        const size_t k = _order[node - _n_leaves];
+        return k != _left.before[b] && k != _left.after[b] && blocks(ear, k);
     }
 
     // True where a corner lies in an ear or, at a corner of it, leaves into it.
@@ -149,13 +275,16 @@ class Ears {
             const auto is_into = [&](Corner to) {
                 return side(p, next, to) > 0 && side(p, to, last) > 0;
             };
-            return is_into(_at[_before[k]]) || is_into(_at[_after[k]]);
+            return is_into(_at[_left.before[k]]) || is_into(_at[_left.after[k]]);
         }
         return true;
     }
 
     const Corners &_at;
-    std::vector<size_t> _before, _after, _dents; // of what is left
+    Ring _left;
+    std::vector<size_t> _order, _leaves; // corners of leaves, and leaves of corners
+    size_t _n_leaves;
+    std::vector<Box> _dents; // a tree over the corners
 };
 
 // --- fans ---
@@ -251,7 +380,7 @@ class Fan {
 } // namespace
 
 Strings cut_concave(const double *vertices, int64_t *faces, const int64_t *polygon, size_t n) {
-    size_t counts[3] = {}, firsts[3] = {};
+    size_t counts[2] = {}, firsts[2] = {};
     const auto note = [&](size_t kind, bool is_so, size_t f) {
         if (is_so && !counts[kind]++) firsts[kind] = f;
     };
@@ -264,14 +393,11 @@ Strings cut_concave(const double *vertices, int64_t *faces, const int64_t *polyg
         for (end = f + 1; end < n && goes_on(faces + 3 * end);) end++;
         if (end - f < 2) continue;
         Fan fan(vertices, faces + 3 * f, end - f);
-        const bool is_cut = fan.is_folded && !fan.is_crossing;
-        const bool is_long = is_cut && end - f > MOST_CORNERS - 2;
         note(0, fan.is_bent, f);
-        note(1, fan.is_crossing || (is_cut && !is_long && fan.cut() != APART), f);
-        note(2, is_long, f);
+        note(1, fan.is_crossing || (fan.is_folded && fan.cut() != APART), f);
     }
     Strings notes;
-    for (size_t kind = 0; kind < 3; kind++)
+    for (size_t kind = 0; kind < 2; kind++)
         if (counts[kind])
             notes.push_back(text(counts[kind], " polygons ", WORDS[kind][0], ", the first is ",
                                  polygon[firsts[kind]], "; ", WORDS[kind][1]));

@@ -53,7 +53,7 @@ void check_coordinates(const MeshFile &mesh);
 // Replaces, in place, fans that fold over by triangles that cover their polygon once: one that
 // crosses itself keeps its fan. A fan is consecutive triangles of a polygon that share their first
 // corner and an edge. `polygon` is of each of n faces; notes are on polygons that are not flat,
-// that cross or touch themselves, and that have too many corners.
+// and that cross or touch themselves.
 Strings cut_concave(const double *vertices, int64_t *faces, const int64_t *polygon, size_t n);
 
 } // namespace rastercov::readers

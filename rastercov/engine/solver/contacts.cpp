@@ -64,14 +64,18 @@ Tree tree_over(const Room<double> &points, const Room<int32_t> &faces,
     return tree;
 }
 
+// A tree of faces, in its order: which they are, and a corner of each that very many have, or -1.
+struct Fan {
+    Tree tree;
+    Room<int32_t> chosen, fans;
+};
+
 // Chosen faces of a mesh, scaled to a bounding box of diagonal 1, in a tree.
 struct Placed {
-    Room<int32_t> chosen;  // the faces, in the order of the tree
     Room<double> vertices; // of the mesh
     double scale, reach;   // inverse of the diagonal, and the tolerance as a fraction of it
     Room<double> points;   // vertices in the scene
-    Room<int32_t> fans;    // corner of each face that very many faces have, or -1
-    Tree tree;
+    Fan all;
 
     mesh::Surface<int32_t> surface(const Tree &of) const {
         return {vertices.rows<3>(), scale, of.faces.rows<3>(), reach};
@@ -136,20 +140,32 @@ Matrix frame_of(const Room<double> &points, const Room<int32_t> &faces) {
     return box_area(samples, other) < LESS * box_area(samples, none) ? other : none;
 }
 
-// Corner of each face that more than `most` faces have, -1 for none.
-Room<int32_t> fans_of(const Room<int32_t> &faces, int64_t n_vertices, int64_t most) {
-    const int64_t n = faces.size() / 3;
-    Room<int32_t> fans(n, -1);
-    if (n <= most) return fans;
-    Room<int32_t> n_faces(n_vertices, 0);
-    for (int64_t k = 0; k < faces.size(); k++) n_faces[faces[k]]++;
-    for (int64_t f = 0; f < n; f++) {
-        int64_t best = 3 * f;
-        for (int64_t k = 3 * f + 1; k < 3 * f + 3; k++)
-            if (n_faces[faces[k]] > n_faces[faces[best]]) best = k;
-        if (n_faces[faces[best]] > most) fans[f] = faces[best];
-    }
+// The one of each n of some corners that most have, if more than `most`, otherwise -1.
+Room<int32_t> fans_of(const Room<int32_t> &corners, int64_t n, int64_t most) {
+    Room<int32_t> fans(corners.size() / n, -1);
+    if (fans.size() <= most) return fans;
+    std::vector<int32_t> sorted(corners.rows().begin(), corners.rows().end());
+    sort_range(sorted.begin(), sorted.end());
+    for (int64_t f = 0; f < fans.size(); f++)
+        for (int64_t k = n * f, least = most; k < n * (f + 1); k++) {
+            const auto [first, last] = std::equal_range(sorted.begin(), sorted.end(), corners[k]);
+            if (last - first <= least) continue;
+            least = last - first;
+            fans[f] = corners[k];
+        }
     return fans;
+}
+
+// Faces in a tree over places; `fans` are theirs.
+Fan fan_over(const Room<double> &places, const Room<int32_t> &faces, const Room<int32_t> &chosen,
+             const Room<int32_t> &fans) {
+    Fan fan = {tree_over(places, faces, fans), Room<int32_t>(fans.size()),
+               Room<int32_t>(fans.size())};
+    for (int64_t f = 0; f < fans.size(); f++) {
+        fan.chosen[f] = chosen[fan.tree.order[f]];
+        fan.fans[f] = fans[fan.tree.order[f]];
+    }
+    return fan;
 }
 
 // Faces by the first vertex at the position of each corner; and the vertices without -0.0.
@@ -165,7 +181,8 @@ Room<int32_t> corners_of(const Welded &mesh, const Room<int32_t> &chosen, Room<d
     return corners;
 }
 
-Placed place(const Welded &mesh, Room<int32_t> chosen, double tolerance, int64_t most_at_corner) {
+Placed place(const Welded &mesh, const Room<int32_t> &chosen, double tolerance,
+             int64_t most_at_corner) {
     Placed placed;
     placed.vertices = Room<double>(mesh.vertices.size());
     const Room<int32_t> corners = corners_of(mesh, chosen, placed.vertices);
@@ -196,14 +213,7 @@ Placed place(const Welded &mesh, Room<int32_t> chosen, double tolerance, int64_t
         const Point at = rotate(point_at(placed.points, v), frame);
         std::copy_n(at.begin(), 3, placed.points.begin() + 3 * v);
     }
-    const Room<int32_t> fans = fans_of(corners, n_vertices, most_at_corner);
-    placed.tree = tree_over(placed.points, corners, fans);
-    placed.fans = Room<int32_t>(fans.size());
-    placed.chosen = Room<int32_t>(chosen.size());
-    for (int64_t f = 0; f < fans.size(); f++) {
-        placed.fans[f] = fans[placed.tree.order[f]];
-        placed.chosen[f] = chosen[placed.tree.order[f]];
-    }
+    placed.all = fan_over(placed.points, corners, chosen, fans_of(corners, 3, most_at_corner));
     return placed;
 }
 
@@ -211,16 +221,24 @@ Placed place(const Welded &mesh, Room<int32_t> chosen, double tolerance, int64_t
 // Two faces meet elsewhere only where the edge opposite to that corner of one, at a distance of r
 // or more, is within the tolerance of the other: their directions p and q there differ by |p - q|
 // <= 2 tolerance / r. A chord c between two directions is off their arc by c^2 / 4 or less.
-std::array<Point, 2> box_of_directions(const Placed &placed, const std::array<int32_t, 2> &others,
-                                       int32_t hub) {
-    Point ends[2], to[2];
-    for (int k = 0; k < 2; k++) {
-        ends[k] = times(
-            minus(point_at(placed.vertices, others[size_t(k)]), point_at(placed.vertices, hub)),
-            placed.scale);
-        to[k] = times(ends[k], 1.0 / length(ends[k]));
+//
+// Of faces about an edge they are those across it; see fold_touches.
+std::array<Point, 2> box_of_directions(const Placed &placed, const int32_t *others,
+                                       const std::array<int32_t, 2> &hubs) {
+    const auto from_hub = [&](int32_t v) {
+        const Point hub = point_at(placed.vertices, hubs[0]);
+        return times(minus(point_at(placed.vertices, v), hub), placed.scale);
+    };
+    Point ends[2] = {from_hub(others[0]), from_hub(others[1])}, to[2];
+    double height = length(cross(ends[0], ends[1])) / length(minus(ends[1], ends[0]));
+    if (hubs[1] >= 0) {
+        const Point edge = from_hub(hubs[1]);
+        const double squared = dot(edge, edge);
+        ends[0] = minus(ends[0], times(edge, dot(ends[0], edge) / squared));
+        ends[1] = ends[0];
+        height = squared > mesh::LEAST_AXIS_SQUARED ? length(ends[0]) : 0.0;
     }
-    const double height = length(cross(ends[0], ends[1])) / length(minus(ends[1], ends[0]));
+    for (int k = 0; k < 2; k++) to[k] = times(ends[k], 1.0 / length(ends[k]));
     const double chord = length(minus(to[1], to[0]));
     const double margin = 2 * placed.reach / height + chord * chord / 4 + LEAST_TOLERANCE_REL;
     std::array<Point, 2> box;
@@ -234,28 +252,30 @@ std::array<Point, 2> box_of_directions(const Placed &placed, const std::array<in
     return box;
 }
 
-// Faces first ... last - 1 of the tree, which are a fan, in a tree of their directions.
-Tree fan_of(const Placed &placed, int64_t first, int64_t last, Room<int32_t> &chosen) {
+// Faces first ... last - 1 of a fan, in a tree of their directions from hubs[0] or, unless hubs[1]
+// is -1, about the edge of both.
+Fan fan_of(const Placed &placed, const Fan &of, int64_t first, int64_t last,
+           const std::array<int32_t, 2> &hubs, int64_t most) {
     const int64_t n = last - first;
-    const int32_t hub = placed.fans[first];
     Room<double> points(9 * n);
-    Room<int32_t> own(3 * n);
+    Room<int32_t> own(3 * n), others(2 * n, hubs[0]), chosen(n);
     std::iota(own.begin(), own.end(), 0);
     for (int64_t f = 0; f < n; f++) {
-        const int32_t *corner = placed.tree.faces.rows().data + 3 * (first + f);
-        std::array<int32_t, 2> others = {hub, hub}; // of a face with that corner twice
-        std::copy_if(corner, corner + 3, others.begin(), [&](int32_t v) { return v != hub; });
-        const auto box = box_of_directions(placed, others, hub);
+        const int32_t *corner = of.tree.faces.rows().data + 3 * (first + f);
+        int32_t *const its = others.begin() + 2 * f; // one of faces about an edge
+        std::copy_if(corner, corner + 3, its,
+                     [&](int32_t v) { return v != hubs[0] && v != hubs[1]; });
+        const auto box = box_of_directions(placed, its, hubs);
         for (int k = 0; k < 3; k++)
             std::copy_n(box[k > 0].begin(), 3, points.begin() + 9 * f + 3 * k);
+        chosen[f] = of.chosen[first + f];
     }
-    Tree tree = tree_over(points, own, Room<int32_t>(n, -1));
-    for (int64_t f = 0; f < n; f++) {
-        const int64_t row = first + tree.order[f];
-        std::copy_n(placed.tree.faces.rows().data + 3 * row, 3, tree.faces.begin() + 3 * f);
-        chosen[f] = placed.chosen[row];
-    }
-    return tree;
+    Fan fan = fan_over(points, own, chosen,
+                       hubs[1] < 0 ? fans_of(others, 2, most) : Room<int32_t>(n, -1));
+    for (int64_t f = 0; f < n; f++)
+        std::copy_n(of.tree.faces.rows().data + 3 * (first + fan.tree.order[f]), 3,
+                    fan.tree.faces.begin() + 3 * f);
+    return fan;
 }
 
 // Fan of all faces of each node, -1 for none; none at all without fans.
@@ -283,15 +303,15 @@ void share(int64_t n, int64_t n_threads, const Worker &work) {
 }
 
 // Marks the faces of a tree that are in contact.
-void mark_in_tree(const Placed &placed, const Room<double> &points, const Tree &tree,
-                  const Room<int32_t> &fans, const Room<int32_t> &chosen, Int32Array labels,
-                  const ContactOptions &options, Room<bool> &touching) {
+void mark_in_tree(const Placed &placed, const Room<double> &points, const Fan &fan,
+                  Int32Array labels, const ContactOptions &options, Room<bool> &touching) {
+    const Tree &tree = fan.tree;
     const int64_t n = tree.n_faces(), n_leaves = (n + LEAF - 1) / LEAF;
     Room<bool> done(2 * tree.n_leaves()), marks(n, false);
     for (int64_t node = 0; node < done.size(); node++) done[node] = tree.nodes[6 * node] == INF;
-    const Room<int32_t> of_nodes = fans_of_nodes(fans, tree.n_leaves());
+    const Room<int32_t> of_nodes = fans_of_nodes(fan.fans, tree.n_leaves());
     Room<int32_t> own(labels.rows() ? n : 0);
-    for (int64_t f = 0; f < own.size(); f++) own[f] = labels[chosen[f]];
+    for (int64_t f = 0; f < own.size(); f++) own[f] = labels[fan.chosen[f]];
     const int64_t n_parts = (n_leaves + options.leaves_a_part - 1) / options.leaves_a_part;
     share(n_parts, options.n_threads, [&](int64_t part) {
         const int64_t first = part * options.leaves_a_part;
@@ -302,20 +322,22 @@ void mark_in_tree(const Placed &placed, const Room<double> &points, const Tree &
         if (options.n_steps) *options.n_steps += n_steps;
     });
     for (int64_t f = 0; f < n; f++)
-        if (marks[f]) touching[chosen[f]] = true;
+        if (marks[f]) touching[fan.chosen[f]] = true;
 }
 
-// Takes the tree of each fan of a mesh, in turn, with its faces; those of a fan follow one another,
-// after the rest.
-template <class Take> void for_each_fan(const Placed &placed, Take take) {
-    const auto fans = placed.fans.rows();
+// Takes the tree of each fan among some faces, in turn, and those of the fans about an edge in it;
+// faces of a fan follow one another, after the rest.
+template <class Take>
+void for_each_fan(const Placed &placed, const Fan &of, int64_t most, const Take &take,
+                  int32_t hub = -1) {
+    const auto fans = of.fans.rows();
     for (int64_t first = std::upper_bound(fans.begin(), fans.end(), -1) - fans.begin();
          first < fans.rows();) {
         const int64_t last =
             std::upper_bound(fans.begin() + first, fans.end(), fans[first]) - fans.begin();
-        Room<int32_t> own(last - first);
-        const Tree tree = fan_of(placed, first, last, own);
-        take(tree, own);
+        const Fan fan = fan_of(placed, of, first, last, {fans[first], hub}, most);
+        take(fan);
+        for_each_fan(placed, fan, most, take, fans[first]);
         first = last;
     }
 }
@@ -341,14 +363,12 @@ Room<bool> find_touching(const Welded &mesh, BoolArray is_flat, Int32Array label
     Room<bool> touching(n, false);
     Room<int32_t> chosen = rows_where(n, [&](int64_t f) { return !is_flat[f]; });
     if (chosen.size() < 2) return touching;
-    const Placed placed = place(mesh, std::move(chosen), tolerance, options.most_at_corner);
-    mark_in_tree(placed, placed.points, placed.tree, placed.fans, placed.chosen, labels, options,
-                 touching);
+    const Placed placed = place(mesh, chosen, tolerance, options.most_at_corner);
+    mark_in_tree(placed, placed.points, placed.all, labels, options, touching);
     Room<double> nowhere; // points without extent: their planes separate nothing
-    for_each_fan(placed, [&](const Tree &tree, const Room<int32_t> &own) {
+    for_each_fan(placed, placed.all, options.most_at_corner, [&](const Fan &fan) {
         if (nowhere.size() == 0) nowhere = Room<double>(placed.points.size(), 0.0);
-        mark_in_tree(placed, nowhere, tree, Room<int32_t>(own.size(), -1), own, labels, options,
-                     touching);
+        mark_in_tree(placed, nowhere, fan, labels, options, touching);
     });
     return touching;
 }
@@ -362,25 +382,25 @@ Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance
     if (chosen.size()) {
         const int64_t room = PAIRS_A_FACE * chosen.size();
         const Placed placed =
-            place(mesh, std::move(chosen), ROUNDING_FACTOR * tolerance, options.most_at_corner);
+            place(mesh, chosen, ROUNDING_FACTOR * tolerance, options.most_at_corner);
         Room<int32_t> rows(2 * room);
         int64_t most = 0;
         int64_t n_steps = 0;
-        const auto list = [&](const Tree &tree, const Room<int32_t> &fans,
-                              const Room<int32_t> &own) {
+        const auto list = [&](const Fan &fan) {
+            if (most > room) return;
+            const Tree &tree = fan.tree;
             const int64_t found = mesh::list_contacts<int32_t>(
-                placed.surface(tree), tree.with(fans), rows.rows<2>(), n_steps);
+                placed.surface(tree), tree.with(fans_of_nodes(fan.fans, tree.n_leaves())),
+                rows.rows<2>(), n_steps);
             most = std::max(most, found);
             for (int64_t k = 0; k < std::min(found, room); k++) {
-                const int32_t f = own[rows[2 * k]], g = own[rows[2 * k + 1]];
+                const int32_t f = fan.chosen[rows[2 * k]], g = fan.chosen[rows[2 * k + 1]];
                 pairs.emplace_back(f, g);
                 pairs.emplace_back(g, f);
             }
         };
-        list(placed.tree, fans_of_nodes(placed.fans, placed.tree.n_leaves()), placed.chosen);
-        for_each_fan(placed, [&](const Tree &tree, const Room<int32_t> &own) {
-            if (most <= room) list(tree, {}, own);
-        });
+        list(placed.all);
+        for_each_fan(placed, placed.all, options.most_at_corner, list);
         sort_range(pairs.begin(), pairs.end()); // those of one fan may be in both trees
         pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
         if (most > room || int64_t(pairs.size()) > 2 * room) pairs.clear();
