@@ -34,7 +34,7 @@ from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import COVERED, CoverageBits
+from rastercov.core.raster.bits import COVERED, CoverageBits, add_bits
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.shards import ALONE, Staff, Workers
 
@@ -192,7 +192,7 @@ class QuerySums:
         if self.areas is not None and batch.regions is not None:
             self.areas.add(with_rule(batch.regions, camera, poses))
         if self.bits is not None and batch.bits is not None:
-            self.bits.add(batch.bits, slice(self.done, end))
+            add_bits(self.bits, batch.bits, slice(self.done, end))
         self.ids.append(poses.ids)
         self.clipped.append(batch.clipped)
         self.done = end

@@ -137,11 +137,6 @@ class CoverageBits(InOneLine):
         areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)
         return cls.of(mesh, room_for_bits(n_poses, mesh.n_faces), areas, views)
 
-    def add(self, batch: "CoverageBits", rows: slice | IntArray) -> None:
-        """Put the bits of a batch in some rows, and add its views."""
-        self.packed[rows], self.area_units[rows] = batch.packed, batch.area_units
-        self.views[:] += batch.views
-
     def first(self, n: int) -> Self:
         """Bits of the first n poses, in which all views are."""
         return replace(self, packed=self.packed[:n], area_units=self.area_units[:n])
@@ -177,3 +172,10 @@ class Criteria:
 
     rules: Mapping[str, float]
     may_be_covered: BoolArray
+
+
+def add_bits(whole: CoverageBits, batch: CoverageBits, rows: slice | IntArray) -> None:
+    """Put the bits of a batch in some rows of all, and add its views."""
+    whole.packed[rows] = batch.packed
+    whole.area_units[rows] = batch.area_units
+    whole.views[:] += batch.views

@@ -11,7 +11,7 @@ from rastercov.base import ByName
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
-from rastercov.core.raster.bits import CoverageBits, Criteria, Judged
+from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, add_bits
 from rastercov.core.raster.contract import FaceCounts, Rasterizer
 
 MOST_OPEN = 16
@@ -70,7 +70,7 @@ class Rasterizers:
         for index, rows in poses.by_camera():
             matrices = poses.world_from_camera[rows]
             bits, clipped[rows] = self._of(index)._judge(matrices, criteria[index])
-            whole.add(bits, rows)
+            add_bits(whole, bits, rows)
         return whole, clipped
 
     def _of(self, index: int) -> Rasterizer:
