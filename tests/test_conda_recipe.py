@@ -22,6 +22,7 @@ RENAMED: dict[str, str] = {}
 
 
 CONDITIONS = {
+    "sys_platform == 'win32'": "win",
     "sys_platform == 'linux' and platform_machine == 'x86_64' or platform_machine == 'AMD64'"
     " or sys_platform == 'darwin' and platform_machine == 'arm64'": (
         "linux and x86_64 or win and x86_64 or osx and arm64"

@@ -9,7 +9,7 @@ import numpy as np
 
 from rastercov.base import FloatArray
 from rastercov.core.camera import Camera
-from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, area_units
+from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, area_units, no_bits
 from rastercov.gl.compute import MAX_GROUPS, Compute, ComputePoses, ComputeScene
 from rastercov.gl.resources import Resources, Staging, set_uniforms
 
@@ -66,7 +66,7 @@ class Judging:
     def judge(self, poses: FloatArray, criteria: Criteria, note: Callable[[int], None]) -> Judged:
         """Pairs of all poses; `note` takes the number of each batch."""
         n_poses, n_faces = len(poses), self._scene.mesh.n_faces
-        result = CoverageBits.room(self._scene.mesh, n_poses)
+        result = no_bits(self._scene.mesh, n_poses)
         clipped = np.empty(n_poses, np.bool_)
         self._take_criteria(criteria)
         self._resources.zero(self._seen, 4 * n_faces)

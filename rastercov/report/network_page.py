@@ -407,6 +407,14 @@ class NetworkPage:
         every = None if self.asked is None else self.asked.placed
         return every or (self.poses, self.names)
 
+    @property
+    def covered_faces(self) -> list[int]:
+        """Number of faces that each camera covers; of a head, that of its first one."""
+        counts, placed = self.network.covered_faces, self._placed[0]
+        if len(counts) == len(self.poses):
+            return counts
+        return [counts[row] for row in led_by(self.camera, placed)]
+
     @cached_property
     def view(self) -> str | None:
         """The page to look around in, which computes where it can; None for a large mesh."""
@@ -419,9 +427,7 @@ class NetworkPage:
             self.poses,
             self.names,
             self.values,
-            figures_of(
-                self.figures, self.network.covered_faces, self.seen_m2, self.lost_m2, self.task_m2
-            ),
+            figures_of(self.figures, self.covered_faces, self.seen_m2, self.lost_m2, self.task_m2),
             zone_entries(self.mesh, self.zones, self.figures) if self.zones else (),
             unit=self.unit,
             phases=None if self.part is None else self.part.view(),
@@ -613,7 +619,7 @@ class NetworkPage:
         items = []
         for row, name in enumerate(self.names):
             if seen is None:
-                said = f"covers {plural(self.network.covered_faces[row], 'whole face')}"
+                said = f"covers {plural(self.covered_faces[row], 'whole face')}"
             else:
                 said = f"{self._covers} {percent(seen[row] / self.task_m2)}{self._long}"
             if lost is not None:
@@ -645,7 +651,7 @@ class NetworkPage:
             columns[name] = [f"{text_with_sign(angles[row], 1)}°" for angles in turned]
         whole = 0.0
         if seen is None:
-            columns["faces covered"] = [f"{count:,}" for count in self.network.covered_faces]
+            columns["faces covered"] = [f"{count:,}" for count in self.covered_faces]
         else:
             whole = float(seen.max(initial=0.0))  # one unit for a row
             columns[f"{self._covers}{self._long}"] = self._areas(seen, whole)

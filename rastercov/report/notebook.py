@@ -315,6 +315,6 @@ def _cameras(page: NetworkPage) -> ByName:
     if len(types) > 1:
         columns["type"] = [types[row] for row in page.poses.camera]
     columns |= zip(("x", "y", "z", "heading_deg", "down_deg"), [*page.eyes.T, *turned], strict=True)
-    columns["covered_faces"] = page.network.covered_faces
+    columns["covered_faces"] = page.covered_faces
     more = {"covered_m2": page.seen_m2, "only_by_it_m2": page.lost_m2}
     return columns | {name: each for name, each in more.items() if each is not None}

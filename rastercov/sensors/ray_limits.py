@@ -129,7 +129,7 @@ def worst_deviations(
 
 
 def within_limits(regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
-    """What rigs cover within the limits of their rule; an uncertainty is that by all devices."""
+    """Parts that rigs cover within the limits of their rule; an uncertainty is by all devices."""
     for limits in limits_of([gate]):
         if limits.has_baseline:
             some = [at for at in range(gate.n) if at != without]

@@ -66,6 +66,7 @@ def test_a_matrix_of_bits_gives_the_problem_and_choice_of_one_with_coverage(seed
         assert chosen.share == wanted.share
 
 
+@pytest.mark.every_day
 def test_a_folder_holds_little_more_than_a_bit_a_pair_and_is_read_again(tmp_path):
     mesh, ours, _ = matrices(1, tmp_path)
     shards = sum(each.stat().st_size for each in (tmp_path / "pairs").iterdir())

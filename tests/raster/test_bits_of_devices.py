@@ -69,6 +69,7 @@ def test_evaluate_has_the_bits_of_the_cpu_and_all_else_when_it_is_read(judged, s
     assert ours.network.summary() == theirs.network.summary()
 
 
+@pytest.mark.every_day
 def test_shards_keep_the_bits_that_a_device_judged(judged, tmp_path):
     run = (MESH, CAMERA, POSES, TASK, DEVICE)
     ours = evaluate(*run, fields=("covered",), shards=tmp_path)

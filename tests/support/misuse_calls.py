@@ -67,6 +67,8 @@ OWN: dict[str, dict[str, Any]] = {
     "Camera.preset": {"name": "khepra"},
     "Camera.with_optics": {"entries": {"near": 0.01}},
     "Camera.load": {"path": FOLDER / "camera.json"},
+    "CoverageBits.open": {"folder": FOLDER},
+    "CoverageBits.dense": {"poses": slice(None)},
     "Camera.save": {"path": FOLDER / "saved.json"},
     "Camera.from_dict": {"entries": LENS},
     "Camera.resized": {"scale": 0.5},
@@ -292,6 +294,9 @@ def calls():
         (FOLDER / name).write_text(text)
     rc.write_poses(FOLDER / "poses.npy", POSES)
     rc.check(PLAN, POSES, min_coverage=0.5, out=FOLDER)
+    for name in ("packed", "area_units", "views"):
+        np.save(FOLDER / f"{name}.npy", np.zeros((1, 1), np.uint8))
+    (FOLDER / "bits.json").write_text('{"unit_m2": 1.0}')
     public = public_callables() | {"select_thesis": thesis()}
     objects, usual = right_objects()
     rc.write_views(FOLDER / "views.json", VIEWS, overwrite=True)
@@ -332,6 +337,7 @@ def right_objects():
         rc.Rig([CAMERA, CAMERA], ["a", "b"], POSES), cells.share(regions),
         observer.observe(POSES), rasterizer.render(POSES[0]), rc.Workers(1),
         rc.evaluate(MESH, CAMERA, POSES), rc.visibility(MESH, CAMERA, POSES),
+        rc.evaluate(MESH, CAMERA, POSES, method="sampled", fields=("covered",)).bits,
         next(evaluate_batches(observer, POSES)),
     ]  # fmt: skip
     objects = {type(each).__name__.lstrip("_"): each for each in [*made, *of_features("OBJECTS")]}

@@ -171,7 +171,10 @@ def test_each_mode_button_panel_and_option_has_a_row():
     assert BUTTONS.keys() >= {each.strip() for each in labels}
     assert PANELS.keys() >= set(re.findall(r'\bsection\("([^"]+)"', every))
     text = inspect.getsource(command.view).partition('"""')[0]
-    own = {each.removesuffix("=") for each in re.findall(r"^    (\w+): Annotated", text, re.M)}
+    own = {
+        each.removesuffix("=")
+        for each in re.findall(r"^    (\w+): (?:Annotated|NoBrowser)", text, re.M)
+    }
     shown = {"sources", "--poses"} | {f"--{name.replace('_', '-')}" for name in own}
     assert COMMAND.keys() == shown
 

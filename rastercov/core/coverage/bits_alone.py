@@ -52,7 +52,7 @@ def engine_for(engine: Engine, mesh: Mesh, camera: Cameras, task: Task, n_poses:
 
 
 def _needs_rows(camera: Cameras, task: Task) -> bool:
-    """True where more is asked of pairs than bits tell."""
+    """True where pairs need more than bits tell."""
     return is_joint(camera) or task.min_angle_deg > 0
 
 

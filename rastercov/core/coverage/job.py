@@ -34,7 +34,7 @@ from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import COVERED, CoverageBits, add_bits
+from rastercov.core.raster.bits import COVERED, add_bits, bits_of_first, no_bits
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
 from rastercov.shards import ALONE, Staff, Workers
 
@@ -175,7 +175,7 @@ class QuerySums:
         names = names if self.counts is None else []
         self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
         self.judge = FacePass(mesh, camera, observer.threads, task) if names else None
-        self.bits = CoverageBits.room(mesh, len(poses)) if COVERED in fields else None
+        self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
 
     def add(self, batch: JudgedPoses) -> None:
@@ -230,7 +230,7 @@ class QuerySums:
             by_face_because=query.by_face_because,
             per_camera=self.per_camera,
             kept_counts=self.counts,
-            kept_bits=None if self.bits is None else self.bits.first(self.done),
+            kept_bits=None if self.bits is None else bits_of_first(self.bits, self.done),
             **of_run,
         )
 

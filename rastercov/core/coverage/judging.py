@@ -25,7 +25,7 @@ from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums, merge_sums, no_sums
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import CoverageBits
+from rastercov.core.raster.bits import CoverageBits, bits_of_pairs
 from rastercov.engine.coverage_network import add_poses, add_rows
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ def classify_poses(
             own = arrays_for(["reason"], (n, n_faces))
             faces.fill(seen, batch, own)
             covers = own["reason"] == Reason.COVERED
-            result = replace(result, bits=CoverageBits.of_pairs(mesh, covers))
+            result = replace(result, bits=bits_of_pairs(mesh, covers))
         if result.leads is not None and result.regions is None:
             raise ConfigError(OF_PARTS)
         if result.leads is not None and result.regions is not None and len(batch):

@@ -43,7 +43,7 @@ from rastercov.core.coverage.shard_inputs import (
 )
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import CoverageBits
+from rastercov.core.raster.bits import bits_of
 from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.run import count_poses_of
 from rastercov.shards.store import DamagedError
@@ -176,7 +176,7 @@ class EvaluationShards:
             regions=regions,
             eyes=eyes,
             leads=leads_of(self.observer.camera, left),
-            bits=CoverageBits.of(self.observer.mesh, **own_bits) if self.wanted.bits else None,
+            bits=bits_of(self.observer.mesh, **own_bits) if self.wanted.bits else None,
         )
 
 

@@ -25,6 +25,7 @@ from rastercov.base import (
     once_each,
     read_json,
     read_only,
+    shown,
 )
 from rastercov.core.mesh import Mesh
 
@@ -93,7 +94,7 @@ class CoverageBits(InOneLine):
     ([[12, 0], [0, 12]], [0.04, 0.04])
     >>> bits.dense()[0].nonzero()[0].tolist()
     [2, 3]
-    >>> np.unpackbits(bits.packed, axis=1, count=12, bitorder="little").sum()
+    >>> int(np.unpackbits(bits.packed, axis=1, count=12, bitorder="little").sum())
     4
     """
 
@@ -101,12 +102,6 @@ class CoverageBits(InOneLine):
     area_units: IntArray
     views: IntArray
     unit: float
-
-    @classmethod
-    def of(cls, mesh: Mesh, packed: ByteArray, area_units: IntArray, views: IntArray) -> Self:
-        """Bits of a mesh; further bytes of rows, as of `room_for_bits`, are left out."""
-        octets = packed[:, : -(-mesh.n_faces // 8)]
-        return cls(octets, area_units, views, unit_of(mesh))
 
     @classmethod
     def open(cls, folder: StrPath) -> Self:
@@ -122,24 +117,8 @@ class CoverageBits(InOneLine):
             return cls(packed, areas, views, unit)
         except (OSError, ValueError, KeyError) as error:
             raise ConfigError(
-                f"{folder}: expected bits of evaluate --bits, got none ({error}); make them"
+                f"{shown(str(folder))}: expected bits of evaluate --bits, got none ({error}); make them"
             ) from None
-
-    @classmethod
-    def of_pairs(cls, mesh: Mesh, covers: BoolArray) -> Self:
-        """Bits of a mask (P, F)."""
-        octets = np.packbits(covers, axis=1, bitorder="little")
-        return cls.of(mesh, octets, covers @ area_units(mesh), covers.sum(axis=0))
-
-    @classmethod
-    def room(cls, mesh: Mesh, n_poses: int) -> Self:
-        """Bits of poses before any is added, all 0."""
-        areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)
-        return cls.of(mesh, room_for_bits(n_poses, mesh.n_faces), areas, views)
-
-    def first(self, n: int) -> Self:
-        """Bits of the first n poses, in which all views are."""
-        return replace(self, packed=self.packed[:n], area_units=self.area_units[:n])
 
     @property
     def areas(self) -> FloatArray:
@@ -179,3 +158,26 @@ def add_bits(whole: CoverageBits, batch: CoverageBits, rows: slice | IntArray) -
     whole.packed[rows] = batch.packed
     whole.area_units[rows] = batch.area_units
     whole.views[:] += batch.views
+
+
+def bits_of_first(whole: CoverageBits, n: int) -> CoverageBits:
+    """Bits of the first n poses, in which all views are."""
+    return replace(whole, packed=whole.packed[:n], area_units=whole.area_units[:n])
+
+
+def bits_of(mesh: Mesh, packed: ByteArray, area_units: IntArray, views: IntArray) -> CoverageBits:
+    """Bits of a mesh; further bytes of rows, as of `room_for_bits`, are left out."""
+    octets = packed[:, : -(-mesh.n_faces // 8)]
+    return CoverageBits(octets, area_units, views, unit_of(mesh))
+
+
+def bits_of_pairs(mesh: Mesh, covers: BoolArray) -> CoverageBits:
+    """Bits of a mask (P, F)."""
+    octets = np.packbits(covers, axis=1, bitorder="little")
+    return bits_of(mesh, octets, covers @ area_units(mesh), covers.sum(axis=0))
+
+
+def no_bits(mesh: Mesh, n_poses: int) -> CoverageBits:
+    """Bits of poses before any is added, all 0."""
+    areas, views = np.zeros(n_poses, np.int64), np.zeros(mesh.n_faces, np.int64)
+    return bits_of(mesh, room_for_bits(n_poses, mesh.n_faces), areas, views)

@@ -51,13 +51,7 @@ from rastercov.core.coverage.records import lens_of, scene_of
 from rastercov.core.coverage.task import Reason, Rules
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
-from rastercov.core.raster.bits import (
-    CoverageBits,
-    Criteria,
-    Judged,
-    area_units,
-    room_for_bits,
-)
+from rastercov.core.raster.bits import Criteria, Judged, area_units, bits_of, room_for_bits
 from rastercov.core.raster.contract import (
     FaceCounts,
     Rasterizer,
@@ -155,8 +149,7 @@ class InLoops(Rasterizer):
 
     def _judge(self, poses: FloatArray, criteria: Criteria) -> Judged:
         """Faces that poses cover, while their counts are in the cache; see `Rasterizer._judge`."""
-        if self._why_not_judged(criteria):
-            return super()._judge(poses, criteria)
+        self._check_open()
         mesh, dense = self.mesh, np.ascontiguousarray(poses)
         near, cull, clipped = limits(mesh, self.camera, dense)
         (shown,) = self._draw(dense, near, cull)
@@ -167,7 +160,7 @@ class InLoops(Rasterizer):
         words = room_for_bits(len(poses), mesh.n_faces)
         found = words, np.empty(len(poses), np.int64), np.zeros(mesh.n_faces, np.int64)
         self._drawing.judge(*shown, lens_of(self.camera), (*judged, *found), self._threads)
-        return CoverageBits.of(mesh, *found), clipped
+        return bits_of(mesh, *found), clipped
 
     def close(self) -> None:
         """Release its memory: later calls raise `DeviceError`, calls in other threads complete."""

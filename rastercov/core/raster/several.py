@@ -11,7 +11,7 @@ from rastercov.base import ByName
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
-from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, add_bits
+from rastercov.core.raster.bits import Criteria, Judged, add_bits, no_bits
 from rastercov.core.raster.contract import FaceCounts, Rasterizer
 
 MOST_OPEN = 16
@@ -66,7 +66,7 @@ class Rasterizers:
 
     def judge(self, poses: Poses, criteria: Sequence[Criteria]) -> Judged:
         """Faces that each pose covers, by the criteria of its camera; see `Rasterizer.judge`."""
-        whole, clipped = CoverageBits.room(self._mesh, len(poses)), np.zeros(len(poses), np.bool_)
+        whole, clipped = no_bits(self._mesh, len(poses)), np.zeros(len(poses), np.bool_)
         for index, rows in poses.by_camera():
             matrices = poses.world_from_camera[rows]
             bits, clipped[rows] = self._of(index)._judge(matrices, criteria[index])

@@ -3,7 +3,7 @@
 // A face without a visible sample is not covered, so neither measured nor judged. Views of faces
 // are added up thread by thread.
 //
-// Invariants: the bits of figures.cpp.
+// Twin: tests/raster/test_one_pass.py compares bits of figures.cpp.
 #include "coverage/bits.hpp"
 #include <tuple>
 
