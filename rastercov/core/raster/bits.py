@@ -116,8 +116,9 @@ class CoverageBits(InOneLine):
             )
             return cls(packed, areas, views, unit)
         except (OSError, ValueError, KeyError) as error:
+            where = shown(str(folder))
             raise ConfigError(
-                f"{shown(str(folder))}: expected bits of evaluate --bits, got none ({error}); make them"
+                f"{where}: expected bits of evaluate --bits, got none ({error}); make them"
             ) from None
 
     @property
