@@ -200,7 +200,9 @@ class Ears {
         Wholes found;
         Ring todo(_at.size());
         std::vector<bool> is_todo(_at.size(), true);
-        size_t at = 0, last = 0, n_todo = _at.size();
+        size_t at = 0;
+        size_t last = 0;
+        size_t n_todo = _at.size();
         Poll poll(16);
         for (size_t n = _at.size(); n > 3;) {
             poll();
