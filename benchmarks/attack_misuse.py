@@ -3,7 +3,9 @@
 The calls and values are those of tests/support/misuse_calls.py; here they are combined at random.
 """
 
+import contextlib
 import sys
+import tempfile
 import warnings
 
 import numpy as np
@@ -27,7 +29,8 @@ FIGURES = (
 def attack(report: Report, effort: float) -> None:
     """Both campaigns, each fault printed with its seed."""
     n_calls, n_scenes = max(1, int(SPOILED * effort)), max(1, int(SCENES * effort))
-    faults = [(seed, fault) for seed in range(n_calls) if (fault := spoiled_call(seed))]
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        faults = [(seed, fault) for seed in range(n_calls) if (fault := spoiled_call(seed))]
     wrong = [(seed, fault) for seed in range(n_scenes) if (fault := extreme_scene(seed))]
     for seed, fault in faults + wrong:
         print(f"seed {seed}: {fault}", file=sys.stderr)
