@@ -3,14 +3,9 @@
 // Positions and the eye (camera centre) are sums of two floats, high + low. They are subtracted
 // before rounding to one float, so a part at 10^7 m projects as at the origin.
 
-struct Pose {
-    vec4 right, down, forward;  // camera axes; right and down mixed to rotate the grid
-    vec4 eye_high, eye_low;
-    vec4 near;                  // clip z in x
-};
-
-layout(std140) uniform Poses { Pose pose; };
-
+uniform vec3 right, down, forward;  // camera axes; right and down mixed to rotate the grid
+uniform vec3 eye_high, eye_low;
+uniform float near;                 // clip z, so depth = near / z in [0, 1]
 uniform vec4 image;  // clip x = image.x * x + image.z * z, clip y = image.y * y + image.w * z
 
 in vec3 position_high;
@@ -24,11 +19,11 @@ invariant gl_Position;
 flat out uint id;
 
 void main() {
-    vec3 from_eye = (position_high - pose.eye_high.xyz) + (position_low - pose.eye_low.xyz);
-    float x = dot(pose.right.xyz, from_eye);
-    float y = dot(pose.down.xyz, from_eye);
-    float z = dot(pose.forward.xyz, from_eye);
+    vec3 from_eye = (position_high - eye_high) + (position_low - eye_low);
+    float x = dot(right, from_eye);
+    float y = dot(down, from_eye);
+    float z = dot(forward, from_eye);
     // Rows of images and of our framebuffers both run down, so nothing is flipped.
-    gl_Position = vec4(image.x * x + image.z * z, image.y * y + image.w * z, pose.near.x, z);
+    gl_Position = vec4(image.x * x + image.z * z, image.y * y + image.w * z, near, z);
     id = uint(gl_VertexID) / 3u + 1u;
 }

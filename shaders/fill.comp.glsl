@@ -33,7 +33,6 @@ layout(std430, binding = 7) readonly buffer Runs { ivec2 runs[]; };  // of each 
 
 uniform uint first_view;
 uniform uvec2 first_group;  // pose of the batch, row of tiles
-uniform uint n_lists;
 uniform uint stride;        // counters a pose: slot 0 is background, then one a face
 uniform uint first_drawn;   // counters of faces alone, behind those of visible samples
 uniform bool with_drawn;
@@ -230,7 +229,7 @@ void write_tile() {
 void main() {
     uvec3 tile = gl_WorkGroupID + uvec3(0u, first_group.yx);
     uint list = (tile.z * uint(tiles.y) + tile.y) * uint(tiles.x) + tile.x;
-    uint start = start_of(list), end = list + 1u < n_lists ? start_of(list + 1u) : n_listed;
+    uint end = ends[list], start = end - lengths[list];
     tile_corner = TILE * ivec2(tile.xy);
     limit = min(ivec2(TILE), size - tile_corner);
 #ifdef ROLLED

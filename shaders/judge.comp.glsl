@@ -20,7 +20,7 @@ const uint TOTALS = 3u; // words of a pose behind its bits: area in 64 bits, sam
 layout(std430, binding = 0) readonly buffer Counts { uint counts[]; };
 layout(std430, binding = 1) readonly buffer Faces { Face faces[]; };
 layout(std430, binding = 2) readonly buffer Vertices { double vertices[]; };
-layout(std430, binding = 3) readonly buffer Poses { dvec4 poses[]; }; // rows of setup.comp
+layout(std430, binding = 3) readonly buffer Poses { dvec4 poses[]; }; // as in setup.comp
 layout(std430, binding = 4) buffer Results { uint results[]; };
 layout(std430, binding = 5) buffer Seen { uint n_views[]; };
 
@@ -29,7 +29,7 @@ uniform uint first_drawn;            // counter
 uniform double scale;                // samples of a pixel
 uniform dvec2 focal, centre, size;   // pixels
 uniform bool is_parallel;
-// Of rastercov.core.coverage.task.Rules:
+// Of rastercov.core.coverage.task.Rules, without tan_incidence, which regions need:
 uniform double min_pixels, min_visibility, min_coverage, min_pixel_density, min_facing_density,
     min_pixels_per_m2, z_n, z_f, max_incidence, cos_incidence;
 uniform bool focus_of_centroid, cap_resolution;
@@ -45,7 +45,7 @@ struct Corner {
     dvec2 image;  // pixels
     bool is_inside;
 };
-const uint ROWS = 9u, LIMITS = 5u, FIRST = 6u;  // of a pose, and where world_from_camera begins
+const uint ROWS = 4u, LIMITS = 3u;  // of a pose, of which the first are world_from_camera
 
 // b where one is not a number.
 double least(double a, double b) { return a < b ? a : b; }
@@ -166,8 +166,8 @@ bool falls_short(double value) { return value < min_coverage || value == 0.0lf; 
 
 bool covers(Face face, uint view, uint n_visible, uint n_drawn) {
     if ((face.kind & MAY_BE_COVERED) == 0u || n_drawn == 0u) return false;
-    uint row = ROWS * view + FIRST;
-    double near = poses[ROWS * view + LIMITS].x;
+    uint row = ROWS * view;
+    double near = poses[row + LIMITS].x;
     Corner p = project(face.corners[0], row, near);
     Corner q = project(face.corners[1], row, near);
     Corner r = project(face.corners[2], row, near);

@@ -1,5 +1,5 @@
 // Lists the triangles of a batch by pose and tile: counts the entries of each list; then, with
-// `writes`, enters them, and takes as many from `heads` again.
+// `writes`, enters them where scan.comp found room.
 //
 // An invocation lists a triangle over a few tiles; one over more is listed by its workgroup, which
 // leaves out the tiles that lie outside an edge.
@@ -20,12 +20,8 @@ shared uint n_queued;
 
 void enter(ivec2 tile, uint view, uint slot) {
     uint list = ((view - first_view) * uint(tiles.y) + uint(tile.y)) * uint(tiles.x) + uint(tile.x);
-    if (writes) {
-        uint left = atomicAdd(heads[list], 0xffffffffu);
-        lists[start_of(list) + left - 1u] = slot;
-    } else {
-        atomicAdd(heads[list], 1u);
-    }
+    if (writes) lists[atomicAdd(ends[list], 1u)] = slot;
+    else atomicAdd(lengths[list], 1u);
 }
 
 // True if all samples of a tile lie outside the edge from a to b.

@@ -7,39 +7,62 @@
 
 layout(local_size_x = 64) in;
 
-struct Pose {
-    dvec4 right, down, forward;  // camera axes; right and down mixed to rotate the sample grid
-    dvec4 eye;                   // camera centre, relative to the centre of the mesh
-    dvec4 lens;                  // fx, fy, cx, cy in samples
-    double near;
-    double cull;                 // nonzero if back faces can be left out
-    double farthest;             // of parallel rays 1/z is `farthest` - z; 0 of a pinhole
-    double unused;
-    dvec4 given[3];              // world_from_camera
-};
-layout(std430, binding = 5) readonly buffer Poses { Pose poses[]; };
+layout(std430, binding = 5) readonly buffer Poses { dvec4 poses[]; };  // rows, see ROWS
 layout(std430, binding = 6) readonly buffer Vertices { double vertices[]; };
-layout(std430, binding = 7) readonly buffer Faces { uint faces[]; };
+layout(std430, binding = 7) readonly buffer Faces { uvec4 faces[]; };  // by cluster: corners, index
+struct Cluster {
+    dvec4 sphere;                    // centre, radius
+    dvec4 cone;                      // of normals: axis, cosine
+    double sine, offset, altitude;   // of the cone; of the planes; the least of a face
+    uint first, end;                 // of its faces
+};
+layout(std430, binding = 8) readonly buffer Clusters { Cluster clusters[]; };
 
-uniform uvec2 faces_to_draw;  // first, and one after the last
-uniform uint first_view;
-uniform bool with_drawn;      // keep back faces, to be counted
+uniform uint first_cluster, first_view;
+uniform bool with_backs;      // keep back faces, to be counted
+uniform bool is_parallel;
+uniform dvec3 middle;         // of the mesh, which vertices are relative to
+uniform dvec4 lens;           // fx, fy, cx, cy in samples
+#ifdef ROLLED
+uniform dvec4 turn;           // right and down of the grid from those of the camera
+#endif
+
+struct Pose {
+    dvec3 right, down, forward;  // camera axes; right and down mixed to rotate the sample grid
+    dvec3 eye;                   // camera centre, from the middle of the mesh
+    double near, farthest;       // of parallel rays 1/z is `farthest` - z; 0 of a pinhole
+    bool can_cull;               // back faces can be left out
+};
+const uint ROWS = 4u;            // of a pose: world_from_camera, then near, can_cull, farthest
+
+Pose pose_of(uint view) {
+    dvec4 x = poses[ROWS * view], y = poses[ROWS * view + 1u], z = poses[ROWS * view + 2u];
+    dvec4 limits = poses[ROWS * view + 3u];
+    dvec3 right = dvec3(x.x, y.x, z.x), down = dvec3(x.y, y.y, z.y);
+    precise dvec3 eye = dvec3(x.w, y.w, z.w) - middle;
+    precise dvec3 across = right;
+    precise dvec3 along = down;
+#ifdef ROLLED
+    across = turn.x * right + turn.y * down;
+    along = turn.z * right + turn.w * down;
+#endif
+    return Pose(across, along, dvec3(x.z, y.z, z.z), eye, limits.x, limits.z, limits.y != 0.0lf);
+}
 
 const double STEPS = 256.0lf;
 const double GUARD_BAND = 536870912.0lf;  // steps beyond which positions are clipped
 const double LARGEST = 1.7976931348623157e308lf;
 
 shared uint n_kept, first_kept;
+shared bool is_empty;
 
 // Corner of a face in camera axes.
-dvec3 in_camera(uint corner_of_face, Pose pose) {
-    uint v = 3u * faces[corner_of_face];
-    precise double x = vertices[v] - pose.eye.x;
-    precise double y = vertices[v + 1u] - pose.eye.y;
-    precise double z = vertices[v + 2u] - pose.eye.z;
-    precise double right = x * pose.right.x + y * pose.right.y + z * pose.right.z;
-    precise double down = x * pose.down.x + y * pose.down.y + z * pose.down.z;
-    precise double ahead = x * pose.forward.x + y * pose.forward.y + z * pose.forward.z;
+dvec3 in_camera(uint vertex, Pose pose) {
+    uint v = 3u * vertex;
+    precise dvec3 p = dvec3(vertices[v], vertices[v + 1u], vertices[v + 2u]) - pose.eye;
+    precise double right = p.x * pose.right.x + p.y * pose.right.y + p.z * pose.right.z;
+    precise double down = p.x * pose.down.x + p.y * pose.down.y + p.z * pose.down.z;
+    precise double ahead = p.x * pose.forward.x + p.y * pose.forward.y + p.z * pose.forward.z;
     return dvec3(right, down, ahead);
 }
 
@@ -47,14 +70,14 @@ dvec3 in_camera(uint corner_of_face, Pose pose) {
 dvec3 in_image(Pose pose, dvec3 p, bool is_central) {
     precise double w = is_central ? 1.0lf / p.z : pose.farthest - p.z;
     double scale = is_central ? w : 1.0lf;
-    precise double u = (pose.lens.x * p.x * scale + pose.lens.z) * STEPS;
-    precise double v = (pose.lens.y * p.y * scale + pose.lens.w) * STEPS;
+    precise double u = (lens.x * p.x * scale + lens.z) * STEPS;
+    precise double v = (lens.y * p.y * scale + lens.w) * STEPS;
     return dvec3(u, v, w);
 }
 
 // A point that a pinhole sees where parallel rays see the given one, with the same 1/z.
 dvec3 central(Pose pose, dvec3 p) {
-    if (pose.farthest == 0.0lf) return p;
+    if (!is_parallel) return p;
     precise double z = 1.0lf / (pose.farthest - p.z);
     precise double x = p.x * z;
     precise double y = p.y * z;
@@ -108,10 +131,10 @@ dvec3 plane_in_image(Pose pose, dvec3 a, dvec3 b, dvec3 c) {
     precise dvec3 to_c = c - a;
     precise dvec3 normal = to_b.yzx * to_c.zxy - to_b.zxy * to_c.yzx;
     precise double height = normal.x * a.x + normal.y * a.y + normal.z * a.z;
-    precise double right = normal.x / (height * pose.lens.x);
-    precise double down = normal.y / (height * pose.lens.y);
+    precise double right = normal.x / (height * lens.x);
+    precise double down = normal.y / (height * lens.y);
     precise double origin =
-        normal.z / height + right * (0.5lf - pose.lens.z) + down * (0.5lf - pose.lens.w);
+        normal.z / height + right * (0.5lf - lens.z) + down * (0.5lf - lens.w);
     return dvec3(origin, right, down);
 }
 
@@ -121,8 +144,8 @@ bool set_up(dvec3 a, dvec3 b, dvec3 c, Pose pose, bool has_plane, dvec3 plane, o
     ivec2 ia = ivec2(ra), ib = ivec2(rb), ic = ivec2(rc);
     i64vec2 ab = i64vec2(ib - ia), ac = i64vec2(ic - ia);
     int64_t area = ab.x * ac.y - ac.x * ab.y;
-    bool is_back = pose.cull != 0.0lf && area > 0l;
-    if (area == 0l || (is_back && !with_drawn)) return false;
+    bool is_back = pose.can_cull && area > 0l;
+    if (area == 0l || (is_back && !with_backs)) return false;
     bool is_turned = area < 0l;
     t.a = ia;
     t.b = is_turned ? ic : ib;
@@ -169,7 +192,7 @@ void keep_clipped(dvec3 a, dvec3 b, dvec3 c, Pose pose, uint face, uint view) {
     a = central(pose, a);
     b = central(pose, b);
     c = central(pose, c);
-    precise double near = pose.farthest > 0.0lf ? 1.0lf / (pose.farthest - pose.near) : pose.near;
+    precise double near = is_parallel ? 1.0lf / (pose.farthest - pose.near) : pose.near;
     dvec3 plane = plane_in_image(pose, a, b, c);
     Corner polygon[8];
     polygon[0] = bits_of(a);
@@ -180,9 +203,9 @@ void keep_clipped(dvec3 a, dvec3 b, dvec3 c, Pose pose, uint face, uint view) {
     double reach = 0.99lf * GUARD_BAND / STEPS;
     for (int border = 0; border < 4; ++border) {
         double side = (border & 1) == 0 ? 1.0lf : -1.0lf;
-        precise double depth = side * (border < 2 ? pose.lens.z : pose.lens.w) + reach;
-        dvec3 limit = border < 2 ? dvec3(side * pose.lens.x, 0.0lf, depth)
-                                 : dvec3(0.0lf, side * pose.lens.y, depth);
+        precise double depth = side * (border < 2 ? lens.z : lens.w) + reach;
+        dvec3 limit = border < 2 ? dvec3(side * lens.x, 0.0lf, depth)
+                                 : dvec3(0.0lf, side * lens.y, depth);
         n = clip(polygon, n, limit, 0.0lf);
     }
     dvec3 at_a = in_image(pose, numbers_of(polygon[0]), true);
@@ -195,20 +218,53 @@ void keep_clipped(dvec3 a, dvec3 b, dvec3 c, Pose pose, uint face, uint view) {
     }
 }
 
+// True where no face of a cluster can cover a sample of the part, or be in front: its sphere is
+// outside, or its faces turn away, also when they are rounded. Those that are cut are kept.
+bool is_left_out(Cluster c, Pose pose) {
+    dvec3 way = c.sphere.xyz - pose.eye;
+    double radius = c.sphere.w, z = dot(way, pose.forward), nearest = z - radius;
+    if (z + radius < pose.near) return true;
+    for (int border = 0; border < 4; ++border) {
+        bool is_first = (border & 1) == 0;
+        dvec2 rim = lens.zw - dvec2(is_first ? corner : corner + size);
+        double side = is_first ? 1.0lf : -1.0lf, depth = side * (border < 2 ? rim.x : rim.y);
+        dvec3 normal = side * (border < 2 ? lens.x * pose.right : lens.y * pose.down);
+        if (!is_parallel) normal += depth * pose.forward;
+        if (dot(normal, way) + radius * length(normal) < (is_parallel ? -depth : 0.0lf)) return true;
+    }
+    double distance = length(way), reach = distance + radius, over = is_parallel ? 1.0lf : nearest;
+    bool is_whole = nearest >= pose.near &&
+                    reach * max(lens.x, lens.y) <= over * (GUARD_BAND / STEPS * 0.5lf);
+    if (!pose.can_cull || with_backs || !is_whole) return false;
+    // The greatest part of a normal towards the camera: of the cone, or of what is in it.
+    dvec3 ray = is_parallel ? pose.forward : way;
+    double far = is_parallel ? 1.0lf : distance, along = dot(ray, c.cone.xyz);
+    double across = sqrt(max(far * far - along * along, 0.0lf));
+    double most = -along >= far * c.cone.w ? far : across * c.sine - along * c.cone.w;
+    double height = is_parallel ? most : most - c.offset, squared = is_parallel ? 1.0lf : reach * reach;
+    return height * c.altitude * (min(lens.x, lens.y) * STEPS) < squared * -3.1lf;
+}
+
 void main() {
-    if (gl_LocalInvocationIndex == 0u) n_kept = 0u;
+    Cluster cluster = clusters[first_cluster + gl_WorkGroupID.x];
+    uint view = first_view + gl_WorkGroupID.z;
+    Pose pose = pose_of(view);
+    if (gl_LocalInvocationIndex == 0u) {
+        n_kept = 0u;
+        is_empty = is_left_out(cluster, pose);
+    }
     barrier();
-    uint face = faces_to_draw.x + gl_GlobalInvocationID.x;
-    uint view = first_view + gl_GlobalInvocationID.z;
+    if (is_empty) return;
+    uint slot = cluster.first + gl_LocalInvocationIndex, face = 0u, place = 0u;
     bool is_kept = false;
-    uint place = 0u;
     Triangle t;
-    if (face < faces_to_draw.y) {
-        Pose pose = poses[view];
-        dvec3 a = in_camera(3u * face, pose);
-        dvec3 b = in_camera(3u * face + 1u, pose);
-        dvec3 c = in_camera(3u * face + 2u, pose);
-        bool is_central = pose.farthest == 0.0lf;
+    if (slot < cluster.end) {
+        uvec4 corners = faces[slot];
+        face = corners.w;
+        dvec3 a = in_camera(corners.x, pose);
+        dvec3 b = in_camera(corners.y, pose);
+        dvec3 c = in_camera(corners.z, pose);
+        bool is_central = !is_parallel;
         dvec3 at_a = in_image(pose, a, is_central);
         dvec3 at_b = in_image(pose, b, is_central);
         dvec3 at_c = in_image(pose, c, is_central);

@@ -20,22 +20,19 @@ struct Triangle {
 };
 const uint HIDDEN = 0x80000000u;
 const int HALF = 128;            // steps from the side of a sample to its centre
-const uint SCANNED = 1024u;      // lists that a workgroup of scan.comp adds up, 4 an invocation
 
 layout(std430, binding = 0) buffer Status {
     uint n_triangles;            // set up, whether or not there was room
-    uint n_listed;               // entries of all lists
+    uint n_listed;               // entries of all lists, without a multiple of 2^32
+    uint is_beyond;              // not 0 where there was one
 };
 layout(std430, binding = 1) buffer Triangles { Triangle triangles[]; };
-layout(std430, binding = 2) buffer Heads { uint heads[]; };    // entries of each list
-layout(std430, binding = 3) buffer Starts { uint starts[]; };  // of each list within SCANNED
-layout(std430, binding = 4) buffer Sums { uint sums[]; };      // entries before these
+layout(std430, binding = 2) buffer Lengths { uint lengths[]; };  // of lists
+layout(std430, binding = 3) buffer Ends { uint ends[]; };        // of what is in each so far
 
 uniform ivec2 size;    // samples of the part of the canvas that is drawn
 uniform ivec2 corner;  // its first sample
 uniform ivec2 tiles;   // in a row, and rows
-
-uint start_of(uint list) { return starts[list] + sums[list / SCANNED]; }
 
 // First sample of the part that a triangle can cover, and the one after the last.
 ivec2 first_sample(Triangle t) {

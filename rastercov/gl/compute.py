@@ -1,11 +1,12 @@
 """Strategy of the plan "compute": compute shaders fill triangles, tile by tile, in shared memory.
 
 Most units of a GPU can compute and not rasterise. A batch of poses takes these steps, of which the
-host reads two words between the second and the third, and counts at the end:
+host reads three words between the third and the fourth, and counts at the end:
 
-    setup.comp   an invocation a face and pose: project, clip, round, keep what may cover a sample
+    setup.comp   a workgroup a cluster of faces and pose: leave it out, or project, clip and round
+                 its faces, and keep what may cover a sample
     list.comp    count the triangles that may cover a tile of 32 x 32 samples, of each pose
-    scan.comp    where the list of each tile starts: exact room, whatever the scene
+    scan.comp    find exact room for the list of each tile, whatever the scene
     list.comp    enter the triangles in the lists
     fill.comp    a workgroup a tile: depth tests in shared memory, then counts
 
@@ -15,7 +16,7 @@ canvas. Results equal those of the CPU rasteriser, bit for bit, so its near plan
 S. Laine, T. Karras. High-Performance Software Rasterization on GPUs. 2011.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 import moderngl
@@ -26,7 +27,7 @@ from rastercov.core.camera import Camera
 from rastercov.core.camera.near_plane import limits
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
-from rastercov.core.raster.cpu import farthest_depths
+from rastercov.core.raster.cpu import clusters_of, farthest_depths
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.core.raster.tie_order import in_one_order
 from rastercov.gl.resources import Resources, set_uniforms
@@ -37,36 +38,42 @@ MAX_POSES = 1024
 MOST_LISTED = 1 << 23
 """Entries of lists in one dispatch that fills tiles: below half a second where one takes 50 ns, 25
 times what it takes a large GPU; drivers end a dispatch that takes seconds."""
-GROUP_FACES = 64  # faces of a workgroup, local_size_x of setup.comp and list.comp
+GROUP_TRIANGLES, GROUP_LISTS = 64, 256  # of a workgroup: local_size_x of list.comp, scan.comp
 MAX_GROUPS = 65535  # workgroups along one side of a dispatch that OpenGL guarantees
-TILE, SMALL, SCANNED = 32, 32, 1024
-"""Samples along the side of a tile; samples of a triangle in it that one invocation fills; lists
-that a workgroup of scan.comp adds up."""
+TILE, SMALL = 32, 32
+"""Samples along the side of a tile; samples of a triangle in it that one invocation fills."""
 GROUP, GROUP_IN_SOFTWARE = 128, 64
 """Invocations that fill a tile."""
-KEY_BYTES, TRIANGLE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 64, 24, 12, 8
+KEY_BYTES, TRIANGLE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 64, 24, 16, 8
 """Bytes of a sample's key, a struct `Triangle`, a vertex (3 doubles), a face, a row of samples."""
-# Rows of struct Pose of setup.comp, dvec4; LIMITS is (near, cull, farthest, unused).
-RIGHT, DOWN, FORWARD, EYE, LENS, LIMITS, GIVEN = range(7)
-RECORD_ROWS = GIVEN + 3
-RECORD_VALUES = 4 * RECORD_ROWS
-STATUS, TRIANGLES, HEADS, STARTS, SUMS = range(5)  # bindings of storage buffers of triangle.glsl
-POSES, VERTICES, FACES = 5, 6, 7  # of setup.comp
-LISTS, COUNTS, RUNS = (
-    5,
-    6,
-    7,
-)  # of list.comp and fill.comp, where an image may be in place of counts
+STATUS_BYTES, POSE_VALUES = 12, 16
+"""Bytes of the numbers of triangles; doubles of a pose."""
+POSES, VERTICES, FACES, CLUSTERS = 5, 6, 7, 8  # bindings of setup.comp
+LISTS, COUNTS, RUNS = 5, 6, 7  # of list.comp and fill.comp; an image may be in place of counts
+CLUSTER = np.dtype([("bounds", "11f8"), ("slots", "2u4")])  # struct `Cluster` of setup.comp
 
 
 class ComputeScene:
-    """Mesh on the device: vertices relative to its centre, corners in the order for ties."""
+    """Mesh on the device: vertices relative to its centre, faces by cluster, as on the CPU.
+
+    Corners are in the order for ties.
+    """
 
     def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.centre
+        _, corners, faces, _, _, starts, _, bounds = clusters_of(mesh)
+        used = corners[: starts[-1]] > 0  # other slots are empty
+        order = faces[: starts[-1]][used]
+        clusters = np.zeros(len(starts) - 1, CLUSTER)
+        clusters["bounds"] = bounds.T[: len(clusters)]
+        ends = np.append(0, np.cumsum(used))[starts]
+        clusters["slots"] = np.stack((ends[:-1], ends[1:]), axis=1)
+        rows = np.column_stack((in_one_order(mesh)[order], order)).astype(np.uint32)
+        self.n_clusters = len(clusters)
         self.vertices = resources.buffer("vertices", mesh.vertices - self.centre)
-        self.faces = resources.buffer("faces", in_one_order(mesh).astype(np.uint32))
+        self.faces = resources.buffer("faces", rows)
+        self.clusters = resources.buffer("clusters", clusters.view(np.uint8))
 
 
 class ComputePoses:
@@ -80,29 +87,27 @@ class ComputePoses:
         Near plane, and whether it cuts a surface in view.
     farthest : (P,) float64
         `farthest_depths` of parallel rays, 0 of pinholes.
-    records : (P, 36) float64
-        Entries of the buffer of poses, structs `Pose`.
+    records : (P, 16) float64
+        Poses as they are, then near plane, whether back faces can be left out, and `farthest`.
     """
 
     def __init__(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> None:
-        self.runs = np.ascontiguousarray(grid.runs.T)
+        self.grid, self.runs = grid, np.ascontiguousarray(grid.runs.T)
         self.near, cull, self.clipped = limits(scene.mesh, scene.camera, poses)
-        fields = np.zeros((len(poses), RECORD_ROWS, 4))
-        fields[:, : EYE + 1, :3] = grid.axes(poses)[:, :3].transpose(0, 2, 1)
-        fields[:, EYE, :3] -= scene.centre
-        fields[:, LENS] = grid.lens
         self.farthest: FloatArray = np.zeros(len(poses))
         if grid.is_parallel:
             self.farthest = farthest_depths(scene.mesh, poses, self.near)
-        fields[:, LIMITS, :3] = np.stack((self.near, cull, self.farthest), axis=1)
-        fields[:, GIVEN:] = poses[:, :3]
-        self.records = fields.reshape(-1, RECORD_VALUES)
+        self.records = np.zeros((len(poses), POSE_VALUES))
+        self.records[:, :12] = poses[:, :3].reshape(-1, 12)
+        self.records[:, 12:15] = np.stack((self.near, cull, self.farthest), axis=1)
 
 
 class Compute(Strategy):
     """`Strategy` on compute shaders; `image_budget` covers triangles and counters, too."""
 
     depth = "float32 1/z"
+    scene = ComputeScene
+    prepare = ComputePoses
 
     def __init__(self, resources: Resources, mesh: Mesh, camera: Camera, grid: SampleGrid) -> None:
         super().__init__(resources, mesh, CORNERS_BYTES, VERTEX_BYTES * mesh.n_vertices)
@@ -112,10 +117,16 @@ class Compute(Strategy):
         self.tile = (width, min(self.max_tile, high, block // (KEY_BYTES * width)))
         most_faces = max(mesh.n_faces, self_test.MESH.n_faces)
         tiles = max(n_tiles(self.tile), n_tiles((self_test.WIDTH, self_test.HEIGHT)))
-        counter_bytes = 2 * COUNTER_BYTES * (most_faces + 1)
-        triangle_bytes, list_bytes = TRIANGLE_BYTES * most_faces, COUNTER_BYTES * tiles
-        in_budget = self.image_budget // (triangle_bytes + counter_bytes + 2 * list_bytes)
-        fitting = min(in_budget, block // max(triangle_bytes, counter_bytes, list_bytes))
+        sizes = {  # bytes a pose
+            "poses": 8 * POSE_VALUES,
+            "face counters": 2 * COUNTER_BYTES * (most_faces + 1),
+            "lengths of lists": COUNTER_BYTES * tiles,
+            "ends of lists": COUNTER_BYTES * tiles,
+            # These two grow with what the scene needs.
+            "triangles": TRIANGLE_BYTES * most_faces,
+            "lists of triangles": COUNTER_BYTES * most_faces,
+        }
+        fitting = min(self.image_budget // sum(sizes.values()), block // max(sizes.values()))
         self.most_poses = max(1, min(MAX_POSES, fitting))
         info = resources.context.info
         defines = {"TILE": TILE, "SMALL": SMALL}
@@ -126,75 +137,56 @@ class Compute(Strategy):
             resources.compute(name, **defines) for name in ("setup", "list", "scan", "fill")
         )
         self._fill_image = resources.compute("fill", KEYS=1, **defines)
-        self._status = resources.buffer("numbers of triangles", size=2 * COUNTER_BYTES)
+        self._status = resources.buffer("numbers of triangles", size=STATUS_BYTES)
         rows = max(grid.height, camera.height, self_test.HEIGHT)
         self._runs = resources.buffer("rows of samples", size=RUN_BYTES * rows)
         self._image = resources.buffer("image", size=KEY_BYTES)
-        while not self._allocate(most_faces, tiles):
+        while not self._allocate(sizes):
             self.most_poses //= 2
 
-    def _allocate(self, most_faces: int, tiles: int) -> bool:
+    def _allocate(self, sizes: dict[str, int]) -> bool:
         """Allocate buffers of a batch; False, and none, where memory is too short for them."""
-        n, made = self.most_poses, list[moderngl.Buffer]()
-        sizes = {
-            "poses": 8 * RECORD_VALUES * n,
-            "face counters": 2 * COUNTER_BYTES * (most_faces + 1) * n,
-            "lengths of lists": COUNTER_BYTES * tiles * n,
-            "starts of lists": COUNTER_BYTES * tiles * n,
-            "sums of lists": COUNTER_BYTES * -(-tiles * n // SCANNED),
-            # These two grow with what the scene needs.
-            "triangles": TRIANGLE_BYTES * most_faces * n,
-            "lists of triangles": COUNTER_BYTES * most_faces * n,
-        }
+        made = list[moderngl.Buffer]()
         try:
             for what, size in sizes.items():
-                made.append(self._resources.buffer(what, size=size))
+                made.append(self._resources.buffer(what, size=size * self.most_poses))
         except ResourceError:
-            if n == 1:
+            if self.most_poses == 1:
                 raise
             for each in made:
                 each.orphan(COUNTER_BYTES)
             return False
-        self.records, self.counters, self._heads, self._starts = made[:4]
-        self._sums, self._triangles, self._lists = made[4:]
+        self.records, self.counters, self._lengths, self._ends, self._triangles, self._lists = made
         return True
-
-    def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> ComputeScene:
-        """Upload a mesh."""
-        return ComputeScene(self._resources, mesh, camera, grid)
-
-    def prepare(self, scene: ComputeScene, poses: FloatArray, grid: SampleGrid) -> ComputePoses:
-        """Compute the storage buffers of the poses."""
-        return ComputePoses(scene, poses, grid)
-
-    def batches(self, prepared: ComputePoses) -> Iterator[slice]:
-        """Rows of the poses of each batch."""
-        n_poses = len(prepared.near)
-        for start in range(0, n_poses, self.most_poses):
-            yield slice(start, min(start + self.most_poses, n_poses))
 
     def begin(self, prepared: ComputePoses, rows: slice) -> None:
         """Upload the poses of a batch."""
         self._resources.write(self.records, prepared.records[rows])
         self._resources.write(self._runs, prepared.runs)
+        grid = prepared.grid
+        lens, turn = grid.lens.tolist(), grid.mix.ravel().tolist()
+        set_uniforms(self._setup, lens=lens, turn=turn, is_parallel=grid.is_parallel)
 
     def count(
         self, scene: ComputeScene, prepared: ComputePoses, rows: slice, tile: Box, *, drawn: bool
     ) -> tuple[WordArray, WordArray, WordArray | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         n_poses, stride, layers = rows.stop - rows.start, scene.mesh.n_faces + 1, 1 + drawn
-        self.fill_counters(scene, n_poses, [tile], drawn=drawn)
+        self.fill_counters(scene, n_poses, [tile], drawn=drawn, backs=drawn)
         counts = self._resources.read_words(self.counters, layers, n_poses, stride)
         return counts[0, :, 1:], counts[0, :, 0], counts[1, :, 1:] if drawn else None
 
     def fill_counters(
-        self, scene: ComputeScene, n_poses: int, tiles: Iterable[Box], *, drawn: bool
+        self, scene: ComputeScene, n_poses: int, tiles: Iterable[Box], *, drawn: bool, backs: bool
     ) -> None:
-        """Count a batch in some tiles: (B, F + 1) from the background on, then drawn samples."""
+        """Count a batch in some tiles: (B, F + 1) from the background on, then drawn samples.
+
+        Without `backs` those of faces that are left out because they cannot be seen are 0.
+        """
         stride, layers = scene.mesh.n_faces + 1, 1 + drawn
         self._resources.zero(self.counters, COUNTER_BYTES * layers * n_poses * stride)
         set_uniforms(self._fill, stride=stride, first_drawn=n_poses * stride, with_drawn=drawn)
-        set_uniforms(self._setup, with_drawn=drawn)
+        set_uniforms(self._setup, with_backs=backs)
         for tile in tiles:
             self._draw(scene, range(n_poses), tile, self._fill, self.counters)
 
@@ -203,7 +195,7 @@ class Compute(Strategy):
     ) -> tuple[Int32Array, Float32Array]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
         self._resources.grow(self._image, KEY_BYTES * tile[2] * tile[3], "image")
-        set_uniforms(self._setup, with_drawn=False)
+        set_uniforms(self._setup, with_backs=False)
         set_uniforms(self._fill_image, image_corner=tile[:2], image_width=tile[2])
         self._draw(scene, range(1), tile, self._fill_image, self._image)
         keys = self._resources.read_words(self._image, tile[3], tile[2], 2)
@@ -236,7 +228,7 @@ class Compute(Strategy):
         else:
             self._bind({LISTS: self._lists, COUNTS: result, RUNS: self._runs})
             self._enter(n_triangles, writes=True)
-            set_uniforms(fill, **self._place(views, part), n_lists=len(views) * n_tiles(part[2:]))
+            set_uniforms(fill, **self._place(views, part))
             self._fill_in_turns(fill, len(views), n_tiles_of(part), n_listed)
 
     def _fill_in_turns(
@@ -256,29 +248,30 @@ class Compute(Strategy):
     def _set_up(self, scene: ComputeScene, views: range, part: Box) -> tuple[int, int]:
         """Set up triangles and find where lists start; numbers of triangles and of entries."""
         n_lists, n_faces = len(views) * n_tiles(part[2:]), scene.mesh.n_faces
-        room = self.block // TRIANGLE_BYTES
+        room, uniforms = self.block // TRIANGLE_BYTES, self._place(views, part)
         while True:
-            self._resources.zero(self._status, 2 * COUNTER_BYTES)
-            self._resources.zero(self._heads, COUNTER_BYTES * n_lists)
+            self._resources.zero(self._status, STATUS_BYTES)
+            self._resources.zero(self._lengths, COUNTER_BYTES * n_lists)
             capacity = self._triangles.size // TRIANGLE_BYTES
-            uniforms = self._place(views, part)
-            self._bind({POSES: self.records, VERTICES: scene.vertices, FACES: scene.faces})
-            for first in range(0, n_faces, MAX_GROUPS * GROUP_FACES):
-                end = min(first + MAX_GROUPS * GROUP_FACES, n_faces)
-                set_uniforms(self._setup, **uniforms, faces_to_draw=(first, end))
-                self._setup.run(-(-(end - first) // GROUP_FACES), 1, len(views))
+            self._bind({POSES: self.records, VERTICES: scene.vertices})
+            self._bind({FACES: scene.faces, CLUSTERS: scene.clusters})
+            set_uniforms(self._setup, **uniforms, middle=scene.centre.tolist())
+            for first in range(0, scene.n_clusters, MAX_GROUPS):
+                set_uniforms(self._setup, first_cluster=first)
+                self._setup.run(min(MAX_GROUPS, scene.n_clusters - first), 1, len(views))
             self._resources.gl.memory_barrier()
             set_uniforms(self._list, **uniforms)
             self._enter(min(capacity, n_faces * len(views)), writes=False)
-            self._start(n_lists)
-            n_triangles, n_listed = self._resources.read_words(self._status, 2).tolist()
+            set_uniforms(self._scan, n_lists=n_lists)
+            self._scan.run(min(MAX_GROUPS, -(-n_lists // GROUP_LISTS)))
+            n_triangles, n_listed, is_beyond = self._resources.read_words(self._status, 3).tolist()
             size = self._triangles, TRIANGLE_BYTES * n_triangles
             if (
                 n_triangles <= capacity
                 or n_triangles > room
                 or not self._resources.has_grown(*size, "triangles")
             ):
-                return n_triangles, n_listed
+                return n_triangles, n_listed + (is_beyond << 32)
 
     def _place(self, views: range, part: Box) -> dict[str, object]:
         """Uniforms of some poses in a part of the canvas."""
@@ -287,23 +280,15 @@ class Compute(Strategy):
 
     def _bind(self, buffers: dict[int, moderngl.Buffer]) -> None:
         """Bind what all stages share, and the buffers of one."""
-        shared = self._status, self._triangles, self._heads, self._starts, self._sums
+        shared = self._status, self._triangles, self._lengths, self._ends
         for binding, buffer in (dict(enumerate(shared)) | buffers).items():
             buffer.bind_to_storage_buffer(binding)
 
     def _enter(self, n_triangles: int, *, writes: bool) -> None:
         """Count the entries of lists, or write them."""
         set_uniforms(self._list, writes=writes)
-        self._list.run(max(1, min(MAX_GROUPS, -(-n_triangles // GROUP_FACES))))
+        self._list.run(max(1, min(MAX_GROUPS, -(-n_triangles // GROUP_TRIANGLES))))
         self._resources.gl.memory_barrier()
-
-    def _start(self, n_lists: int) -> None:
-        """Find where each list starts."""
-        n_sums = -(-n_lists // SCANNED)
-        for n, of_sums, groups in ((n_lists, False, n_sums), (n_sums, True, 1)):
-            set_uniforms(self._scan, n=n, of_sums=of_sums)
-            self._scan.run(groups)
-            self._resources.gl.memory_barrier()
 
     def _halves(self, views: range, part: Box) -> list[tuple[range, Box]]:
         """Poses in two halves; one pose in two parts of the canvas, along the borders of tiles."""

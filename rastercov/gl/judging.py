@@ -3,6 +3,7 @@
 `judge.comp` judges a batch while the host takes the bits of the one before.
 """
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -12,19 +13,10 @@ from rastercov.core.camera import Camera
 from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, area_units, no_bits
 from rastercov.gl.compute import MAX_GROUPS, Compute, ComputePoses, ComputeScene
 from rastercov.gl.resources import Resources, Staging, set_uniforms
+from rastercov.shaders import source
 
-THRESHOLDS = frozenset(
-    {
-        *("min_pixels", "min_visibility", "min_coverage", "z_n", "z_f"),
-        *("min_pixel_density", "min_facing_density", "min_pixels_per_m2"),
-        *("max_incidence", "cos_incidence", "tan_incidence"),
-        *("focus_of_centroid", "cap_resolution"),
-    }
-)
-"""Registry of the thresholds that `judge.comp` knows, by their names in `Criteria.rules`: with
-another one that is not 0, faces are judged on the host."""
 OF_PINHOLES = ("min_pixel_density", "min_facing_density", "min_pixels_per_m2")
-"""Those that it does not know of parallel rays."""
+"""Thresholds that `judge.comp` does not know of parallel rays."""
 GROUP_FACES, POSES_AHEAD = 64, 4096
 """Faces of a workgroup of `judge.comp`; poses that are prepared at a time."""
 TOTALS = 3
@@ -75,7 +67,7 @@ class Judging:
             some = poses[first : first + POSES_AHEAD]
             prepared = self._strategy.prepare(self._scene, some, self._scene.grid)
             clipped[first : first + len(some)] = prepared.clipped
-            for rows in self._strategy.batches(prepared):
+            for rows in self._strategy.batches(len(some)):
                 bits = self._start(prepared, rows)
                 waiting.append((bits, slice(first + rows.start, first + rows.stop)))
                 if len(waiting) > 1:
@@ -102,7 +94,8 @@ class Judging:
         scene, strategy, resources = self._scene, self._strategy, self._resources
         n_poses, n_faces = rows.stop - rows.start, scene.mesh.n_faces
         strategy.begin(prepared, rows)
-        strategy.fill_counters(scene, n_poses, scene.grid.tiles(strategy.tile), drawn=True)
+        tiles = scene.grid.tiles(strategy.tile)
+        strategy.fill_counters(scene, n_poses, tiles, drawn=True, backs=False)
         size = 4 * n_poses * (self._n_words + TOTALS)
         resources.zero(self._results, size)
         buffers = {COUNTS: strategy.counters, FACES: self._faces, VERTICES: self._vertices}
@@ -128,9 +121,12 @@ class Judging:
 
 
 def why_no_shader(camera: Camera, criteria: Criteria) -> str:
-    """Reason why a device judges no faces by some criteria, or ""."""
-    asked = [name for name, value in criteria.rules.items() if value]
-    left = [name for name in asked if name not in THRESHOLDS]
-    if camera.is_parallel:
-        left += [name for name in asked if name in OF_PINHOLES]
+    """Reason why a device judges no faces by some criteria, or "".
+
+    `judge.comp` is the registry of thresholds: with one that it does not name, and that is not 0,
+    faces are judged on the host.
+    """
+    known, asked = source("judge.comp"), [name for name, value in criteria.rules.items() if value]
+    left = [name for name in asked if not re.search(rf"\b{name}\b", known)]
+    left += [name for name in asked if camera.is_parallel and name in OF_PINHOLES]
     return f"no shader judges {', '.join(left)} for this camera" if left else ""

@@ -11,7 +11,7 @@ face's counter.
 N. Reed. Depth Precision Visualized. 2015, for the reversed depth buffer.
 """
 
-from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import moderngl
@@ -22,11 +22,10 @@ from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.sample_grid import Box, SampleGrid
-from rastercov.gl.resources import Resources, Target
-from rastercov.gl.scene import RECORD_BYTES, DeviceScene, PreparedPoses
+from rastercov.gl.resources import Resources, Target, set_uniforms
+from rastercov.gl.scene import DeviceScene, PreparedPoses
 from rastercov.gl.strategy import COUNTER_BYTES, Counts, Strategy
 
-POSES_BINDING = 0  # uniform block
 COUNTS_BINDING, RUNS_BINDING = 0, 1  # storage buffers
 
 
@@ -44,28 +43,19 @@ class Pipeline(Strategy):
         self.tile = (min(side, wide), min(side, high))
         defines = {"ROLLED": 1} if grid.is_rolled else {}
         self._programs = {name: resources.program(name, **defines) for name in ("face", "drawn")}
-        self._poses = resources.buffer("poses", size=RECORD_BYTES)
+        self.scene = partial(DeviceScene, programs=self._programs)
         width, height = max(self.tile[0], self_test.WIDTH), max(self.tile[1], self_test.HEIGHT)
         self._target = Target(resources, width, height)
         stride = max(mesh.n_faces, self_test.MESH.n_faces) + 1
         self._counters = resources.buffer("face counters", size=COUNTER_BYTES * stride)
 
-    def scene(self, mesh: Mesh, camera: Camera, grid: SampleGrid) -> DeviceScene:
-        """Upload a mesh."""
-        return DeviceScene(self._resources, self._programs, mesh, camera, grid)
-
-    def batches(self, prepared: PreparedPoses) -> Iterator[IntArray]:
-        """Rows of the poses of each batch: one."""
-        for row in range(len(prepared.can_cull)):
-            yield np.array([row])
-
-    def begin(self, prepared: PreparedPoses, rows: IntArray) -> None:
-        """Upload the poses of a batch."""
-        self._poses.bind_to_uniform_block(POSES_BINDING)
-        self._poses.write(prepared.records[rows])
+    def begin(self, prepared: PreparedPoses, rows: slice) -> None:
+        """Take the pose of a batch."""
+        for program in self._programs.values():
+            set_uniforms(program, **prepared.uniforms(rows.start))
 
     def count(
-        self, scene: DeviceScene, prepared: PreparedPoses, rows: IntArray, tile: Box, *, drawn: bool
+        self, scene: DeviceScene, prepared: PreparedPoses, rows: slice, tile: Box, *, drawn: bool
     ) -> tuple[Counts, Any, Counts | None]:
         """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
         self._draw_faces(scene, prepared, rows, tile)
@@ -77,17 +67,17 @@ class Pipeline(Strategy):
         self, scene: DeviceScene, prepared: PreparedPoses, tile: Box
     ) -> tuple[Int32Array, Float32Array]:
         """Draw the first pose into a tile: faces and depths, as in `VisibilityBuffer`."""
-        self._draw_faces(scene, prepared, np.array([0]), tile)
+        self._draw_faces(scene, prepared, slice(0, 1), tile)
         ids = self._resources.read_faces(self._target, (0, 0, *tile[2:]))
         values = self._resources.read_depth(self._target, (0, 0, *tile[2:]))
         return ids.view(np.int32) - 1, prepared.depth(0, values)
 
     def _draw_faces(
-        self, scene: DeviceScene, prepared: PreparedPoses, rows: IntArray, tile: Box
+        self, scene: DeviceScene, prepared: PreparedPoses, rows: slice, tile: Box
     ) -> None:
         """Draw the nearest faces of a pose into the triangle-ID image."""
         self._resources.clear(self._target)
-        self._begin(tile, cull=bool(prepared.can_cull[rows[0]]))
+        self._begin(tile, cull=bool(prepared.can_cull[rows.start]))
         scene.draw("face", tile, prepared.grid)
 
     def _begin(self, tile: Box, *, cull: bool = False, test: bool = True) -> None:
@@ -104,14 +94,10 @@ class Pipeline(Strategy):
         ids = scene.grid.inside(ids, tile)
         if not ids.size:  # a corner of a rotated grid
             return np.zeros(scene.mesh.n_faces + 1, np.int64)
-        starts = np.concatenate(([0], np.flatnonzero(ids[1:] != ids[:-1]) + 1))
-        lengths = np.diff(starts, append=ids.size)
-        values = ids[starts].astype(np.int64)
-        if values.max() > scene.mesh.n_faces:
-            raise self._resources.distrust(f"drew face {values.max() - 1} of {scene.mesh.n_faces}")
-        # Exact: sums of integers in float64 stay far below 2^53.
-        counts = np.bincount(values, weights=lengths, minlength=scene.mesh.n_faces + 1)
-        return counts.astype(np.int64)
+        n_faces, last = scene.mesh.n_faces, ids.max()
+        if last > n_faces:
+            raise self._resources.distrust(f"drew face {last - 1} of {n_faces}")
+        return np.bincount(ids, minlength=n_faces + 1)
 
     def _count_pixels(self, scene: DeviceScene, tile: Box) -> Counts:
         """Samples of each face alone: without the depth test, every sample adds to a counter."""
@@ -122,7 +108,7 @@ class Pipeline(Strategy):
             scene.runs.bind_to_storage_buffer(RUNS_BINDING)
         try:
             self._begin(tile, test=False)
-            self._counters.clear()
+            self._resources.zero(self._counters, self._counters.size)
             scene.draw("drawn", tile, scene.grid)
             return self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)[:, 1:]
         finally:

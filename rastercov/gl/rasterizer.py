@@ -132,10 +132,12 @@ class GLRasterizer(Rasterizer):
             depth=self._strategy.depth,
             shaders=shaders.digest(),
         )
-        self._scene = self._strategy.scene(mesh, camera, grid)
+        self._scene = self._strategy.scene(resources, mesh, camera, grid)
         # Not rotated, since its counts are known for that grid; the programs are the same.
         test_grid = SampleGrid(self_test.CAMERA)
-        self._self_test_scene = self._strategy.scene(self_test.MESH, self_test.CAMERA, test_grid)
+        self._self_test_scene = self._strategy.scene(
+            resources, self_test.MESH, self_test.CAMERA, test_grid
+        )
         self._pixels = SampleGrid(camera)
         self._self_test_view = 0
         self._judging: Judging | None = None
@@ -158,7 +160,7 @@ class GLRasterizer(Rasterizer):
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
         with self._current():
             prepared = self._strategy.prepare(self._scene, poses, grid)
-            self._strategy.begin(prepared, np.array([0]))
+            self._strategy.begin(prepared, slice(0, 1))
             for tile in grid.tiles(self._strategy.tile):
                 x, y, width, height = tile
                 part = np.s_[y : y + height, x : x + width]
@@ -213,7 +215,7 @@ class GLRasterizer(Rasterizer):
         background = np.zeros(len(poses), np.int64)
         grid, strategy = scene.grid, self._strategy
         prepared = strategy.prepare(scene, poses, grid)
-        for rows in strategy.batches(prepared):
+        for rows in strategy.batches(len(poses)):
             strategy.begin(prepared, rows)
             for tile in grid.tiles(strategy.tile):
                 counts = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
@@ -224,7 +226,7 @@ class GLRasterizer(Rasterizer):
                     drawn[rows] += tile_drawn
             self._resources.poll("drawing")
             if scene is self._scene:
-                self._note(len(prepared.clipped[rows]))
+                self._note(rows.stop - rows.start)
         wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
         if wrong.size:
             row = int(wrong[0])

@@ -20,31 +20,29 @@ from rastercov.base import AnyArray, ByteArray, DeviceError, ResourceError
 from rastercov.gl.context import HeadlessContext
 
 _COLOR, _DEPTH = 0x1800, 0x1801
-_DEPTH_ATTACHMENT, _DEPTH_COMPONENT, _DEPTH_COMPONENT32F = 0x8D00, 0x1902, 0x8CAC
+_DEPTH_ATTACHMENT, _DEPTH_COMPONENT32F = 0x8D00, 0x8CAC
 _FRAMEBUFFER, _FRAMEBUFFER_COMPLETE, _TEXTURE_2D = 0x8D40, 0x8CD5, 0x0DE1
-_LOWER_LEFT, _ZERO_TO_ONE, _FLOAT = 0x8CA1, 0x935F, 0x1406
+_LOWER_LEFT, _ZERO_TO_ONE = 0x8CA1, 0x935F
 _MAP_READ, _MAP_WRITE, _MAP_PERSISTENT, _MAP_COHERENT, _CLIENT_STORAGE = 1, 2, 0x40, 0x80, 0x200
 _COMMANDS_COMPLETE, _FLUSH, _ALREADY_SIGNALED, _TIMEOUT_EXPIRED = 0x9117, 1, 0x911A, 0x911B
 _UINT, _INT, _SIZE, _POINTER = ctypes.c_uint, ctypes.c_int, ctypes.c_ssize_t, ctypes.c_void_p
 FUNCTIONS: dict[str, tuple[Any, ...]] = {  # name: (result, *arguments), of those moderngl lacks
-    "glBindFramebuffer": (None, _UINT, _UINT),
-    "glBindTexture": (None, _UINT, _UINT),
-    "glCheckFramebufferStatus": (_UINT, _UINT),
+    "glCheckNamedFramebufferStatus": (_UINT, _UINT, _UINT),
     "glClearBufferfv": (None, _UINT, _INT, _POINTER),
     "glClearBufferuiv": (None, _UINT, _INT, _POINTER),
     "glClientWaitSync": (_UINT, _POINTER, _UINT, ctypes.c_uint64),
     "glClipControl": (None, _UINT, _UINT),
     "glCopyNamedBufferSubData": (None, _UINT, _UINT, _SIZE, _SIZE, _SIZE),
     "glCreateBuffers": (None, _INT, _POINTER),
+    "glCreateTextures": (None, _UINT, _INT, _POINTER),
     "glDeleteBuffers": (None, _INT, _POINTER),
     "glDeleteSync": (None, _POINTER),
     "glDeleteTextures": (None, _INT, _POINTER),
     "glFenceSync": (_POINTER, _UINT, _UINT),
-    "glFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
-    "glGenTextures": (None, _INT, _POINTER),
     "glMapNamedBufferRange": (_POINTER, _UINT, _SIZE, _SIZE, _UINT),
     "glNamedBufferStorage": (None, _UINT, _SIZE, _POINTER, _UINT),
-    "glTexImage2D": (None, _UINT, *(_INT,) * 5, _UINT, _UINT, _POINTER),
+    "glNamedFramebufferTexture": (None, _UINT, _UINT, _UINT, _INT),
+    "glTextureStorage2D": (None, _UINT, _INT, _UINT, _INT, _INT),
 }
 
 FACE_BYTES, DEPTH_BYTES = 4, 4
@@ -220,25 +218,11 @@ class Resources:
     def attach_depth(self, frame: moderngl.Framebuffer, width: int, height: int, what: str) -> None:
         """Attach a float32 depth texture to a framebuffer; moderngl only makes 24-bit depth."""
         name = _UINT(0)
-        self.call("glGenTextures", 1, ctypes.addressof(name))
-        delete = self.context.function("glDeleteTextures", *FUNCTIONS["glDeleteTextures"])
-        self._stack.callback(lambda: delete(1, ctypes.addressof(name)))
-        self.call("glBindTexture", _TEXTURE_2D, name.value)
-        self.call(
-            "glTexImage2D",
-            _TEXTURE_2D,
-            0,
-            _DEPTH_COMPONENT32F,
-            width,
-            height,
-            0,
-            _DEPTH_COMPONENT,
-            _FLOAT,
-            None,
-        )
-        self.call("glBindFramebuffer", _FRAMEBUFFER, frame.glo)
-        self.call("glFramebufferTexture", _FRAMEBUFFER, _DEPTH_ATTACHMENT, name.value, 0)
-        status = self.call("glCheckFramebufferStatus", _FRAMEBUFFER)
+        self.call("glCreateTextures", _TEXTURE_2D, 1, ctypes.addressof(name))
+        self._stack.callback(lambda: self.call("glDeleteTextures", 1, ctypes.addressof(name)))
+        self.call("glTextureStorage2D", name.value, 1, _DEPTH_COMPONENT32F, width, height)
+        self.call("glNamedFramebufferTexture", frame.glo, _DEPTH_ATTACHMENT, name.value, 0)
+        status = self.call("glCheckNamedFramebufferStatus", frame.glo, _FRAMEBUFFER)
         error = self.gl.error
         if status != _FRAMEBUFFER_COMPLETE or error != "GL_NO_ERROR":
             size = width * height * DEPTH_BYTES / 2**20

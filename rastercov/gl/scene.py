@@ -13,10 +13,6 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.gl.resources import Resources, set_uniforms
 
-# Rows of struct Pose (vec4) of face.vert.
-RIGHT, DOWN, FORWARD, EYE_HIGH, EYE_LOW, NEAR, RECORD_ROWS = range(7)
-RECORD_BYTES = 4 * 4 * RECORD_ROWS
-
 
 class DeviceScene:
     """Mesh on the device with its camera.
@@ -28,10 +24,10 @@ class DeviceScene:
     def __init__(
         self,
         resources: Resources,
-        programs: ByName,
         mesh: Mesh,
         camera: Camera,
         grid: SampleGrid,
+        programs: ByName,
     ) -> None:
         self.mesh, self.camera, self.grid = mesh, camera, grid
         self.centre: FloatArray = mesh.centre
@@ -57,7 +53,7 @@ class DeviceScene:
 
 
 class PreparedPoses:
-    """Uniform blocks and state of the poses of a scene, for a grid of samples.
+    """Poses of a scene, for a grid of samples.
 
     Attributes
     ----------
@@ -69,19 +65,24 @@ class PreparedPoses:
         Whether the near plane cuts a surface in view.
     can_cull : (P,) bool
         Whether back faces can be left out.
-    records : (P, 6, 4) float32
-        Entries of the uniform block, structs `Pose`.
+    axes : (P, 3, 3) float64
+        Camera axes, in columns.
+    eyes : pair of (P, 3) float32
+        Camera centres from that of the mesh, as sums of two floats.
     """
 
     def __init__(self, scene: DeviceScene, poses: FloatArray, grid: SampleGrid) -> None:
-        mesh, camera, self.grid = scene.mesh, scene.camera, grid
-        self.records = np.zeros((len(poses), RECORD_ROWS, 4), np.float32)
-        self.records[:, : FORWARD + 1, :3] = grid.axes(poses)[:, :3, :3].transpose(0, 2, 1)
+        self.grid, self.axes = grid, grid.axes(poses)[:, :3, :3]
         # Reversed depth in float32 has one relative precision, however near this plane is.
-        self.near, self.can_cull, self.clipped = limits(mesh, camera, poses)
-        high, low = split_floats(poses[:, :3, 3] - scene.centre)
-        self.records[:, EYE_HIGH, :3], self.records[:, EYE_LOW, :3] = high, low
-        self.records[:, NEAR, 0] = self.near  # clip z = near, so depth = near / z in [0, 1]
+        self.near, self.can_cull, self.clipped = limits(scene.mesh, scene.camera, poses)
+        self.eyes = split_floats(poses[:, :3, 3] - scene.centre)
+
+    def uniforms(self, row: int) -> dict[str, object]:
+        """Uniforms of face.vert for a pose."""
+        right, down, forward = self.axes[row].T.tolist()
+        high, low = (each[row].tolist() for each in self.eyes)
+        axes: dict[str, object] = {"right": right, "down": down, "forward": forward}
+        return axes | {"eye_high": high, "eye_low": low, "near": self.near[row]}
 
     def depth(self, row: int, values: Float32Array) -> Float32Array:
         """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""

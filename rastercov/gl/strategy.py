@@ -29,10 +29,9 @@ class Strategy:
 
     `Pipeline` and `Compute` add these methods; `scene` and `prepared` are records of their own.
 
-    - `scene(mesh, camera, grid)` uploads a mesh; the result has `mesh`, `camera` and `grid`.
+    - `scene(resources, mesh, camera, grid)` uploads a mesh; the result has the last three.
     - `prepare(scene, poses, grid)` computes what shaders need of poses; the result has `clipped`,
       (P,) bool.
-    - `batches(prepared)` yields the rows of the poses of each batch, as indices or as a slice.
     - `begin(prepared, rows)` uploads the poses of a batch.
     - `count(scene, prepared, rows, tile, drawn=...)` draws a batch into a tile: visible samples
       (B, F), background (B,), drawn samples.
@@ -43,6 +42,8 @@ class Strategy:
     ----------
     depth : str
         Description of the depth buffer, as in `RasterizerInfo`.
+    most_poses : int
+        Poses of a batch.
     tile : (width, height)
         Largest part of a canvas that is drawn at once.
     max_tile : int
@@ -53,8 +54,10 @@ class Strategy:
 
     max_tile: ClassVar = 8192
     image_budget: ClassVar = 512 << 20
+    most_poses: int = 1
     depth: str
     tile: tuple[int, int]
+    scene: Any
     prepare: Any
     begin: Any
     image: Any
@@ -70,6 +73,11 @@ class Strategy:
                 f"expected a storage block of at most {self.block:,} bytes on {info.renderer}, "
                 f"got {needed:,} for this mesh; use backend 'cpu'"
             )
+
+    def batches(self, n_poses: int) -> Iterator[slice]:
+        """Rows of the poses of each batch."""
+        for start in range(0, n_poses, self.most_poses):
+            yield slice(start, min(start + self.most_poses, n_poses))
 
     def count_targets(
         self, scene: Any, targets: TargetFaces, poses: FloatArray

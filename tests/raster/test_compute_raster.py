@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import device_scenes
 import hostile_scenes
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from test_raster_laws import SCENES as LAWS
 
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.core.camera.camera import Camera
-from rastercov.core.mesh import Mesh
+from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.gl import PLANS, GLRasterizer, compute
 from rastercov.gl.context import open_context
@@ -141,6 +143,45 @@ def test_triangles_over_the_borders_of_tiles_change_not_one_sample(
         assert_same(everything(t, poses), everything(whole, poses))
 
 
+def placed_elsewhere(bounds):
+    bounds[:3] += 1e6
+
+
+def turned_round(bounds):
+    """Cones of normals that all turn away from the poses."""
+    bounds[4:7] *= -1
+
+
+@EVERY_DAY
+@pytest.mark.parametrize("change", [placed_elsewhere, turned_round])
+def test_clusters_that_are_out_of_view_or_turn_away_are_left_out(open_compute, monkeypatch, change):
+    # By bounds that are wrong: with right ones nothing changes, as the laws below say.
+    mesh, poses = shapes.sphere(3), sphere_of_poses((0, 0, 0), 4, 3)
+    honest = compute.clusters_of
+
+    def changed(mesh):
+        *others, bounds = honest(mesh)
+        bounds = bounds.copy()
+        change(bounds)
+        return *others, bounds
+
+    with open_compute(mesh) as rasterizer:
+        before = rasterizer.count(poses)
+        monkeypatch.setattr(compute, "clusters_of", changed)
+        scene = rasterizer._scene
+        rasterizer._scene = compute.ComputeScene(
+            rasterizer._resources, scene.mesh, scene.camera, scene.grid
+        )
+        alone, with_drawn = rasterizer.count(poses, drawn=False), rasterizer.count(poses)
+    left = alone.visible > 0
+    if change is turned_round:  # those whose faces are drawn need to be counted
+        assert_same_counts(with_drawn, before)
+        assert left.sum() < (before.visible > 0).sum() / 2
+    else:
+        assert not left.any()
+        assert not with_drawn.drawn.any()
+
+
 @EVERY_DAY
 @pytest.mark.slow
 def test_hostile_scenes_are_filled_as_by_the_cpu(open_compute):
@@ -205,6 +246,15 @@ with open_context("surfaceless") as context:
 ATOMICS = "GL_NV_shader_atomic_int64"
 
 
+@EVERY_DAY
+@pytest.mark.parametrize("kind", device_scenes.KINDS)
+def test_a_device_counts_and_judges_a_scene_of_each_kind_as_the_cpu_does(device, kind):
+    found = device_scenes.compare_kind(device, kind, 1, 3)
+    assert found["samples"] > 0
+    assert found["wrong"] == found["wrong_bits"] == 0
+    assert (found["pairs"] > 0) != (kind == "targets")
+
+
 @pytest.mark.hardware
 @pytest.mark.parametrize("plan", PLANS)
 def test_a_graphics_card_sees_what_the_cpu_sees(scene, plan):
@@ -235,7 +285,7 @@ def test_storage_blocks_that_hold_little_are_used_in_tiles_or_refused(device, mo
         monkeypatch.setattr(device, "info", dataclasses.replace(info, limits=limits))
         return GLRasterizer(mesh, CAMERA, device=device, plan="compute")
 
-    info, needed = device.info, max(24 * mesh.n_vertices, 12 * mesh.n_faces + 12)
+    info, needed = device.info, max(24 * mesh.n_vertices, 16 * mesh.n_faces + 16)
     with open_with(info.limits["max_ssbo_bytes"]) as whole, open_with(100_000) as tiled:
         assert tiled._strategy.tile == (160, 78)
         assert_same(everything(tiled, poses), everything(whole, poses))

@@ -278,9 +278,9 @@ def blind(monkeypatch):
 
 
 def no_depth_test(monkeypatch):
-    """From now on the face drawn last wins, or the lists are of other poses."""
+    """From now on the face drawn last wins, or the lists stay empty."""
     monkeypatch.setattr(pipeline.moderngl, "DEPTH_TEST", 0)
-    monkeypatch.setattr(Compute, "_start", lambda *_: None)
+    monkeypatch.setattr(Compute, "_enter", lambda *_, **__: None)
 
 
 @pytest.mark.slow

@@ -284,12 +284,17 @@ def _scene_of(mesh: Mesh) -> solver_raster.Scene:
     return solver_raster.Scene(vertices, faces, centre, bool(mesh.can_cull_back_faces))
 
 
+def clusters_of(mesh: Mesh) -> tuple[Any, ...]:
+    """Arrays of the clusters of the opaque faces; see `records.hpp`."""
+    return _scene_of(mesh.opaque).clusters
+
+
 def farthest_depths(mesh: Mesh, poses: FloatArray, near: FloatArray) -> FloatArray:
     """Depths C of parallel rays, (P,), metres: surfaces are compared by C - z, as pinholes by 1/z.
 
     They are beyond the mesh by its size, so that rounding is relative to that.
     """
-    bounds = _scene_of(mesh.opaque).clusters[BOUNDS_OF_CLUSTERS]
+    bounds = clusters_of(mesh)[BOUNDS_OF_CLUSTERS]
     x, y, z = bounds[:3]
     radius = float((np.sqrt(x * x + y * y + z * z) + bounds[RADIUS]).max(initial=0.0)) or 1.0
     x, y, z = ((mesh.centre - poses[:, :3, 3]) * poses[:, :3, 2]).T

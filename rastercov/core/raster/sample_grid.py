@@ -91,7 +91,7 @@ class SampleGrid:
     @cached_property
     def n_samples(self) -> int:
         """Samples inside the image; without a roll, S^2 times its pixels."""
-        return self.n_inside((0, 0, self.width, self.height))
+        return int(np.diff(self.runs, axis=0).sum(dtype=np.int64))
 
     @property
     def count_type(self) -> type[np.int32] | type[np.int64]:
@@ -145,23 +145,11 @@ class SampleGrid:
             mixed[:, :3, axis] = mix[axis, 0] * poses[:, :3, 0] + mix[axis, 1] * poses[:, :3, 1]
         return mixed
 
-    def n_inside(self, box: Box) -> int:
-        """Number of samples of a part of the canvas that are inside the image."""
-        if not self.is_rolled:
-            return box[2] * box[3]
-        first, last = self._of(box)
-        return int((last - first).sum(dtype=np.int64))
-
     def inside(self, values: NDArray[np.uint32], box: Box) -> NDArray[np.uint32]:
         """Values inside the image, flat, of those (height, width) of a part of the canvas."""
         if not self.is_rolled:
             return values.ravel()
-        column = np.arange(box[2], dtype=np.int32)
-        first, last = self._of(box)
-        return values[(column >= first[:, None]) & (column < last[:, None])]
-
-    def _of(self, box: Box) -> tuple[Int32Array, Int32Array]:
-        """First and last sample inside the image of each row of a part, from its left edge."""
         left, top, width, height = box
-        first, last = (self.runs[:, top : top + height] - left).clip(0, width)
-        return first, last
+        first, last = (self.runs[:, top : top + height, None] - left).clip(0, width)
+        column = np.arange(width, dtype=np.int32)
+        return values[(column >= first) & (column < last)]

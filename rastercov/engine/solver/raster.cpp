@@ -70,14 +70,8 @@ Canvas::Canvas(const Scattered &scattered, const Grid &grid, int64_t max_band)
         _inner[2 * row] = (int64_t(first) + SIDE - 1) >> SIDE_BITS;
         _inner[2 * row + 1] = last >> SIDE_BITS;
     }
-    // Singular values of diag(fx, fy) mix, whose determinant is fx fy.
-    const double a = lens[0] * mix(0, 0);
-    const double b = lens[0] * mix(0, 1);
-    const double c = lens[1] * mix(1, 0);
-    const double d = lens[1] * mix(1, 1);
-    const double most = (std::hypot(a + d, b - c) + std::hypot(a - d, b + c)) / 2;
-    magnification[0] = is_rolled ? lens[0] / most * lens[1] : std::min(lens[0], lens[1]);
-    magnification[1] = is_rolled ? most : std::max(lens[0], lens[1]);
+    magnification[0] = std::min(lens[0], lens[1]);
+    magnification[1] = std::max(lens[0], lens[1]);
     check();
 }
 
