@@ -7,15 +7,21 @@ On Mesa's software renderer, in all plans, against a reference that shares nothi
 - cameras with lenses and images far from any that was built: right, or refused in one line;
 - contexts opened and closed: resident memory stays.
 
+And by the plan "compute" beside the CPU, with atomics of 32 and of 64 bits, each in a process of
+its own: counts, and bits by random thresholds, of scenes of each kind of `scenes_of_devices`.
+
 Random scenes have fixed seeds. The assemblies are put to the CPU rasteriser, too.
 """
 
+import json
 import sys
 
 import numpy as np
 from contexts import MOST_KIB, OURS, growth_in_a_process
 from coplanar_scenes import CAMERA, EDGE, GAP, SCENES, views, wrong_samples
+from processes import TESTS, run_python
 from rows import Report
+from scenes_of_devices import FOUND
 
 from rastercov.base.errors import RastercovError
 from rastercov.core.camera.camera import Camera
@@ -28,6 +34,9 @@ from rastercov.reference import samples
 
 SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300
 FEW_ROUNDS = 150
+SCENES_OF_A_KIND = 16
+ATOMICS = {32: "", 64: "+GL_NV_shader_atomic_int64"}
+"""Bits, and by what Mesa is told to have them."""
 
 
 def wrong_on_overlaps(seed: int, context: HeadlessContext) -> dict[str, int]:
@@ -94,6 +103,24 @@ def wrong_through_camera(seed: int, context: HeadlessContext) -> dict[str, int]:
     return wrong
 
 
+def compare_with_cpu(report: Report, n: int) -> None:
+    """Counts and bits of n scenes of each kind, with both kinds of atomics."""
+    for bits, override in ATOMICS.items():
+        words = TESTS / "support" / "scenes_of_devices.py", "surfaceless", n, bits
+        said = run_python(*words, timeout=3600, MESA_EXTENSION_OVERRIDE=override).stdout
+        told = json.loads(said)
+        what = f"{bits}-bit atomics"
+        report.check(f"{what}: those that are in use", told["atomics"] == bits)
+        for kind, found in told["found"].items():
+            is_same = found["wrong"] == found["wrong_bits"] == 0
+            named = f"{what}: {found['scenes']} scenes, {kind}: counts and bits as the CPU's"
+            report.check(named, is_same)
+        for name in FOUND:
+            total = sum(found[name] for found in told["found"].values())
+            at_most = 0.0 if name.startswith("wrong") else None
+            report.add(f"{what}, all scenes: {name}", total, name, at_most=at_most)
+
+
 def _open(plan: str, mesh: Mesh, camera: Camera, context: HeadlessContext):
     if plan == "cpu":
         return CPURasterizer(mesh, camera, threads=1)
@@ -120,6 +147,7 @@ def attack(report: Report, effort: float) -> None:
             right = all(answer in (0, -1) for answer in answers)
             report.check(f"{what}: all others right", right)
 
+    compare_with_cpu(report, max(1, round(SCENES_OF_A_KIND * effort)))
     if effort < 0.05:  # the noise of fewer rounds is larger than what may stay
         return
     rounds = max(FEW_ROUNDS, round(ROUNDS_AT_FULL * effort))

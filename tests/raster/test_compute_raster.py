@@ -2,10 +2,10 @@
 
 import dataclasses
 
-import device_scenes
 import hostile_scenes
 import numpy as np
 import pytest
+import scenes_of_devices
 from gl_device import IN_SOFTWARE
 from image_laws import assert_same, assert_same_counts, everything
 from processes import TESTS, run_python
@@ -247,9 +247,9 @@ ATOMICS = "GL_NV_shader_atomic_int64"
 
 
 @EVERY_DAY
-@pytest.mark.parametrize("kind", device_scenes.KINDS)
+@pytest.mark.parametrize("kind", scenes_of_devices.KINDS)
 def test_a_device_counts_and_judges_a_scene_of_each_kind_as_the_cpu_does(device, kind):
-    found = device_scenes.compare_kind(device, kind, 1, 3)
+    found = scenes_of_devices.compare_kind(device, kind, 1, 3)
     assert found["samples"] > 0
     assert found["wrong"] == found["wrong_bits"] == 0
     assert (found["pairs"] > 0) != (kind == "targets")

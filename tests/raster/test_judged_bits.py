@@ -197,13 +197,6 @@ def test_the_host_takes_bits_of_a_batch_while_the_next_is_drawn(open_compute, mo
     assert order == ["_start", *["_start", "_finish"] * 4, "_finish"]
 
 
-def test_the_host_touches_no_buffer_that_a_shader_uses(open_compute, monkeypatch):
-    with open_compute() as rasterizer:
-        for name in ("read", "read_into", "read_chunks", "write", "write_chunks", "clear"):
-            monkeypatch.delattr(moderngl.Buffer, name)
-        compare(rasterizer, POSES)
-
-
 def test_staging_is_used_again_only_after_its_fence(open_compute, monkeypatch):
     calls = []
     honest = Resources.call

@@ -14,18 +14,21 @@ import numpy as np
 import pytest
 from gl_device import DEVICE
 from image_laws import assert_same_counts
+from judged_scenes import criteria_of
+from target_scenes import some_as_targets
 
 from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.observer import SampledObserver, open_observer
+from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 from rastercov.core.raster import open_rasterizer
 from rastercov.gl import PLANS, GLRasterizer, pipeline
 from rastercov.gl import rasterizer as rasterizer_module
 from rastercov.gl.compute import Compute
-from rastercov.gl.resources import Resources, Staging
+from rastercov.gl.resources import FUNCTIONS, Resources, Staging
 from rastercov.gl.scene import DeviceScene
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
@@ -219,13 +222,45 @@ def test_barrier_comes_before_every_reading_of_counters(rasterizer, monkeypatch)
     assert {calls[at - 1] for at in reads} == {"memory_barrier"}
 
 
-def test_the_host_touches_no_buffer_that_a_shader_uses(device, monkeypatch):
+@pytest.mark.parametrize("plan", PLANS)
+def test_the_host_touches_no_buffer_that_a_shader_uses(device, monkeypatch, plan):
     # NVIDIA's driver moves one that it reads, or writes while shaders use it, to the host's memory.
-    with GLRasterizer(MESH, CAMERA, device=device, plan="compute") as rasterizer:
-        for name in ("read", "read_into", "read_chunks", "write", "write_chunks", "clear"):
-            monkeypatch.delattr(moderngl.Buffer, name)
+    own, used, mapped = set(), set(), set()
+
+    def note(kind, name, take):
+        honest = getattr(kind, name)
+
+        def noted(*arguments, **options):
+            result = honest(*arguments, **options)
+            take(result, *arguments)
+            return result
+
+        monkeypatch.setattr(kind, name, noted)
+
+    note(moderngl.Context, "buffer", lambda made, *_: own.add(made.glo))
+    note(moderngl.Buffer, "bind_to_storage_buffer", lambda _, buffer, *__: used.add(buffer.glo))
+    note(Resources, "call", lambda _, __, name, *rest: name in MAPS and mapped.add(rest[0]))
+    for name in ("read", "read_into", "read_chunks", "write", "write_chunks", "clear"):
+        monkeypatch.delattr(moderngl.Buffer, name)
+    mesh = some_as_targets(MESH, np.arange(MESH.n_faces) < 3)
+    with GLRasterizer(mesh, CAMERA, device=device, plan=plan, roll=0.4) as rasterizer:
         assert rasterizer.count(POSES).visible.any()
         assert (rasterizer.render(POSES[0]).face >= 0).any()
+    with GLRasterizer(MESH, CAMERA, device=device, plan=plan) as rasterizer:
+        criteria = criteria_of(MESH, Task().rules(CAMERA))
+        if not rasterizer._why_not_judged(criteria):
+            assert rasterizer._judge(POSES, criteria)[0].packed.any()
+    assert used <= own
+    assert mapped
+    assert not mapped & (own | used)
+    assert {name for name in FUNCTIONS if "Buffer" in name and "Frame" not in name} == {
+        *("glClearBufferfv", "glClearBufferuiv"),  # of images
+        *("glCopyNamedBufferSubData", "glCreateBuffers", "glDeleteBuffers"),
+        *("glMapNamedBufferRange", "glNamedBufferStorage"),
+    }
+
+
+MAPS = ("glMapNamedBufferRange", "glNamedBufferStorage")
 
 
 def one_pixel_off(ids):

@@ -1,6 +1,6 @@
 """Random and hostile scenes on which a device is compared with the CPU: counts, images, bits.
 
-`python device_scenes.py DEVICE N SEED` compares N scenes of each kind and prints, in a line of
+`python scenes_of_devices.py DEVICE N SEED` compares N scenes of each kind and prints, in a line of
 JSON, what it found: by it a process of its own can be told what Mesa offers.
 """
 
@@ -190,55 +190,50 @@ def huge():
     return shapes.torus(24, 12), camera, look_at((4, 2, 3), (0, 0, 0)), {}
 
 
-def compare_counts(device, mesh, camera, poses, options):
+def compare_counts(ours, poses):
     """Samples of a device in some poses, and those counts that are not the CPU's."""
-    with (
-        GLRasterizer(mesh, camera, device=device, plan="compute", **options) as ours,
-        CPURasterizer(mesh, camera, threads=1, **options) as cpu,
-    ):
-        expected, alone = cpu.count(poses), ours.count(poses, drawn=False)
-        found = ours.count(poses)
+    options = {"supersample": ours.supersample, "roll": ours.roll}
+    with CPURasterizer(ours.mesh, ours.camera, threads=1, **options) as cpu:
+        expected = cpu.count(poses)
+    alone, found = ours.count(poses, drawn=False), ours.count(poses)
     wrong = int((alone.visible != expected.visible).sum())
     for name in FIELDS:
         wrong += int((getattr(found, name) != getattr(expected, name)).sum())
     return int(expected.visible.sum() + expected.background.sum()), wrong
 
 
-def compare_bits(device, scene, rng):
-    """Pairs judged on a device, by thresholds at the figures of faces; AssertionError for a bit."""
-    mesh, camera, poses, options = scene
+FOUND = ("scenes", "samples", "wrong", "pairs", "covered", "wrong_bits")
+"""Figures of a comparison; `wrong_bits` are scenes with a wrong bit, area or number of views."""
+
+
+def compare_scene(device, kind, k, seed):
+    """What is found on the k-th scene of a kind: counts, and bits by three random tasks."""
+    rng = np.random.default_rng((seed, sorted(KINDS).index(kind), k))
+    mesh, camera, poses, options = KINDS[kind](rng)
+    found = dict.fromkeys(FOUND, 0) | {"scenes": 1}
     with GLRasterizer(mesh, camera, device=device, plan="compute", **options) as ours:
-        n_covered = sum(judged_scenes.compare(ours, poses, rng=rng) for _ in range(3))
-    return 3 * len(poses) * mesh.n_faces, n_covered
+        found["samples"], found["wrong"] = compare_counts(ours, poses)
+        if mesh.has_targets:  # judged on the host
+            return found
+        try:
+            found["covered"] = sum(judged_scenes.compare(ours, poses, rng=rng) for _ in range(3))
+        except AssertionError:
+            found["wrong_bits"] = 1
+        found["pairs"] = 3 * len(poses) * mesh.n_faces
+    return found
 
 
 def compare_kind(device, kind, n, seed):
-    """What is found on n scenes of a kind: scenes, samples, wrong counts, pairs, wrong scenes."""
-    total = dict.fromkeys(("scenes", "samples", "wrong", "pairs", "covered", "wrong_bits"), 0)
-    for k in range(n):
-        rng = np.random.default_rng((seed, sorted(KINDS).index(kind), k))
-        scene = KINDS[kind](rng)
-        n_samples, n_wrong = compare_counts(device, *scene)
-        total["scenes"] += 1
-        total["samples"] += n_samples
-        total["wrong"] += n_wrong
-        if scene[0].has_targets:  # judged on the host
-            continue
-        try:
-            n_pairs, n_covered = compare_bits(device, scene, rng)
-        except AssertionError:
-            total["wrong_bits"] += 1
-        else:
-            total["pairs"] += n_pairs
-            total["covered"] += n_covered
-    return total
+    """What is found on n scenes of a kind."""
+    each = [compare_scene(device, kind, k, seed) for k in range(n)]
+    return {name: sum(one[name] for one in each) for name in FOUND}
 
 
 def main(label, n, seed):
     with open_context(label) as device:
         found = {kind: compare_kind(device, kind, n, seed) for kind in KINDS}
-        found["atomics"] = 64 if device.info.has_int64_atomics else 32
-    print(json.dumps(found))
+        atomics = 64 if device.info.has_int64_atomics else 32
+    print(json.dumps({"atomics": atomics, "found": found}))
 
 
 if __name__ == "__main__":
