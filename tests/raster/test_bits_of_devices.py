@@ -7,12 +7,16 @@ import hostile_scenes
 import judged_scenes
 import numpy as np
 import pytest
-from gl_device import DEVICE
+from gl_device import DEVICE, IN_SOFTWARE
 
 import rastercov as rc
+from rastercov.base.errors import PartMadeError
 from rastercov.core.coverage import bits_alone
+from rastercov.core.coverage import shards as evaluation_shards
 from rastercov.core.coverage.bits_alone import LATER
 from rastercov.gl import GLRasterizer
+from rastercov.gl.libraries import Egl
+from rastercov.shards import Workers
 
 pytestmark = pytest.mark.matter("opengl")
 MESH = rc.shapes.torus(12, 8)
@@ -79,6 +83,24 @@ def test_shards_keep_the_bits_that_a_device_judged(judged, tmp_path):
     theirs = evaluate(*run[:-1], "cpu", fields=("covered",))
     check_same(ours, theirs)
     check_same(again, theirs)
+
+
+@pytest.mark.skipif(not IN_SOFTWARE, reason="the devices are Mesa's")
+def test_two_devices_share_a_folder_by_a_process_each(judged, tmp_path, monkeypatch):
+    devices = Egl.devices
+    monkeypatch.setattr(Egl, "devices", lambda self: devices(self)[:1] * 2)
+    for name in ("PAIRS_A_SHARD", "PAIRS_OF_COUNTS"):
+        monkeypatch.setattr(evaluation_shards, name, 4 * MESH.n_faces)
+    run, made = (MESH, CAMERA, POSES, TASK), {"fields": ("covered",)}
+    for number in range(2):
+        part = tmp_path, Workers(only=(number, 3))
+        with pytest.raises(PartMadeError, match="run the command without --only"):
+            evaluate(*run, f"egl:{number}", shards=part, **made)
+    assert 0 < sum(judged) < len(POSES)
+    ours = evaluate(*run, "egl:1", shards=tmp_path, **made)
+    assert sum(judged) == len(POSES)  # none is judged again
+    assert ours.info.device.startswith("egl:1 ")
+    check_same(ours, evaluate(*run, "cpu", **made))
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1e9])

@@ -391,9 +391,11 @@ def test_a_picture_differs_from_rays_of_opencv_and_embree_in_sixty_pixels(n_face
 
 
 @pytest.mark.parametrize("lens", ["brown", "wide", "skew"])
-def test_opengl_draws_a_lens_on_the_cpu_and_says_so(lens):
+def test_opengl_draws_a_lens_on_the_cpu_and_says_so(lens, caplog):
     (mesh, poses), camera = SCENES["torus"], CAMERAS[lens]
     with open_rasterizer(mesh, camera, "gl") as one, open_rasterizer(mesh, camera, "cpu") as other:
+        (line,) = caplog.messages
+        assert line == f"the CPU draws the lens {camera.model} in place of OpenGL"
         assert one.info == other.info
         assert one.info.backend == "cpu"
         np.testing.assert_array_equal(one.count(poses).visible, other.count(poses).visible)

@@ -9,6 +9,7 @@ pictures, regions. Frames are a unit in place of poses where `store_in` is given
 import hashlib
 import json
 import logging
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -283,8 +284,12 @@ def question_of(inputs: Inputs) -> tuple[Task, Wanted]:
 
 
 def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> ByName:
-    """Entries of the header of a folder, ready for JSON."""
-    engine = replace(wanted.engine, threads=None)
+    """Entries of the header of a folder, ready for JSON.
+
+    Devices of one kind share a folder, a process each: their numbers are left out.
+    """
+    device = re.sub(r"^egl:\d+$", "egl", wanted.engine.device)
+    engine = replace(wanted.engine, threads=None, device=device)
     is_small = engine.method == "sampled" and wanted.pairs == "none"
     size = PAIRS_OF_COUNTS if is_small else PAIRS_A_SHARD
     return inputs_of(observer, poses, task, observer.mesh.n_faces, size) | {
@@ -309,7 +314,7 @@ def inputs_of(
         "camera": sha256(*cameras),
         "poses": hash_of(poses),
         "task": asdict(task),
-        "measured_by": asdict(observer.info),
+        "measured_by": asdict(replace(observer.info, device="")),
         "poses_a_shard": size,
     }
 

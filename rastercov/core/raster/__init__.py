@@ -1,5 +1,6 @@
 """Rasterisers: samples of each face in each pose, counted on the CPU or by OpenGL."""
 
+import logging
 import math
 from typing import Any
 
@@ -29,6 +30,7 @@ from rastercov.core.raster.contract import (
 
 __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "open_rasterizer"]
 
+LOG = logging.getLogger("rastercov")
 BACKENDS = ("auto", "cpu", "gl")
 
 
@@ -75,8 +77,8 @@ def open_rasterizer(
     backend : {"auto", "cpu", "gl"}
         "auto", the default, selects "gl" if an option of OpenGL is given, and otherwise "cpu",
         which needs no graphics library and was faster even than a GPU
-        (docs/appendix/rasterisers.md). A lens with distortion is always drawn on the CPU, as `info`
-        of the result states; a device named here must exist nevertheless.
+        (docs/appendix/rasterisers.md). A lens with distortion is always drawn on the CPU, as a
+        warning and `info` of the result state; a device named here must exist nevertheless.
     supersample : int
         S, from 1 to 64: the samples are a regular S x S grid in each pixel.
     roll : float
@@ -124,6 +126,7 @@ def open_rasterizer(
 
         if backend == "gl":  # what would be refused for a pinhole is refused
             drawer().open_rasterizer(self_test.MESH, self_test.CAMERA, options).close()
+            LOG.warning("the CPU draws the lens %s in place of OpenGL", camera.model)
         return LensRasterizer(mesh, camera, **common, threads=options.get("threads"))
     if backend in ("auto", "cpu"):
         # It compiles, or loads what was compiled.
