@@ -16,16 +16,14 @@ struct Cluster {
     double sine, offset, altitude;   // of the cone; of the planes; the least of a face
     uint first, end;                 // of its faces
 };
-layout(std430, binding = 8) readonly buffer Clusters { Cluster clusters[]; };
+layout(std430, binding = 4) readonly buffer Clusters { Cluster clusters[]; };
 
 uniform uint first_cluster, first_view;
 uniform bool with_backs;      // keep back faces, to be counted
 uniform bool is_parallel;
 uniform dvec3 middle;         // of the mesh, which vertices are relative to
 uniform dvec4 lens;           // fx, fy, cx, cy in samples
-#ifdef ROLLED
 uniform dvec4 turn;           // right and down of the grid from those of the camera
-#endif
 
 struct Pose {
     dvec3 right, down, forward;  // camera axes; right and down mixed to rotate the sample grid
@@ -40,12 +38,8 @@ Pose pose_of(uint view) {
     dvec4 limits = poses[ROWS * view + 3u];
     dvec3 right = dvec3(x.x, y.x, z.x), down = dvec3(x.y, y.y, z.y);
     precise dvec3 eye = dvec3(x.w, y.w, z.w) - middle;
-    precise dvec3 across = right;
-    precise dvec3 along = down;
-#ifdef ROLLED
-    across = turn.x * right + turn.y * down;
-    along = turn.z * right + turn.w * down;
-#endif
+    precise dvec3 across = turn.x * right + turn.y * down;
+    precise dvec3 along = turn.z * right + turn.w * down;
     return Pose(across, along, dvec3(x.z, y.z, z.z), eye, limits.x, limits.z, limits.y != 0.0lf);
 }
 

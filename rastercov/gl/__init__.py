@@ -4,7 +4,7 @@
         HeadlessContext (context)       OpenGL context of a device (devices, libraries)
         Resources (resources)           every OpenGL object, error polling
         Strategy (strategy)             one of two:
-            Pipeline (pipeline)         plan "pipeline"; scene
+            Pipeline (pipeline)         plan "pipeline"
             Compute (compute)           plan "compute"
 
 `rastercov.core.raster.contract` asks `devices` for hardware even when the CPU then counts. The

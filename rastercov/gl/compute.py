@@ -48,7 +48,7 @@ KEY_BYTES, TRIANGLE_BYTES, VERTEX_BYTES, CORNERS_BYTES, RUN_BYTES = 8, 64, 24, 1
 """Bytes of a sample's key, a struct `Triangle`, a vertex (3 doubles), a face, a row of samples."""
 STATUS_BYTES, POSE_VALUES = 12, 16
 """Bytes of the numbers of triangles; doubles of a pose."""
-POSES, VERTICES, FACES, CLUSTERS = 5, 6, 7, 8  # bindings of setup.comp
+CLUSTERS, POSES, VERTICES, FACES = 4, 5, 6, 7  # bindings of setup.comp
 LISTS, COUNTS, RUNS = 5, 6, 7  # of list.comp and fill.comp; an image may be in place of counts
 CLUSTER = np.dtype([("bounds", "11f8"), ("slots", "2u4")])  # struct `Cluster` of setup.comp
 

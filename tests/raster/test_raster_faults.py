@@ -28,8 +28,8 @@ from rastercov.core.raster import open_rasterizer
 from rastercov.gl import PLANS, GLRasterizer, pipeline
 from rastercov.gl import rasterizer as rasterizer_module
 from rastercov.gl.compute import Compute
+from rastercov.gl.pipeline import DeviceScene
 from rastercov.gl.resources import FUNCTIONS, Resources, Staging
-from rastercov.gl.scene import DeviceScene
 
 CAMERA = Camera(width=80, height=60, fx=75, fy=75)
 MESH = shapes.torus(12, 8)

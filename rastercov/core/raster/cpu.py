@@ -75,9 +75,6 @@ MAX_SIDE = 1 << 20
 MAX_PART = 1 << 30
 """Most samples of an image that are counted in 32 bits."""
 
-BOUNDS_OF_CLUSTERS = 7
-"""Index of the bounds among what describes the clusters of a scene."""
-
 LARGE_POSE = 1 << 18
 """Faces, plus an eighth of the samples, from which on a pose is shared by threads."""
 
@@ -285,7 +282,7 @@ def _scene_of(mesh: Mesh) -> solver_raster.Scene:
 
 
 def clusters_of(mesh: Mesh) -> tuple[Any, ...]:
-    """Arrays of the clusters of the opaque faces; see `records.hpp`."""
+    """Arrays of the clusters of the opaque faces, their bounds last; see `records.hpp`."""
     return _scene_of(mesh.opaque).clusters
 
 
@@ -294,7 +291,7 @@ def farthest_depths(mesh: Mesh, poses: FloatArray, near: FloatArray) -> FloatArr
 
     They are beyond the mesh by its size, so that rounding is relative to that.
     """
-    bounds = clusters_of(mesh)[BOUNDS_OF_CLUSTERS]
+    bounds = clusters_of(mesh)[-1]
     x, y, z = bounds[:3]
     radius = float((np.sqrt(x * x + y * y + z * z) + bounds[RADIUS]).max(initial=0.0)) or 1.0
     x, y, z = ((mesh.centre - poses[:, :3, 3]) * poses[:, :3, 2]).T
