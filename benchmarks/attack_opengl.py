@@ -34,7 +34,7 @@ from rastercov.reference import samples
 
 SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300
 FEW_ROUNDS = 150
-SCENES_OF_A_KIND = 16
+SCENES_OF_A_KIND = 17
 ATOMICS = {32: "", 64: "+GL_NV_shader_atomic_int64"}
 """Bits, and by what Mesa is told to have them."""
 

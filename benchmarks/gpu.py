@@ -39,7 +39,7 @@ MOST_PAIRS = 3 << 25
 """Pairs of pose and face that a call counts: enough to fill a device, in little memory."""
 SECONDS = 150
 """Time of all parts together."""
-SCENES, SCENE_SECONDS, N_PAIRS = 16, 45, 40_000_000
+SCENES, SCENE_SECONDS, N_PAIRS = 17, 45, 40_000_000
 """Random scenes of each kind, and the time of all: a driver may compile programs anew for each;
 pairs that are judged by the device and by the host."""
 

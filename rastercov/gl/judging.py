@@ -56,7 +56,7 @@ class Judging:
         )
 
     def judge(self, poses: FloatArray, criteria: Criteria, note: Callable[[int], None]) -> Judged:
-        """Pairs of all poses; `note` takes the number of each batch."""
+        """Pairs of all poses; `note` takes the number of some of them, when these are drawn."""
         n_poses, n_faces = len(poses), self._scene.mesh.n_faces
         result = no_bits(self._scene.mesh, n_poses)
         clipped = np.empty(n_poses, np.bool_)
@@ -73,7 +73,7 @@ class Judging:
                 if len(waiting) > 1:
                     self._finish(*waiting.pop(0), result)
                 self._resources.poll("judging")
-                note(rows.stop - rows.start)
+            note(len(some))
         for each in waiting:
             self._finish(*each, result)
         result.views[:] = self._resources.read_words(self._seen, n_faces)

@@ -99,12 +99,6 @@ class PreparedPoses:
         axes: dict[str, object] = {"right": right, "down": down, "forward": forward}
         return axes | {"eye_high": high, "eye_low": low, "near": self.near[row]}
 
-    def depth(self, row: int, values: Float32Array) -> Float32Array:
-        """Camera z of depth buffer values of a pose, in metres; inf for the farthest value."""
-        with np.errstate(divide="ignore"):
-            z: Float32Array = (self.near[row] / values.astype(np.float64)).astype(np.float32)
-        return z
-
 
 class Pipeline(Strategy):
     """`Strategy` on the graphics pipeline."""
@@ -147,7 +141,9 @@ class Pipeline(Strategy):
         self._draw_faces(scene, prepared, slice(0, 1), tile)
         ids = self._resources.read_faces(self._target, (0, 0, *tile[2:]))
         values = self._resources.read_depth(self._target, (0, 0, *tile[2:]))
-        return ids.view(np.int32) - 1, prepared.depth(0, values)
+        with np.errstate(divide="ignore"):
+            depth = prepared.near[0] / values.astype(np.float64)
+        return ids.view(np.int32) - 1, depth.astype(np.float32)
 
     def _draw_faces(
         self, scene: DeviceScene, prepared: PreparedPoses, rows: slice, tile: Box
@@ -169,27 +165,23 @@ class Pipeline(Strategy):
         """Samples of each id in a tile: 0 for background, then one per face."""
         ids = self._resources.read_faces(self._target, (0, 0, *tile[2:]))
         ids = scene.grid.inside(ids, tile)
-        if not ids.size:  # a corner of a rotated grid
-            return np.zeros(scene.mesh.n_faces + 1, np.int64)
-        n_faces, last = scene.mesh.n_faces, ids.max()
+        n_faces, last = scene.mesh.n_faces, ids.max(initial=0)  # none in a corner of a rotated grid
         if last > n_faces:
             raise self._resources.distrust(f"drew face {last - 1} of {n_faces}")
         return np.bincount(ids, minlength=n_faces + 1)
 
     def _count_pixels(self, scene: DeviceScene, tile: Box) -> Counts:
-        """Samples of each face alone: without the depth test, every sample adds to a counter."""
-        frame = self._target.frame
-        frame.color_mask = (False,) * 4  # the shader writes no id
+        """Samples of each face alone: without the depth test, every sample adds to a counter.
+
+        What this leaves in the image is not defined; each begins by clearing it.
+        """
         self._counters.bind_to_storage_buffer(COUNTS_BINDING)
         if scene.runs is not None:
             scene.runs.bind_to_storage_buffer(RUNS_BINDING)
-        try:
-            self._begin(tile, test=False)
-            self._resources.zero(self._counters, self._counters.size)
-            scene.draw("drawn", tile, scene.grid)
-            return self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)[:, 1:]
-        finally:
-            frame.color_mask = (True,) * 4  # after an interrupt, too, or later images stay empty
+        self._begin(tile, test=False)
+        self._resources.zero(self._counters, self._counters.size)
+        scene.draw("drawn", tile, scene.grid)
+        return self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)[:, 1:]
 
 
 def _projection(tile: Box, grid: SampleGrid) -> tuple[float, ...]:

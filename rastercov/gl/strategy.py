@@ -5,17 +5,13 @@ images: `pipeline` with the graphics pipeline, `compute` with compute shaders.
 """
 
 from collections.abc import Iterator
-from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base import Float32Array, FloatArray, IntArray, ResourceError
-from rastercov.core.camera import near_limit
+from rastercov.base import IntArray, ResourceError
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.sample_grid import Box
-from rastercov.core.raster.targets import TargetFaces
 from rastercov.gl.resources import Resources
 
 WordArray = NDArray[np.uint32]
@@ -78,27 +74,3 @@ class Strategy:
         """Rows of the poses of each batch."""
         for start in range(0, n_poses, self.most_poses):
             yield slice(start, min(start + self.most_poses, n_poses))
-
-    def count_targets(
-        self, scene: Any, targets: TargetFaces, poses: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Visible and drawn samples of the targets, (P, N) each.
-
-        They are counted on the CPU: the depths of each pose are read back.
-        """
-        visible, drawn = np.empty((2, len(poses), len(targets.rows)), np.int64)
-        grid, near = scene.grid, near_limit(scene.camera, scene.mesh.bounds, poses)
-        for row in range(len(poses)):
-            depths = partial(self._depths, scene, poses[row : row + 1])
-            visible[row], drawn[row] = targets.count(grid, poses[row], near[row], depths)
-        return visible, drawn
-
-    def _depths(
-        self, scene: Any, pose: FloatArray, top: int, bottom: int
-    ) -> Iterator[tuple[Box, Float32Array]]:
-        """Depths of one pose, (1, 4, 4), in tiles that hold some rows; see `targets.Depths`."""
-        prepared = self.prepare(scene, pose, scene.grid)
-        self.begin(prepared, slice(0, 1))
-        for tile in scene.grid.tiles(self.tile):
-            if tile[1] < bottom and tile[1] + tile[3] > top:
-                yield tile, self.image(scene, prepared, tile)[1]

@@ -26,7 +26,7 @@ from rastercov.gl.resources import Resources
 pytestmark = pytest.mark.matter("opengl")
 MESH = rc.shapes.torus(12, 8)
 CAMERA = rc.Camera.from_fov(80, 60, hfov_deg=50)
-TARGET = rc.Mesh.joined([MESH, rc.shapes.box()], ["part", "t"]).with_groups(targets=["t"])
+HUGE = rc.Camera(width=1024, height=512, fx=900, fy=900)
 RULES = rc.Task(min_visibility=0.3).rules(CAMERA)
 PARALLEL = rc.Camera(width=80, height=60, fx=30, fy=30, model="telecentric", near=0.01)
 POSES = rc.sphere_of_poses((0, 0, 0), 2 * MESH.diagonal, 9)
@@ -127,7 +127,7 @@ def test_every_threshold_of_a_task_is_registered_and_decides(open_compute):
     ("mesh", "camera", "options", "reason"),
     [
         (MESH, CAMERA, {"plan": "pipeline"}, "plan 'pipeline' judges nothing on the device"),
-        (TARGET, CAMERA, {}, "targets, and images of 2"),
+        (MESH, HUGE, {"supersample": 64}, "images of 2^31 samples are counted on the host"),
         (MESH, PARALLEL, {}, "no shader judges min_pixel_density for this camera"),
     ],
 )

@@ -1,10 +1,12 @@
 """Targets in the rasterisers: counted one by one, and nothing else changes."""
 
+from contextlib import ExitStack
 from functools import cache
 
 import numpy as np
 import pytest
 from exact_cases import AHEAD, triangles
+from gl_device import DEVICE
 from hostile_scenes import scene
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,20 +15,30 @@ from nightly import examples
 from scenes import joined, square
 from target_scenes import beside, only, some_as_targets
 
+from rastercov.base.errors import DeviceError, MeshError
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.near_plane import limits
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.engine.solver_raster import TIE_REL, count_triangle
-from rastercov.gl.strategy import Strategy
+from rastercov.gl import GLRasterizer
 from rastercov.reference import samples
 from rastercov.reference import triangle_samples as twin
 
 SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
 SQUARE = Camera(width=200, height=200, fx=100, fy=100)
+PARALLEL = Camera(width=40, height=30, fx=9, fy=8, model="telecentric", near=0.01)
 ROOM = shapes.room(4)
 VIEWS = look_at([(0, 0, 1.5), (2.5, 2, 0.3), (-2.5, -2, 2.5)], [(1, 1, 1), (-3, 0, 1), (0, 0, 0)])
+
+
+@pytest.fixture
+def open_raster():
+    """Open the rasteriser that counts targets; it is closed when the test ends."""
+    with ExitStack() as stack:
+        yield lambda *args, **options: stack.enter_context(CPURasterizer(*args, **options))
 
 
 def in_room(seed, n=12):
@@ -95,13 +107,22 @@ def test_counts_of_targets_equal_those_of_the_reference(open_raster):
     assert counts.visible[:, mesh.target_mask].any()
 
 
-@pytest.mark.slow
-def test_tiles_of_an_image_add_up(open_gl, monkeypatch):
-    mesh = in_room(4)
-    whole = open_gl(mesh, SMALL)
-    monkeypatch.setattr(Strategy, "max_tile", 16)
-    tiled = open_gl(mesh, SMALL)
-    assert_same_counts(tiled.count(VIEWS), whole.count(VIEWS))
+@pytest.mark.matter("opengl")
+@pytest.mark.every_day
+@pytest.mark.parametrize("camera", [SMALL, PARALLEL], ids=["pinhole", "parallel rays"])
+def test_targets_are_counted_on_the_cpu_in_place_of_a_device_and_a_line_says_so(camera, caplog):
+    mesh, options = in_room(4), {"supersample": 2, "roll": 0.4}
+    with (
+        open_rasterizer(mesh, camera, "gl", device=DEVICE, plan="compute", **options) as named,
+        CPURasterizer(mesh, camera, **options) as cpu,
+    ):
+        assert caplog.messages == ["the CPU draws targets in place of OpenGL"]
+        assert named.info == cpu.info
+        assert_same_counts(named.count(VIEWS), cpu.count(VIEWS))
+    with pytest.raises(DeviceError, match="expected a device"):
+        open_rasterizer(mesh, camera, "gl", device="egl:99")
+    with pytest.raises(MeshError, match="expected a mesh without targets for GLRasterizer, got"):
+        GLRasterizer(mesh, camera, device=DEVICE)
 
 
 def test_counts_without_drawn_are_those_with_it(open_raster):

@@ -77,8 +77,9 @@ def open_rasterizer(
     backend : {"auto", "cpu", "gl"}
         "auto", the default, selects "gl" if an option of OpenGL is given, and otherwise "cpu",
         which needs no graphics library and was faster even than a GPU
-        (docs/appendix/rasterisers.md). A lens with distortion is always drawn on the CPU, as a
-        warning and `info` of the result state; a device named here must exist nevertheless.
+        (docs/appendix/rasterisers.md). A lens with distortion, and targets, are always drawn on
+        the CPU, as a warning and `info` of the result state; a device named here must exist
+        nevertheless.
     supersample : int
         S, from 1 to 64: the samples are a regular S x S grid in each pixel.
     roll : float
@@ -121,12 +122,15 @@ def open_rasterizer(
         raise ConfigError(f"expected roll to be an angle in radians, got {shown(roll)}")
     common: ByName = {"supersample": int(supersample), "roll": float(roll)}
     backend, options = backend_of(backend, options)
+    if backend == "gl" and (camera.is_curved or mesh.has_targets):
+        # What would be refused for a pinhole and surfaces is refused.
+        drawer().open_rasterizer(self_test.MESH, self_test.CAMERA, options).close()
+        what = f"the lens {camera.model}" if camera.is_curved else "targets"
+        LOG.warning("the CPU draws %s in place of OpenGL", what)
+        backend, options = "cpu", {}
     if camera.is_curved:
         from rastercov.core.raster.lens import LensRasterizer
 
-        if backend == "gl":  # what would be refused for a pinhole is refused
-            drawer().open_rasterizer(self_test.MESH, self_test.CAMERA, options).close()
-            LOG.warning("the CPU draws the lens %s in place of OpenGL", camera.model)
         return LensRasterizer(mesh, camera, **common, threads=options.get("threads"))
     if backend in ("auto", "cpu"):
         # It compiles, or loads what was compiled.

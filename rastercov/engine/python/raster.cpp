@@ -90,11 +90,6 @@ void register_solver_raster(nanobind::module_ &m) {
     def(m, "count_triangle", count_triangle,
         "Samples of a tile that a triangle covers, and those that no surface is in front of.", "x",
         "y", "plane", "least", "greatest", "tile", "runs", "depth");
-    def(m, "rows_of_targets", rows_of_targets,
-        "Rows of samples that each target may reach in one pose.", "view", "height", "rows");
-    def(m, "count_targets", count_targets,
-        "Add the samples of targets in a tile of one pose to their counts.", "view", "rows", "tile",
-        "runs", "depth", "visible", "drawn");
 }
 
 } // namespace rastercov

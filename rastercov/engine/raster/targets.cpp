@@ -239,9 +239,6 @@ Counted count_triangle(Array<const int64_t, 3> x, Array<const int64_t, 3> y, con
 void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Tile &tile,
                    const Runs &runs, Depth depth, Column<int64_t> visible, Column<int64_t> drawn) {
     const int64_t n = view.corners.rows();
-    require_tile(tile, runs, depth);
-    require(have_rows(n, rows, visible, drawn),
-            "rows, visible and drawn must have one row for each target");
     const Lens lens = lens_of(view);
     Poll poll(64);
     for (int64_t f = 0; f < n; f++) {
@@ -282,8 +279,6 @@ void count_scattered(const View &view, const Tile &tile, const Lanes &lanes,
 }
 
 void rows_of_targets(const View &view, int64_t height, Array<int64_t, Any, 2> rows) {
-    require(rows.rows() == view.corners.rows(), "rows must have one row for each target");
-    require(height >= 0 && height <= MAX_SIDE, "height must be of a canvas");
     const Lens lens = lens_of(view);
     const auto within = [&](double row) {
         return int64_t(std::min(std::max(row, 0.0), double(height)));
