@@ -31,7 +31,7 @@ from rastercov.core.raster.cpu import clusters_of, farthest_depths
 from rastercov.core.raster.sample_grid import Box, SampleGrid
 from rastercov.core.raster.tie_order import in_one_order
 from rastercov.gl.resources import Resources, set_uniforms
-from rastercov.gl.strategy import COUNTER_BYTES, Strategy, WordArray
+from rastercov.gl.strategy import COUNTER_BYTES, Counts, Strategy
 
 MAX_POSES = 1024
 """Poses in one batch, within the limits of memory: enough to fill a large device."""
@@ -169,12 +169,12 @@ class Compute(Strategy):
 
     def count(
         self, scene: ComputeScene, prepared: ComputePoses, rows: slice, tile: Box, *, drawn: bool
-    ) -> tuple[WordArray, WordArray, WordArray | None]:
-        """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
+    ) -> tuple[Counts, Counts]:
+        """Draw a batch into a tile: visible samples, and drawn ones, (L, B, F); background (B,)."""
         n_poses, stride, layers = rows.stop - rows.start, scene.mesh.n_faces + 1, 1 + drawn
         self.fill_counters(scene, n_poses, [tile], drawn=drawn, backs=drawn)
         counts = self._resources.read_words(self.counters, layers, n_poses, stride)
-        return counts[0, :, 1:], counts[0, :, 0], counts[1, :, 1:] if drawn else None
+        return counts[:, :, 1:], counts[0, :, 0]
 
     def fill_counters(
         self, scene: ComputeScene, n_poses: int, tiles: Iterable[Box], *, drawn: bool, backs: bool

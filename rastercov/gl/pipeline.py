@@ -12,7 +12,6 @@ N. Reed. Depth Precision Visualized. 2015, for the reversed depth buffer.
 """
 
 from functools import partial
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -127,12 +126,14 @@ class Pipeline(Strategy):
 
     def count(
         self, scene: DeviceScene, prepared: PreparedPoses, rows: slice, tile: Box, *, drawn: bool
-    ) -> tuple[Counts, Any, Counts | None]:
-        """Draw a batch into a tile: visible samples (B, F), background (B,), drawn samples."""
+    ) -> tuple[Counts, Counts]:
+        """Draw a batch into a tile: visible samples, and drawn ones, (L, B, F); background (B,)."""
         self._draw_faces(scene, prepared, rows, tile)
-        counts = self._count_ids(scene, tile)
-        visible, background = counts[1:], int(counts[0])
-        return visible, background, self._count_pixels(scene, tile) if drawn else None
+        visible = self._count_ids(scene, tile)[None]
+        if not drawn:
+            return visible[None, :, 1:], visible[:, 0]
+        both = np.stack((visible, self._count_pixels(scene, tile)))
+        return both[:, :, 1:], visible[:, 0]
 
     def image(
         self, scene: DeviceScene, prepared: PreparedPoses, tile: Box
@@ -170,7 +171,7 @@ class Pipeline(Strategy):
             raise self._resources.distrust(f"drew face {last - 1} of {n_faces}")
         return np.bincount(ids, minlength=n_faces + 1)
 
-    def _count_pixels(self, scene: DeviceScene, tile: Box) -> Counts:
+    def _count_pixels(self, scene: DeviceScene, tile: Box) -> IntArray:
         """Samples of each face alone: without the depth test, every sample adds to a counter.
 
         What this leaves in the image is not defined; each begins by clearing it.
@@ -181,7 +182,8 @@ class Pipeline(Strategy):
         self._begin(tile, test=False)
         self._resources.zero(self._counters, self._counters.size)
         scene.draw("drawn", tile, scene.grid)
-        return self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)[:, 1:]
+        counts = self._resources.read_words(self._counters, 1, scene.mesh.n_faces + 1)
+        return counts.astype(np.int64)
 
 
 def _projection(tile: Box, grid: SampleGrid) -> tuple[float, ...]:

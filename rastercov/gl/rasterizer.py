@@ -208,31 +208,27 @@ class GLRasterizer(Rasterizer):
 
     def _count(self, scene: Any, poses: FloatArray, with_drawn: bool) -> FaceCounts:
         """Count poses in batches and tiles; run the self-test when it is due."""
-        shape = (len(poses), scene.mesh.n_faces)
-        visible = np.zeros(shape, scene.grid.count_type)
-        drawn = np.zeros(shape, scene.grid.count_type) if with_drawn else None
-        background = np.zeros(len(poses), np.int64)
         grid, strategy = scene.grid, self._strategy
+        shape = 1 + with_drawn, len(poses), scene.mesh.n_faces
+        counts, background = np.zeros(shape, grid.count_type), np.zeros(len(poses), np.int64)
         prepared = strategy.prepare(scene, poses, grid)
         for rows in strategy.batches(len(poses)):
             strategy.begin(prepared, rows)
             for tile in grid.tiles(strategy.tile):
-                counts = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
-                tile_visible, tile_background, tile_drawn = counts
-                visible[rows] += tile_visible
-                background[rows] += tile_background
-                if drawn is not None:
-                    drawn[rows] += tile_drawn
+                of_tile, empty = strategy.count(scene, prepared, rows, tile, drawn=with_drawn)
+                counts[:, rows] += of_tile
+                background[rows] += empty
             self._resources.poll("drawing")
             if scene is self._scene:
                 self._note(rows.stop - rows.start)
+        visible, *alone = counts
         wrong = np.flatnonzero(visible.sum(axis=1) + background != grid.n_samples)
         if wrong.size:
             row = int(wrong[0])
             raise self._resources.distrust(
                 f"counted {visible[row].sum() + background[row]} samples of {grid.n_samples}"
             )
-        return self._result(visible, drawn, background, prepared.clipped)
+        return self._result(visible, alone[0] if alone else None, background, prepared.clipped)
 
     # --- self-test ------------------------------------------------------------------------------
 

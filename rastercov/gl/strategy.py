@@ -14,8 +14,7 @@ from rastercov.base import IntArray, ResourceError
 from rastercov.core.mesh import Mesh
 from rastercov.gl.resources import Resources
 
-WordArray = NDArray[np.uint32]
-Counts = IntArray | WordArray
+Counts = IntArray | NDArray[np.uint32]
 
 COUNTER_BYTES = 4
 
@@ -29,8 +28,8 @@ class Strategy:
     - `prepare(scene, poses, grid)` computes what shaders need of poses; the result has `clipped`,
       (P,) bool.
     - `begin(prepared, rows)` uploads the poses of a batch.
-    - `count(scene, prepared, rows, tile, drawn=...)` draws a batch into a tile: visible samples
-      (B, F), background (B,), drawn samples.
+    - `count(scene, prepared, rows, tile, drawn=...)` draws a batch into a tile: samples of
+      faces, (L, B, F), visible ones and perhaps drawn ones; background (B,).
     - `image(scene, prepared, tile)` draws the first pose into a tile: faces and depths, as in
       `VisibilityBuffer`.
 
