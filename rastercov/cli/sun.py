@@ -10,7 +10,7 @@ from typer import Option
 
 from rastercov.base import ByName, CameraError, ConfigError, shorten, shown
 from rastercov.base.arguments import positive
-from rastercov.base.format import coordinates, text_with_bound
+from rastercov.base.format import text_with_bound
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
@@ -20,7 +20,7 @@ from rastercov.core.mesh.mesh import Mesh, names_of
 from rastercov.light.sun import NORTH_DEG, angle, sun_directions
 
 MOST_LINES = 12
-"""Groups that are printed."""
+"""Pieces that are printed."""
 
 
 class PeriodOptions(NamedTuple):
@@ -94,9 +94,9 @@ class SurfaceOptions(NamedTuple):
     at_least: Annotated[
         str | None,
         Option(
-            help="Minimum sunlight hours per piece of a group, such as 1.5h; exits with 1 if not "
-            "reached. A piece is a set of faces whose bounding box touches no other; over 100 "
-            "count as one."
+            help="Minimum sunlight hours per piece of a group, such as 1.5h; or per room, by a "
+            "level of EN 17037: minimum, medium, high. Exits with 1 if not reached. A piece is a "
+            "set of faces whose bounding box touches no other; over 100 count as one."
         ),
     ] = None
     resolution: Annotated[
@@ -129,8 +129,8 @@ def sun(
     from rastercov.light.sun_report import Study, write
     from rastercov.light.sunlight import LIT_BY, sunlit
 
-    least = _hours(surface.at_least)
     period.times(0.0)  # errors before the mesh is read
+    least, level = _hours(surface.at_least, period)
     mesh = scene.read(meshes)
     given = {"north_deg": period.north, **site._asdict()}
     north, latitude, longitude = mesh.site.known_values(given, "--north")
@@ -157,13 +157,14 @@ def sun(
                 way: sunlit(mesh, towards, hours, **how, lit_by=way, progress=progress)
                 for way in (LIT_BY if period.penumbra else ["middle"])
             }
-            return Study(ways, chosen, words, step, least)
+            is_fine = surface.resolution is not None
+            return Study(ways, chosen, starts, words, step, least, level, north, is_fine)
 
         given = {"latitude": latitude, "longitude": longitude, **period._asdict()}
         given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
         study, summary = write(make_study, out, given, pdf=pdf)
-    if len(mesh.groups) == 1 == study.ways["middle"].n_pieces[0]:
+    if len(mesh.groups) == 1 == len(study.ways["middle"].piece_hours):
         warn(
             "one group in one piece cannot shade its silhouette: its hours are about those of the "
             "sun; for hours of faces see sun.html and sun.npz"
@@ -190,39 +191,51 @@ def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh
     return mesh
 
 
-def _hours(text: str | None) -> float | None:
-    """Hours of text such as "1.5h" or "1.5"."""
+def _hours(text: str | None, period: PeriodOptions) -> tuple[float | None, str]:
+    """Hours of text such as "1.5h" or "1.5", or of a level of EN 17037, and that level."""
+    from rastercov.light.sun_report import LEVELS
+
     if text is None:
-        return None
+        return None, ""
+    if text in LEVELS:
+        _check_en_17037(period)
+        return LEVELS[text], text
     try:
-        return positive("--at-least", float(text.strip().removesuffix("h")))
+        return positive("--at-least", float(text.strip().removesuffix("h"))), ""
     except (ValueError, CameraError):
         raise ConfigError(
-            f"--at-least: expected hours such as 1.5h, got {shown(text)}; correct it"
+            f"--at-least: expected hours such as 1.5h, or one of {', '.join(LEVELS)}, got "
+            f"{shown(text)}; correct it"
         ) from None
 
 
-def _print(summary: ByName, out: Path) -> None:
-    """Print the answer, and the groups with the least hours."""
-    groups = [each for each in summary["parts"] if each["is_group"]]
-    print_lines(summary["answer"])
-    for each in groups[:MOST_LINES]:
-        hours = f"{text_with_bound(each['hours'], each['bound_hours'])} h"
-        energy = f"{text_with_bound(each['energy_kwh'], each['bound_kwh'])} kWh"
-        if "hours_lit_by_all" in each:
-            disc = [
-                text_with_bound(each[f"hours_lit_by_{way}"], each[f"bound_hours_lit_by_{way}"])
-                for way in ("all", "some")
-            ]
-            hours += f" (whole disc {disc[0]} h, at least part {disc[1]} h)"
-        least = ""
-        if each["pieces"] > 1:
-            at = coordinates(each["least_piece_at"], 2)
-            worst = text_with_bound(each["least_piece_hours"], each["least_piece_bound_hours"])
-            least = f"; worst of {each['pieces']} pieces: {worst} h at ({at}) m"
-        print_lines(f"{hours}, {energy}: {shorten(each['name'], 60)}{least}")
-    if groups[MOST_LINES:]:
-        print_lines(
-            f"and {len(groups) - MOST_LINES} more groups, whose pieces get as much sun or more"
+def _check_en_17037(period: PeriodOptions) -> None:
+    """Raise ConfigError for another day than EN 17037 asks for, or without a least elevation."""
+    if not period.day or not (2, 1) <= date.fromisoformat(period.day).timetuple()[1:3] <= (3, 21):
+        raise ConfigError(
+            "--day: expected a day from 1 February to 21 March for EN 17037, got "
+            f"{shown(period.day)}; give one, such as 2026-03-21"
         )
+    if not period.min_elevation > 0:
+        raise ConfigError(
+            "--min-elevation: expected the minimum for the country of the building, EN 17037 annex "
+            f"D, got {period.min_elevation:g}; give it, such as 11 in Germany or 13 in Czechia"
+        )
+
+
+def _print(summary: ByName, out: Path) -> None:
+    """Print the answer, and the pieces with the least hours."""
+    from rastercov.light.sun_report import hours_text
+
+    print_lines(summary["answer"])
+    pieces = summary["pieces"]
+    for each in pieces[:MOST_LINES]:
+        energy = text_with_bound(each["energy_kwh"], each["bound_kwh"])
+        words = [f" no. {each['number']}"] * (len(pieces) > 1)
+        words += [f" faces {each['faces']}"] * bool(each["faces"] and words)
+        words += [f" shaded {own['hours']:.1f} h by {own['name']}" for own in each["shaded_by"]]
+        line = f"{hours_text(each)} h, {energy} kWh: {shorten(each['name'], 60)}"
+        print_lines(";".join([line, *words]))
+    if pieces[MOST_LINES:]:
+        print_lines(f"and {len(pieces) - MOST_LINES} more, which get as much sun or more")
     print_lines(out / "sun.html")

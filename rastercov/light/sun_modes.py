@@ -11,5 +11,5 @@ def by_hours(mesh: Mesh, hours: ArrayLike) -> Painted:
     return up_to_most(mesh, hours, 1.0, "h", "no sun")
 
 
-SUN = Mode("Sunlight", "Hours of sun, mean over each face.", by_hours, of="")
+SUN = Mode("Sunlight", "Hours of sun, mean over each part.", by_hours, of="")
 HOOKS = FeatureModes(sun=SUN)

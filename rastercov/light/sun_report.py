@@ -10,6 +10,7 @@ sun.json        the same, and the provenance
 
 import csv
 import io
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
@@ -18,22 +19,44 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import ByName, ReadByName, plural, write_bytes, write_json, write_text
-from rastercov.base.format import text_with_bound
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    FloatArray,
+    ReadByName,
+    plural,
+    write_bytes,
+    write_json,
+    write_text,
+)
+from rastercov.base.format import exponent, text_with_bound
 from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.output import write_npz
 from rastercov.core.camera import Poses
+from rastercov.core.camera.parallel import SUN_RADIUS_DEG
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.light.sun import views_from
-from rastercov.light.sunlight import Sunlight
+from rastercov.light.sunlight import Sunlight, step_error
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import mode_picture
+from rastercov.report.openings import Openings, compass, levels_of
 from rastercov.report.pages import Picture, render, view_page
+from rastercov.report.panorama import Marks
 from rastercov.report.printing import browser, write_page
 
 SUN = ReportKind("sun", re.compile(r"sun\.(html|pdf|png|npz|csv|json)|view\.html"), last="sun.json")
 ARRAYS = "hours", "hours_bound", "energy", "energy_bound"
 """Figures of faces, hours and Wh."""
+LEVELS = {"minimum": 1.5, "medium": 3.0, "high": 4.0}
+"""Hours of the levels of exposure to sunlight, EN 17037."""
+DISC_HOURS = SUN_RADIUS_DEG / 15
+"""Hours in which the radius of the sun passes an edge across its path."""
+LEAST_ERROR = 0.005
+"""Hours from which on an error is printed."""
+LIT = 1 - 1e-9
+"""Lit share from which on nothing shades a piece."""
+MOST_SHADING, MOST_MARKS = 2, 100
+"""Groups that are named as shading a piece, and pieces that pictures number."""
 
 
 class Study(NamedTuple):
@@ -45,87 +68,194 @@ class Study(NamedTuple):
         By the middle of the sun, and where asked for by all and some of its disc; see `LIT_BY`.
     times : (N,) sequence of datetime
         Of its directions.
+    starts : (N,) bool
+        Directions after a night.
     period : str
         A day or a year in words.
     step : int
         Minutes from one time to the next.
     least : float or None
-        Hours that each group must get.
+        Hours that each piece must get.
+    level : str
+        Level of EN 17037 whose hours they are, one of `LEVELS`; each room must get them.
+    north : float
+        Direction of north, degrees from +x towards +y.
+    is_fine : bool
+        True where faces are divided, and are shown by themselves.
     """
 
     ways: Mapping[str, Sunlight]
     times: Sequence[datetime]
+    starts: BoolArray
     period: str
     step: int
     least: float | None
+    level: str
+    north: float
+    is_fine: bool
 
     def parts(self) -> list[ByName]:
         """Figures of outermost parts, then of groups, the least hours first."""
-        directions = self.ways["middle"]
-        groups = {group.name for group in directions.mesh.groups}
+        sunlit = self.ways["middle"]
+        groups = {group.name for group in sunlit.mesh.groups}
         months = np.array([time.month - 1 for time in self.times], np.int64)
         columns = {
-            "hours": directions.part_hours,
-            "bound_hours": directions.part_hours_bound,
-            "energy_kwh": directions.part_energy / 1e3,
-            "bound_kwh": directions.part_energy_bound / 1e3,
-            "least_piece_hours": directions.least_hours,
-            "least_piece_bound_hours": directions.least_hours_bound,
+            "hours": sunlit.part_hours,
+            "bound_hours": sunlit.part_hours_bound,
+            "energy_kwh": sunlit.part_energy / 1e3,
+            "bound_kwh": sunlit.part_energy_bound / 1e3,
+            "least_piece_hours": sunlit.piece_hours[sunlit.least],
+            "least_piece_bound_hours": sunlit.piece_hours_bound[sunlit.least],
         }
         for way, each in self.ways.items():
             if way != "middle":
                 columns[f"hours_lit_by_{way}"] = each.part_hours
                 columns[f"bound_hours_lit_by_{way}"] = each.part_hours_bound
         rows = []
-        for row, name in enumerate(directions.names):
+        for row, name in enumerate(sunlit.names):
             entry: ByName = {"name": name, "is_group": name in groups}
             entry |= {key: float(each[row]) for key, each in columns.items()}
-            entry |= {
-                "pieces": int(directions.n_pieces[row]),
-                "least_piece_at": directions.least_at[row].tolist(),
-            }
+            at = sunlit.piece_at[sunlit.least[row]].tolist()
+            entry |= {"pieces": len(sunlit.part_pieces[row]), "least_piece_at": at}
             if len(np.unique(months)) > 1:
-                hours = directions.weights * directions.share[:, row]
+                hours = sunlit.weights * sunlit.share[:, row]
                 entry["hours_by_month"] = np.bincount(months, hours, 12).tolist()
             if self.least is not None:
-                most = directions.least_hours[row] + directions.least_hours_bound[row]
+                most = entry["least_piece_hours"] + entry["least_piece_bound_hours"]
                 entry["reached"] = bool(most >= self.least)
             rows.append(entry)
         return sorted(rows, key=lambda each: (each["is_group"], each["least_piece_hours"]))
 
-    def summary(self, options: ReadByName) -> ByName:
-        """Content of `sun.json`; groups pass that get the least hours, within bounds."""
-        directions, parts = self.ways["middle"], self.parts()
-        groups = [each for each in parts if each["is_group"]]
-        words = plural(len(groups), "group")
-        ends = (chosen(groups, key=lambda each: each["hours"]) for chosen in (min, max))
-        span = " to ".join(
-            dict.fromkeys(text_with_bound(each["hours"], each["bound_hours"]) for each in ends)
-        )
+    def _errors(self, values: Sequence[FloatArray]) -> FloatArray:
+        """Errors of hours and bounds, (2, M), by the ways, that count the step and the disc.
+
+        Without the ways of the disc it takes `DISC_HOURS` at each change of the light.
+        """
+        (hours, bound), *disc = values
+        if disc:
+            (whole, of_whole), (some, of_some) = disc
+            return np.maximum(np.maximum(hours - whole + of_whole, some + of_some - hours), bound)
+        return bound * (1 + 2 * DISC_HOURS / (self.step / 60))
+
+    def _entry(self, name: str, hours: float, error: float) -> ByName:
+        """Figures of a piece or room, and whether it gets enough."""
+        entry: ByName = {"name": name, "hours": float(hours), "error_hours": float(error)}
+        if self.least is not None:
+            is_sure = abs(hours - self.least) >= error
+            entry["verdict"] = ("yes" if hours >= self.least else "no") if is_sure else "open"
+        return entry
+
+    def pieces(self) -> tuple[list[ByName], list[ByName], Openings]:
+        """Figures of pieces, and of rooms, the least hours first; pieces in that order."""
+        sunlit = self.ways["middle"]
+        openings = Openings(sunlit.mesh, sunlit.face_piece, sunlit.piece_at)
+        normals, rooms = openings.sides()
+        every = [np.stack((e.piece_hours, e.piece_hours_bound)) for e in self.ways.values()]
+        errors, names = self._errors(every), openings.names(rooms)
+        faces = compass(normals, self.north)
+        is_before = (sunlit.directions @ normals.T > 0) | ~normals.any(axis=1)
+        shading = self._shading(openings, is_before)
+        entries = list[ByName]()
+        for row in np.argsort(sunlit.piece_hours, kind="stable").tolist():
+            entry = self._entry(names[row], sunlit.piece_hours[row], errors[row])
+            entry |= {"number": len(entries) + 1, "row": row, "room": rooms[row]}
+            entry |= {"faces": faces[row], "at": sunlit.piece_at[row].tolist()}
+            entry["energy_kwh"] = float(sunlit.piece_energy[row]) / 1e3
+            entry["bound_kwh"] = float(sunlit.piece_energy_bound[row]) / 1e3
+            entry["hours_in_front"] = float(sunlit.weights @ is_before[:, row])
+            entry["shaded_by"] = shading[row]
+            entries.append(entry)
+        of_rooms = []
+        for name in dict.fromkeys(filter(None, rooms)):
+            own = [each for each in entries if each["room"] == name]
+            figures = [self._of_union(each, [e["row"] for e in own]) for each in self.ways.values()]
+            entry = self._entry(
+                ", ".join(name.split("/")), float(figures[0][0]), float(self._errors(figures))
+            )
+            of_rooms.append(entry | {"pieces": [each["number"] for each in own]})
+        return entries, sorted(of_rooms, key=lambda each: each["hours"]), openings
+
+    def _of_union(self, sunlit: Sunlight, rows: list[int]) -> FloatArray:
+        """Hours, and their bound, of the piece of the largest lit share at each time."""
+        share = sunlit.piece_share[:, rows].max(axis=1, keepdims=True)
+        bound = sunlit.weights @ sunlit.piece_share_bound[:, rows].max(axis=1)
+        error = step_error(share, self.step / 60, self.starts)[0]
+        return np.array((sunlit.weights @ share[:, 0], bound + error))
+
+    def _shading(self, openings: Openings, is_before: BoolArray) -> list[list[ByName]]:
+        """Hours that each group shades each piece from a sun in front of it, the most first."""
+        sunlit, mesh = self.ways["middle"], openings.mesh
+        time, row = np.nonzero(is_before & (sunlit.piece_share < LIT))
+        face = openings.first_faces(row, sunlit.directions[time])
+        hours = sunlit.weights[time] * (1 - sunlit.piece_share[time, row])
+        keys = row * len(mesh.groups) + mesh.face_group[face]
+        size = len(openings.at) * len(mesh.groups)
+        sums = np.bincount(keys[face >= 0], hours[face >= 0], size).reshape(-1, len(mesh.groups))
+        return [
+            [
+                {"name": ", ".join(levels_of(mesh, group)), "hours": float(each[group])}
+                for group in np.argsort(-each, kind="stable")[:MOST_SHADING].tolist()
+                if each[group] > 0
+            ]
+            for each in sums
+        ]
+
+    def colours(self) -> FloatArray:
+        """(F,) hours that a picture shows: those of pieces, or of faces where there is one piece.
+
+        Of faces, too, if they are divided.
+        """
+        sunlit = self.ways["middle"]
+        if self.is_fine or len(sunlit.piece_hours) < 2:
+            return sunlit.hours
+        return np.append(sunlit.piece_hours, 0.0)[sunlit.face_piece]
+
+    def summary(self, options: ReadByName) -> tuple[ByName, Openings]:
+        """Content of `sun.json`; pieces, or rooms, pass that get the least hours, within errors."""
+        sunlit, parts = self.ways["middle"], self.parts()
+        pieces, rooms, openings = self.pieces()
+        groups = [each["name"] for each in parts if each["is_group"]]
+        noun = "window" if all("window" in name.casefold() for name in groups) else "piece"
+        noun = "group" if noun == "piece" and len(pieces) == len(groups) else noun
+        judged, noun = (rooms, "room") if self.level and rooms else (pieces, noun)
+        words = plural(len(judged), noun)
+        ends = (judged[0], judged[-1]) if judged else ()
+        span = " to ".join(dict.fromkeys(hours_text(each) for each in ends))
         answer = f"{span} h of sun (lit share of the silhouette, over time) for {words}"
         passed: bool | None = None
         if self.least is not None:
-            n = sum(each["reached"] for each in groups)
-            get = "gets" if 1 in (n, len(groups)) else "get"
+            verdicts = [each["verdict"] for each in judged]
+            n, n_open = len(judged) - verdicts.count("no"), verdicts.count("open")
+            get = "gets" if 1 in (n, len(judged)) else "get"
             answer = f"{n} of {words} {get} {self.least:,g} h of sun or more"
-            n_near = sum(
-                abs(each["least_piece_hours"] - self.least) <= each["least_piece_bound_hours"]
-                for each in groups
-            )
-            answer += f" ({n_near} to within half a --step)" if n_near else ""
-            passed = n == len(groups)
-        camera, poses = views_from(directions.directions, directions.mesh.bounds)
-        return {
+            answer += f" ({n_open} to within the error: a smaller --step decides)" if n_open else ""
+            passed = n == len(judged)
+        camera, poses = views_from(sunlit.directions, sunlit.mesh.bounds)
+        summary = {
             "answer": f"{answer} {'on' if '-' in self.period else 'in'} {self.period}",
             "period": self.period,
             "step_min": self.step,
-            "directions": len(directions.directions),
-            "sun_hours": float(directions.weights.sum()),
+            "directions": len(sunlit.directions),
+            "sun_hours": float(sunlit.weights.sum()),
             "least_hours": self.least,
+            "level": self.level,
             "passed": passed,
+            "noun": noun,
+            "pieces": pieces,
+            "rooms": rooms,
             "parts": parts,
-            "run": provenance_of(directions.mesh, camera, poses, options=options),
+            "run": provenance_of(sunlit.mesh, camera, poses, options=options),
         }
+        return summary, openings
+
+
+def hours_text(entry: ReadByName) -> str:
+    """Hours with their error in the digits that it leaves, such as "3.5 ± 0.2"."""
+    hours, error = entry["hours"], entry["error_hours"]
+    digits = max(-exponent(error), 0) if error > LEAST_ERROR else 2
+    unit = 10.0**-digits
+    shown = f"{math.ceil(error / unit) * unit:.{digits}f}"
+    return f"{hours:.{digits}f} ± {shown}" if error > LEAST_ERROR else text_with_bound(hours, unit)
 
 
 def _table(parts: Sequence[ReadByName]) -> str:
@@ -151,10 +281,17 @@ def write(
         if pdf:
             browser()  # none fails before the work
         study = made()
-        directions = study.ways["middle"]
-        summary, mesh, hours = study.summary(options), directions.mesh, directions.hours
-        picture = Picture.of("Hours of sun, from two sides", mode_picture("sun", mesh, hours))
-        camera, poses = views_from(directions.directions[:0], mesh.bounds)
+        sunlit = study.ways["middle"]
+        (summary, openings), mesh, hours = study.summary(options), sunlit.mesh, study.colours()
+        order = [each.pop("row") for each in summary["pieces"]]
+        numbers = (np.argsort(order) + 1).tolist()
+        marks = Marks([str(each) for each in numbers], sunlit.face_piece) if order[1:] else None
+        image = mode_picture("sun", mesh, hours, marks=marks)
+        picture = Picture.of("Hours of sun, from two sides", image)
+        names = [summary["pieces"][each - 1]["name"] for each in numbers]
+        has_plans = 1 < len(order) <= MOST_MARKS
+        plans = openings.plans(numbers, names, study.north) if has_plans else []
+        camera, poses = views_from(sunlit.directions[:0], mesh.bounds)
         title = f"Sunlight, {study.period}"
         view = view_page(title, mesh, camera, Poses.of(poses), [], {"sun": hours}, summary)
         text = render(
@@ -164,11 +301,13 @@ def write(
             heading=title,
             summary=summary,
             bounded=text_with_bound,
+            hours_text=hours_text,
             picture=picture,
+            plans=[(each["title"], render("floor_plan.svg", plan=each)) for each in plans],
             view=view,
         )
         arrays = {f"hours_lit_by_{name}": each.hours for name, each in study.ways.items()}
-        arrays |= {name: getattr(directions, name) for name in ARRAYS} | {"area_m2": mesh.areas}
+        arrays |= {name: getattr(sunlit, name) for name in ARRAYS} | {"area_m2": mesh.areas}
         with hold_interrupts():
             write_bytes(folder.file("sun.png"), picture.light)
             write_page(folder, "sun", text, pdf=pdf)

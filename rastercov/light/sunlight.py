@@ -100,15 +100,22 @@ class Sunlight(InOneLine):
         Hours of each group, weighted by that share, and the bound of their error.
     part_energy, part_energy_bound : (K,) float64
         Energy on each group, Wh, and the bound of its error.
-    n_pieces : (K,) int64
-        Number of pieces of each group, parts whose bounding boxes do not touch; 1 for a group of
-        more than 100 of them.
-    least_hours, least_hours_bound : (K,) float64
-        Hours of the piece with the least sunlight, and the bound of their error.
-    least_share : (N, K) float64
-        Lit share of the silhouette of that piece from the sun.
-    least_at : (K, 3) float64
-        Middle of the bounding box of that piece, metres.
+    part_pieces : (K,) tuple of tuple of int
+        Pieces of each group, from 0: parts whose bounding boxes do not touch, such as windows; one
+        for a group of more than 100 of them.
+    face_piece : (F,) int64
+        Piece of each face; -1 for occluders.
+    piece_hours, piece_hours_bound : (M,) float64
+        Hours of each piece, weighted by the lit share of its silhouette, and the bound of their
+        error.
+    piece_energy, piece_energy_bound : (M,) float64
+        Energy on each piece, Wh, and the bound of its error.
+    piece_share, piece_share_bound : (N, M) float64
+        Lit share of the silhouette of each piece from the sun, and the bound of its error.
+    piece_at : (M, 3) float64
+        Middle of the bounding box of each piece, metres.
+    least : (K,) int64
+        Piece of each group with the fewest hours.
 
     Examples
     --------
@@ -137,11 +144,16 @@ class Sunlight(InOneLine):
     part_hours_bound: FloatArray
     part_energy: FloatArray
     part_energy_bound: FloatArray
-    n_pieces: IntArray
-    least_hours: FloatArray
-    least_hours_bound: FloatArray
-    least_share: FloatArray
-    least_at: FloatArray
+    part_pieces: tuple[tuple[int, ...], ...]
+    face_piece: IntArray
+    piece_hours: FloatArray
+    piece_hours_bound: FloatArray
+    piece_energy: FloatArray
+    piece_energy_bound: FloatArray
+    piece_share: FloatArray
+    piece_share_bound: FloatArray
+    piece_at: FloatArray
+    least: IntArray
 
 
 def sunlit(
@@ -211,14 +223,14 @@ def sunlit(
         is_first = check_array("starts", starts, "b", wanted, ConfigError)
         if is_first.shape != (n,):
             raise ConfigError(f"expected starts to be {wanted}, got shape {is_first.shape}")
-    piece = pieces_of(mesh)
+    piece = _evaluated(mesh, pieces_of(mesh))
     parts = parts_of(mesh, piece)
-    single = [(each,) for own in parts.values() for each in own]
+    single = [(row,) for row in range(int(piece.max()) + 1)]
     units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
     rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(units))
     sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
     last, change = np.zeros((2, 2, mesh.n_faces))
-    of_piece = np.zeros((2, n, int(piece.max()) + 1))
+    of_piece = np.zeros((2, n, max(len(single), 1)))
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
     observation = _observe_sun(mesh, towards, left_out, threads)
     if lit_by != "middle":
@@ -245,25 +257,35 @@ def sunlit(
     for own, row in units.items():
         faces = np.isin(piece, own)
         known = alone if faces.all() and lit_by == "middle" and not mesh.has_targets else None
-        sizes = of_piece[:, :, own].sum(axis=2)
-        every[:, :, row] = *sizes, *_shares(mesh, towards, faces, sizes, known, threads)
+        lit = of_piece[:, :, own].sum(axis=2)
+        every[:, :, row] = *lit, *_shares(mesh, towards, faces, lit, known, threads)
         progress(n * (2 + row), total)
-    areas = every.take([units[own] for own in parts.values()], axis=2)
-    unit_hours = (hours @ every[2]).tolist()
-    least = [min(own, key=lambda each: unit_hours[units[(each,)]]) for own in parts.values()]
-    of_least = every[2:].take([units[(each,)] for each in least], axis=2)
-    boxes = _least_by(piece, _boxes(mesh))[least]
-    n_pieces = np.array([*map(len, parts.values())], np.int64)
-    integrals = hours @ areas[2:], rates[2] @ areas[:2], hours @ of_least
-    values = areas[2], areas[0] * power[:, None], of_least[0]
-    for own, each in zip(integrals, values, strict=True):
-        if step and n:
-            none = np.zeros(each.shape[1])
-            own[1] += step / 2 * (_changes(each, is_first, none, none) + each[-1])
+    integrals = hours @ every[2:], rates[2] @ every[:2]
+    for sums_of, each in zip(integrals, (every[2], every[0] * power[:, None]), strict=True):
+        sums_of[1] += step_error(each, step, is_first)
     sums[1::2] += step / 2 * (change + last)
-    of_pieces = n_pieces, *integrals[2], of_least[0], (boxes[:, :3] - boxes[:, 3:]) / 2
-    of_parts = *areas, *integrals[0], *integrals[1], *of_pieces
-    return Sunlight(*(mesh, towards, hours, power, *sums, tuple(parts), *of_parts))
+    rows_of = [[units[own] for own in some] for some in (parts.values(), single)]
+    sizes = [np.concatenate([each[:, rows] for each in integrals]) for rows in rows_of]
+    least = [min(each, key=sizes[1][0].tolist().__getitem__) for each in parts.values()]
+    boxes = _least_by(piece[mesh.task_mask], _boxes(mesh)[mesh.task_mask])
+    pieces = *sizes[1], *every[2:].take(rows_of[1], axis=2), (boxes[:, :3] - boxes[:, 3:]) / 2
+    totals = *every.take(rows_of[0], axis=2), *sizes[0], tuple(parts.values()), piece, *pieces
+    names = tuple(parts)
+    return Sunlight(*(mesh, towards, hours, power, *sums, names, *totals, np.array(least, int)))
+
+
+def _evaluated(mesh: Mesh, piece: IntArray) -> IntArray:
+    """(F,) numbers of the pieces of evaluated faces, from 0 in their order; -1 for occluders."""
+    task = mesh.task_mask
+    return np.where(task, np.searchsorted(np.unique(piece[task]), piece), -1)
+
+
+def step_error(values: FloatArray, step: float, is_first: BoolArray) -> FloatArray:
+    """(K,) bound of the error of integrals of values at times, (n, K), a step apart."""
+    none = np.zeros(values.shape[1])
+    if not len(values):
+        return none
+    return step / 2 * (_changes(values, is_first, none, none) + values[-1])
 
 
 def _changes(
@@ -329,7 +351,7 @@ def _boxes(mesh: Mesh) -> FloatArray:
 
 def _least_by(label: IntArray, values: FloatArray) -> FloatArray:
     """Least values, (N, 6), of rows by their labels, (N,)."""
-    least = np.full((int(label.max()) + 1, values.shape[1]), np.inf)
+    least = np.full((int(label.max(initial=-1)) + 1, values.shape[1]), np.inf)
     np.minimum.at(least, label, values)
     return least
 
@@ -346,9 +368,10 @@ def _separate(boxes: FloatArray, margin: float) -> IntArray:
 
 
 def _totals(areas: FloatArray, piece: IntArray) -> FloatArray:
-    """(n, max + 1) sums of areas, (n, F), by pieces."""
-    n = int(piece.max()) + 1
-    keys = np.add.outer(np.arange(len(areas)) * n, piece)
+    """(n, max + 1) sums of areas, (n, F), by pieces; those of no piece are 0."""
+    number = np.maximum(piece, 0)
+    n = int(number.max()) + 1
+    keys = np.add.outer(np.arange(len(areas)) * n, number)
     sums = np.bincount(keys.ravel(), areas.ravel(), len(areas) * n)
     return sums.reshape(-1, n).astype(np.float64, copy=False)
 
@@ -359,7 +382,7 @@ def divide_targets(mesh: Mesh, size: float) -> Mesh:
     corners = [pieces.vertices, mesh.vertices[mesh.faces[others]].reshape(-1, 3)]
     group = np.concatenate([mesh.face_group[pieces.source_face], mesh.face_group[others]])
     faces = np.arange(3 * len(group)).reshape(-1, 3)
-    return Mesh(np.concatenate(corners), faces, mesh.groups, group)
+    return Mesh(np.concatenate(corners), faces, mesh.groups, group, spaces=mesh.spaces)
 
 
 def _each(name: str, values: ArrayLike, n: int) -> FloatArray:

@@ -1,7 +1,7 @@
 """Frame of a drawing to scale, its scale bar, and devices beside the cameras."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,15 @@ MARGIN, PANEL, GAP = 10.0, 142.0, 8.0
 """Border of the sheet, width of the column with tables, and least room around the drawing, mm."""
 LONGEST_BAR = 60.0
 """Length of the scale bar at most, mm."""
+LEAST, LARGEST = np.array((90.0, 40.0)), np.array((180.0, 140.0))
+"""Width and height of a map in a page, mm."""
+DOT = 0.5
+"""Radius of a place on a map, mm."""
+HALF, SPACE, NEAR = np.array((0.9, 1.3)), 0.6, 1.9
+"""Half the size of a character, and half a space between labels; distance of a label from the
+middle of its place, mm."""
+AROUND = np.array([(1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1)])
+"""Directions to a label from its place, the best first."""
 
 
 class SheetFrame(NamedTuple):
@@ -68,12 +77,43 @@ class SheetFrame(NamedTuple):
         return "".join(texts)
 
 
+def frame_around(points: FloatArray, ends: FloatArray, beside: float) -> SheetFrame:
+    """Frame in a page with points (N, 2), and with what `ends` (2, 2) bound so far beside them."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    beside = beside or 1.0
+    low = np.minimum(low, np.maximum(ends[0], low - beside))
+    high = np.maximum(high, np.minimum(ends[1], high + beside))
+    scale = max(float(((high - low) / (LARGEST - 2 * MARGIN)).max()), 1e-9)  # metres a millimetre
+    width, height = np.maximum((high - low) / scale + 2 * MARGIN, LEAST).tolist()
+    corner = (low + high) / 2 + np.array((-width, height)) / 2 * scale
+    return SheetFrame("", 1e3 * scale, corner, size=(width, height))
+
+
 def scale_bar(frame: SheetFrame) -> tuple[float, str]:
     """Length of the scale bar, mm, and its words: 1, 2 or 5 times a power of 10, m."""
     metre = 1e3 / frame.scale
     power = 10.0 ** math.floor(math.log10(LONGEST_BAR / metre))
     bar = max(n * power for n in (1, 2, 5) if n * power * metre <= LONGEST_BAR)
     return bar * metre, f"{bar:g} m"
+
+
+def labels_beside(
+    texts: Sequence[str], points: FloatArray, at: FloatArray, far: int
+) -> list[tuple[float, float, str]]:
+    """Labels beside points, clear of each other, above few places, up to one without room."""
+    values, halves = np.empty((0, 2)), np.empty((0, 2))
+    for text, point in zip(texts, points, strict=True):
+        half = HALF * (len(text), 1) + (SPACE, 0)
+        ways = (point + np.arange(1, far + 1)[:, None, None] * AROUND * (half + NEAR)).reshape(
+            -1, 2
+        )
+        is_free = (np.abs(ways[:, None] - values) >= half + halves).any(axis=2).all(axis=1)
+        if not is_free.any():
+            break
+        n_below = (np.abs(ways[:, None] - at) < half + DOT).all(axis=2).sum(axis=1)
+        best = np.lexsort((n_below, np.arange(len(ways)) // len(AROUND), ~is_free))[0]
+        values, halves = np.vstack((values, ways[best])), np.vstack((halves, half))
+    return [(x, y, text) for (x, y), text in zip(values.tolist(), texts, strict=False)]
 
 
 class SheetDevice(NamedTuple):

@@ -33,7 +33,7 @@ from rastercov.core.coverage.task import NAMES, REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key
-from rastercov.report.panorama import two_sides
+from rastercov.report.panorama import Marks, two_sides
 from rastercov.report.theme import Colour, Pixels
 
 Levels = NDArray[np.uint8]
@@ -276,12 +276,15 @@ def mode_of(name: str) -> Mode:
     return MODES[name]
 
 
-def mode_picture(name: str, mesh: Mesh, values: object, eyes: ArrayLike = ()) -> Image.Image:
+def mode_picture(
+    name: str, mesh: Mesh, values: object, eyes: ArrayLike = (), marks: Marks | None = None
+) -> Image.Image:
     """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`."""
     mode = mode_of(name)
     painted = mode.paint(mesh, values)
     keys = painted.keys(mode.label.lower())
-    return two_sides(mesh, painted.colours, mode.words.rstrip("."), keys, painted.hatch, eyes)
+    title = mode.words.rstrip(".")
+    return two_sides(mesh, painted.colours, title, keys, painted.hatch, eyes, marks)
 
 
 def _cycle_levels(mesh: Mesh, row: WholeArray) -> Levels:

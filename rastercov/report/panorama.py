@@ -50,15 +50,18 @@ from rastercov.report.images import (
     draw_lines,
     draw_part,
     facing,
+    font_for,
     hatch_over,
     hatch_pixels,
     layers,
     put,
     stripes,
     target_key,
+    write_labels,
 )
 from rastercov.report.theme import (
     COVERED,
+    INK,
     OF_CAMERA,
     OUTSIDE,
     PAPER,
@@ -514,6 +517,24 @@ def neutral(mesh: Mesh, setting: Setting = OUTSIDE) -> Pixels:
     return colours.astype(np.uint8)
 
 
+class Marks(NamedTuple):
+    """Names of parts that a picture numbers, and the part of each face, (F,), -1 for none."""
+
+    names: Sequence[str]
+    part: IntArray
+
+    def write(self, image: Image.Image, scene: DrawnScene) -> None:
+        """Write the name of each part where it is in a picture."""
+        face = np.where(scene.beneath >= 0, scene.beneath, scene.face)
+        own = np.where(face >= 0, self.part[face], -1)
+        at = np.nonzero((own >= 0) & (own < len(self.names)))
+        parts, counts = np.unique(own[at], return_counts=True)
+        sums = [np.bincount(own[at], each)[parts] for each in reversed(at)]
+        names = [self.names[row] for row in parts]
+        middles, font = np.stack(sums, axis=1) / counts[:, None], font_for(round(FINE * 1100))
+        write_labels(image, middles, names, [INK] * len(names), font, FINE)
+
+
 def two_sides(
     mesh: Mesh,
     colours: Pixels,
@@ -521,9 +542,10 @@ def two_sides(
     keys: Sequence[Key],
     hatch: ByteArray,
     eyes: ArrayLike = (),
+    marks: Marks | None = None,
 ) -> Image.Image:
     """Two views side by side, with title and legend; `colours` (F, 3) and `hatch` (F,) of faces."""
-    pixels, more = side_by_side(mesh, colours, hatch, sides(mesh, eyes), eyes)
+    pixels, more = side_by_side(mesh, colours, hatch, sides(mesh, eyes), eyes, marks=marks)
     return add_frame(pixels, title, [*keys, *more])
 
 
@@ -534,6 +556,7 @@ def side_by_side(
     directions: FloatArray,
     eyes: ArrayLike = (),
     scale: float = FINE,
+    marks: Marks | None = None,
 ) -> tuple[Pixels, list[Key]]:
     """Views from some directions side by side, and their part of a legend; `scale` as of `look`."""
     scenes = [look(mesh, direction, scale=scale, eyes=eyes) for direction in directions]
@@ -543,8 +566,11 @@ def side_by_side(
         return hatch_pixels(colours[of_face], hatch[of_face], at, face.shape[1], scenes[0].hatch)
 
     painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
-    images = [smooth(Image.fromarray(pixels)) for pixels in painted]
-    return beside(images), scene_keys(scenes)
+    images = [Image.fromarray(pixels) for pixels in painted]
+    if marks is not None:
+        for image, scene in zip(images, scenes, strict=True):
+            marks.write(image, scene)
+    return beside([smooth(image) for image in images]), scene_keys(scenes)
 
 
 def beside(images: Sequence[Image.Image]) -> Pixels:

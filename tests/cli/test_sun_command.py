@@ -38,10 +38,8 @@ def test_a_day_is_printed_and_written(folder, capsys):
     code, out, _ = call(capsys, f"{LINE} --occluder canopy -o day --penumbra")
     assert code == 0
     lines = out.splitlines()
-    assert re.fullmatch(
-        r"[\d.]+ h of sun \(lit share of the silhouette, over time\) for 1 group on 2026-03-21",
-        lines[0],
-    )
+    words = r" h of sun \(lit share of the silhouette, over time\) for 1 group on 2026-03-21"
+    assert re.fullmatch(r"[\d.]+ ± [\d.]+" + words, lines[0])
     assert lines[1].endswith("kWh: house")
     assert lines[-1] == "day/sun.html"
     names = {each.name for each in (folder / "day").iterdir() if not each.name.startswith(".")}
@@ -140,13 +138,102 @@ def test_each_window_of_a_group_must_get_enough(folder, capsys):
     line = f"sun two.obj screen.stl --of windows {PLACE} --day 2026-03-21 --step 60 -o two"
     code, out, _ = call(capsys, f"{line} --at-least 4h")
     assert code == 1
-    assert re.search(
-        r"kWh: windows; worst of 2 pieces: [\d.]+ h at \(3.00, 0.00, 1.00\) m$", out, re.M
-    )
+    assert re.search(r"h, [\d.]+ kWh: windows, piece 2; no. 1", out)
     (part,) = json.loads((folder / "two" / "sun.json").read_text())["parts"]
     assert part["least_piece_hours"] < 4 < part["hours"]
     assert not part["reached"]
-    assert "worst piece" in (folder / "two" / "sun.html").read_text()
+    assert "1: windows, piece 2" in (folder / "two" / "sun.html").read_text()
+
+
+WINDOWS = "--of *IfcWindow* --latitude 50.1 --longitude 14.4 --step 30 -o rooms"
+
+
+@pytest.fixture(scope="module")
+def dwelling(folder):
+    """An IFC file of two rooms; one has a window to the south and one to the north."""
+    pytest.importorskip("ifcopenshell")
+    from bungalow import bungalow
+
+    windows = {"S": ((2, -0.02, 1), (3, 0.02, 2)), "N": ((2, 5.98, 1), (3, 6.02, 2))}
+    windows |= {"Dark": ((7, 5.98, 1), (8, 6.02, 2))}
+    (folder / "dwelling.ifc").write_bytes(bungalow(windows=windows))
+
+
+LEVELS = [("minimum", 1.5, 1), ("high", 4.0, 1), ("1h", 1.0, 1)]
+
+
+@pytest.mark.parametrize(("level", "hours", "code"), LEVELS)
+def test_rooms_get_the_hours_of_a_level_by_their_windows_together(
+    level, hours, code, dwelling, folder, capsys
+):
+    line = f"sun dwelling.ifc {WINDOWS} --day 2026-02-10 --min-elevation 10 --at-least {level}"
+    answer, out, _ = call(capsys, line)
+    assert answer == code
+    summary = json.loads((folder / "rooms" / "sun.json").read_text(encoding="utf-8"))
+    assert summary["least_hours"] == hours
+    by_name = {each["name"].rpartition(", ")[2]: each for each in summary["pieces"]}
+    assert {name: by_name[name]["faces"] for name in by_name} == {"S": "S", "N": "N", "Dark": "N"}
+    assert [each["number"] for each in summary["pieces"]] == [1, 2, 3]
+    hall, kitchen = summary["rooms"]  # the darkest first
+    assert kitchen["hours"] >= by_name["S"]["hours"] > 4 > 0.3 > hall["hours"]
+    assert (hall["verdict"], kitchen["verdict"]) == ("no", "yes")
+    assert kitchen["pieces"] == sorted(by_name[name]["number"] for name in "SN")
+    page = (folder / "rooms" / "sun.html").read_text(encoding="utf-8")
+    is_level = level != "1h"
+    assert out.startswith("1 of 2 rooms gets " if is_level else "1 of 3 windows gets")
+    rule = f"Rule: EN 17037, exposure to sunlight, level {level}: {hours:g} h or more on a day"
+    assert (rule in page) == is_level
+    for name in ("Kitchen", "Hall"):  # on the plan
+        assert f">{name}</text>" in page
+    assert "Ground, 0 Kitchen, S" in page
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (
+            "--day 2026-06-21 --min-elevation 11",
+            "--day: expected a day from 1 February to 21 March",
+        ),
+        ("--year 2026 --min-elevation 11", "--day: expected a day from 1 February to 21 March"),
+        ("--day 2026-03-21", "--min-elevation: expected the minimum for the country"),
+    ],
+)
+def test_a_level_needs_its_days_and_the_elevation_of_the_place(more, words, capsys):
+    code, _, err = call(capsys, f"sun house.stl {PLACE} {more} --at-least minimum -o wrong")
+    assert (code, err.count("\n")) == (2, 1)
+    assert words in err
+
+
+def test_windows_of_a_group_have_one_colour_each_that_of_their_hours(dwelling, capsys):
+    """Both triangles of a pane, and its frame."""
+    from rastercov.light.sun_report import Study
+
+    boxes = [rc.shapes.box((1, 0.1, 1), centre=(3 * x, 0, 1)) for x in range(2)]
+    roof = rc.shapes.box((2, 2, 0.1), centre=(0, -1, 1.7))
+    mesh = rc.Mesh.joined([*boxes, roof], ["a", "b", "roof"]).with_groups(occluders=["roof"])
+    sunlit = rc.sunlit(mesh, [(0.3, -1, 0.8), (0, -1, 0.2)])
+    study = Study({"middle": sunlit}, [], np.zeros(2, bool), "", 60, None, "", 90.0, False)
+    colours = study.colours()
+    for row in range(2):
+        assert set(colours[mesh.face_group == row]) == {sunlit.part_hours[row]}
+    assert sunlit.part_hours[0] < sunlit.part_hours[1]
+    assert (study._replace(is_fine=True).colours() == sunlit.hours).all()
+
+
+def test_errors_hold_the_disc_and_the_step(folder, capsys):
+    """Of every piece: the hours of each minute by the middle, and by all and some of the disc."""
+    line = f"sun house.stl canopy.stl {PLACE} --day 2026-03-21 --north 50 --json -o errors"
+    coarse, fine, disc = (
+        json.loads(call(capsys, f"{line} {more}")[1])["pieces"]
+        for more in ("--step 30", "--step 2", "--step 30 --penumbra")
+    )
+    for one in coarse:
+        (true,) = (each for each in fine if each["name"] == one["name"])
+        (wide,) = (each for each in disc if each["name"] == one["name"])
+        assert abs(one["hours"] - true["hours"]) <= one["error_hours"] + true["error_hours"]
+        assert one["error_hours"] > true["error_hours"] > 0
+        assert wide["error_hours"] >= 0.5 * one["error_hours"]
 
 
 def test_a_year_has_months_and_a_finer_map_the_same_hours(capsys):
@@ -198,7 +285,10 @@ def test_a_polar_night_has_no_sun(capsys):
         ("--year 2060", "--year: expected a number of at most 2050"),
         ("--day 2026-03-21 --step 7", "--step: expected minutes that divide an hour, got 7"),
         ("--day 1949-03-21", "of the years 1950 to 2050, got 1949"),
-        ("--day 2026-03-21 --at-least noon", "--at-least: expected hours such as 1.5h, got 'noon'"),
+        (
+            "--day 2026-03-21 --at-least noon",
+            "--at-least: expected hours such as 1.5h, or one of minimum, medium",
+        ),
         ("--day 2026-03-21 --of roof", "--of"),
         ("--day 2026-03-21 --irradiance -5", "--irradiance: expected irradiance of 0 or more"),
         ("--day 2026-03-21 --irradiance=nan", "--irradiance: expected irradiance of 0 or more"),

@@ -21,8 +21,11 @@ SPACES = {
 }
 
 
-def bungalow(origin=(0, 0, 0)):
-    """Bytes of the file, in millimetres; `origin` is that of its ground floor, in metres."""
+def bungalow(origin=(0, 0, 0), windows=()):
+    """Bytes of the file, in millimetres; `origin` is that of its ground floor, in metres.
+
+    `windows` are ends of boxes by name, in front of which nothing is cut out of the walls.
+    """
     file = ifcopenshell.file(schema="IFC4")
     project = run("root.create_entity", file, ifc_class="IfcProject")
     run("unit.assign_unit", file)
@@ -53,9 +56,10 @@ def bungalow(origin=(0, 0, 0)):
     put(spaces[:2], ground, "aggregate.assign_object", "relating_object")
     put(spaces[2:], loft, "aggregate.assign_object", "relating_object")
     parts = [box(*names, ends) for names, ends in PARTS.items()]
+    panes = [box("IfcWindow", name, windows[name]) for name in windows]
     hole = box("IfcOpeningElement", "hole", HOLE)
     run("feature.add_feature", file, feature=hole, element=parts[-1])
-    put(parts, ground)
+    put([*parts, *panes], ground)
     put([box("IfcFurniture", None, ((2, 2, 0), (3, 3, 0.8)))], spaces[0])
     put([box("IfcSlab", "Ceiling", ((0, 0, 3), (10, 6, 3.2)))], loft)
     return file.to_string().encode()

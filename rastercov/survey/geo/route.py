@@ -1,6 +1,5 @@
 """Map of a flight: its route from above, to scale, over the outline of the surface."""
 
-from collections.abc import Sequence
 from itertools import count
 
 import numpy as np
@@ -8,23 +7,14 @@ import shapely
 
 from rastercov.base import ByName, FloatArray, plural, row_lengths
 from rastercov.base.format import length
-from rastercov.report.drawing import SheetFrame, scale_bar
+from rastercov.report.drawing import DOT, SheetFrame, frame_around, labels_beside, scale_bar
 from rastercov.report.plan_geometry import edges_between, outline_from_above
 from rastercov.survey.flight import Flight
 
-LEAST, LARGEST = np.array((90.0, 40.0)), np.array((180.0, 140.0))
-"""Width and height of a map, mm."""
-MARGIN = 10.0
-"""Distance of the route from the border of the map at least, mm: the length of a label."""
 MOST_EDGES = 20_000
 """Edges of the surface up to which a map has them."""
-LEAST_DOT, DOT = 0.12, 0.5
-"""Radius of a waypoint without a number, mm."""
-HALF, GAP, NEAR = np.array((0.9, 1.3)), 0.6, 1.9
-"""Half the size of a character, and half a space between labels; distance of a label from the
-middle of its waypoint, mm."""
-AROUND = np.array([(1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1)])
-"""Directions to a label from its waypoint, the best first."""
+LEAST_DOT = 0.12
+"""Least radius of a waypoint without a number, mm; see `DOT`."""
 MOST_NUMBERS = 60
 """Waypoints that have a number."""
 FAR = 4
@@ -80,15 +70,8 @@ def route_of(flight: Flight) -> ByName:
 def _frame(flight: Flight) -> SheetFrame:
     """Window with the route, and with the surface up to a third of its extent beside it."""
     stops = np.concatenate([flight.way_to(row) for row in range(len(flight.over))])
-    low, high = stops.min(axis=0)[:2], stops.max(axis=0)[:2]
-    beside = float(np.ptp(stops, axis=0).max()) / 3 or 1.0
-    ends = np.asarray(flight.mesh.opaque.bounds)[:, :2]
-    low = np.minimum(low, np.maximum(ends[0], low - beside))
-    high = np.maximum(high, np.minimum(ends[1], high + beside))
-    scale = max(float(((high - low) / (LARGEST - 2 * MARGIN)).max()), 1e-9)  # metres a millimetre
-    width, height = np.maximum((high - low) / scale + 2 * MARGIN, LEAST).tolist()
-    corner = (low + high) / 2 + np.array((-width, height)) / 2 * scale
-    return SheetFrame("", 1e3 * scale, corner, size=(width, height))
+    beside = float(np.ptp(stops, axis=0).max()) / 3
+    return frame_around(stops[:, :2], np.asarray(flight.mesh.opaque.bounds)[:, :2], beside)
 
 
 def _north(flight: Flight) -> float | None:
@@ -111,25 +94,6 @@ def _labels(home: FloatArray, at: FloatArray) -> tuple[int, list[tuple[float, fl
             continue
         rows = [row for row in range(n) if _is_numbered(row, every, n)]
         texts = ["home", *(str(row + 1) for row in rows)]
-        labels = _place_labels(texts, np.stack((home, *at[rows])), at, FAR if every >= n else 1)
+        labels = labels_beside(texts, np.stack((home, *at[rows])), at, FAR if every >= n else 1)
         if len(labels) == len(texts):
             return every, labels
-
-
-def _place_labels(
-    texts: Sequence[str], points: FloatArray, at: FloatArray, far: int
-) -> list[tuple[float, float, str]]:
-    """Labels beside points, clear of each other, above few waypoints, up to one without room."""
-    values, halves = np.empty((0, 2)), np.empty((0, 2))
-    for text, point in zip(texts, points, strict=True):
-        half = HALF * (len(text), 1) + (GAP, 0)
-        ways = (point + np.arange(1, far + 1)[:, None, None] * AROUND * (half + NEAR)).reshape(
-            -1, 2
-        )
-        is_free = (np.abs(ways[:, None] - values) >= half + halves).any(axis=2).all(axis=1)
-        if not is_free.any():
-            break
-        n_below = (np.abs(ways[:, None] - at) < half + DOT).all(axis=2).sum(axis=1)
-        best = np.lexsort((n_below, np.arange(len(ways)) // len(AROUND), ~is_free))[0]
-        values, halves = np.vstack((values, ways[best])), np.vstack((halves, half))
-    return [(x, y, text) for (x, y), text in zip(values.tolist(), texts, strict=False)]

@@ -1,0 +1,151 @@
+"""Openings of a building, such as windows: their storey, room, side, and plans that number them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from rastercov.base import ByName, FloatArray, IntArray
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.contacts import TriangleTree
+from rastercov.core.mesh.sections import section
+from rastercov.core.mesh.solids import rooms_at
+from rastercov.report.drawing import DOT, frame_around, labels_beside, scale_bar
+from rastercov.report.plan_geometry import rooms_of
+
+PROBES = 0.25, 0.5, 0.75
+"""Distances from the middle of an opening at which its room is looked for, m."""
+AROUND = np.radians(np.arange(0, 360, 45))
+RINGS = (0.8, 0.6), (0.98, 0.2)
+RAYS = np.array([(0, 0, 1)] + [(r * np.cos(x), r * np.sin(x), z) for r, z in RINGS for x in AROUND])
+"""Directions to one side of an opening, whose axis is the last one."""
+ENCLOSED = len(RAYS) * 2 / 3
+"""Directions in which there is something from an opening into a room, at least."""
+STOREY = 1.5
+"""Difference in height from which openings are on different plans, m."""
+COMPASS = "N", "NE", "E", "SE", "S", "SW", "W", "NW"
+MOST_PLANS, FAR = 12, 6
+"""Plans; distance of a label in its own sizes at most."""
+
+
+class Openings(NamedTuple):
+    """Parts of a mesh, by their numbers of faces (F,), -1 for none, and their middles (M, 3)."""
+
+    mesh: Mesh
+    piece: IntArray
+    at: FloatArray
+
+    def sides(self) -> tuple[FloatArray, list[str]]:
+        """(M, 3) unit vectors outwards, and the label of the room of each part, "" for none.
+
+        Outwards is away from a room on one side alone, else from a side that is enclosed; a part
+        where neither is known has 0.
+        """
+        matrices, own = np.zeros((len(self.at), 3, 3)), self.piece >= 0
+        normals = self.mesh.normals[own]
+        weighted = self.mesh.areas[own, None, None] * normals[:, :, None] * normals[:, None]
+        np.add.at(matrices, self.piece[own], weighted)
+        axes = np.linalg.eigh(matrices)[1]
+        before, behind = (self._rooms(side * axes[:, :, 2]) for side in (1, -1))
+        n_met, n_behind = (self._n_met(axes * (1, 1, side)) for side in (1, -1))
+        normals, rooms = np.array(axes[:, :, 2]), []
+        for row, (one, other) in enumerate(zip(before, behind, strict=True)):
+            order = bool(one) - bool(other) or n_met[row] - n_behind[row]
+            is_known = bool(one) != bool(other) or max(n_met[row], n_behind[row]) >= ENCLOSED
+            normals[row] *= -np.sign(order) * is_known
+            rooms.append(other or one)
+        return normals, rooms
+
+    def _n_met(self, axes: FloatArray) -> IntArray:
+        """(M,) rays that meet something, of those of `RAYS` along axes (M, 3, 3)."""
+        rays = np.einsum("mik,rk->rmi", axes, RAYS)
+        rows = np.tile(np.arange(len(self.at)), len(RAYS))
+        return np.sum(
+            self.first_faces(rows, rays.reshape(-1, 3)).reshape(len(RAYS), -1) >= 0, axis=0
+        )
+
+    def _rooms(self, normals: FloatArray) -> list[str]:
+        """Label of the nearest room along unit vectors from each part, "" for none."""
+        names = [""] * len(self.at)
+        for step in PROBES:
+            own = rooms_at(self.mesh, self.at + step * normals)
+            names = [one or other for one, other in zip(names, own, strict=True)]
+        return names
+
+    def first_faces(self, rows: IntArray, rays: FloatArray) -> IntArray:
+        """(N,) first face outside all parts from the middle of a part along unit rays; -1: none."""
+        others = np.flatnonzero(self.piece < 0)
+        if not len(others) or not len(rows):
+            return np.full(len(rows), -1)
+        middle, scale = self.mesh.centre, 1 / self.mesh.diagonal
+        points = (self.mesh.vertices - middle) * scale
+        tree = TriangleTree.over(points, self.mesh.faces[others])
+        starts, none = (self.at[rows] - middle) * scale, np.full(len(rows), -1)
+        hits = tree.first_hits(starts, np.ascontiguousarray(rays), np.full(len(rows), 2.0), none)
+        return np.append(others, -1)[hits]
+
+    def names(self, rooms: Sequence[str]) -> list[str]:
+        """Storey, room and name of each part, for people."""
+        own, first = np.unique(self.piece, return_index=True)
+        groups = self.mesh.face_group[first[own >= 0]]
+        names, n_of = [], np.bincount(groups)
+        for row, group in enumerate(groups.tolist()):
+            levels = levels_of(self.mesh, group)
+            if rooms[row]:
+                levels[:-1] = rooms[row].split("/")
+            if n_of[group] > 1:
+                levels.append(f"piece {1 + (groups[:row] == group).sum()}")
+            names.append(", ".join(levels))
+        return names
+
+    def plans(self, numbers: Sequence[int], names: Sequence[str], north: float) -> list[ByName]:
+        """Parts of a plan of each storey, in mm, for `floor_plan.svg`, from below."""
+        order, plans = np.argsort(self.at[:, 2], kind="stable"), list[ByName]()
+        steps = np.flatnonzero(np.diff(self.at[order, 2]) > STOREY) + 1
+        for rows in np.split(order, steps)[:MOST_PLANS]:
+            cut, xy = float(np.median(self.at[rows, 2])), self.at[rows, :2]
+            walls = section(self.mesh.vertices, self.mesh.faces, cut)
+            spaces = rooms_of(self.mesh, cut)
+            rooms = shapely.GeometryCollection([each for _, _, each in spaces])
+            around = shapely.total_bounds(rooms).reshape(-1, 2)
+            points = np.concatenate((xy, around[~np.isnan(around).any(axis=1)]))
+            beside = float(np.ptp(points, axis=0).max())
+            frame = frame_around(points, np.asarray(self.mesh.bounds)[:, :2], beside)
+            at, turn = frame.on_paper(xy), np.radians(north)
+            middles = [(each.representative_point(), name) for name, _, each in spaces if each]
+            storeys = {names[row].split(", ")[0] for row in rows.tolist() if ", " in names[row]}
+            plans.append(
+                {
+                    "title": storeys.pop() if len(storeys) == 1 else f"z = {cut:.2f} m",
+                    "size": frame.size,
+                    "walls": frame.path(shapely.MultiLineString(list(walls))),
+                    "rooms": [
+                        (*frame.on_paper(np.array((point.x, point.y))).tolist(), name)
+                        for point, name in middles
+                    ],
+                    "dot": DOT,
+                    "parts": [
+                        (*place, numbers[row])
+                        for place, row in zip(at.tolist(), rows.tolist(), strict=True)
+                    ],
+                    "labels": labels_beside([str(numbers[row]) for row in rows], at, at, FAR),
+                    "up": (float(np.cos(turn)), -float(np.sin(turn))),
+                    "bar": scale_bar(frame),
+                }
+            )
+        return plans
+
+
+def levels_of(mesh: Mesh, group: int) -> list[str]:
+    """Levels of the name of a group, without the types of an IFC file."""
+    levels = mesh.groups[group].name.split("/")
+    return [each for each in levels if not each.startswith("Ifc")] or levels
+
+
+def compass(normals: FloatArray, north: float) -> list[str]:
+    """Point of the compass that vectors (N, 3) face, "" for one up or down, and for 0."""
+    turn = north - np.degrees(np.arctan2(normals[:, 1], normals[:, 0]))
+    points = np.rint(turn / 45).astype(int) % 8
+    is_level = np.hypot(normals[:, 0], normals[:, 1]) > np.sqrt(0.5)
+    return [COMPASS[at] * bool(own) for at, own in zip(points, is_level, strict=True)]
