@@ -293,3 +293,33 @@ def test_a_pair_has_the_prices_of_its_camera_and_lens(capsys):
     assert command(["cameras", "rpi-hq+rpi-6mm", "--hfov", "55", "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)["cameras"]
     assert (row["price"], row["prices"]) == (None, {"rpi-hq": 50.0, "rpi-6mm": None})
+
+
+@pytest.mark.parametrize(("wd", "fov"), [(0.35, 0.1), (0.318, 0.043), (2.0, 0.5)])
+def test_lenses_for_a_field_are_those_whose_image_has_its_ends(wd, fov, capsys):
+    """Each camera listed sees a width within a tenth; others do not, or are blurred."""
+    assert command(["cameras", "--wd", str(wd), "--fov", str(fov), "--json"]) == 0
+    listed = {each["name"]: each for each in json.loads(capsys.readouterr().out)["cameras"]}
+    assert listed
+    shop = catalogue(None)
+    for name in shop.names():
+        camera = rc.Camera.preset(name)
+        entries = {k: v for part in shop.parts(name) for k, v in part.items()}
+        if camera.is_parallel:
+            field = camera.width / camera.fx
+            is_sharp = abs(wd - entries["working_distance"]) <= 0.1 * wd
+        else:
+            field = wd * camera.width / camera.fx
+            is_sharp = wd >= entries.get("nearest", 0)
+        assert (name in listed) == (is_sharp and abs(field - fov) <= 0.1 * fov), name
+        if name in listed:
+            assert listed[name]["field"] == pytest.approx(field)
+            assert listed[name]["px_per_mm"] == pytest.approx(camera.width / field / 1e3)
+
+
+@pytest.mark.parametrize("option", ["--wd", "--fov"])
+def test_a_field_needs_its_distance(option, capsys):
+    assert command(["cameras", option, "0.3"]) == 2
+    assert capsys.readouterr().err == (
+        f"error: expected --wd with --fov, got {option} alone; give both\n"
+    )

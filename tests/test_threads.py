@@ -17,7 +17,7 @@ from processes import python, run_python
 import rastercov as rc
 from rastercov.base import memory
 from rastercov.base.errors import DeviceError, ResourceError
-from rastercov.base.threads import Once, once_each, share_poses
+from rastercov.base.threads import THREADS, Once, once_each, share_poses, thread_count
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.exact import surface
@@ -414,3 +414,27 @@ assert measured.wait(100)
 def test_an_observer_of_a_daemon_thread_is_no_leak_when_python_ends():
     result = python("-X", "dev", "-c", HELD_AT_EXIT)
     assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_the_number_of_threads_is_that_of_the_option_and_results_stay(
+    tmp_path, capsys, monkeypatch
+):
+    """Of a process and those that it starts; refused in one line."""
+    from commands import call, write_part
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(THREADS, "3")
+    assert thread_count(None) == 3
+    assert thread_count(2) == 2
+    write_part("part.obj")
+    line = "evaluate part.obj -c 'width = 64, height = 48, hfov_deg = 60' -p sphere:4 --json"
+    answers = []
+    for n in (1, 5):
+        code, out, _ = call(capsys, f"{line} --threads {n} -o out{n}")
+        assert (code, thread_count(None)) == (0, n)
+        answer = json.loads(out)
+        answers.append([answer[name] for name in ("covered", "covered_area", "dead_zones")])
+    assert answers[0] == answers[1]
+    code, _, err = call(capsys, f"{line} --threads 0 -o none")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "--threads" in err

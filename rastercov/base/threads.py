@@ -26,8 +26,17 @@ MOST_THREADS = 1024
 """Threads that may be asked for: each takes memory of its own."""
 
 
+THREADS = "RASTERCOV_THREADS"
+"""Variable of the environment with the number of threads, where none is asked for."""
+
+
 def thread_count(threads: int | None) -> int:
-    """Threads to use: those asked for, or one for each core; ConfigError for no whole number."""
+    """Threads to use: those asked for, else of `THREADS`, or one for each core.
+
+    ConfigError for no whole number.
+    """
+    if threads is None and (given := os.environ.get(THREADS, "")).isdecimal():
+        threads = int(given)
     if threads is None:
         if hasattr(os, "sched_getaffinity"):  # of the system's scheduler, on Linux
             return len(os.sched_getaffinity(0))

@@ -8,7 +8,7 @@ from typing import Annotated
 from rich.table import Table
 from typer import Argument, Option
 
-from rastercov.base import ByName, check_choice, json_text
+from rastercov.base import ByName, ConfigError, check_choice, json_text
 from rastercov.cli import options
 from rastercov.cli.console import Console, print_lines
 from rastercov.core.camera import Camera
@@ -19,7 +19,7 @@ Row = ByName
 NEAR_REL = 0.1
 """Difference of a field of view from that which is asked for."""
 COLUMNS = {
-    "cameras": "name width height pixel_size mount hfov_deg price",
+    "cameras": "name width height pixel_size mount hfov_deg field px_per_mm price",
     "lenses": "name focal_length magnification working_distance f_numbers image_circle nearest "
     "mount price",
     "heads": "name camera baseline product price",
@@ -30,6 +30,8 @@ UNITS = {
     "focal_length": ("f, mm", 1e3),
     "image_circle": ("image circle, mm", 1e3),
     "hfov_deg": ("hfov, deg", 1.0),
+    "field": ("field, m", 1.0),
+    "px_per_mm": ("px/mm", 1.0),
     "nearest": ("min. focus, m", 1.0),
     "working_distance": ("working distance, m", 1.0),
     "baseline": ("baseline, m", 1.0),
@@ -61,6 +63,14 @@ def cameras(
             help="Horizontal field of view, deg, within 10 %; lists camera-lens pairs.",
         ),
     ] = None,
+    wd: Annotated[
+        float | None,
+        Option(min=1e-4, help="Working distance, m, for --fov; lists lenses that focus there."),
+    ] = None,
+    fov: Annotated[
+        float | None,
+        Option(min=1e-5, help="Width of the field of view at --wd, m, within 10 %."),
+    ] = None,
     min_pixels: Annotated[
         float, Option(min=0, help="Minimum number of pixels per image, such as 5e6.")
     ] = 0.0,
@@ -79,11 +89,16 @@ def cameras(
     """Search the catalogue of cameras, lenses, sensor heads and lamps.
 
     Example: rastercov cameras rpi --hfov 60
+
+    Lenses for a field: rastercov cameras --wd 0.35 --fov 0.1
     """
     shop = catalogue(own)
     every = {what: list(table) for what, table in shop._asdict().items()}
     _check_mount(shop, mount)
-    if hfov is not None:
+    if (wd is None) != (fov is None):
+        alone = "--fov" if wd is None else "--wd"
+        raise ConfigError(f"expected --wd with --fov, got {alone} alone; give both")
+    if hfov is not None or wd is not None:
         every = {"cameras": list(shop.names())}
     rows_by_key: dict[str, list[Row]] = {what: [] for what in every}
     for what, name in [(what, name) for what, names in every.items() for name in names]:
@@ -92,15 +107,18 @@ def cameras(
         row["price"] = price_of(name, own) if what == "cameras" else row.get("price")
         row |= _prices_of(name, parts)
         row["hfov_deg"] = None
-        if hfov is not None:
+        if hfov is not None or wd is not None:
             camera = Camera.from_dict({"preset": name, "catalogue": own})
             row["hfov_deg"] = math.nan if camera.is_parallel else angles_of_view(camera)[0]
+        if wd is not None:
+            row |= _field_at(wd, camera, row)
         if (
             _has_words(row, words or ())
             and (mount or "").upper() in ("", row.get("mount"))
             and row.get("width", math.inf) * row.get("height", math.inf) >= min_pixels
             and (max_price is None or (row["price"] or math.nan) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
+            and (fov is None or abs(row["field"] - fov) <= NEAR_REL * fov)
         ):
             rows_by_key[what].append(row)
     if as_json:
@@ -110,6 +128,18 @@ def cameras(
         print_lines(NO_ENTRY)
     for what, rows in rows_by_key.items():
         _print(what, rows, is_own=own is not None)
+
+
+def _field_at(wd: float, camera: Camera, row: Row) -> Row:
+    """Width of the field at a distance, m, NaN beyond the focus of the lens, and its sampling.
+
+    A telecentric lens has one working distance, to within `NEAR_REL`.
+    """
+    away = abs(wd - row.get("working_distance", wd))
+    is_sharp = wd >= row.get("nearest", 0.0) and away <= NEAR_REL * wd
+    scale = 1.0 if camera.is_parallel else wd
+    field = scale * camera.width / camera.fx if is_sharp else math.nan
+    return {"field": field, "px_per_mm": camera.width / field / 1e3}
 
 
 def _prices_of(name: str, parts: list[Row]) -> Row:

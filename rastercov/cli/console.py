@@ -587,6 +587,7 @@ COMMANDS = {
     "audit": "Audit existing cameras: what each sees, what is lost without it, and which subset "
     "suffices.",
     "cameras": "Search the catalogue of cameras, lenses, sensor heads and lamps.",
+    "groups": "List groups, parts (such as storeys) and rooms of mesh files.",
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "playground": "Write a page that computes without rastercov, for a mesh of its reader.",

@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import os
 import re
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -14,6 +15,7 @@ from typer import Argument, Option
 
 from rastercov.base import ByName, ConfigError, hooks_of
 from rastercov.base.arguments import annotations_of, document_fields, reader_of
+from rastercov.base.threads import THREADS, thread_count
 from rastercov.cli.console import out_option
 from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
 from rastercov.core.camera import Conventions, EquipmentKind
@@ -122,9 +124,16 @@ class ProcessOptions(NamedTuple):
         ),
     ] = None
 
+    threads: Annotated[
+        int | None,
+        Option(help="Number of threads of a process.", show_default="one per core"),
+    ] = None
+
     def open(self) -> Workers | None:
-        """Choice of workers; None for this process."""
-        return Workers.of(*self)
+        """Choice of workers; None for this process. Sets the number of threads."""
+        if self.threads is not None:
+            os.environ[THREADS] = str(thread_count(self.threads))
+        return Workers.of(self.workers, self.scheduler, self.only)
 
 
 class CameraOptions(NamedTuple):

@@ -164,7 +164,7 @@ def sun(
         given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
         study, summary = write(make_study, out, given, pdf=pdf)
-    if len(mesh.groups) == 1 == len(study.ways["middle"].piece_hours):
+    if len(mesh.groups) == 1 == len(study.ways["middle"].pieces.hours):
         warn(
             "one group in one piece cannot shade its silhouette: its hours are about those of the "
             "sun; for hours of faces see sun.html and sun.npz"

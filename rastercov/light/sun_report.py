@@ -104,8 +104,8 @@ class Study(NamedTuple):
             "bound_hours": sunlit.part_hours_bound,
             "energy_kwh": sunlit.part_energy / 1e3,
             "bound_kwh": sunlit.part_energy_bound / 1e3,
-            "least_piece_hours": sunlit.piece_hours[sunlit.least],
-            "least_piece_bound_hours": sunlit.piece_hours_bound[sunlit.least],
+            "least_piece_hours": sunlit.pieces.hours[sunlit.least],
+            "least_piece_bound_hours": sunlit.pieces.hours_bound[sunlit.least],
         }
         for way, each in self.ways.items():
             if way != "middle":
@@ -115,7 +115,7 @@ class Study(NamedTuple):
         for row, name in enumerate(sunlit.names):
             entry: ByName = {"name": name, "is_group": name in groups}
             entry |= {key: float(each[row]) for key, each in columns.items()}
-            at = sunlit.piece_at[sunlit.least[row]].tolist()
+            at = sunlit.pieces.at[sunlit.least[row]].tolist()
             entry |= {"pieces": len(sunlit.part_pieces[row]), "least_piece_at": at}
             if len(np.unique(months)) > 1:
                 hours = sunlit.weights * sunlit.share[:, row]
@@ -148,20 +148,20 @@ class Study(NamedTuple):
     def pieces(self) -> tuple[list[ByName], list[ByName], Openings]:
         """Figures of pieces, and of rooms, the least hours first; pieces in that order."""
         sunlit = self.ways["middle"]
-        openings = Openings(sunlit.mesh, sunlit.face_piece, sunlit.piece_at)
+        openings = Openings(sunlit.mesh, sunlit.pieces.of_face, sunlit.pieces.at)
         normals, rooms = openings.sides()
-        every = [np.stack((e.piece_hours, e.piece_hours_bound)) for e in self.ways.values()]
+        every = [np.stack((e.pieces.hours, e.pieces.hours_bound)) for e in self.ways.values()]
         errors, names = self._errors(every), openings.names(rooms)
         faces = compass(normals, self.north)
         is_before = (sunlit.directions @ normals.T > 0) | ~normals.any(axis=1)
         shading = self._shading(openings, is_before)
         entries = list[ByName]()
-        for row in np.argsort(sunlit.piece_hours, kind="stable").tolist():
-            entry = self._entry(names[row], sunlit.piece_hours[row], errors[row])
+        for row in np.argsort(sunlit.pieces.hours, kind="stable").tolist():
+            entry = self._entry(names[row], sunlit.pieces.hours[row], errors[row])
             entry |= {"number": len(entries) + 1, "row": row, "room": rooms[row]}
-            entry |= {"faces": faces[row], "at": sunlit.piece_at[row].tolist()}
-            entry["energy_kwh"] = float(sunlit.piece_energy[row]) / 1e3
-            entry["bound_kwh"] = float(sunlit.piece_energy_bound[row]) / 1e3
+            entry |= {"faces": faces[row], "at": sunlit.pieces.at[row].tolist()}
+            entry["energy_kwh"] = float(sunlit.pieces.energy[row]) / 1e3
+            entry["bound_kwh"] = float(sunlit.pieces.energy_bound[row]) / 1e3
             entry["hours_in_front"] = float(sunlit.weights @ is_before[:, row])
             entry["shaded_by"] = shading[row]
             entries.append(entry)
@@ -177,17 +177,17 @@ class Study(NamedTuple):
 
     def _of_union(self, sunlit: Sunlight, rows: list[int]) -> FloatArray:
         """Hours, and their bound, of the piece of the largest lit share at each time."""
-        share = sunlit.piece_share[:, rows].max(axis=1, keepdims=True)
-        bound = sunlit.weights @ sunlit.piece_share_bound[:, rows].max(axis=1)
+        share = sunlit.pieces.share[:, rows].max(axis=1, keepdims=True)
+        bound = sunlit.weights @ sunlit.pieces.share_bound[:, rows].max(axis=1)
         error = step_error(share, self.step / 60, self.starts)[0]
         return np.array((sunlit.weights @ share[:, 0], bound + error))
 
     def _shading(self, openings: Openings, is_before: BoolArray) -> list[list[ByName]]:
         """Hours that each group shades each piece from a sun in front of it, the most first."""
         sunlit, mesh = self.ways["middle"], openings.mesh
-        time, row = np.nonzero(is_before & (sunlit.piece_share < LIT))
+        time, row = np.nonzero(is_before & (sunlit.pieces.share < LIT))
         face = openings.first_faces(row, sunlit.directions[time])
-        hours = sunlit.weights[time] * (1 - sunlit.piece_share[time, row])
+        hours = sunlit.weights[time] * (1 - sunlit.pieces.share[time, row])
         keys = row * len(mesh.groups) + mesh.face_group[face]
         size = len(openings.at) * len(mesh.groups)
         sums = np.bincount(keys[face >= 0], hours[face >= 0], size).reshape(-1, len(mesh.groups))
@@ -206,9 +206,9 @@ class Study(NamedTuple):
         Of faces, too, if they are divided.
         """
         sunlit = self.ways["middle"]
-        if self.is_fine or len(sunlit.piece_hours) < 2:
+        if self.is_fine or len(sunlit.pieces.hours) < 2:
             return sunlit.hours
-        return np.append(sunlit.piece_hours, 0.0)[sunlit.face_piece]
+        return np.append(sunlit.pieces.hours, 0.0)[sunlit.pieces.of_face]
 
     def summary(self, options: ReadByName) -> tuple[ByName, Openings]:
         """Content of `sun.json`; pieces, or rooms, pass that get the least hours, within errors."""
@@ -285,7 +285,7 @@ def write(
         (summary, openings), mesh, hours = study.summary(options), sunlit.mesh, study.colours()
         order = [each.pop("row") for each in summary["pieces"]]
         numbers = (np.argsort(order) + 1).tolist()
-        marks = Marks([str(each) for each in numbers], sunlit.face_piece) if order[1:] else None
+        marks = Marks([str(each) for each in numbers], sunlit.pieces.of_face) if order[1:] else None
         image = mode_picture("sun", mesh, hours, marks=marks)
         picture = Picture.of("Hours of sun, from two sides", image)
         names = [summary["pieces"][each - 1]["name"] for each in numbers]

@@ -74,6 +74,34 @@ class SunlitAreas(NamedTuple):
     bound: FloatArray
 
 
+class SunlitPieces(NamedTuple):
+    """Figures of M pieces of groups, parts whose bounding boxes do not touch, such as windows.
+
+    Attributes
+    ----------
+    of_face : (F,) int64
+        Piece of each face; -1 for occluders.
+    hours, hours_bound : (M,) float64
+        Hours of each piece, weighted by the lit share of its silhouette, and the bound of their
+        error.
+    energy, energy_bound : (M,) float64
+        Energy on each piece, Wh, and the bound of its error.
+    share, share_bound : (N, M) float64
+        Lit share of the silhouette of each piece from the sun, and the bound of its error.
+    at : (M, 3) float64
+        Middle of the bounding box of each piece, metres.
+    """
+
+    of_face: IntArray
+    hours: FloatArray
+    hours_bound: FloatArray
+    energy: FloatArray
+    energy_bound: FloatArray
+    share: FloatArray
+    share_bound: FloatArray
+    at: FloatArray
+
+
 @frozen_record(repr=False)
 class Sunlight(InOneLine):
     """Sunlight on the faces and groups of a mesh, from N directions.
@@ -103,17 +131,8 @@ class Sunlight(InOneLine):
     part_pieces : (K,) tuple of tuple of int
         Pieces of each group, from 0: parts whose bounding boxes do not touch, such as windows; one
         for a group of more than 100 of them.
-    face_piece : (F,) int64
-        Piece of each face; -1 for occluders.
-    piece_hours, piece_hours_bound : (M,) float64
-        Hours of each piece, weighted by the lit share of its silhouette, and the bound of their
-        error.
-    piece_energy, piece_energy_bound : (M,) float64
-        Energy on each piece, Wh, and the bound of its error.
-    piece_share, piece_share_bound : (N, M) float64
-        Lit share of the silhouette of each piece from the sun, and the bound of its error.
-    piece_at : (M, 3) float64
-        Middle of the bounding box of each piece, metres.
+    pieces : SunlitPieces
+        Figures of the pieces.
     least : (K,) int64
         Piece of each group with the fewest hours.
 
@@ -145,14 +164,7 @@ class Sunlight(InOneLine):
     part_energy: FloatArray
     part_energy_bound: FloatArray
     part_pieces: tuple[tuple[int, ...], ...]
-    face_piece: IntArray
-    piece_hours: FloatArray
-    piece_hours_bound: FloatArray
-    piece_energy: FloatArray
-    piece_energy_bound: FloatArray
-    piece_share: FloatArray
-    piece_share_bound: FloatArray
-    piece_at: FloatArray
+    pieces: SunlitPieces
     least: IntArray
 
 
@@ -268,8 +280,9 @@ def sunlit(
     sizes = [np.concatenate([each[:, rows] for each in integrals]) for rows in rows_of]
     least = [min(each, key=sizes[1][0].tolist().__getitem__) for each in parts.values()]
     boxes = _least_by(piece[mesh.task_mask], _boxes(mesh)[mesh.task_mask])
-    pieces = *sizes[1], *every[2:].take(rows_of[1], axis=2), (boxes[:, :3] - boxes[:, 3:]) / 2
-    totals = *every.take(rows_of[0], axis=2), *sizes[0], tuple(parts.values()), piece, *pieces
+    figures = piece, *sizes[1], *every[2:].take(rows_of[1], axis=2)
+    pieces = SunlitPieces._make((*figures, (boxes[:, :3] - boxes[:, 3:]) / 2))
+    totals = *every.take(rows_of[0], axis=2), *sizes[0], tuple(parts.values()), pieces
     names = tuple(parts)
     return Sunlight(*(mesh, towards, hours, power, *sums, names, *totals, np.array(least, int)))
 

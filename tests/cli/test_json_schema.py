@@ -46,6 +46,8 @@ LINES = {
     "audit, by face": "audit sparse/0 part.ply --by face --pose-unit 1 --suggest 1",
     "cameras": "cameras",
     "cameras, pairs": "cameras --hfov 60",
+    "cameras, field": "cameras --wd 0.35 --fov 0.1",
+    "groups": "groups part.ply",
     "convert": "convert rig.json converted.npy --overwrite",
     "doctor": "doctor",
     "validate": "validate markers",

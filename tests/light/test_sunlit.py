@@ -258,28 +258,28 @@ def test_the_window_of_a_group_that_gets_the_least_is_as_by_itself(lit_by):
     assert [*map(len, sunlit.part_pieces)] == [3, 1, 3, 1]
     assert [*map(len, each.part_pieces)] == [1, 1, 1, 1, 3, 1]
     least = int(each.part_hours[:3].argmin())
-    at = sunlit.piece_at[sunlit.least[[0, 2]]]
+    at = sunlit.pieces.at[sunlit.least[[0, 2]]]
     assert at == pytest.approx(np.array([(2.0 * least, 0, 0)] * 2), abs=1e-9)
-    hours = sunlit.piece_hours[sunlit.least]
+    hours = sunlit.pieces.hours[sunlit.least]
     assert hours[[0, 2]] == pytest.approx(each.part_hours[least], abs=1e-9)
     assert hours[0] < sunlit.part_hours[0] - 0.1
     assert hours[1] == sunlit.part_hours[1]
     fine = rc.sunlit(divide_targets(joined, 0.3), sun, [1, 2, 3, 4], lit_by=lit_by)
-    assert fine.piece_hours[fine.least] == pytest.approx(hours, abs=1e-9)
+    assert fine.pieces.hours[fine.least] == pytest.approx(hours, abs=1e-9)
     for name in ("hours", "hours_bound", "energy", "energy_bound", "at"):  # of every window
-        own, alone = (getattr(one, f"piece_{name}") for one in (sunlit, each))
-        order = np.argsort(sunlit.piece_at[:, 0]), np.argsort(each.piece_at[:, 0])
+        own, alone = (getattr(one.pieces, name) for one in (sunlit, each))
+        order = np.argsort(sunlit.pieces.at[:, 0]), np.argsort(each.pieces.at[:, 0])
         assert own[order[0]] == pytest.approx(alone[order[1]], abs=1e-9)
     middle = joined.centroids[:, 0]
     pane = joined.face_group == 0
-    assert np.abs(sunlit.piece_at[sunlit.face_piece[pane], 0] - middle[pane]).max() < 0.6
+    assert np.abs(sunlit.pieces.at[sunlit.pieces.of_face[pane], 0] - middle[pane]).max() < 0.6
 
 
 def test_a_group_of_too_many_pieces_is_one():
     boxes = one_group([rc.shapes.box((1, 1, 1), centre=(3 * x, 0, 0)) for x in range(101)])
     sunlit = rc.sunlit(boxes, [(0, 0, 1)])
     assert sunlit.part_pieces == ((0,),)
-    assert sunlit.piece_hours.tolist() == sunlit.part_hours.tolist()
+    assert sunlit.pieces.hours.tolist() == sunlit.part_hours.tolist()
 
 
 def test_no_direction_is_no_sun():

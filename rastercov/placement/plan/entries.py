@@ -61,7 +61,7 @@ class Entry(BaseModel):
         """
         result = handler(core)
         properties = handler.resolve_ref_schema(result).get("properties", {})
-        for name, words in _texts_below_fields(cls).items():
+        for name, words in texts_below_fields(cls).items():
             properties[name].setdefault("description", words)
         return result
 
@@ -87,7 +87,7 @@ def extend_entry(section: str, base: type[Entry] = Entry) -> Any:
     return create_model(f"{section} of features", __base__=(*others, base))
 
 
-def _texts_below_fields(entry: type) -> dict[str, str]:
+def texts_below_fields(entry: type) -> dict[str, str]:
     """Text below each field of an entry and of those that it extends."""
     texts: dict[str, str] = {}
     for kind in reversed(entry.__mro__):

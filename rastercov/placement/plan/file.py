@@ -50,6 +50,7 @@ from rastercov.core.mesh.site import Site
 from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.plan.entries import texts_below_fields
 from rastercov.placement.plan.generator import Table
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
 
@@ -74,6 +75,10 @@ WORDS = {
     "string_too_short": "a string that is not empty",
 }
 """Words for the expected value, by the error type of pydantic."""
+
+
+OF_LISTS = "list_type", "too_short", "too_long"
+"""Errors at which the form of a list is named."""
 
 
 class PlanError(ConfigError):
@@ -109,6 +114,8 @@ def lines_of(error: ValidationError, table: ReadByName, model: type[BaseModel]) 
             words = wanted.setdefault(path, [])
             text = WORDS[kind].format(**each.get("ctx", {}))
             words += [text] if text not in words else []
+            if kind in OF_LISTS and (form := _form_of(each["loc"], model)):
+                words = [form]
             lines[path] = f"{path}: expected {' or '.join(words)}, got {shown(each['input'])}"
             if each.get("ctx", {}).get("le") == 1:
                 lines[path] += share_meant(each["input"])
@@ -122,6 +129,11 @@ def lines_of(error: ValidationError, table: ReadByName, model: type[BaseModel]) 
                 line = f"{first_of(known, 3)} for {inner[-1]}, got {shown(name)}, which goes with "
                 line += f"{first_of(tags, 2)}; leave it out"
             lines[path] = f"{path}: expected {line}"
+            if not tags and (places := first_of(_tables_with(str(name), model), 2)):
+                lines[path] = (
+                    f"{path}: expected an entry of this table, got {shown(name)}, which stands "
+                    f"{places}; move it there"
+                )
         elif kind == "union_tag_not_found":
             tag = each["ctx"]["discriminator"].strip("'")
             lines[f"{path}.{tag}"] = f"{_join_path(path, tag)}: expected an entry, got none; add it"
@@ -163,6 +175,16 @@ def _known_name(names: Sequence[str], name: str) -> str:
 
 def _entries(location: Sequence[int | str], model: type[BaseModel]) -> dict[str, list[str]]:
     """Tags of the members of a union that have each entry of the table at a location."""
+    models = _models_at(location, model)
+    return {
+        name: [tag for each in models if name in each.model_fields for tag in _tags_of(each)]
+        for one in models
+        for name in one.model_fields
+    }
+
+
+def _models_at(location: Sequence[int | str], model: type[BaseModel]) -> list[type[BaseModel]]:
+    """Members of the table at a location."""
     models = [model]
     for part in location:
         fields = [each.model_fields for each in models]
@@ -170,11 +192,32 @@ def _entries(location: Sequence[int | str], model: type[BaseModel]) -> dict[str,
             models = [each for hint in hints for each in _models_in(hint)]
         elif tagged := [each for each in models if part in _tags_of(each)]:
             models = tagged
-    return {
-        name: [tag for each in models if name in each.model_fields for tag in _tags_of(each)]
-        for one in models
-        for name in one.model_fields
-    }
+    return models
+
+
+def _tables_with(name: str, model: type[BaseModel]) -> list[str]:
+    """Places of the tables of a plan that have an entry, from the top."""
+    places, level, known = list[str](), {"": [model]}, set[type[BaseModel]]()
+    while level:
+        below: dict[str, list[type[BaseModel]]] = {}
+        for path, models in level.items():
+            if any(name in each.model_fields for each in models):
+                places.append(f"in [{path}]" if path else "at the top of the plan")
+            for each in models:
+                for key, field in each.model_fields.items() if each not in known else ():
+                    below.setdefault(_join_path(path, key), []).extend(_models_in(field.annotation))
+            known |= {*models}
+        level = {path: models for path, models in below.items() if models}
+    return places
+
+
+def _form_of(location: Sequence[int | str], model: type[BaseModel]) -> str:
+    """Form of a list by the text below its key, such as "[least, greatest]"; "" for none."""
+    *inner, name = [part for part in location if isinstance(part, str)] or [""]
+    for each in _models_at(inner, model):
+        if (match := re.search(r"\[[^\]]+\]", texts_below_fields(each).get(name, ""))) is not None:
+            return match[0] if not re.search(r"\d", match[0]) else f"a list such as {match[0]}"
+    return ""
 
 
 def _models_in(hint: object) -> list[type[BaseModel]]:
