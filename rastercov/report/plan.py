@@ -74,7 +74,7 @@ PLACEMENT = ReportKind(
     "place",
     re.compile(
         rf"{'|'.join(name for each in carriers() for name in each.files)}|(poses|plan)\.json"
-        r"|flight\.(plan|kml|csv)|(page|view)\.html|page\.pdf"
+        r"|flight(_\d+)?\.(plan|kml|csv)|(page|view)\.html|page\.pdf"
     ),
     last="plan.json",
 )

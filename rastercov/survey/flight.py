@@ -7,13 +7,23 @@ sampling distance are those of the exact footprints of the planned images.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from rastercov.base import ConfigError, FloatArray, IntArray, errors_as, once_each, plural, sampling
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    errors_as,
+    first_of,
+    once_each,
+    plural,
+    sampling,
+)
 from rastercov.base.format import distance, in_decimals, verb
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.task import Task
@@ -29,6 +39,10 @@ if TYPE_CHECKING:
 
 STRAIGHT = 1e-6
 """Sine of the angle to the vertical below which a view has no heading of its own."""
+LEAST_OF_LINE, SAME_STEP_REL, SAME_ANGLE_DEG = 3, 1e-3, 0.1
+"""Waypoints of a straight line at least; its steps and headings differ by less."""
+MOST_TIMES = 6
+"""Missions whose times are printed."""
 LOOKS_DOWN_DEG = -45.0
 """Pitch below which a view is meant for what is below it."""
 
@@ -53,6 +67,10 @@ class Flight(Product):
         Points that are passed on each of N + 1 legs: from home to the first waypoint, with the top
         of the climb, to each other, and back; None where every way that was tried comes too near to
         something.
+    first : int
+        Waypoints of the missions before this one.
+    missions : sequence of Flight
+        Parts from and to home, each for a battery, where there is a limit.
     """
 
     asked: FlightSection
@@ -62,8 +80,20 @@ class Flight(Product):
     rows: IntArray
     home: FloatArray
     over: Sequence[FloatArray | None]
+    first: int = 0
+    missions: Sequence["Flight"] = ()
 
     word = "flight"
+
+    @property
+    def flown(self) -> Sequence["Flight"]:
+        """Missions, or this flight."""
+        return self.missions or (self,)
+
+    @property
+    def length(self) -> float:
+        """Length from home through all waypoints and back, metres."""
+        return sum(float(each.legs.sum()) for each in self.flown)
 
     @property
     def places(self) -> FloatArray:
@@ -112,17 +142,79 @@ class Flight(Product):
     @property
     def n_over(self) -> int:
         """Legs that lead over the scene."""
-        return len(self.over) - sum(is_straight(self.over)) - len(self.blocked)
+        n_legs = sum(len(each.over) - sum(is_straight(each.over)) for each in self.flown)
+        return n_legs - len(self.blocked)
 
     @property
     def blocked(self) -> list[int]:
-        """Waypoints that no way leads to, from 1; N + 1 is home."""
-        return [row + 1 for row, each in enumerate(self.over) if each is None]
+        """Waypoints that no way leads to, from 1; one more than the last is home."""
+        return [
+            each.first + row + 1
+            for each in self.flown
+            for row, over in enumerate(each.over)
+            if over is None
+        ]
 
     @property
     def seconds(self) -> float:
         """Time at the speed of the plan, with the stops, without turns."""
-        return float(self.legs.sum()) / self.asked.speed + self.asked.hover * len(self.rows)
+        return self.length / self.asked.speed + self.asked.hover * len(self.rows)
+
+    @property
+    def too_far(self) -> list[int]:
+        """Waypoints that a battery does not reach, from 1."""
+        limit = 60 * (self.asked.battery or np.inf)
+        return [each.first + 1 for each in self.missions if each.seconds > limit]
+
+    @cached_property
+    def lines_flown(self) -> list[tuple[int, int]]:
+        """First waypoint of each straight line of equal steps and equal views, and the one after.
+
+        Lines have `LEAST_OF_LINE` waypoints or more; others are alone.
+        """
+        n, ways = len(self.rows), np.diff(self.places, axis=0)
+        pitch = self.views[1]
+        turn = np.abs((np.diff(self.headings_deg) + 180) % 360 - 180)
+        is_same = (turn < SAME_ANGLE_DEG) & (np.abs(np.diff(pitch)) < SAME_ANGLE_DEG)
+        is_same &= np.array([len(self.way_to(row)) == 2 for row in range(1, n)], bool)
+        found, first = list[tuple[int, int]](), 0
+        while first < n:
+            end = first + 1
+            while end < n and is_same[end - 1]:
+                away = np.linalg.norm(ways[end - 1] - ways[first])
+                if away > SAME_STEP_REL * np.linalg.norm(ways[first]):
+                    break
+                end += 1
+            end = end if end - first >= LEAST_OF_LINE else first + 1
+            found.append((first, end))
+            first = end
+        return found
+
+    def table(self) -> list[ByName]:
+        """Each mission: waypoints, photographs, length, time, heights, and its straight lines."""
+        entries, n_images = [], len(self.footprints.names) // max(len(self.rows), 1)
+        for each in self.flown:
+            ends, ground = [each.first + 1, each.first + len(each.rows)], self._above(each)
+            lines = [
+                {
+                    "waypoints": [each.first + a + 1, each.first + b],
+                    "images": n_images * (b - a),
+                    "length_m": float(each.legs[a + 1 : b].sum()),
+                    "heading_deg": float(each.headings_deg[a]),
+                }
+                for a, b in each.lines_flown
+            ]
+            entry: ByName = {"waypoints": ends, "images": n_images * len(each.rows)}
+            entry |= {"length_m": each.length, "duration_s": each.seconds, "lines": lines}
+            entry["z_m"] = [float(pick(each.places[:, 2])) for pick in (np.min, np.max)]
+            entries.append(entry | {"above_ground_m": ground})
+        return entries
+
+    def _above(self, flight: "Flight") -> list[float] | None:
+        """Least and greatest height of waypoints above the surface below; None beside it."""
+        heights = flight.places[:, 2] - heights_at(self.mesh, flight.places[:, :2])
+        known = heights[~np.isnan(heights)]
+        return [float(known.min()), float(known.max())] if len(known) else None
 
     @cached_property
     def clearance(self) -> tuple[float, int]:
@@ -130,6 +222,9 @@ class Flight(Product):
 
         That is the number of the waypoint before it, 0 for home.
         """
+        if self.missions:
+            away, leg, first = min((*each.clearance, each.first) for each in self.missions)
+            return away, leg + first
         ways = [self.way_to(row) for row in range(len(self.over))]
         ways[0], ways[-1] = ways[0][1:], ways[-1][:-1]
         space = Airspace(self.mesh)
@@ -172,8 +267,9 @@ class Flight(Product):
         return {
             "waypoints": len(self.rows),
             "images": len(self.footprints.names),
-            "length_m": float(self.legs.sum()),
+            "length_m": self.length,
             "duration_s": self.seconds,
+            "missions": self.table(),
             "clearance_m": away if np.isfinite(away) else None,
             "nearest_after": leg,
             "beside_surface": self.n_beside,
@@ -193,7 +289,7 @@ class Flight(Product):
 
         away, leg = self.clearance
         figures = self._figures
-        text = f"flight: {plural(len(self.rows), 'waypoint')}, {in_decimals(self.legs.sum(), 0)} m"
+        text = f"flight: {plural(len(self.rows), 'waypoint')}, {in_decimals(self.length, 0)} m"
         hover = self.asked.hover
         text += f", about {in_decimals(self.seconds / 60, 1)} min at {self.asked.speed:g} m/s"
         text += f"{f', with {hover:g} s at each waypoint' if hover else ''}"
@@ -202,12 +298,21 @@ class Flight(Product):
             text += f"waypoint {leg}" if leg else "take-off"
         if self.n_over:
             text += f"; {plural(self.n_over, 'leg')} over the scene"
+        if (battery := self.asked.battery) is not None:
+            times = [in_decimals(each.seconds / 60, 1) for each in self.flown]
+            text += f"; {plural(len(times), 'mission')} within {battery:g} min of a battery: "
+            text += f"{first_of(times, MOST_TIMES)} min"
         own = [words] if (words := overlap_words(figures)) else []
         if figures["gsd_per_px"] is not None:
             own.insert(0, f"GSD {sampling(figures['gsd_per_px'])} (median of the images)")
         lines = [text, *([", ".join(own)] if own else [])]
         lines += self.notes
-        if blocked := self.blocked:
+        if far := self.too_far:
+            lines.append(
+                f"no flight is written: waypoint {far[0]} and back takes more than the battery; "
+                "move home in [flight], or increase battery or speed"
+            )
+        elif blocked := self.blocked:
             is_home = blocked[0] in (1, len(self.over))
             lines.append(
                 f"no flight is written: the scene blocks {plural(len(blocked), 'leg')}, the first "
@@ -250,7 +355,39 @@ def flight_of(
     if asked.home is None and rows[0] != first:
         home = _home(mesh, eyes[rows[0]])
         rows, over = course_of(space, home, eyes, rows)
-    return Flight(asked, mesh, mounts, mounted[rows], rows, home, over)
+    flight = Flight(asked, mesh, mounts, mounted[rows], rows, home, over)
+    if asked.battery is None or flight.seconds <= 60 * asked.battery:
+        return flight
+    return replace(flight, missions=_missions(flight, space, 60 * asked.battery))
+
+
+def _missions(flight: Flight, space: Airspace, seconds: float) -> list[Flight]:
+    """Parts of a flight in its order, each from and to home within a time.
+
+    The fewest: each has as many waypoints as there is time for, and one at least.
+    """
+    asked, home, places, first = flight.asked, flight.home, flight.places, 0
+    missions = list[Flight]()
+    while first < len(places):
+        away = space.from_home(home, places[first])
+
+        def part(end: int, start: int = first, out: FloatArray | None = away) -> Flight:
+            back = space.from_home(home, places[end - 1])
+            over = [out, *flight.over[start + 1 : end], None if back is None else back[::-1]]
+            rows = flight.rows[start:end]
+            poses = flight.poses[np.arange(start, end)]
+            return replace(flight, poses=poses, rows=rows, over=over, first=start)
+
+        # The way back is straight at best.
+        level = np.linalg.norm(places[first:] - home, axis=1)
+        done = np.concatenate(([0.0], np.cumsum(flight.legs[first + 1 : len(places)])))
+        least = (done + level) / asked.speed + asked.hover * np.arange(1, len(done) + 1)
+        end = first + max(1, int(np.searchsorted(least, seconds, "right")))
+        while (mission := part(end)).seconds > seconds and end > first + 1:
+            end -= 1
+        missions.append(mission)
+        first = end
+    return missions
 
 
 def _home(mesh: Mesh, eye: FloatArray) -> FloatArray:

@@ -23,9 +23,8 @@ class _Written(Flight):
     def figure(self) -> Figure:
         """Map of the route."""
         route = route_of(self)
-        return Figure(
-            "Flight", render("route.svg", "rastercov.survey", route=route), route["words"]
-        )
+        values = {"route": route, "missions": self.table(), "asked": self.asked, "home": self.home}
+        return Figure("Flight", render("flight.html", "rastercov.survey", **values), route["words"])
 
 
 class _Flights(Products):

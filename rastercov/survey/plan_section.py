@@ -31,6 +31,8 @@ class FlightSection(Entry):
     """Speed between positions, m/s."""
     hover: NotNegative = 0.0
     """Stop for each image, s; 0 for images in passing, by distance along straight lines."""
+    battery: Positive | None = None
+    """Flight time of a battery, min; a longer flight is divided into missions from and to home."""
     firmware: Literal["px4", "ardupilot"] = "px4"
     """Firmware of the vehicle, for QGroundControl."""
 

@@ -16,8 +16,15 @@ LOCAL = ("flight.csv",)
 
 
 def files_of(flight: Flight) -> dict[str, bytes]:
-    """Content of each file of a flight: none that is blocked; without a CRS, `LOCAL`."""
-    if flight.blocked:
+    """Content of each file of a flight: none that is blocked; without a CRS, `LOCAL`.
+
+    Each mission has its own, such as `flight_2.plan`.
+    """
+    if flight.blocked or flight.too_far:
         return {}
     names = LOCAL if flight.asked.place is None else tuple(FORMATS)
-    return {name: FORMATS[name](flight) for name in names}
+    return {
+        name.replace(".", f"_{number}.") if flight.missions else name: FORMATS[name](each)
+        for number, each in enumerate(flight.flown, 1)
+        for name in names
+    }

@@ -28,7 +28,7 @@ def content(flight: Flight) -> bytes:
         degrees = None if place is None else place.geodetic(way)
         for at, point in enumerate(way):
             is_end = at == len(way) - 1
-            entry = [row + 1, *(image if is_end else ("", ""))]
+            entry = [flight.first + row + 1, *(image if is_end else ("", ""))]
             entry += [*(f"{value:.6f}" for value in point), *views]
             entry.append(f"{flight.legs[row]:.3f}" if is_end else "")
             if degrees is not None:

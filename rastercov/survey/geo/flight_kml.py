@@ -18,7 +18,7 @@ def content(flight: Flight) -> bytes:
     root, document = document_of("flight")
     for row, point in enumerate(flight.places):
         mark = SubElement(document, "Placemark")
-        SubElement(mark, "name").text = str(row + 1)
+        SubElement(mark, "name").text = str(flight.first + row + 1)
         data = SubElement(mark, "ExtendedData")
         for name, values in (("heading", flight.headings_deg), ("pitch", flight.views[1])):
             own = SubElement(data, "Data", {"name": f"{name}_deg"})

@@ -24,8 +24,6 @@ FIRMWARE = {"ardupilot": 3, "px4": 12}
 """MAV_AUTOPILOT_ARDUPILOTMEGA and MAV_AUTOPILOT_PX4."""
 MULTIROTOR, TARGETING = 2, 2
 """MAV_TYPE_QUADROTOR, and MAV_MOUNT_MODE_MAVLINK_TARGETING."""
-LEAST_OF_RUN, SAME_STEP_REL, SAME_ANGLE_DEG = 3, 1e-3, 0.1
-"""Images of a straight line at least; its steps and headings differ by less."""
 
 
 class Items:
@@ -96,7 +94,8 @@ def _items(flight: Flight) -> list[ByName]:
     items.go(TAKE_OFF, over[0].pop(0), 0, None)
     items.add(SPEED, 1, asked.speed, -1)
     last = None
-    for first, end in _runs(flight):
+    single = [(row, row + 1) for row in range(len(stops))]
+    for first, end in single if asked.hover else flight.lines_flown:
         if pitch[first] != last:
             last = pitch[first]
             items.add(GIMBAL, last, 0, 0, 0, 0, 0, TARGETING)
@@ -114,27 +113,3 @@ def _items(flight: Flight) -> list[ByName]:
         items.go(WAYPOINT, point, 0, None)
     items.go(LAND, (*over[-1][-1][:2], 0.0), 0, None)
     return items.list
-
-
-def _runs(flight: Flight) -> list[tuple[int, int]]:
-    """First waypoint of each straight line of equal steps and equal views, and the one after."""
-    n = len(flight.rows)
-    if flight.asked.hover:
-        return [(row, row + 1) for row in range(n)]
-    ways = np.diff(flight.places, axis=0)
-    headings, pitch = flight.headings_deg, flight.views[1]
-    turn = np.abs((np.diff(headings) + 180) % 360 - 180)
-    is_same = (turn < SAME_ANGLE_DEG) & (np.abs(np.diff(pitch)) < SAME_ANGLE_DEG)
-    is_same &= np.array([len(flight.way_to(row)) == 2 for row in range(1, n)], bool)
-    runs, first = [], 0
-    while first < n:
-        end = first + 1
-        while end < n and is_same[end - 1]:
-            away = np.linalg.norm(ways[end - 1] - ways[first])
-            if away > SAME_STEP_REL * np.linalg.norm(ways[first]):
-                break
-            end += 1
-        end = end if end - first >= LEAST_OF_RUN else first + 1
-        runs.append((first, end))
-        first = end
-    return runs

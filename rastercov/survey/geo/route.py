@@ -29,17 +29,21 @@ def route_of(flight: Flight) -> ByName:
     frame, mesh, n = _frame(flight), flight.mesh.opaque, len(flight.rows)
     at, home = frame.on_paper(flight.places[:, :2]), frame.on_paper(flight.home[:2])
     every, labels = _labels(home, at)
-    ways = [flight.way_to(row)[:, :2] for row in range(n + 1)]
-    blocked = [row - 1 for row in flight.blocked]
+    ways = [
+        (row in (0, len(each.rows)), each.over[row] is None, each.way_to(row)[:, :2])
+        for each in flight.flown
+        for row in range(len(each.rows) + 1)
+    ]
     edges = edges_between(mesh, np.ones(mesh.n_faces, np.bool_), -np.inf, np.inf)
     lines = {
         "edges": edges if len(edges) <= MOST_EDGES else [],
-        "legs": [ways[row] for row in range(1, n) if row not in blocked],
-        "home_legs": [ways[row] for row in (0, n) if row not in blocked],
-        "blocked": [ways[row] for row in blocked],
+        "legs": [way for is_home, is_blocked, way in ways if not (is_home or is_blocked)],
+        "home_legs": [way for is_home, is_blocked, way in ways if is_home and not is_blocked],
+        "blocked": [way for _, is_blocked, way in ways if is_blocked],
     }
     north = _north(flight)
     turn = np.radians(90.0 if north is None else north)
+    red = "; red: blocked" if lines["blocked"] else ""
     some = f", every {every}{'nd' if every == 2 else 'th'} numbered" if every > 1 else ""
     step = float(row_lengths(np.diff(at, axis=0)).sum()) / n
     return {
@@ -63,13 +67,14 @@ def route_of(flight: Flight) -> ByName:
         "up_words": "y" if north is None else "N",
         "bar": scale_bar(frame),
         "words": f"Route from above: {plural(n, 'waypoint')} in the order of flight, not of cameras"
-        f"{some}. Square: home; dashed: from and to home{'; red: blocked' if blocked else ''}.",
+        f"{some}. Square: home; dashed: from and to home{red}.",
     }
 
 
 def _frame(flight: Flight) -> SheetFrame:
     """Window with the route, and with the surface up to a third of its extent beside it."""
-    stops = np.concatenate([flight.way_to(row) for row in range(len(flight.over))])
+    ways = [each.way_to(row) for each in flight.flown for row in range(len(each.over))]
+    stops = np.concatenate(ways)
     beside = float(np.ptp(stops, axis=0).max()) / 3
     return frame_around(stops[:, :2], np.asarray(flight.mesh.opaque.bounds)[:, :2], beside)
 
