@@ -1,0 +1,124 @@
+"""Pages on a phone of 390 px: nothing is wider, and controls have names of their own, in words."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import Tab
+
+import rastercov as rc
+
+WIDE = """() => {
+  document.querySelectorAll("details:not(.scene)").forEach((each) => { each.open = true; });
+  const root = document.documentElement;
+  const wide = [...document.querySelectorAll("body *")].filter(
+    (each) => each.getBoundingClientRect().right > root.clientWidth && each.getClientRects().length
+  );
+  return [root.scrollWidth, root.clientWidth, wide.map((each) => each.outerHTML.slice(0, 90))];
+}"""
+NAMES = """(query) => [...document.querySelectorAll(query)].map((each) => {
+  const by = (each.getAttribute("aria-labelledby") || "").split(" ").filter(Boolean);
+  const label = by.map((id) => document.getElementById(id).textContent).join(" ")
+    || each.getAttribute("aria-label")
+    || [...(each.labels || [])].map((one) => one.textContent).join(" ")
+    || each.textContent || each.title;
+  return label.trim().replace(/\\s+/g, " ");
+})"""
+ARROWS = set("←↑→↓↔↕▲▼◀▶▸▾◂▴⟲⟳↺↻⤢×✕✖")
+PLAN = """
+meshes = [{ path = "part_with_a_long_name_of_a_file_that_somebody_gave_to_it_once.obj" }]
+task = { max_incidence_deg = 70 }
+selection = { goal = "best_coverage", cameras = 3 }
+[camera]
+width = 96
+height = 72
+fx = 60
+fy = 60
+[[candidates]]
+generator = "on_sphere"
+count = 9
+distances = [4.0]
+"""
+LINES = {
+    "evaluated/report.html": "evaluate {mesh} -c camera.toml -p rig.json -o evaluated",
+    "placed/page.html": "place plan.toml -o placed",
+    "checked/check.html": "check plan.toml -p placed/poses.json -o checked --min-coverage 0.99",
+    "audited/audit.html": "audit placed/poses.json {mesh} -o audited --pose-unit 1 --suggest 1",
+    "sun/sun.html": "sun {mesh} screen.obj --latitude 50 --longitude 14 --day 2026-03-01 --step 60 "
+    "--at-least 1.5h -o sun",
+    "placed/view.html": None,
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Pages of all commands, of a part with long names."""
+    folder = tmp_path_factory.mktemp("pages")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        mesh = "part_with_a_long_name_of_a_file_that_somebody_gave_to_it_once.obj"
+        parts = [rc.shapes.box((1, 1, 1), centre=(2 * x, 0, 0)) for x in range(3)]
+        text, n = [], 0
+        for row, part in enumerate(parts):
+            text.append(f"g A_window_with_a_name_that_does_not_end_before_the_line_does_{row}")
+            text += ["v {} {} {}".format(*point) for point in part.vertices.tolist()]
+            text += ["f {} {} {}".format(*(face + n + 1)) for face in part.faces]
+            n += part.n_vertices
+        Path(mesh).write_text("\n".join(text))
+        rc.shapes.box((9, 0.1, 3), centre=(2, -1.5, 0)).to_trimesh().export("screen.obj")
+        Path("plan.toml").write_text(PLAN)
+        Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 60\nfy = 60\n")
+        eyes = [(6, 3, 2), (-3, 4, 1), (2, -5, 1), (2, 5, 4)]
+        rc.write_poses("rig.json", rc.look_at(eyes, np.array((2.0, 0, 0))))
+        for line in filter(None, LINES.values()):
+            code, out, err = _call(line.format(mesh=mesh))
+            assert code in (0, 1), (line, out, err)
+    return folder
+
+
+def _call(line):
+    """Exit code and output of a command."""
+    import contextlib
+    import io
+    import shlex
+
+    from rastercov.cli import command
+
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = command(shlex.split(line))
+    return code, out.getvalue(), err.getvalue()
+
+
+@pytest.fixture
+def phone(browser):
+    made = browser.new_context(viewport={"width": 390, "height": 844}, bypass_csp=True)
+    yield made
+    made.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", LINES)
+def test_no_page_is_wider_than_a_phone(page, folder, phone):
+    """With all that is folded open."""
+    opened = phone.new_page()
+    opened.goto((folder / page).as_uri())
+    opened.wait_for_timeout(200)
+    wide, room, those = opened.evaluate(WIDE)
+    assert wide <= room == 390, those
+
+
+@pytest.mark.slow
+def test_the_viewer_is_no_wider_than_a_phone_and_its_controls_have_names(phone, program):
+    tab = Tab(phone, program.url)
+    wide, room, those = tab.page.evaluate(WIDE)
+    assert wide <= room == 390, those
+    names = tab.page.evaluate(NAMES, "button, summary, [role=button], [role=tab]")
+    assert names
+    assert [name for name in names if not any(map(str.isalpha, name))] == []
+    assert [name for name in names if ARROWS & set(name)] == []
+    sliders = tab.page.evaluate(NAMES, "input[type=range]")
+    assert sliders
+    assert all(any(map(str.isalpha, name)) for name in sliders)
+    assert len({*sliders}) == len(sliders)
+    assert tab.faults == []
