@@ -30,7 +30,7 @@ if _TYPE_CHECKING:
     from rastercov.core.camera.pose_file import read_poses as read_poses, write_poses as write_poses
     from rastercov.core.camera.rig import Rig as Rig, Views as Views
     from rastercov.core.camera.rule import All as All, Any as Any, AtLeast as AtLeast
-    from rastercov.light.sun import sun_directions as sun_directions
+    from rastercov.core.camera.sun import sun_directions as sun_directions
     from rastercov.core.camera.viewpoints import (
         look_at as look_at,
         sphere_of_poses as sphere_of_poses,
@@ -64,7 +64,7 @@ if _TYPE_CHECKING:
         open_observer as open_observer,
     )
     from rastercov.core.coverage.task import Reason as Reason
-    from rastercov.light.sunlight import Sunlight as Sunlight, sunlit as sunlit
+    from rastercov.sun.sunlight import Sunlight as Sunlight, sunlit as sunlit
     from rastercov.core.coverage.task import Task as Task
     from rastercov.core.coverage.visibility import (
         Visibility as Visibility,
@@ -104,7 +104,7 @@ _NAMES = {
     "core.camera.pose_file": "read_poses write_poses",
     "core.camera.rig": "Rig Views",
     "core.camera.rule": "All Any AtLeast",
-    "light.sun": "sun_directions",
+    "core.camera.sun": "sun_directions",
     "core.camera.viewpoints": "look_at sphere_of_poses",
     "shards": "Workers",
     "core.area.cells": "Cells CellShares cells",
@@ -124,7 +124,7 @@ _NAMES = {
     "core.coverage.job": "evaluate",
     "core.coverage.network": "Network",
     "core.coverage.observer": "Observer open_observer",
-    "light.sunlight": "Sunlight sunlit",
+    "sun.sunlight": "Sunlight sunlit",
     "core.coverage.task": "Reason Task",
     "core.coverage.visibility": "Visibility visibility",
     "core.mesh": "Group Mesh",

@@ -16,7 +16,18 @@ import rastercov
 ROOT = Path(rastercov.__file__).parent
 FLOORS = ("engine", "base", "shards", "core", "formats", "advice", "placement", "report")
 SLICES = (
-    *("light", "motion", "robots", "sensors", "tolerances", "survey", "building", "cluster", "gl"),
+    *(
+        "light",
+        "sun",
+        "motion",
+        "robots",
+        "sensors",
+        "tolerances",
+        "survey",
+        "building",
+        "cluster",
+        "gl",
+    ),
 )
 """Side by side: none imports another one."""
 TOPS = ("page", "cli")

@@ -38,7 +38,7 @@ FEATURES: dict[str, dict[str, str]] = {
         "SceneFile": "cli.motion",
         "page": "time",
     },
-    "sun": {"FeatureModes": "light.sun_modes"},
+    "sun": {"FeatureModes": "sun.sun_modes"},
     "formats": {"MeshFiles": "formats.meshes"},
     "clusters": {"Elsewhere": "cluster.scheduler"},
     "gl": {"Drawer": "gl"},

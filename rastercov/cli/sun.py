@@ -15,9 +15,9 @@ from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.core.camera import size_warnings
+from rastercov.core.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import Mesh, names_of
-from rastercov.light.sun import NORTH_DEG, angle, sun_directions
 
 MOST_LINES = 12
 """Pieces that are printed."""
@@ -126,8 +126,8 @@ def sun(
     Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
     from rastercov.base import json_text
-    from rastercov.light.sun_report import Study, write
-    from rastercov.light.sunlight import LIT_BY, sunlit
+    from rastercov.sun.sun_report import Study, write
+    from rastercov.sun.sunlight import LIT_BY, sunlit
 
     period.times(0.0)  # errors before the mesh is read
     least, level = _hours(surface.at_least, period)
@@ -179,7 +179,7 @@ def sun(
 
 def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh:
     """The mesh of which some groups are evaluated, or all if none are named, in small faces."""
-    from rastercov.light.sunlight import divide_targets
+    from rastercov.sun.sunlight import divide_targets
 
     if of:
         kept = names_of_groups("--of", of, names_of(mesh)) or set()
@@ -193,7 +193,7 @@ def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh
 
 def _hours(text: str | None, period: PeriodOptions) -> tuple[float | None, str]:
     """Hours of text such as "1.5h" or "1.5", or of a level of EN 17037, and that level."""
-    from rastercov.light.sun_report import LEVELS
+    from rastercov.sun.sun_report import LEVELS
 
     if text is None:
         return None, ""
@@ -225,7 +225,7 @@ def _check_en_17037(period: PeriodOptions) -> None:
 
 def _print(summary: ByName, out: Path) -> None:
     """Print the answer, and the pieces with the least hours."""
-    from rastercov.light.sun_report import hours_text
+    from rastercov.sun.sun_report import hours_text
 
     print_lines(summary["answer"])
     pieces = summary["pieces"]

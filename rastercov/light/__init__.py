@@ -1,1 +1,1 @@
-"""Lamps and the sun: light as a condition on what cameras cover."""
+"""Lamps: light as a condition on what cameras cover."""

@@ -31,11 +31,11 @@ from rastercov.core.camera import look_at
 from rastercov.core.camera.catalogue import lamp_entries_of
 from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import check_unit, illuminance
+from rastercov.core.camera.sun import NORTH_DEG, angle, moment, sun_directions, towards
 from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.light.gltf_lights import GltfLight, read_lights
 from rastercov.light.lamps import SIZES, SUN, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.light.luminaire_files import READERS
-from rastercov.light.sun import NORTH_DEG, angle, moment, sun_directions, towards
 
 LARGEST_SCENE = 1 << 30
 """Bytes of a glTF scene."""

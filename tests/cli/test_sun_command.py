@@ -207,7 +207,7 @@ def test_a_level_needs_its_days_and_the_elevation_of_the_place(more, words, caps
 
 def test_windows_of_a_group_have_one_colour_each_that_of_their_hours(dwelling, capsys):
     """Both triangles of a pane, and its frame."""
-    from rastercov.light.sun_report import Study
+    from rastercov.sun.sun_report import Study
 
     boxes = [rc.shapes.box((1, 0.1, 1), centre=(3 * x, 0, 1)) for x in range(2)]
     roof = rc.shapes.box((2, 2, 0.1), centre=(0, -1, 1.7))

@@ -34,15 +34,15 @@ from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.output import write_npz
 from rastercov.core.camera import Poses
 from rastercov.core.camera.parallel import SUN_RADIUS_DEG
+from rastercov.core.camera.sun import views_from
 from rastercov.core.coverage.provenance import provenance_of
-from rastercov.light.sun import views_from
-from rastercov.light.sunlight import Sunlight, step_error
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import mode_picture
 from rastercov.report.openings import Openings, compass, levels_of
 from rastercov.report.pages import Picture, render, view_page
 from rastercov.report.panorama import Marks
 from rastercov.report.printing import browser, write_page
+from rastercov.sun.sunlight import Sunlight, step_error
 
 SUN = ReportKind("sun", re.compile(r"sun\.(html|pdf|png|npz|csv|json)|view\.html"), last="sun.json")
 ARRAYS = "hours", "hours_bound", "energy", "energy_bound"
@@ -296,7 +296,7 @@ def write(
         view = view_page(title, mesh, camera, Poses.of(poses), [], {"sun": hours}, summary)
         text = render(
             "sunlight.html",
-            "rastercov.light",
+            "rastercov.sun",
             title=title,
             heading=title,
             summary=summary,

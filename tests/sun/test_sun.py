@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
+from rastercov.core.camera.sun import PARALLAX, towards
 from rastercov.core.camera.viewpoints import cone_of_directions
-from rastercov.light.sun import PARALLAX, towards
 
 # Latitude, longitude, time, azimuth and elevation without refraction by pvlib 0.16 (I. Reda,
 # A. Andreas. Solar Position Algorithm for Solar Radiation Applications. 2004.)

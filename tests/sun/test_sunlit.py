@@ -11,11 +11,11 @@ from nightly import amount
 import rastercov as rc
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.swept import swept
+from rastercov.core.camera.sun import views_from
 from rastercov.core.camera.viewpoints import cone_of_directions
-from rastercov.light import sunlight
-from rastercov.light.sun import views_from
-from rastercov.light.sunlight import divide_targets
 from rastercov.reference.rational import visible_area
+from rastercov.sun import sunlight
+from rastercov.sun.sunlight import divide_targets
 
 pytestmark = pytest.mark.native
 

@@ -1,0 +1,1 @@
+"""Hours and energy of sun on a surface, and their report."""
