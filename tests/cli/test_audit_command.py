@@ -191,3 +191,20 @@ def test_footprints_of_an_odm_project_are_on_the_earth(here, capsys):
     assert np.abs(corners - (8.5, 47.0)).max() < 1e-4
     summary = json.loads((here / "out/audit.json").read_text())
     assert summary["footprints"]["crs"] == "WGS 84 / UTM zone 32N (EPSG:32632)"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suggest", ["", " --suggest 2"])
+def test_a_page_suggests_images_once(here, capsys, suggest):
+    """Those of single zones, unless the audit suggests images for all."""
+    done(capsys, f"audit sparse torus.obj --pose-unit 1 --views 6{suggest} -o out")
+    told = json.loads((here / "out/audit.json").read_text(encoding="utf-8"))
+    page = (here / "out/audit.html").read_text(encoding="utf-8")
+    cards = page.partition("<h2>Weak zones</h2>")[2].partition("<h2>")[0]
+    assert "<h3>Zone 1" in cards
+    advice = told["weak"]["zones"][0]["advice"]
+    assert "; take " in advice
+    assert ("; take " in cards) == (not suggest)
+    assert ("<h2>Images to take next</h2>" in page) == bool(suggest)
+    for image in told.get("suggested", {"images": ()})["images"]:
+        assert ", ".join(f"{value:.3f}" for value in image["position"]) in page
