@@ -77,7 +77,7 @@ def sheet(
     """
     from rastercov.building import plan_sheet as report
     from rastercov.page.scene import goals_of_place
-    from rastercov.placement.plan.check import check_goals
+    from rastercov.placement.plan.check import CheckedGoals
 
     report.check_sheet_name(out)
     scene = open_scene(sources, files, conventions, task, camera, poses, equipment)
@@ -104,7 +104,7 @@ def sheet(
     with progress_bar(then="sheet") as progress:
         measures = _evaluate_rig(start, mesh, progress)
         own = scene.goals or goals_of_place(Path(sources[0]))
-        goals = check_goals(
+        goals = CheckedGoals(
             [replace(each, plan=each.plan.with_cameras(start.rig())) for each in own],
             start.poses(),
             names,

@@ -19,7 +19,7 @@ damaged, exchanged or deleted file again, bit for bit; where a folder is only re
 Of more pairs than the memory holds coverage stays on the disk: a selection takes their bits.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cached_property, reduce
@@ -42,6 +42,7 @@ from rastercov.base import (
 from rastercov.base.locks import lock
 from rastercov.base.typed import typed
 from rastercov.core.area.cells import Cells
+from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Cameras, Poses, renumber
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.shards import LOG
@@ -53,12 +54,15 @@ from rastercov.placement.matrix_folder import (
     MatrixFolder,
     Pairs,
     add_bounds,
+    cameras_at,
     can_pack,
     claim,
     describe,
     gather_pairs,
     packed_pairs,
     pairs_of,
+    pairs_of_cells,
+    pairs_of_mounts,
     region_observer,
 )
 from rastercov.placement.mounts import Mounts
@@ -357,6 +361,44 @@ def build_matrix(
             if workers is not None and bounds is not None:
                 add_bounds(matrix, bounds)
             return VisibilityMatrix(placed=placed, header=matrix.header, parts=(whole,))
+
+
+def matrices_of_cells(
+    observer: Observer,
+    finder: RegionPass,
+    placed: Poses,
+    every: Sequence[Cells],
+    mounts: Mounts | None = None,
+    progress: Progress = silent,
+) -> list[VisibilityMatrix]:
+    """Visibility matrices of patches of several parts of a scene: each pose is measured once.
+
+    Parameters
+    ----------
+    observer : Observer
+        Open, as of `build_matrix`.
+    finder : RegionPass
+        Open, for the same scene, in which all parts are evaluated.
+    placed, mounts, progress
+        As of `build_matrix`, in memory.
+    every : sequence of Cells
+        Patches of the scene with one part evaluated alone, of each part.
+    """
+    cameras, owner = cameras_at(placed, mounts)
+    own, done = [each.mesh.task_mask for each in every], 0
+    found: list[list[Pairs]] = [[] for _ in every]
+    for regions in finder.batches(cameras):
+        for some, each, faces in zip(found, every, own, strict=True):
+            some.append(pairs_of_cells(each, regions._of_faces(faces), finder.task))
+        done += len(regions.pose_ids)
+        progress(done, len(owner))
+    header = describe(observer, placed, finder.task, None, every[0], mounts)
+    items = []
+    for some, each in zip(found, every, strict=True):
+        pairs = pairs_of_mounts(gather_pairs(some), owner, len(placed), mounts)
+        sizes = {"cells": each.size, "n_faces": len(each), "n_task_faces": len(each)}
+        items.append(VisibilityMatrix(placed=placed, header=header | sizes, parts=(pairs,)))
+    return items
 
 
 @contextmanager

@@ -49,6 +49,7 @@ from rastercov.core.area.cells import Cells, cells
 from rastercov.core.area.frames import check_same_mesh
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
+from rastercov.core.area.table import Regions
 from rastercov.core.camera import Poses, cameras_of, renumber, rows_of_result
 from rastercov.core.camera.rig import with_places
 from rastercov.core.coverage.bits_alone import NetworkOfBits, can_judge
@@ -210,9 +211,7 @@ def pairs_of(
     A mount has a pair with a face for each of its cameras that has one, one after the other. `did`
     is called with the number of poses that each batch ends.
     """
-    cameras, owner = (poses, np.arange(len(poses))) if mounts is None else mounts.cameras(poses)
-    if mounts is not None:
-        owner = mounts.rows(cameras, owner)
+    cameras, owner = cameras_at(poses, mounts)
     items, n_cameras, n_done = [], 0, 0
     for batch in (
         _of_faces(observer, cameras, task, bounds)
@@ -225,13 +224,25 @@ def pairs_of(
         if n_whole > n_done:
             did(n_whole - n_done)
         n_done = n_whole
-    pairs = gather_pairs(items)
+    return pairs_of_mounts(gather_pairs(items), owner, len(poses), mounts)
+
+
+def cameras_at(poses: Poses, mounts: Mounts | None) -> tuple[Poses, IntArray]:
+    """Cameras of poses, which are those of mounts, and the pose of each row of their result."""
+    if mounts is None:
+        return poses, np.arange(len(poses))
+    cameras, owner = mounts.cameras(poses)
+    return cameras, mounts.rows(cameras, owner)
+
+
+def pairs_of_mounts(pairs: Pairs, owner: IntArray, n_poses: int, mounts: Mounts | None) -> Pairs:
+    """Pairs of poses of mounts, from those of their cameras."""
     if mounts is None or not mounts.has_rigs:
         return pairs
     camera = np.repeat(np.arange(len(owner)), pairs.counts)
     on_rig = places_on_rigs(owner)[camera].astype(np.uint16)
     order = np.lexsort((pairs.face, owner[camera]))
-    counts = np.bincount(owner[camera], minlength=len(poses))
+    counts = np.bincount(owner[camera], minlength=n_poses)
     return Pairs(counts, pairs.face[order], pairs.coverage[order], on_rig[order])
 
 
@@ -274,11 +285,16 @@ def _of_cells(
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     for part, seen in measurements(observer, poses, rows_of_result(observer.camera, poses)):
         regions = seen.regions  # type: ignore[union-attr] # of a RegionObserver
-        shares = cells.share(with_rule(regions, observer.camera, part))
-        short, _ = shorten_coverage(shares.share, task.min_coverage)
-        yield Pairs(np.diff(shares.starts), shares.cell, short, NOT_ON_RIGS)
+        yield pairs_of_cells(cells, with_rule(regions, observer.camera, part), task)
         if bounds is not None and len(part):
             list_pairs(judge, part, seen, bounds)
+
+
+def pairs_of_cells(cells: Cells, regions: Regions, task: Task) -> Pairs:
+    """Pairs of the poses of regions and cells with a covered share."""
+    shares = cells.share(regions)
+    short, _ = shorten_coverage(shares.share, task.min_coverage)
+    return Pairs(np.diff(shares.starts), shares.cell, short, NOT_ON_RIGS)
 
 
 def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:

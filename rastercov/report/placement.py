@@ -21,7 +21,7 @@ from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.rooms import KeepOutBox
-from rastercov.placement.plan.check import Checked, to_json
+from rastercov.placement.plan.check import MOST_GOALS, Checked, to_json
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
@@ -199,9 +199,10 @@ def _is_kept(placement: Placement | Checked, row: int) -> bool:
 
 
 def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
-    """Goals of a plan for a page, those that lack most first."""
+    """Goals of a plan for a page, those that lack most."""
     items = []
-    for each in sorted(placement.requirements, key=lambda each: -each.lack):
+    of_goals = [each for each in placement.requirements if each.goal]
+    for each in sorted(of_goals, key=lambda each: -each.lack)[:MOST_GOALS]:
         if (own := placement.goals.get(each.goal)) is None:
             continue
         lines = [*own.zone_lines(each), *([] if each.is_most else own.reasons(each))]

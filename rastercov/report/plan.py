@@ -44,7 +44,7 @@ from rastercov.core.area.feature import in_words
 from rastercov.core.area.zones import ZONES
 from rastercov.core.coverage.provenance import name_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo
-from rastercov.placement.plan.check import explain_goals, zone_of_goal
+from rastercov.placement.plan.check import explain_goals, reasons_of_goal, zone_of_goal
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
@@ -389,8 +389,7 @@ def lines(
     ranked = sorted(placement.requirements, key=lambda each: each is not worst)
     said, before = list[str](), zone_of_goal(placement.requirements, placement.goals, level)
     for line, required in zip((first, *others), ranked, strict=False):
-        own = placement.goals.get(required.goal)
-        reasons = [] if own is None else own.explain(required, level)
+        reasons = reasons_of_goal(required, placement.goals, level)
         said += [line] * (required is not worst)
         said += [f"  {text}" for text in reasons if text not in before]
     named = () if before else named

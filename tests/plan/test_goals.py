@@ -13,17 +13,29 @@ from nightly import amount, examples
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
+from rastercov.core.camera import Poses
+from rastercov.core.coverage.exact_pass import ExactPass
+from rastercov.placement.matrix import build_matrix
 from rastercov.placement.plan.baseline import compare
-from rastercov.placement.plan.check import explain_goals, record
+from rastercov.placement.plan.check import (
+    MOST_GOALS,
+    CheckedGoals,
+    _check_rig,
+    explain_goals,
+    record,
+)
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.goals import (
     OF_GOALS,
     OF_TASK,
     _stack_goals,
     open_objectives,
+    problems_of,
     separate_goals,
 )
+from rastercov.placement.plan.network import counting
 from rastercov.placement.plan.outcome import cases
+from rastercov.placement.plan.prepare import quiet
 from rastercov.placement.plan.run import _raise_goals
 from rastercov.placement.plan.scene import name_scene
 from rastercov.placement.select.methods import select_integer
@@ -31,6 +43,7 @@ from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     group_goal,
+    problem_of,
     problem_of_matrix,
 )
 from rastercov.report.check import html_of
@@ -489,3 +502,111 @@ def test_a_camera_that_is_kept_is_drawn_and_named_as_kept(room, tmp_path):
     dashed, full = shown.overview(), replace(shown, kept=()).overview()
     assert np.any(np.asarray(dashed) != np.asarray(full))
     assert "kept: existing 0" in pages_of(placed, summary(placed), [], silent)["page.html"]
+
+
+MIXED = (
+    {"coverage": 0.5},
+    {"coverage": 0.8, "max_incidence_deg": 40},
+    {"coverage": 0.5, "views": 2},
+    {"at_most": 0.4},
+    {"at_most": 0.4, "max_incidence_deg": 40},
+)
+KINDS = {"area": {}, "count": {"weight_by": "count"}, "seeable": {"weight_by": "seeable"}}
+
+
+def of_random_squares(rng, n, tmp_path, task):
+    """A plan of n + 1 squares of one scene, any of them in a goal of its own or with others."""
+    of_squares(n, tmp_path)
+    goals = {}
+    for row in range(n):
+        some = rng.choice(np.arange(1, n + 1), rng.integers(1, 3), replace=False)
+        goals[f"own {row}"] = {"groups": [f"g{each}" for each in some]} | MIXED[rng.integers(5)]
+    asked = plan(tmp_path / f"{n}.obj", goals=goals)
+    asked["task"] = asked.get("task", {}) | task
+    scene, named, _ = name_scene(plan_of(asked))
+    return named, separate_goals(named, scene)[1]
+
+
+def over_squares(rng, n, n_poses):
+    """Poses above n + 1 squares in a row that look down at some of them, from any side."""
+    eyes = rng.uniform((0, -1, -2), (n + 1, 2, 2), (n_poses, 3))
+    return Poses.of(rc.look_at(eyes, rng.uniform((0, 0, 0), (n + 1, 1, 0), (n_poses, 3))))
+
+
+@examples(6, at_night=60)
+@given(seed=st.integers(0, 10**6), kind=st.sampled_from([*KINDS]))
+def test_goals_measured_together_have_the_figures_of_each_alone(tmp_path_factory, seed, kind):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 7))
+    path = tmp_path_factory.mktemp("squares")
+    _, goals = of_random_squares(rng, n, path, KINDS[kind])
+    poses = over_squares(rng, n, 4)
+    together = CheckedGoals(goals, poses, ["a", "b", "c", "d"])
+    assert [*together] == [goal.name for goal in goals]
+    for goal in goals:
+        alone = _check_rig(goal.plan, goal.mesh, poses, {None: goal.limit}, None, quiet)
+        assert together.requirements[goal.name] == goal.requirement_of(alone.requirements[0])
+        assert together[goal.name].requirements == (together.requirements[goal.name],)
+
+
+@examples(4, at_night=40)
+@given(seed=st.integers(0, 10**6), kind=st.sampled_from(["area", "seeable"]))
+def test_candidates_measured_together_have_the_bits_of_each_goal_alone(
+    tmp_path_factory, seed, kind
+):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 7))
+    named, goals = of_random_squares(rng, n, tmp_path_factory.mktemp("squares"), KINDS[kind])
+    placed = over_squares(rng, n, 6)
+    with open_objectives(named, goals[0].mesh, None, goals) as opened:
+        every = [each for each in opened.goals if not each.goal.is_most]
+        found = problems_of(every, placed, quiet)
+        for each in every:
+            on = each.of.cells
+            alone = build_matrix(each.of.faces.observer, placed, on.task, cells=on.cells)
+            wanted = problem_of(alone, on.cells, BestCoverage(cameras=0), **counting(named.task))
+            own = found[each.goal.name]
+            assert [*map(bytes, own.bits.parts)] == [*map(bytes, wanted.bits.parts)]
+            assert own.weights.tobytes() == wanted.weights.tobytes()
+
+
+def test_poses_are_measured_once_for_any_number_of_goals(tmp_path, monkeypatch):
+    """Passes, and poses in them, of a check and of the choice among candidates do not grow."""
+    measured, run = [], ExactPass._run
+    monkeypatch.setattr(
+        ExactPass,
+        "_run",
+        lambda own, poses, *more: measured.append(len(poses)) or run(own, poses, *more),
+    )
+    rng, counts = np.random.default_rng(1), []
+    for n in (5, 10, 40):
+        mesh, goals = separate_goals(*reversed(of_squares(n, tmp_path)))
+        placed = over_squares(rng, n, 3)
+        measured.clear()
+        CheckedGoals(goals, placed, ["a", "b", "c"])
+        with open_objectives(goals[0].plan, mesh, None, goals) as opened:
+            problems_of(opened.goals, placed, quiet)
+        counts.append((len(measured), sum(measured)))
+    assert counts == [counts[0]] * 3
+    assert counts[0][1] == 3 * 3  # by face, by area, and of candidates
+
+
+def test_of_many_goals_the_worst_alone_are_explained(tmp_path, monkeypatch):
+    """The first lines of a check, and its record, examine as many goals as they list."""
+    examined, check = [], _check_rig
+    monkeypatch.setattr(
+        "rastercov.placement.plan.check._check_rig",
+        lambda *own, **more: examined.append(own[1]) or check(*own, **more),
+    )
+    n = MOST_GOALS + 10
+    of_squares(n, tmp_path)
+    goals = {f"of {row}": {"groups": [f"g{row}"], "coverage": 0.5} for row in range(1, n + 1)}
+    asked = plan(tmp_path / f"{n}.obj", goals=goals, task={})
+    checked = rc.check(asked, rc.look_at([(0.5 * n, 0.5, 2.0 * n)], (0.5 * n, 0.5, 0.0)))
+    assert all(each.status == "holds" for each in checked.requirements)
+    checked.lines()
+    assert len(examined) == 1  # the task
+    record(checked)
+    assert len(examined) == 1 + MOST_GOALS
+    with pytest.raises(KeyError):
+        checked.goals["none"]

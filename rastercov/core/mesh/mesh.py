@@ -482,7 +482,8 @@ class Mesh(InNotebook):
         if any(a.is_target != b.is_target for a, b in zip(groups, self.groups, strict=True)):
             stale |= DEPENDS_ON_TARGETS
         # Copied in one step: another thread may be adding a cached property.
-        cached = vars(self).copy() | {"groups": groups}
+        shared = {"groups": groups, "_normals_and_areas": self._normals_and_areas}
+        cached = vars(self).copy() | shared
         other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
 

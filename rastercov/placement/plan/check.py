@@ -5,10 +5,11 @@ fails when the possibly covered share does not, and is undecided, which does not
 Shares are of the exact area where the plan counts that, and of whole faces otherwise.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, field, replace
 from functools import cached_property, partial
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -58,10 +59,15 @@ from rastercov.core.coverage.task import REASONS, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import Names, list_names, parts_above, quote, rows_at, rows_of
 from rastercov.formats.cameras import read_views
-from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
-from rastercov.placement.plan.goals import OwnGoal, permits_of, separate_goals
+from rastercov.placement.plan.goals import (
+    OwnGoal,
+    measure_rig,
+    permits_of,
+    requirements_of,
+    separate_goals,
+)
 from rastercov.placement.plan.network import (
     Measured,
     Requirement,
@@ -72,20 +78,17 @@ from rastercov.placement.plan.network import (
     find_uncovered,
     goal_lines,
     limits_of,
-    measure_network,
-    most_views,
     observer_of,
     seeable_areas,
     summary_of,
     views_by_group,
     warnings_of,
-    with_areas,
 )
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.product import Demand, Verdicts
 from rastercov.placement.plan.scene import free_places, name_scene, places_of
-from rastercov.placement.select.problem import views_of, weights_of
+from rastercov.placement.select.problem import in_whole_numbers, views_of, weights_of
 from rastercov.placement.uncovered import Leftover
 
 Limits = Mapping[str | None, float]
@@ -235,7 +238,7 @@ class Checked(InOneLine, InNotebook):
         The parts are those of the level below its own unless `level` is given.
         """
         if requirement.goal in self.goals:
-            return self.goals[requirement.goal].explain(requirement, level)
+            return reasons_of_goal(requirement, self.goals, level)
         if requirement.is_most:
             return self.zone_lines(requirement, level)
         if requirement.status == HOLDS:
@@ -517,8 +520,8 @@ def check(
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
-    apart = check_goals(goals, rig, shown, step)
-    of_goals = [each.requirements[0] for each in apart.values()]
+    apart = CheckedGoals(goals, rig, shown, step)
+    of_goals = [*apart.requirements.values()]
     permits = permits_of([(g, each.high) for g, each in zip(goals, of_goals, strict=True)])
     checked = _check_rig(plan, mesh, rig, limits, views, step, permits, adds_only=bool(goals))
     required = [
@@ -545,20 +548,48 @@ def check(
     return replace(checked, against=compare(baseline, parse_json(json_bytes(record(checked)))))
 
 
-def check_goals(
-    goals: Sequence[OwnGoal], rig: Poses, names: Sequence[str], step: Step = quiet
-) -> dict[str, Checked]:
-    """Check of each goal of a plan, with its requirement, by its name, for a rig with names."""
-    table: dict[str, Checked] = {}
-    for goal in sorted(goals, key=lambda each: not each.is_most):
-        limits: Limits = {None: goal.limit}
-        own = goal.plan, goal.mesh, rig, limits, None, step
-        known = [(each, table[each.name]) for each in goals if each.name in table]
-        permits = permits_of([(each, one.requirements[0].high) for each, one in known])
-        result = _check_rig(*own, permits, adds_only=True)
-        required = tuple(map(goal.requirement_of, result.requirements))
-        table[goal.name] = replace(result, names=tuple(names), requirements=required)
-    return {goal.name: table[goal.name] for goal in goals}
+class CheckedGoals(Mapping[str, Checked]):
+    """Check of each goal of a plan by its name, for a rig with names, made when it is asked for.
+
+    Attributes
+    ----------
+    requirements : dict of str to Requirement
+        Those of all goals, known at once.
+    """
+
+    def __init__(
+        self, goals: Sequence[OwnGoal], rig: Poses, names: Sequence[str], step: Step = quiet
+    ) -> None:
+        self.requirements = requirements_of(goals, rig, step)
+        self._goals, self._made = {goal.name: goal for goal in goals}, dict[str, Checked]()
+        self._rig, self._names = rig, tuple(names)
+
+    def __getitem__(self, name: str) -> Checked:
+        """The check of a goal."""
+        if name not in self._made:
+            goal, required = self._goals[name], self.requirements
+            limits: Limits = {None: goal.limit}
+            before = takewhile(
+                lambda each: not (goal.is_most and each is goal), self._goals.values()
+            )
+            permits = permits_of([(each, required[each.name].high) for each in before])
+            own = goal.plan, goal.mesh, self._rig, limits, None, quiet
+            made = _check_rig(*own, permits, adds_only=True)
+            of_goal = (required[name],)
+            self._made[name] = replace(made, names=self._names, requirements=of_goal)
+        return self._made[name]
+
+    def __contains__(self, name: object) -> bool:
+        """True for the name of a goal."""
+        return name in self._goals
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the goals, in the order of the plan."""
+        return iter(self._goals)
+
+    def __len__(self) -> int:
+        """Number of goals."""
+        return len(self._goals)
 
 
 def zone_of_goal(
@@ -569,6 +600,15 @@ def zone_of_goal(
     if worst is None or worst.status == HOLDS or worst.goal not in goals:
         return []
     return goals[worst.goal].zone_lines(worst, level)
+
+
+def reasons_of_goal(
+    requirement: Requirement, goals: Mapping[str, Checked], level: int | None = None
+) -> list[str]:
+    """Lines on the goal of a requirement, as of `Checked.explain`; none where it is covered."""
+    if requirement.goal not in goals or (requirement.status == HOLDS and not requirement.is_most):
+        return []
+    return goals[requirement.goal].explain(requirement, level)
 
 
 def explain_goals(
@@ -611,21 +651,10 @@ def _check_rig(
     adds_only: bool = False,
 ) -> Checked:
     """Check of the task of a plan, without its goals; the last two are as of `Allowed`."""
-    phases = phases_of(plan, mesh)
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
     with observer_of(plan, mesh) as observer:
-        objective = Objective.of(observer, task, **counted)
-        with step("coverage") as progress:
-            cameras = measure_network(objective, rig, progress)
-        with step("area") as progress:
-            if phases is not None:
-                areas = phases.areas(plan.rig, cameras.placed, task)
-                cameras = replace(cameras, areas=areas)
-            elif plan.unit_of_result()[0] == "area":
-                most = plan.build_task(most_views(plan, views))
-                with closing(RegionPass(mesh, plan.rig, most, method=plan.task.method)) as finder:
-                    cameras = with_areas(plan, cameras, finder, views, progress)
+        cameras = measure_rig(plan, mesh, observer, rig, views, step)
         if cameras.areas is not None:
             places, free = places_of(plan, mesh), partial(free_places, plan)
             cameras.areas.allowed = Allowed(places, permits=permits, adds_only=adds_only, free=free)
@@ -635,7 +664,8 @@ def _check_rig(
         with step("uncovered faces") as progress:
             leftover = find_uncovered(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network, cameras.areas)
-    masks, weights = (cameras.covered, cameras.certain, cameras.possible), objective.integer_weights
+    masks = cameras.covered, cameras.certain, cameras.possible
+    weights = in_whole_numbers(weights_of(mesh, plan.task.weight_by))
 
     def status_of(wanted: Limits, rows: Rows | None = None) -> tuple[Requirement, ...]:
         if cameras.areas is not None:

@@ -18,6 +18,7 @@ from rastercov.base import (
     FloatArray,
     Int32Array,
     IntArray,
+    first_of,
     frozen_record,
     plural,
 )
@@ -26,16 +27,20 @@ from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Cameras, Poses
+from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.required import SHARE_TOLERANCE
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
 from rastercov.placement.improve.objective import CellObjective, Objective, TogetherObjective
-from rastercov.placement.matrix import build_matrix
+from rastercov.placement.matrix import build_matrix, matrices_of_cells
+from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import extend_entry
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
+    Measured,
     Requirement,
+    Rows,
     classify_areas,
     classify_network,
     counting,
@@ -45,13 +50,16 @@ from rastercov.placement.plan.network import (
     seeable_areas,
     with_areas,
 )
+from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.sections import GoalSection
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     Goal,
     Problem,
+    in_whole_numbers,
     problem_of,
+    weights_of,
 )
 from rastercov.shards import Progress
 
@@ -59,6 +67,7 @@ WORSE = 16
 """Weight of what a goal permits up to a limit, in that of the task."""
 LEAST_SHARE = 1e-6
 """Share of a cell from which it counts as seen, where it should not be."""
+NOTHING = BestCoverage(cameras=0)
 OF_TASK, OF_GOALS = "task", "goals"
 """Parts of the elements of a problem with goals: those of the task, and those of each goal."""
 
@@ -71,8 +80,10 @@ class OwnGoal:
     ----------
     plan : Plan
         With the thresholds and views of the goal, and no goals.
-    mesh : Mesh
-        The scene, in which only the groups of the goal are evaluated.
+    scene : Mesh
+        The scene, in which only targets are evaluated.
+    scored : sequence of str
+        Groups of the goal.
     limit : float
         Share to cover at least or, where `is_most`, at most, [0, 1].
     groups : tuple of str
@@ -81,10 +92,33 @@ class OwnGoal:
 
     name: str
     plan: Plan
-    mesh: Mesh
+    scene: Mesh
+    scored: Sequence[str]
     limit: float
     is_most: bool
     groups: tuple[str, ...]
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The scene, in which only the groups of the goal are evaluated.
+
+        What must not be seen counts from either side, however it is wound.
+        """
+        mesh = keep_scored(self.scene, self.scored)
+        if not self.is_most:
+            return mesh
+        return mesh.with_groups(two_sided=[g.name for g in mesh.groups if not g.is_occluder])
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What the poses of a network are measured by; goals of one kind are measured together.
+
+        Sides, targets and what can be seen may differ by the groups of a goal.
+        """
+        task = self.plan.task
+        is_alone = self.is_most or self.scene.has_targets or task.weight_by == "seeable"
+        apart = self.name if is_alone or not self.plan.is_still else ""
+        return task.model_dump_json(), apart
 
     @property
     def asked(self) -> str:
@@ -156,7 +190,8 @@ def separate_goals(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
         OwnGoal(
             name=name,
             plan=_plan_of(plan, goal),
-            mesh=_from_both_sides(keep_scored(none, goal.groups or rest), goal),
+            scene=none,
+            scored=goal.groups or rest,
             limit=goal.coverage or goal.at_most or 0.0,
             is_most=goal.coverage is None,
             groups=tuple(goal.groups or ()),
@@ -164,13 +199,6 @@ def separate_goals(plan: Plan, mesh: Mesh) -> tuple[Mesh, tuple[OwnGoal, ...]]:
         for name, goal in plan.goals.items()
     )
     return keep_scored(mesh, rest), goals
-
-
-def _from_both_sides(mesh: Mesh, goal: GoalSection) -> Mesh:
-    """The scene of a goal; what must not be seen counts from either side, however it is wound."""
-    if goal.at_most is None:
-        return mesh
-    return mesh.with_groups(two_sided=[g.name for g in mesh.groups if not g.is_occluder])
 
 
 def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
@@ -214,6 +242,104 @@ def keep_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
     )
 
 
+def measure_rig(
+    plan: Plan,
+    mesh: Mesh,
+    observer: Observer,
+    rig: Poses,
+    views: int | None,
+    step: Callable[[str], AbstractContextManager[Progress]],
+) -> Measured:
+    """The cameras of a plan in a scene, with their exact area where the plan counts that."""
+    phases, task = phases_of(plan, mesh), plan.build_task(views)
+    counted = counting(plan.task) | ({"views": views} if views else {})
+    with step("coverage") as progress:
+        cameras = measure_network(Objective.of(observer, task, **counted), rig, progress)
+    with step("area") as progress:
+        if phases is not None:
+            return replace(cameras, areas=phases.areas(plan.rig, cameras.placed, task))
+        if plan.unit_of_result()[0] == "face":
+            return cameras
+        with closing(_finder_of(plan, mesh, views)) as finder:
+            return with_areas(plan, cameras, finder, views, progress)
+
+
+def mounts_of(plan: Plan) -> Mounts | None:
+    """Rigs of a plan whose candidates are places of them."""
+    return plan.mounts if plan.chooses_cameras else None
+
+
+def _finder_of(plan: Plan, mesh: Mesh, views: int | None = None) -> RegionPass:
+    """Pass over the regions of a plan in a scene; to be closed."""
+    most = plan.build_task(most_views(plan, views))
+    return RegionPass(mesh, plan.rig, most, method=plan.task.method)
+
+
+@frozen_record
+class AlikeGoals:
+    """Goals of one kind, whose groups are evaluated together: a pose is measured once for all."""
+
+    goals: Sequence[OwnGoal]
+
+    @classmethod
+    def of(cls, goals: Sequence[OwnGoal]) -> list["AlikeGoals"]:
+        """Goals by their kinds."""
+        by_kind: dict[tuple[object, ...], list[OwnGoal]] = {}
+        for each in goals:
+            by_kind.setdefault(each.kind, []).append(each)
+        return [cls(some) for some in by_kind.values()]
+
+    @property
+    def plan(self) -> Plan:
+        """That of the first, whose thresholds all of them have."""
+        return self.goals[0].plan
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The scene, in which the groups of all of them are evaluated."""
+        if len(self.goals) == 1:
+            return self.goals[0].mesh
+        return keep_scored(self.goals[0].scene, {name for e in self.goals for name in e.scored})
+
+    def requirements(
+        self, placed: Poses, step: Callable[[str], AbstractContextManager[Progress]]
+    ) -> dict[str, Requirement]:
+        """Requirement of each goal by its name, by cameras in their places."""
+        plan, mesh = self.plan, self.mesh
+        with observer_of(plan, mesh) as observer:
+            cameras = measure_rig(plan, mesh, observer, placed, None, step)
+        row_of = {group.name: row for row, group in enumerate(mesh.groups)}
+        rows: Rows = {e.name: sorted(row_of[name] for name in e.scored) for e in self.goals}
+        limits: dict[str | None, float] = {each.name: each.limit for each in self.goals}
+        seeable = seeable_areas(plan, cameras.network, cameras.areas)
+        found: list[Requirement] = []
+        if cameras.areas is not None:
+            views = plan.task.views
+            found += classify_areas(cameras.areas, limits, views, rows=rows, seeable=seeable)
+        else:
+            masks = cameras.covered, cameras.certain, cameras.possible
+            weights = weights_of(mesh, plan.task.weight_by)
+            for name, limit in limits.items():
+                is_own = np.isin(mesh.face_group, rows[name])
+                whole_numbers = in_whole_numbers(np.where(is_own, weights, 0.0))
+                found += classify_network(mesh, whole_numbers, {name: limit}, *masks, rows=rows)
+        whole: ByName = {"group": None, "n_groups": len(mesh.groups)}
+        pairs = zip(self.goals, found, strict=True)
+        return {goal.name: goal.requirement_of(replace(each, **whole)) for goal, each in pairs}
+
+
+def requirements_of(
+    goals: Sequence[OwnGoal],
+    placed: Poses,
+    step: Callable[[str], AbstractContextManager[Progress]],
+) -> dict[str, Requirement]:
+    """Requirement of each goal by its name, by cameras in their places, once for each kind."""
+    found: dict[str, Requirement] = {}
+    for alike in AlikeGoals.of(goals):
+        found |= alike.requirements(placed, step)
+    return {goal.name: found[goal.name] for goal in goals}
+
+
 @frozen_record
 class Objectives:
     """Objectives of a network, open: by face, and on cells where the result is by area.
@@ -254,59 +380,41 @@ def open_objectives(
     with ExitStack() as opened:
         observer = opened.enter_context(observer_of(plan, mesh))
         own: ByName = counting(plan.task)
-        own["mounts"] = plan.mounts if plan.chooses_cameras else None
+        own["mounts"] = mounts_of(plan)
         faces = Objective.of(observer, plan.build_task(), **own)
         on_cells: CellObjective | None = None
         if on is not None:
-            most = plan.build_task(most_views(plan))
-            finder = RegionPass(mesh, observer.camera, most, method=plan.task.method)
-            opened.enter_context(closing(finder))
+            finder = opened.enter_context(closing(_finder_of(plan, mesh)))
             on_cells = CellObjective.of_cells(observer, finder, on, **own)
-        items = []
-        for goal in goals:
-            is_by_area = goal.plan.unit_of_result()[0] == "area"
-            size = usual_size(goal.mesh, len(goals))
-            of_goal = cells(goal.mesh, size) if is_by_area else None
-            job = open_objectives(goal.plan, goal.mesh, of_goal)
-            items.append(OpenGoal(goal, opened.enter_context(job)))
-        yield Objectives(faces, on_cells, items)
+        yield Objectives(faces, on_cells, [OpenGoal(each, len(goals), opened) for each in goals])
 
 
 @frozen_record
 class OpenGoal:
-    """A goal with its objectives."""
+    """A goal of several with its objectives, which are open as long as those of the task."""
 
     goal: OwnGoal
-    of: Objectives
+    n_goals: int
+    opened: ExitStack
 
-    def requirement(self, mounted: Poses) -> Requirement:
-        """Requirement of the goal, by cameras or rigs in their places."""
-        goal, plan = self.goal, self.goal.plan
-        cameras = measure_network(self.of.faces, mounted)
-        limits: dict[str | None, float] = {None: goal.limit}
-        if self.of.cells is None:
-            weights = self.of.faces.integer_weights
-            masks = cameras.covered, cameras.certain, cameras.possible
-            (result,) = classify_network(goal.mesh, weights, limits, *masks)
-        else:
-            cameras = with_areas(plan, cameras, self.of.cells.finder)
-            assert cameras.areas is not None
-            seeable = seeable_areas(plan, cameras.network)
-            (result,) = classify_areas(cameras.areas, limits, plan.task.views, seeable=seeable)
-        return goal.requirement_of(result)
+    @cached_property
+    def cells(self) -> Cells | None:
+        """Patches of the goal; None by face."""
+        if self.goal.plan.unit_of_result()[0] != "area":
+            return None
+        return cells(self.goal.mesh, usual_size(self.goal.mesh, self.n_goals))
+
+    @cached_property
+    def of(self) -> Objectives:
+        """The objectives, opened when they are asked for."""
+        goal = self.goal
+        return self.opened.enter_context(open_objectives(goal.plan, goal.mesh, self.cells))
 
     def problem(self, placed: Poses, progress: Progress) -> Problem:
-        """The problem of choosing candidates, (C,) mounts in their places, for the goal alone."""
-        faces, on, plan = self.of.faces, self.of.cells, self.goal.plan
-        on_cells = None if on is None else on.cells
-        task = faces.task if on is None else on.task
-        mounts = faces.mounts
-        matrix = build_matrix(
-            faces.observer, placed, task, cells=on_cells, mounts=mounts, progress=progress
-        )
-        elements = self.goal.mesh if on_cells is None else on_cells
-        nothing = BestCoverage(cameras=0)
-        return problem_of(matrix, elements, nothing, mounts=mounts, **counting(plan.task))
+        """The problem of choosing candidates, (C,) mounts in their places, by face."""
+        of, counted = self.of.faces, counting(self.goal.plan.task)
+        matrix = build_matrix(of.observer, placed, of.task, mounts=of.mounts, progress=progress)
+        return problem_of(matrix, self.goal.mesh, NOTHING, mounts=of.mounts, **counted)
 
     def most_shares(self, placed: Poses, progress: Progress) -> FloatArray:
         """(C,) share of the goal's area, or faces, that each candidate may cover, its bound in it.
@@ -372,12 +480,13 @@ def with_goals(
     shares: dict[str, FloatArray] = {}
     parts: list[tuple[str, float, Problem]] = []
     barred = np.zeros(len(placed), np.bool_)
+    to_cover = problems_of([each for each in goals if not each.goal.is_most], placed, step)
     for each in goals:
         goal = each.goal
+        if not goal.is_most:
+            parts.append((goal.name, goal.limit, to_cover[goal.name]))
+            continue
         with step(f"goal {goal.name}") as progress:
-            if not goal.is_most:
-                parts.append((goal.name, goal.limit, each.problem(placed, progress)))
-                continue
             shares[goal.name] = each.most_shares(placed, progress)
         is_over = shares[goal.name] > goal.limit + SHARE_TOLERANCE
         own = [f"{row}" for row, is_one in zip(given, is_over, strict=False) if is_one]
@@ -401,6 +510,33 @@ def with_goals(
         shares_of |= {f"{OF_GOALS}/{name}": limit for name, limit, _ in parts}
         wanted = replace(wanted, coverage=0.0, groups=shares_of)
     return WithGoals(problem, wanted, shares, rows, tuple(notes))
+
+
+def problems_of(
+    goals: Sequence[OpenGoal],
+    placed: Poses,
+    step: Callable[[str], AbstractContextManager[Progress]],
+) -> dict[str, Problem]:
+    """Problem of choosing candidates for each goal alone by its name, by arguments of `with_goals`.
+
+    On patches, each candidate is measured once for all goals of a kind.
+    """
+    opened, found = {each.goal.name: each for each in goals}, dict[str, Problem]()
+    for alike in AlikeGoals.of([each.goal for each in goals]):
+        plan, mesh = alike.plan, alike.mesh
+        own = [opened[goal.name] for goal in alike.goals]
+        names, counted = [goal.name for goal in alike.goals], counting(plan.task)
+        on = [each.cells for each in own if each.cells is not None]
+        with step(f"{'goal' if len(names) == 1 else 'goals'} {first_of(names, 3)}") as progress:
+            if not on:
+                found |= {each.goal.name: each.problem(placed, progress) for each in own}
+                continue
+            mounts = mounts_of(plan)
+            with observer_of(plan, mesh) as observer, closing(_finder_of(plan, mesh)) as finder:
+                seen = matrices_of_cells(observer, finder, placed, on, mounts, progress)
+            for name, matrix, patches in zip(names, seen, on, strict=True):
+                found[name] = problem_of(matrix, patches, NOTHING, mounts=mounts, **counted)
+    return found
 
 
 def has_goals(problem: Problem) -> bool:
@@ -455,5 +591,5 @@ def _stack_goals(problem: Problem, goals: Sequence[tuple[str, Problem]]) -> Prob
         groups=tuple(names),
         face_group=np.concatenate([spread_out(each, np.int32) for each in rows]),
         centroids=centroids,
-        goal=BestCoverage(cameras=0),
+        goal=NOTHING,
     )

@@ -344,8 +344,8 @@ def classify_areas(
     items = []
     for group, limit in limits.items():
         faces, sums, doubtful = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2)), 0.0
-        for row, each in enumerate(mesh.groups):
-            if each.is_occluder or row not in rows[group]:
+        for row in rows[group]:
+            if (each := mesh.groups[row]).is_occluder:
                 continue
             members = mesh.face_group == row
             number = views.get(each.name, 1) if isinstance(views, Mapping) else views

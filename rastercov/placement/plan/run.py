@@ -42,7 +42,7 @@ from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Optimised, Refined, optimise, refine
-from rastercov.placement.plan.check import Checked, check_goals, plan_of_cameras
+from rastercov.placement.plan.check import Checked, CheckedGoals, plan_of_cameras
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generators import PoseFile
@@ -52,6 +52,7 @@ from rastercov.placement.plan.goals import (
     open_objectives,
     permits_of,
     place_of,
+    requirements_of,
     separate_goals,
 )
 from rastercov.placement.plan.network import (
@@ -230,7 +231,7 @@ class Placement(InOneLine, InNotebook):
         if not plan.goals or self.interrupted or scene is None:
             return {}
         placed = self.cameras.placed
-        return check_goals(separate_goals(plan, scene)[1], placed, names_of_poses(placed, ()))
+        return CheckedGoals(separate_goals(plan, scene)[1], placed, names_of_poses(placed, ()))
 
     @property
     def chosen(self) -> IntArray:
@@ -514,7 +515,9 @@ def measure_by_face(
     required = classify_network(
         prepared.mesh, weights, limits, cameras.covered, reachable=reachable
     )
-    return cameras, (*required, *(each.requirement(mounted) for each in objectives.goals))
+    goals = [each.goal for each in objectives.goals]
+    of_goals = requirements_of(goals, cameras.placed, quiet)
+    return cameras, (*required, *of_goals.values())
 
 
 def _by_area(
