@@ -47,6 +47,7 @@ from rastercov.light.regions import (
     asks_for_light,
     check_light,
     failing_lamp,
+    fixed_light,
     narrow_to_lamps,
 )
 
@@ -330,9 +331,11 @@ class PointLamps(Feature):
         lamps = lamps_of(camera)
         if lamps is None or not isinstance(camera, Rig):
             return None
-        lamps = lamps._around(mesh.bounds)
-        finder = find(lamps.eyes)
-        return Light(lamps, task, camera, finder.find, finder)
+        around = lamps._around(mesh.bounds)
+        finder = find(around.eyes)
+        own = tuple(getattr(task, name) for name in OF_LIGHT)
+        fixed = fixed_light(lamps, mesh, (camera.names, finder.method, own))
+        return Light(around, task, camera, finder.find, finder, fixed)
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """See `Feature`."""

@@ -9,7 +9,7 @@ see a part, and cut where E = sum I(t) cos i / d^2 of this set, and the ambient 
 task asks. A highlight is cut from what each camera sees, for each lamp of the set.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     Once,
+    once_each,
     row_lengths,
 )
 from rastercov.base.arguments import Quantity
@@ -120,6 +121,28 @@ class Lit(NamedTuple):
         return join([regions, own]).at_least(2, row, one_side=False)
 
 
+class FixedLight:
+    """Light of lamps that are fixed, computed once: what they reach, and what is lit."""
+
+    def __init__(self) -> None:
+        self.regions: Once[Regions] = Once()
+        self.lit: Once[Lit] = Once()
+
+
+@once_each
+def _lights_of(lamps: Lamps) -> dict[tuple[Mesh, Hashable], FixedLight]:
+    """Light of lamps in the last scene that was asked for, by its mesh and by a key."""
+    return {}
+
+
+def fixed_light(lamps: Lamps, mesh: Mesh, key: Hashable) -> FixedLight:
+    """Light of lamps that are fixed, the same for the same mesh, which it keeps, and key."""
+    known = _lights_of(lamps)
+    if any(of is not mesh for of, _ in [*known]):
+        known.clear()
+    return known.setdefault((mesh, key), FixedLight())
+
+
 class Light(Condition):
     """Parts of one mesh that lamps light, as a task asks; any number of threads may use it.
 
@@ -133,6 +156,8 @@ class Light(Condition):
         Regions of poses of `Lamps.eyes`.
     finder : Finder, optional
         Their pass, which is closed with the light.
+    fixed : FixedLight, optional
+        That of the same lamps and thresholds of light in the same scene.
     """
 
     reason = UNLIT
@@ -144,6 +169,7 @@ class Light(Condition):
         rig: Rig,
         find: Callable[[Poses], Regions],
         finder: Finder | None = None,
+        fixed: FixedLight | None = None,
     ) -> None:
         self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
         self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
@@ -151,8 +177,7 @@ class Light(Condition):
         self._rides = np.asarray(self._carried.any(axis=1))
         self._rig = rig
         self._last: tuple[tuple[bytes, bytes], list[Lit]] | None = None
-        self._fixed: Once[Lit] = Once()
-        self._fixed_regions: Once[Regions] = Once()
+        self._fixed = fixed or FixedLight()
 
     def in_scene(self, mesh: Mesh) -> "Light":
         """See `Condition`: nothing that the lamps light is known."""
@@ -224,7 +249,7 @@ class Light(Condition):
         n, rides, still = len(leads), self._rides, ~self._rides
         rows = []
         if still.any() and not (asks_for_light(self.task) and rides.any()):
-            fixed = self._fixed.get(
+            fixed = self._fixed.lit.get(
                 lambda: self._light(self._regions_of_fixed(), self._poses(still), 1)
             )
             rows.append(fixed._replace(row=np.zeros(n, np.int64)))
@@ -293,7 +318,7 @@ class Light(Condition):
         return points_of(self.lamps, lamps, world)
 
     def _regions_of_fixed(self) -> Regions:
-        return self._fixed_regions.get(lambda: self._find(self._poses(~self._rides)))
+        return self._fixed.regions.get(lambda: self._find(self._poses(~self._rides)))
 
     def _add_fixed(self, poses: Poses, regions: Regions, n_rows: int) -> tuple[Poses, Regions]:
         """Points of lamps on the rig, of a number of rows, each with those that are fixed."""

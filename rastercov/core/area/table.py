@@ -38,6 +38,9 @@ Cut = Callable[["Regions", bool], "Regions"]
 class Finder(Protocol):
     """Finder of the regions of poses of a condition, such as a `RegionPass`."""
 
+    method: str
+    """Method of visibility."""
+
     @property
     def cameras(self) -> Sequence[Camera]:
         """Those of the poses."""
