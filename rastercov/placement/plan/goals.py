@@ -111,7 +111,7 @@ class OwnGoal:
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What the poses of a network are measured by; goals of one kind are measured together.
+        """Key of what poses are measured by; goals of one kind are measured together.
 
         Sides, targets and what can be seen may differ by the groups of a goal.
         """
@@ -291,7 +291,7 @@ class AlikeGoals:
 
     @property
     def plan(self) -> Plan:
-        """That of the first, whose thresholds all of them have."""
+        """Plan of the first, whose thresholds all of them have."""
         return self.goals[0].plan
 
     @cached_property
