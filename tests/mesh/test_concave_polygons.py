@@ -12,6 +12,8 @@ from nightly import amount
 
 from rastercov.engine.solver_readers import cut_concave
 
+pytestmark = pytest.mark.native
+
 
 def fan(n: int, first: int = 0) -> np.ndarray:
     """(n - 2, 3) triangles about the first corner."""

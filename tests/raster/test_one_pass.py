@@ -13,6 +13,8 @@ from rastercov.base.errors import DeviceError
 from rastercov.core.raster import cpu, lens
 from rastercov.core.raster.bits import area_units
 
+pytestmark = pytest.mark.native
+
 MESH = rc.shapes.torus(12, 8)
 CAMERA = rc.Camera.from_fov(80, 60, hfov_deg=50)
 POSES = rc.sphere_of_poses((0, 0, 0), 2 * MESH.diagonal, 8)
