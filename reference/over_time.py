@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rastercov.base import AnyArray, BoolArray, FloatArray, IntArray
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import Camera, Rig
-from rastercov.core.coverage.task import Task, own_reasons
+from rastercov.core.coverage.task import Task, own_reasons, tasks_of
 from rastercov.motion.regions import MotionQuery
 from rastercov.reference.regions import passing, reasons_by
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from rastercov.base import AnyArray, BoolArray, ByteArray, FloatArray, IntArray, hooks_of
 from rastercov.core.area.relaxed import without_borders
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import MODELS, Camera, Gate, Rig, eyes_of, near_limit, valid_poses
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.core.coverage.task import (
@@ -28,6 +27,7 @@ from rastercov.core.coverage.task import (
     Task,
     code_of,
     own_reasons,
+    tasks_of,
 )
 from rastercov.core.mesh import Mesh
 from rastercov.reference.coverage import surely_unseen

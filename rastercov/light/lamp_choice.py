@@ -36,7 +36,7 @@ from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.light.lamp_plan import build_lamps, lamp_entries, plan_with_lamps
 from rastercov.light.lamps import MOST_LAMPS, Lamps
-from rastercov.light.regions import Light, check_light
+from rastercov.light.regions import Light
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import Plan
@@ -262,7 +262,7 @@ class Lighting:
         self.plan, self.mesh, self.cells, self.phases = plan, mesh, cells, phases
         self.selection: SelectionSection = plan.selection
         self.task, dark = plan.build_task(), plan_with_lamps(plan, None)
-        check_light(self.task, every)
+        every._check(vars(self.task))
         kinds = list(dict.fromkeys(str(entry.lamp) for entry in lamp_entries(plan)))
         self._every, self._kinds = every, [every.names.index(name) for name in kinds]
         self._stay = [row for row in range(len(every)) if row not in self._kinds]

@@ -21,6 +21,7 @@ from rastercov.base import (
     BoolArray,
     ByName,
     CameraError,
+    ConfigError,
     FloatArray,
     InOneLine,
     IntArray,
@@ -41,6 +42,7 @@ from rastercov.core.camera import Camera, Poses, apparent, fibonacci_sphere, loo
 from rastercov.core.camera.camera import field_angle
 from rastercov.core.camera.catalogue import KINDS
 from rastercov.core.camera.exposure import Exposure
+from rastercov.core.camera.light_units import check_unit
 from rastercov.core.camera.parallel import FAR, SUN_RADIUS_DEG
 from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.light.gltf_lights import GltfLight, scene_of
@@ -618,6 +620,17 @@ class Lamps(InOneLine):
     def _units(self) -> dict[str, str]:
         """Units of thresholds of light."""
         return dict.fromkeys(("min_illuminance", "max_illuminance"), self.unit)
+
+    def _check(self, thresholds: ReadByName) -> None:
+        """Raise `ConfigError` for thresholds of light in another unit, or that nothing meets."""
+        for name in self._units:
+            check_unit(name, thresholds[name], self.unit)
+        most = thresholds["max_illuminance"]
+        if most is not None and not most > self.ambient:
+            raise ConfigError(
+                f"expected max_illuminance above the ambient {self.ambient:g} {self.unit}, got "
+                f"{most:g}; increase it, or nothing is covered"
+            )
 
     def _describe(self, row: int) -> ByName:
         """A lamp, ready for JSON: words, points in its frame, and the half angle of its cone."""

@@ -28,10 +28,10 @@ from rastercov.base.format import number
 from rastercov.core.area.feature import Alone, Areas, Feature, Figures, Scene, most_off
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
-from rastercov.core.area.rows import tasks_of, with_rule
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Finder, Regions
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, names_of
-from rastercov.core.coverage.task import Reason, Task
+from rastercov.core.coverage.task import Reason, Task, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.light.lamp_rig import lamps_of
 from rastercov.light.lamp_words import quantity
@@ -45,7 +45,6 @@ from rastercov.light.regions import (
     UNLIT,
     Light,
     asks_for_light,
-    check_light,
     failing_lamp,
     fixed_light,
     narrow_to_lamps,
@@ -305,10 +304,6 @@ class PointLamps(Feature):
     def narrow(self, camera: Cameras, task: Task) -> Task:
         """See `Feature`: within what the lamps ask for."""
         return narrow_to_lamps(task, lamps_of(camera))
-
-    def check(self, camera: Cameras, task: Task) -> None:
-        """See `Feature`."""
-        check_light(task, lamps_of(camera))
 
     def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
         """See `Feature`."""

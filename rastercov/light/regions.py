@@ -19,7 +19,6 @@ import numpy as np
 from rastercov.base import (
     TINY,
     BoolArray,
-    ConfigError,
     FloatArray,
     Int32Array,
     IntArray,
@@ -31,11 +30,9 @@ from rastercov.base.arguments import Quantity
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.frames import frames_of, in_front, rows_at
 from rastercov.core.area.polygons import choose_polygons, even_points, polygon_areas
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, join, take_rows
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
-from rastercov.core.camera.light_units import check_unit
-from rastercov.core.coverage.task import NAMES, NEEDED, Task
+from rastercov.core.coverage.task import NAMES, NEEDED, Task, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.light.criteria import Highlight, Illuminance
 from rastercov.light.lamp_rig import lamps_of
@@ -417,24 +414,6 @@ def narrow_to_lamps(task: Task, lamps: Lamps | None) -> Task:
 def asks_for_light(task: Task) -> bool:
     """True if a threshold applies to light, other than that some lamp reaches a part."""
     return task.max_illuminance is not None or max(task.min_illuminance, task.max_highlight_deg) > 0
-
-
-def check_light(task: Task, lamps: Lamps | None) -> None:
-    """Raise ConfigError for thresholds of light without lamps, or in another unit."""
-    if lamps is None:
-        for name in OF_LIGHT:
-            if getattr(task, name):
-                raise ConfigError(
-                    f"expected lamps for {name}, got none; give lamps, or leave it out"
-                )
-        return
-    for name in OF_LIGHT[:2]:
-        check_unit(name, getattr(task, name), lamps.unit)
-    if task.max_illuminance is not None and not task.max_illuminance > lamps.ambient:
-        raise ConfigError(
-            f"expected max_illuminance above the ambient {lamps.ambient:g} {lamps.unit}, got "
-            f"{task.max_illuminance:g}; increase it, or nothing is covered"
-        )
 
 
 def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, reason: int) -> str:

@@ -35,7 +35,6 @@ from rastercov.core.area.advice import general_advice
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import ANY, MOST_PAIRS, Allowed, Change, Remedies, ZoneSpot
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.stages import (
     Divided,
     ReasonPieces,
@@ -73,6 +72,7 @@ from rastercov.core.coverage.task import (
     nearness,
     own_reasons,
     rows_in,
+    tasks_of,
 )
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen

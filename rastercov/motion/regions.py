@@ -27,7 +27,7 @@ from rastercov.base import (
 )
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.regions import GAP_REL, RegionPass
-from rastercov.core.area.rows import tasks_of, with_rule
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Finder, Regions, any_of, join, take_rows
 from rastercov.core.camera import (
     Cameras,
@@ -40,7 +40,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.phases import MOST_IMAGES
-from rastercov.core.coverage.task import Task, key_of
+from rastercov.core.coverage.task import Task, key_of, tasks_of
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import corners_of, move_boxes

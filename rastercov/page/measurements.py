@@ -36,7 +36,6 @@ from rastercov.core.area.advice import advice, depth_in_words, general_advice
 from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.feature import PointCondition
 from rastercov.core.area.features import (
-    FEATURES,
     conditions_at,
     deviations_of,
     device_of,
@@ -68,6 +67,7 @@ from rastercov.core.coverage.task import (
     UNCERTAIN,
     Reason,
     Task,
+    check_equipment,
     fails,
     nearer,
     nearness,
@@ -280,8 +280,7 @@ class Measurements:
         if self._conditions is None or self._conditions[0] != key:
             points = mesh.centroids[faces]
             on = mesh, state.rig(), state.task, points, faces
-            for each in FEATURES:
-                each.check(*on[1:3])
+            check_equipment(*on[1:3])
             self._conditions = key, conditions_at(*on), {}
         _, conditions, known = self._conditions
         place = camera, pose.tobytes()

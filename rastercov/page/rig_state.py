@@ -17,7 +17,6 @@ from rastercov.base import (
     frozen_record,
     shown,
 )
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import (
     Camera,
     Poses,
@@ -27,7 +26,7 @@ from rastercov.core.camera import (
     rows_of_result,
     valid_poses,
 )
-from rastercov.core.coverage.task import NEEDED, Task
+from rastercov.core.coverage.task import NEEDED, Task, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.placement.select.problem import views_of

@@ -35,10 +35,9 @@ from rastercov.base.arguments import number
 from rastercov.base.format import distance
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import task_in_words
-from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import to_world
 from rastercov.core.camera import Camera, Rig
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Task, check_equipment
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_in_view
 from rastercov.page.actions import (
@@ -434,8 +433,7 @@ class Session:
     def __init__(self, scene: Scene, method: str = "certified") -> None:
         self.scene, self.lock = scene, RLock()
         self.name = secrets.token_hex(8)  # a page tells by it that the program was started again
-        for each in FEATURES:
-            each.check(scene.start.whole, scene.start.task)
+        check_equipment(scene.start.whole, scene.start.task)
         self.method, self._moments = method, OrderedDict[tuple[Any, ...], Moment]()
         self._states: OrderedDict[str, RigState] = OrderedDict()
         self._whole = "", scene.start.whole

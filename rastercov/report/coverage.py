@@ -42,7 +42,6 @@ from rastercov.base import (
 from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import (
     Cameras,
@@ -58,7 +57,7 @@ from rastercov.core.coverage.job import answer, evaluate
 from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.phases import Phases
 from rastercov.core.coverage.shards import folder_of_shards, remove
-from rastercov.core.coverage.task import Reason, Task
+from rastercov.core.coverage.task import Reason, Task, tasks_of
 from rastercov.core.coverage.visibility import GroupViews, check_groups
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer

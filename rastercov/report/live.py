@@ -23,7 +23,6 @@ from rastercov.base.arguments import annotations_of, document_fields
 from rastercov.base.format import base64_of
 from rastercov.core.area.criteria import has_closed_form
 from rastercov.core.area.regions import OF_A_FACE
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import (
     MODELS,
     Camera,
@@ -39,7 +38,7 @@ from rastercov.core.camera.catalogue import catalogue
 from rastercov.core.camera.rig import RigEntries, are_central
 from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
 from rastercov.core.coverage.densities import DORI
-from rastercov.core.coverage.task import NEEDED, OF_SURFACE, OWN_CRITERIA, REASONS, Task
+from rastercov.core.coverage.task import NEEDED, OF_SURFACE, OWN_CRITERIA, REASONS, Task, tasks_of
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_areas

@@ -31,11 +31,11 @@ from rastercov.core.area import polygons
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import tasks_of, with_rule
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Rig, valid_poses
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Task, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of
 

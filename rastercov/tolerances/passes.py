@@ -42,7 +42,6 @@ from rastercov.base import (
 from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.records import Criteria, Planes
 from rastercov.core.area.regions import GAP_REL, RegionPass
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import (
@@ -58,7 +57,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.core.camera.lenses.planes import first_derivatives
-from rastercov.core.coverage.task import Reason, Rules, Task
+from rastercov.core.coverage.task import Reason, Rules, Task, tasks_of
 from rastercov.core.exact.cameras import pinhole_numbers
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_tolerance

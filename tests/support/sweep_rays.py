@@ -5,7 +5,7 @@ from exact_cases import box
 from scenes import joined
 
 import rastercov as rc
-from rastercov.core.area.rows import tasks_of
+from rastercov.core.coverage.task import tasks_of
 
 LASER = rc.Camera.from_fov(1000, 1, hfov_deg=100)
 CAMERA = rc.Camera.from_fov(1000, 800, hfov_deg=70)

@@ -65,12 +65,15 @@ class ByCamera:
     ) -> None:
         self.names, indices = names_of(camera), cameras_apart(camera, poses)
         self._camera = camera
-        if indices or is_joint(camera):
+        of_several = is_joint(camera)
+        if indices or of_several:
             task = replace(task, views=1, min_angle_deg=0.0)
         self._areas = {index: AreaNetwork(mesh, task) for index in indices if by_area}
         self._networks = {index: Network(mesh, task) for index in indices if by_face}
         new = partial(AreaNetwork, mesh, task)
-        self._further = [each(new, camera, task, indices) for each in FIGURES if by_area]
+        self._further = [
+            each(new, camera, task, indices) for each in FIGURES if by_area and of_several
+        ]
 
     @property
     def is_asked(self) -> bool:

@@ -133,9 +133,6 @@ class Feature:
         """The task within the limits that the equipment of cameras has."""
         return task
 
-    def check(self, camera: Cameras, task: Task) -> None:
-        """Raise `ConfigError` for thresholds that do not go with the cameras."""
-
     def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
         """Raise `ConfigError` where cameras cannot be on these bodies, one for each."""
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from rastercov.base import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.core.area.frames import frames_of
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
-from rastercov.core.coverage.task import Reason, Task, own_reasons
+from rastercov.core.coverage.task import Reason, Task, own_reasons, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.solids import hiders_of
 from rastercov.engine import area_point

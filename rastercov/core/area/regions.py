@@ -21,7 +21,7 @@ from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import frames_of, rows_at
 from rastercov.core.area.records import Criteria, LensCriteria, Planes
 from rastercov.core.area.relaxed import without_borders, without_occlusion
-from rastercov.core.area.rows import tasks_of, with_rule
+from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions, any_of
 from rastercov.core.camera import (
     MODELS,
@@ -30,6 +30,7 @@ from rastercov.core.camera import (
     Poses,
     cameras_of,
     check_scene,
+    equipment_on,
     eyes_of,
     rows_of_result,
 )
@@ -37,7 +38,15 @@ from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
 from rastercov.core.coverage.observer import ExactObserver
-from rastercov.core.coverage.task import STEEP, Reason, Rules, Task, own_reasons
+from rastercov.core.coverage.task import (
+    STEEP,
+    Reason,
+    Rules,
+    Task,
+    check_equipment,
+    own_reasons,
+    tasks_of,
+)
 from rastercov.core.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
@@ -127,8 +136,7 @@ class RegionPass(ExactPass):
         engine = Engine.of(method, threads)
         for each in dict.fromkeys((self.task, *tasks)):
             check_pointwise(each, engine.method)
-        for feature in FEATURES:
-            feature.check(camera, self.task)
+        check_equipment(camera, self.task)
         cameras = cameras_of(camera)
         pairs = zip(cameras, tasks, strict=True)
         self._rules = [each.rules(own).without(relaxed or (), own) for own, each in pairs]
@@ -151,7 +159,8 @@ class RegionPass(ExactPass):
         has_figures = mesh.task_mask | (not only_task or has_lens)
         self._has_no_figures = None if has_figures.all() else ~has_figures
         make = partial(RegionPass, mesh, method=engine, only_task=True)
-        conditions = (each.condition(mesh, camera, self.task, make) for each in FEATURES)
+        features = FEATURES if equipment_on(camera) else ()
+        conditions = (each.condition(mesh, camera, self.task, make) for each in features)
         self.conditions = tuple(each for each in conditions if each is not None)
         """Of the cameras; regions of `find` know them, and are not cut by them."""
 
@@ -333,9 +342,7 @@ class RegionObserver(ExactObserver):
         self.conditions = self._finder.conditions
         self.closed: BoolArray = np.zeros(mesh.n_faces, np.bool_)
 
-    def observe(self, poses: ArrayLike | Poses) -> RegionObservation:
-        """Areas and regions of every face in each pose."""
-        accepted = self._accept(poses)
-        seen = room_for(len(accepted), self.mesh.n_faces)
-        result = self._finder.find(accepted, closed=self.closed, seen=seen)
+    def _measure(self, poses: Poses) -> RegionObservation:
+        seen = room_for(len(poses), self.mesh.n_faces)
+        result = self._finder.find(poses, closed=self.closed, seen=seen)
         return RegionObservation(**vars(seen), regions=result)

@@ -23,7 +23,6 @@ from rastercov.core.area.advice import figures_of_point, general_advice, short_o
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import MARGIN_REL
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.stages import failures_of_rows, unite_regions
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.camera import (
@@ -54,6 +53,7 @@ from rastercov.core.coverage.task import (
     Task,
     name_of,
     rows_in,
+    tasks_of,
 )
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.solids import hiders_of, matter_of, rooms_at

@@ -4,46 +4,15 @@ A row is a pose of a camera, or of the cameras that count together by the rule o
 `rastercov.core.camera.rig.rows_of_result`, where conditions of features hold.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.base import ByteArray, ConfigError, FloatArray, Int32Array, errors_as, shown
+from rastercov.base import ByteArray, FloatArray, Int32Array
 from rastercov.core.area.gates import through
 from rastercov.core.area.table import Regions, join, take_rows
-from rastercov.core.camera import Cameras, Poses, Rig, apparent, by_gate, gates_of, led_by, names_of
-from rastercov.core.coverage.task import NEEDED, Reason, Task
-
-
-def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
-    """Thresholds of each camera: its own if its rig has some, otherwise those of the task.
-
-    Raises
-    ------
-    ConfigError
-        For invalid thresholds, and for a number of views, which does not apply to one camera.
-    """
-    own = cameras.tasks if isinstance(cameras, Rig) else {}
-    table = {}
-    for name, given in own.items():
-        if not isinstance(given, Task | Mapping):
-            raise ConfigError(
-                f"tasks of a rig: expected a Task of {shown(name)}, got {shown(given)}; give one"
-            )
-        with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
-            table[name] = given if isinstance(given, Task) else Task(**given)
-        if table[name].views > 1 or table[name].min_angle_deg > 0:
-            raise ConfigError(
-                f"tasks of a rig: expected one view of {shown(name)}, got more or an angle; leave "
-                "it out"
-            )
-        for each in NEEDED:
-            if getattr(table[name], each):
-                raise ConfigError(
-                    f"tasks of a rig: expected no {each} of {shown(name)}, got some; give it for "
-                    "all"
-                )
-    return tuple(table.get(name, task) for name in names_of(cameras))
+from rastercov.core.camera import Cameras, Poses, apparent, by_gate, gates_of, led_by
+from rastercov.core.coverage.task import Reason
 
 
 def with_rule(regions: Regions, camera: Cameras, poses: Poses) -> Regions:

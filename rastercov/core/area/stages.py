@@ -48,7 +48,7 @@ from rastercov.core.area.frames import frames_of, sides_of
 from rastercov.core.area.overlay import Overlay
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.regions import RegionPass, check_pointwise
-from rastercov.core.area.rows import rule_lists, rule_reasons, tasks_of, with_rule
+from rastercov.core.area.rows import rule_lists, rule_reasons, with_rule
 from rastercov.core.area.spread import SpreadUnion, union_of
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.camera import (
@@ -71,6 +71,7 @@ from rastercov.core.coverage.task import (
     Reason,
     Task,
     own_reasons,
+    tasks_of,
 )
 from rastercov.core.mesh import Mesh
 from rastercov.engine import area_reason

@@ -38,7 +38,6 @@ from rastercov.core.area.advice import general_advice
 from rastercov.core.area.features import deviations_of, device_of, limit_advice, measure_at
 from rastercov.core.area.frames import FacePolygons, frames_of, rows_at, to_world
 from rastercov.core.area.remedies import ANY, Allowed, Remedies, ZoneSpot
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.area.stages import (
     CodeArray,
     Divided,
@@ -76,6 +75,7 @@ from rastercov.core.coverage.task import (
     name_of,
     own_reasons,
     rows_in,
+    tasks_of,
 )
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker, body_of

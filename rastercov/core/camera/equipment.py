@@ -34,6 +34,9 @@ class Equipment(Protocol):
         """Units of thresholds that need it."""
         return {}
 
+    def _check(self, thresholds: ReadByName) -> None:
+        """Raise `ConfigError` for thresholds of a task that do not go with it."""
+
     def _describe(self, row: int) -> ByName:
         """Words on a piece, its points, metres in its frame, and the half angle of its cone."""
 

@@ -107,7 +107,7 @@ class NetworkOfBits(Network):
                 return
             is_quick = time.perf_counter() - began < SECONDS_JUDGED
             eyes = eyes_of(observer.camera, batch)
-            yield JudgedPoses(batch, clipped, NO_ROWS, None, {}, None, eyes, None, bits)
+            yield JudgedPoses(batch, clipped, NO_ROWS, None, {}, None, eyes, bits=bits)
             at += step
             step = min(most, 2 * step) if is_quick else max(1, step // 2)
 

@@ -31,7 +31,15 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
-from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene, equipment_words, led_by
+from rastercov.core.camera import (
+    Cameras,
+    Poses,
+    cameras_of,
+    check_scene,
+    equipment_on,
+    equipment_words,
+    led_by,
+)
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.coverage import FIGURES, Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
@@ -64,18 +72,21 @@ def asked(
     mesh: Mesh, camera: Cameras, task: Task | None, given: Mapping[str, object]
 ) -> tuple[Cameras, Task, Phases | None]:
     """Cameras, task and phases by the arguments of features; ConfigError for other arguments."""
-    left, phases, words = dict(given), None, equipment_words()
-    camera = with_equipment(camera, {word: left.pop(word, None) for word in words}, mesh)
-    for each in phased_features():
-        if (value := left.pop(each.word, None)) is not None:
-            phases = each.phases_of(mesh, value)
-    for name in left:
-        known = ", ".join([*(each.word for each in phased_features()), *words])
-        raise ConfigError(
-            f"expected further arguments {known}, got {shown(name)}; "
-            f"{RETIRED.get(name, 'give it in task' if hasattr(Task, name) else 'correct the name')}"
-        )
-    return camera, narrow(camera, Task() if task is None else task), phases
+    task, phases = Task() if task is None else task, None
+    if given:
+        left, words = dict(given), equipment_words()
+        camera = with_equipment(camera, {word: left.pop(word, None) for word in words}, mesh)
+        for each in phased_features():
+            if (value := left.pop(each.word, None)) is not None:
+                phases = each.phases_of(mesh, value)
+        for name in left:
+            known = ", ".join([*(each.word for each in phased_features()), *words])
+            advice = "give it in task" if hasattr(Task, name) else "correct the name"
+            raise ConfigError(
+                f"expected further arguments {known}, got {shown(name)}; "
+                f"{RETIRED.get(name, advice)}"
+            )
+    return camera, narrow(camera, task) if equipment_on(camera) else task, phases
 
 
 @frozen_record

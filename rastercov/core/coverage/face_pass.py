@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 
 from rastercov.base import AnyArray, read_only, share_poses
-from rastercov.core.area.features import FEATURES
-from rastercov.core.area.rows import tasks_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
 from rastercov.core.coverage.records import (
     ObservationRecord,
@@ -20,7 +18,7 @@ from rastercov.core.coverage.records import (
     scene_of,
     workspace,
 )
-from rastercov.core.coverage.task import Reason, Task, own_reasons
+from rastercov.core.coverage.task import Reason, Task, check_equipment, own_reasons, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import Criteria
 from rastercov.core.raster.contract import FaceCounts
@@ -46,8 +44,7 @@ class FacePass:
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int, task: Task = TASK) -> None:
         self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
-        for each in FEATURES:
-            each.check(camera, task)
+        check_equipment(camera, task)
         tasks = tasks_of(camera, task)
         self.rules = [own.rules(each) for each, own in zip(self.cameras, tasks, strict=True)]
         scene = scene_of(mesh)

@@ -26,7 +26,6 @@ from rastercov.core.coverage.bits_alone import can_judge, engine_for
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
-from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer
@@ -174,7 +173,6 @@ class QuerySums:
         self.counts = KeptCounts(names, len(poses)) if query.engine.method == "sampled" else None
         names = names if self.counts is None else []
         self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
-        self.judge = FacePass(mesh, camera, observer.threads, task) if names else None
         self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
 
@@ -182,9 +180,9 @@ class QuerySums:
         """Take in a batch."""
         camera, poses = self.query.camera, batch.poses
         end = self.done + len(poses)
-        if self.judge is not None and batch.measured is not None:
+        if self.figures and batch.faces is not None and batch.measured is not None:
             rows = {name: array[self.done : end] for name, array in self.figures.items()}
-            self.judge.fill(batch.measured, poses, rows)
+            batch.faces.fill(batch.measured, poses, rows)
         if self.counts is not None and isinstance(batch.measured, FaceCounts):
             self.counts.add(batch.measured, self.done)
         self.network.add(batch)

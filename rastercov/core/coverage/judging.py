@@ -65,6 +65,8 @@ class JudgedPoses:
         Regions of the poses, where the observer finds any.
     eyes : (P, 3) float64
         As of `rig.eyes_of`, metres.
+    faces : FacePass or None
+        What judged the measurement.
     leads : (P,) bool, or None
         Of rigs with a rule, the first pose of each, at which `RESULT` has the sums of the rig.
     bits : CoverageBits or None
@@ -78,6 +80,7 @@ class JudgedPoses:
     sums: dict[int, Sums]
     regions: "Regions | None"
     eyes: FloatArray
+    faces: FacePass | None = None
     leads: BoolArray | None = None
     bits: CoverageBits | None = None
 
@@ -89,11 +92,12 @@ class JudgedPoses:
         rows: PairRows,
         sums: dict[int, Sums],
         camera: Cameras,
+        faces: FacePass,
     ) -> "JudgedPoses":
         """Poses of a camera or several that this process has measured."""
         result, leads = getattr(measured, "regions", None), leads_of(camera, poses)
         eyes = eyes_of(camera, poses)
-        return cls(poses, measured.clipped, rows, measured, sums, result, eyes, leads)
+        return cls(poses, measured.clipped, rows, measured, sums, result, eyes, faces, leads)
 
 
 OF_PARTS = (
@@ -206,7 +210,7 @@ def classify_poses(
             of_threads.append(sums)
             return add
 
-        if len(batch):
+        if n:
             faces.share(seen, batch, worker)
         parts: dict[int, list[Sums]] = {}
         for camera, sums in (entry for part in of_threads for entry in part.items()):
@@ -219,7 +223,7 @@ def classify_poses(
         )
         whole = {camera: merge_sums(some) for camera, some in parts.items()}
         rows = PairRows(*columns)
-        result = JudgedPoses.of(batch, seen, rows, whole, observer.camera)
+        result = JudgedPoses.of(batch, seen, rows, whole, observer.camera, faces)
         if bits:
             own = arrays_for(["reason"], (n, n_faces))
             faces.fill(seen, batch, own)
@@ -227,8 +231,8 @@ def classify_poses(
             result = replace(result, bits=bits_of_pairs(mesh, covers))
         if result.leads is not None and result.regions is None:
             raise ConfigError(OF_PARTS)
-        if result.leads is not None and result.regions is not None and len(batch):
-            figures = arrays_for(list(SUMMED), (len(batch), n_faces))
+        if result.leads is not None and result.regions is not None and n:
+            figures = arrays_for(list(SUMMED), (n, n_faces))
             faces.fill(seen, batch, figures)
             whole[RESULT] = sums_of_rigs(
                 mesh, task, observer.camera, batch, figures, result.regions

@@ -87,6 +87,10 @@ class Observer(Closing, ABC):
 
     def measure(self, poses: ArrayLike | Poses) -> Measured:
         """Result of `observe`, or the sample counts behind it where those are cheaper."""
+        return self._measure(self._accept(poses))
+
+    def _measure(self, poses: Poses) -> Measured:
+        """`measure` of poses that it accepts."""
         return self.observe(poses)
 
     @abstractmethod
@@ -126,11 +130,10 @@ class SampledObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Areas from the counts of samples, see `Observer`."""
-        return Observation.of_counts(self.measure(poses))
+        return Observation.of_counts(self._measure(self._accept(poses)))
 
-    def measure(self, poses: ArrayLike | Poses) -> FaceCounts:
-        """The counts of samples themselves."""
-        return self._rasterizers.count(self._accept(poses))
+    def _measure(self, poses: Poses) -> FaceCounts:
+        return self._rasterizers.count(poses)
 
     def why_not_judged(self, poses: Poses, criteria: Sequence[Criteria]) -> str:
         """Reason why the host has to judge what is counted; "" if `judge` can."""
@@ -167,9 +170,11 @@ class ExactObserver(Observer):
 
     def observe(self, poses: ArrayLike | Poses) -> Observation:
         """Exact or certified areas, see `Observer`."""
-        accepted = self._accept(poses)
-        seen = room_for(len(accepted), self.mesh.n_faces)
-        self._pass.observe(accepted, seen)
+        return self._measure(self._accept(poses))
+
+    def _measure(self, poses: Poses) -> Observation:
+        seen = room_for(len(poses), self.mesh.n_faces)
+        self._pass.observe(poses, seen)
         return seen
 
     def close(self) -> None:

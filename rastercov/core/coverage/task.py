@@ -16,7 +16,7 @@ Faces that fail criteria of the surface itself, see `rastercov.core.coverage.cri
 """
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from enum import IntEnum
 from hashlib import sha256
@@ -35,9 +35,11 @@ from rastercov.base import (
     IntArray,
     WholeArray,
     check_limits,
+    errors_as,
     hooks_of,
+    shown,
 )
-from rastercov.core.camera import Camera
+from rastercov.core.camera import Camera, Cameras, Rig, cameras_of, equipment_on, names_of
 from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import GLOSS, LIGHT
 from rastercov.core.coverage.criterion import Criterion
@@ -307,6 +309,51 @@ NEEDED: dict[str, str] = {
     "max_highlight_deg": "lamps",
 }
 """Equipment of a rig that thresholds need."""
+
+
+def check_equipment(cameras: Cameras, task: Task) -> None:
+    """Raise `ConfigError` for thresholds that do not go with the equipment of cameras."""
+    own = equipment_on(cameras)
+    for name, word in NEEDED.items():
+        if word not in own and getattr(task, name):
+            raise ConfigError(f"expected {word} for {name}, got none; give {word}, or leave it out")
+    for each in own.values():
+        each._check(vars(task))
+
+
+def tasks_of(cameras: Cameras, task: Task) -> tuple[Task, ...]:
+    """Thresholds of each camera: its own if its rig has some, otherwise those of the task.
+
+    Raises
+    ------
+    ConfigError
+        For invalid thresholds, and for a number of views, which does not apply to one camera.
+    """
+    own = cameras.tasks if isinstance(cameras, Rig) else {}
+    if not own:
+        return (task,) * len(cameras_of(cameras))
+    table = {}
+    for name, given in own.items():
+        if not isinstance(given, Task | Mapping):
+            raise ConfigError(
+                f"tasks of a rig: expected a Task of {shown(name)}, got {shown(given)}; give one"
+            )
+        with errors_as(ConfigError, f"tasks of a rig: {shown(name)}", (ConfigError, TypeError)):
+            table[name] = given if isinstance(given, Task) else Task(**given)
+        if table[name].views > 1 or table[name].min_angle_deg > 0:
+            raise ConfigError(
+                f"tasks of a rig: expected one view of {shown(name)}, got more or an angle; leave "
+                "it out"
+            )
+        for each in NEEDED:
+            if getattr(table[name], each):
+                raise ConfigError(
+                    f"tasks of a rig: expected no {each} of {shown(name)}, got some; give it for "
+                    "all"
+                )
+    return tuple(table.get(name, task) for name in names_of(cameras))
+
+
 CRITERIA_OF_TASK = tuple(
     each for each in Task.__bases__ if each is not Criterion and issubclass(each, Criterion)
 )
