@@ -12,10 +12,9 @@ from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_pos
 from rastercov.base.memory import CACHE_LINE, align_array, read_only
 from rastercov.core.camera.pose import Poses
 from rastercov.core.coverage.coverage import FIGURES, LEAST_ALIGNED, arrays_for, measurements
-from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.face_pass import FacePass, figures_of
 from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.records import figures_of
 from rastercov.core.mesh import shapes
 from rastercov.engine.coverage_figures import judge_poses
 

@@ -502,7 +502,7 @@ def element_figures(
 ) -> ByName:
     """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
     from rastercov.base import read_only
-    from rastercov.core.coverage.records import lens_of
+    from rastercov.core.coverage.face_pass import lens_of
 
     n = problem.n_faces
     starts, camera = by_face(*problem.bits.pairs(), n)

@@ -46,7 +46,6 @@ from rastercov.base import (
     thread_count,
 )
 from rastercov.core.area.cells import Cells, cells
-from rastercov.core.area.frames import check_same_mesh
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
@@ -299,7 +298,7 @@ def pairs_of_cells(cells: Cells, regions: Regions, task: Task) -> Pairs:
 
 def region_observer(observer: Observer, cells: Cells, task: Task) -> RegionObserver:
     """Observer of the regions in the mesh of some cells, by the method of another one."""
-    check_same_mesh(cells.mesh, observer.mesh)
+    cells.mesh._check_same(observer.mesh)
     if not isinstance(observer, ExactObserver):
         raise ConfigError("expected method certified or exact for patches, got sampled; change it")
     engine = Engine(observer.info.plan, threads=observer.threads)

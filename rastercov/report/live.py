@@ -21,7 +21,6 @@ import rastercov
 from rastercov.base import ByName, ReadByName, frozen_record, hooks_of
 from rastercov.base.arguments import annotations_of, document_fields
 from rastercov.base.format import base64_of
-from rastercov.core.area.criteria import has_closed_form
 from rastercov.core.area.regions import OF_A_FACE
 from rastercov.core.camera import (
     MODELS,
@@ -264,7 +263,7 @@ def record_cause(
         "angles between views": task.min_angle_deg > 0,
         "parallel rays": not are_central(cameras),
         "pixels per square metre of this lens": task.min_pixels_per_m2 > 0
-        and any(map(has_closed_form, cameras_of(cameras))),
+        and any(each._has_closed_form for each in cameras_of(cameras)),
     }
     item = next((name for name, has_it in has_own.items() if has_it), "")
     return f"the page shows static results: it cannot recompute {item}" if item else ""

@@ -1,7 +1,6 @@
 """A lens as one row of numbers, for `rc_lens_create` of rastercov.h and for live pages."""
 
 from rastercov.base import FloatArray
-from rastercov.core.area.criteria import has_closed_form
 from rastercov.core.camera import MODELS, Camera
 from rastercov.core.camera.lenses.of_camera import lens_of
 
@@ -20,5 +19,5 @@ def pack_lens(camera: Camera) -> FloatArray:
     1.0
     """
     row = lens_of(camera).row.copy()
-    row[1:3] = not MODELS[camera.model].is_planar, has_closed_form(camera)
+    row[1:3] = not MODELS[camera.model].is_planar, camera._has_closed_form
     return row

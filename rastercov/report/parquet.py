@@ -36,7 +36,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind
 
 if TYPE_CHECKING:
-    from rastercov.core.coverage.records import PairRows
+    from rastercov.core.coverage.face_pass import PairRows
 
 COVERED_M2 = "covered_m2"
 """Column by area only."""

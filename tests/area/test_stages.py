@@ -11,8 +11,7 @@ import trimesh
 import rastercov as rc
 from rastercov.core.area.features import deviations_of
 from rastercov.core.area.frames import rows_at
-from rastercov.core.area.overlay import Overlay
-from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.polygons import Overlay, polygon_areas
 from rastercov.core.area.zones import areas_by_reason, dead_zones
 from rastercov.core.coverage.task import (
     BETWEEN,

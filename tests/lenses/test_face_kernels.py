@@ -10,7 +10,7 @@ from nightly import examples
 from rastercov import Task
 from rastercov.core.camera.projection import rays_of
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.records import (
+from rastercov.core.coverage.face_pass import (
     ObservationRecord,
     figures_of,
     lens_of,

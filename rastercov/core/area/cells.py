@@ -22,7 +22,7 @@ from rastercov.base import (
     read_only,
     shown,
 )
-from rastercov.core.area.frames import check_same_mesh, frames_of, to_world
+from rastercov.core.area.frames import frames_of, to_world
 from rastercov.core.area.polygons import starts_of
 from rastercov.core.area.table import Regions
 from rastercov.core.mesh import Mesh
@@ -158,7 +158,7 @@ class Cells(InOneLine):
         >>> len(shares.cell), shares.share.max().round(6).item()  # patches in view, greatest share
         (8, 0.3125)
         """
-        check_same_mesh(self.mesh, regions.mesh)
+        self.mesh._check_same(regions.mesh)
         ends = np.searchsorted(regions.pose, np.arange(len(regions.pose_ids) + 1)).tolist()
         starts, face = read_only(regions.starts, np.int64), read_only(regions.face, np.int32)
         pieces = read_only(regions.xy, np.float64), starts, face

@@ -24,10 +24,7 @@ from rastercov.base import (
     frozen_record,
     shown,
 )
-from rastercov.core.camera import Camera
 
-EQUAL_AREA = "metashape_equisolid"
-"""Model of lenses of equal area, without distortion."""
 MOST_DEVICES = 64
 """Devices of a criterion, and of a set of them."""
 
@@ -243,12 +240,6 @@ class PixelDensity(NamedTuple):
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `AreaCriterion`."""
         return [Cut("beams", tuple(map(np.ascontiguousarray, self)))]
-
-
-def has_closed_form(camera: Camera) -> bool:
-    """True for a panorama or an equal-area lens, whose pixels per m^2 have a closed form."""
-    is_plain = not any(camera.distortion)
-    return camera.model == "equirectangular" or (camera.model == EQUAL_AREA and is_plain)
 
 
 def set_fields(criterion: object, **values: object) -> None:

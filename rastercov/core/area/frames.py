@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import (
     BoolArray,
-    ConfigError,
     FloatArray,
     InOneLine,
     Int32Array,
@@ -177,16 +176,6 @@ def rows_at(
         is_inside,
     )
     return is_inside
-
-
-def check_same_mesh(first: Mesh, second: Mesh) -> None:
-    """Raise `ConfigError` unless two meshes have the same faces at the same places."""
-    # A copy may have other flags of its groups.
-    if first.vertices is not second.vertices or first.faces is not second.faces:
-        raise ConfigError(
-            f"expected one Mesh, got two of {first.n_faces} and {second.n_faces} faces; use the "
-            "same Mesh"
-        )
 
 
 def _build(mesh: Mesh) -> Frames:

@@ -8,6 +8,7 @@ import numpy as np
 from rastercov.base import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
 from rastercov.core.area.frames import frames_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
+from rastercov.core.coverage.face_pass import lens_of
 from rastercov.core.coverage.task import Reason, Task, own_reasons, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.solids import hiders_of
@@ -49,8 +50,6 @@ class PointPass:
         points: FloatArray,
         face: WholeArray,
     ) -> None:
-        from rastercov.core.coverage.records import lens_of
-
         self.cameras = cameras_of(camera)
         hiders, self._bounds = hiders_of(mesh), mesh.opaque.bounds
         self._placed, self._diagonal = hiders.place, hiders.diagonal

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import BoolArray, ConfigError, check_memory, frozen_record, read_only
 from rastercov.core.area import polygons
-from rastercov.core.area.criteria import PixelDensity, has_closed_form
+from rastercov.core.area.criteria import PixelDensity
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import frames_of, rows_at
 from rastercov.core.area.records import Criteria, LensCriteria, Planes
@@ -29,25 +29,30 @@ from rastercov.core.camera import (
     Cameras,
     Poses,
     cameras_of,
-    check_scene,
     equipment_on,
     eyes_of,
     rows_of_result,
 )
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
-from rastercov.core.coverage.observer import ExactObserver
+from rastercov.core.coverage.observer import (
+    ExactObserver,
+    ExactPass,
+    Figures,
+    PlacedPoses,
+    engine_camera,
+    mask_of,
+    pinhole_numbers,
+    room_for,
+)
 from rastercov.core.coverage.task import (
     STEEP,
     Reason,
     Rules,
     Task,
-    check_equipment,
     own_reasons,
-    tasks_of,
+    rules_of,
 )
-from rastercov.core.exact.cameras import engine_camera, pinhole_numbers
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import Observation
@@ -130,18 +135,15 @@ class RegionPass(ExactPass):
         only_task: bool = False,
         relaxed: Collection[str] | None = None,
     ) -> None:
-        check_scene(mesh, camera)
         self.task = Task() if task is None else task
-        tasks = tasks_of(camera, self.task)
+        cameras, tasks, rules = zip(*rules_of(camera, self.task), strict=True)
         engine = Engine.of(method, threads)
         for each in dict.fromkeys((self.task, *tasks)):
             check_pointwise(each, engine.method)
-        check_equipment(camera, self.task)
-        cameras = cameras_of(camera)
-        pairs = zip(cameras, tasks, strict=True)
-        self._rules = [each.rules(own).without(relaxed or (), own) for own, each in pairs]
+        pairs = zip(rules, cameras, strict=True)
+        self._rules = [own.without(relaxed or (), each) for own, each in pairs]
         least = [own.min_pixels_per_m2 for own in self._rules]
-        self._least = np.array(least) * [has_closed_form(each) for each in cameras]
+        self._least = np.array(least) * [each._has_closed_form for each in cameras]
         self._scales = np.array([each.fx * each.fy for each in cameras])
         self._tasks, self._of_surface = tasks, relaxed is None
         super().__init__(mesh, camera, engine, keeps_pieces=True)
@@ -259,7 +261,7 @@ class RegionPass(ExactPass):
             pair_face=pair_face,
             area=area,
             bound=bound,
-            eyes=eyes_of(self.cameras, poses),
+            eyes=eyes_of(self.camera, poses),
             conditions=self.conditions,
             excess=excess,
             columns=poses.world_from_camera[:, :3, 1],
@@ -285,7 +287,7 @@ def _criteria(camera: Camera, rules: Rules) -> Any:
     from rastercov.core.camera.lenses.of_camera import ideal_camera, planes_of, unit_of
 
     own = solver_visibility.CameraTask()
-    if has_closed_form(camera):
+    if camera._has_closed_form:
         rules = rules._replace(min_pixels_per_m2=0.0)  # see `PixelDensity`
     if not camera.is_curved:
         own.add_pinhole(Criteria(pinhole_numbers(camera), rules, GAP_REL))

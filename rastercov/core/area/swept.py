@@ -10,8 +10,8 @@ from rastercov.core.area.records import Criteria
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Poses
+from rastercov.core.coverage.observer import pinhole_numbers
 from rastercov.core.coverage.task import Task
-from rastercov.core.exact.cameras import pinhole_numbers
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_tolerance
 

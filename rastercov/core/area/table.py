@@ -26,7 +26,7 @@ from rastercov.core.area import polygons
 from rastercov.core.area.criteria import MOST_DEVICES, AreaCriterion
 from rastercov.core.area.cut import Kept, parts_where
 from rastercov.core.area.frames import FacePolygons, frames_of
-from rastercov.core.area.overlay import Overlay
+from rastercov.core.area.polygons import Overlay
 from rastercov.core.camera import Camera, Cameras, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

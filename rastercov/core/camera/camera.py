@@ -11,6 +11,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -809,22 +810,28 @@ class Camera:
             del own["model"]
         return own
 
-    @property
+    @cached_property
     def is_pinhole(self) -> bool:
         """True where fx, fy, cx and cy describe the lens completely."""
         return self.model == "pinhole" and self.skew == 0 and self.max_angle_deg is None
 
-    @property
+    @cached_property
     def is_parallel(self) -> bool:
         """True where rays are parallel: fx and fy are in pixels per metre."""
         return self.model in parallel.MODELS
 
-    @property
+    @cached_property
     def is_curved(self) -> bool:
         """True for lenses other than a pinhole, and parallel rays with distortion or skew."""
         if self.is_parallel:
             return bool(self.distortion) or self.skew != 0
         return not self.is_pinhole
+
+    @property
+    def _has_closed_form(self) -> bool:
+        """True for a panorama or an equal-area lens, whose pixels per m^2 have a closed form."""
+        is_equal_area = self.model == "metashape_equisolid" and not any(self.distortion)
+        return self.model == "equirectangular" or is_equal_area
 
     def check_central(self, what: str) -> None:
         """Raise `CameraError` for parallel rays, where a central projection is required.

@@ -384,7 +384,7 @@ def check_central(cameras: Cameras, what: str) -> None:
 
 def eyes_of(cameras: Cameras, poses: Poses) -> FloatArray:
     """Points (P, 3) that cameras see from, metres; of parallel rays at the distance `FAR`."""
-    eyes = poses.eyes.copy()
+    eyes = poses.world_from_camera[:, :3, 3].copy()
     return eyes if are_central(cameras) else eyes - FAR * axes_of(cameras, poses)
 
 

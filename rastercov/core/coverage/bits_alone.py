@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rastercov.base import DeviceError, ResourceError
+from rastercov.base import DeviceError, ReadByName, ResourceError
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, is_joint
 from rastercov.core.coverage.coverage import Coverage, batch_size
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.face_pass import ROW_TYPES, FacePass, PairRows
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer, SampledObserver
-from rastercov.core.coverage.records import ROW_TYPES, PairRows
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import drawer
@@ -79,7 +78,7 @@ class NetworkOfBits(Network):
         for name in LATER:
             delattr(self, name)
 
-    def judge(self, observer: Observer, poses: Poses, **kept: object) -> Iterator[JudgedPoses]:
+    def _judge(self, observer: Observer, poses: Poses, kept: ReadByName) -> Iterator[JudgedPoses]:
         """Bits of poses: more at a time, while it is quick, and fewer where memory is short.
 
         In place of a device that fails, the CPU counts the rest.
@@ -103,7 +102,7 @@ class NetworkOfBits(Network):
                     raise
                 observer.fall_back()
                 LOG.warning("the CPU continues in place of a device: %s", error)
-                yield from super().judge(observer, poses[at:], bits=True)
+                yield from super()._judge(observer, poses[at:], {**kept, "bits": True})
                 return
             is_quick = time.perf_counter() - began < SECONDS_JUDGED
             eyes = eyes_of(observer.camera, batch)

@@ -1,29 +1,281 @@
 """Passes over poses and faces, in threads: what an observer measured becomes figures of each face.
 
-A network adds them up. The loops are in `engine/coverage`.
+A network adds them up. The loops are in `engine/coverage`; records of meshes, cameras,
+observations, figures and sums have their fields in the order of its structs.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rastercov.base import AnyArray, read_only, share_poses
-from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
-from rastercov.core.coverage.records import (
-    ObservationRecord,
-    figures_of,
-    lens_of,
-    scene_of,
-    workspace,
+from rastercov.base import (
+    AnyArray,
+    BoolArray,
+    ByName,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    once_each,
+    read_only,
+    share_poses,
 )
-from rastercov.core.coverage.task import Reason, Task, check_equipment, own_reasons, tasks_of
+from rastercov.base.memory import align_array
+from rastercov.core.camera import Camera, Cameras, Poses, near_limits
+from rastercov.core.coverage.task import (
+    Reason,
+    Task,
+    nearer,
+    own_reasons,
+    rules_of,
+)
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import Criteria
 from rastercov.core.raster.contract import FaceCounts
-from rastercov.core.raster.observation import Observation
-from rastercov.engine.coverage_figures import judge_poses
+from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.engine.coverage_figures import (
+    COLUMNS,
+    CURVED_COLUMNS,
+    MOST_DOUBTFUL,
+    SIDE_ROUNDING,
+    judge_poses,
+)
+
+if TYPE_CHECKING:
+    from rastercov.core.camera.lenses.records import CurvedLens
+
+Bytes = NDArray[np.uint8]
+Singles = NDArray[np.float32]
+
+
+class PinholeRecord(NamedTuple):
+    """Intrinsics and image size of a pinhole, pixels."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: float
+    height: float
+
+
+class ParallelLens(NamedTuple):
+    """Parallel rays along the axis: fx and fy are in pixels per unit of length."""
+
+    scale: PinholeRecord
+
+
+class SceneRecord(NamedTuple):
+    """Arrays of a mesh, read-only."""
+
+    vertices: FloatArray
+    faces: NDArray[np.uint64]
+    normals: FloatArray
+    own: Bytes  # reason of the surface itself, `COVERED` where there is none
+    two_sided: BoolArray
+    offsets: FloatArray
+    reach: float  # greatest coordinate
+    doubtful_cosine: float  # below which a face may be edge-on
+
+
+class ObservationRecord(NamedTuple):
+    """An observation, read-only; see `rastercov.Observation`.
+
+    Areas are `visible / scale` and `drawn / scale`, px^2: counts of samples are float64 or int32.
+    `kind` is (0, 0) where all figures are counted, and `area_error` where it is 0 everywhere.
+    """
+
+    poses: FloatArray
+    near: FloatArray
+    visible: AnyArray
+    drawn: AnyArray
+    scale: float
+    kind: Bytes
+    area_error: FloatArray
+    samples_per_pixel: float
+
+
+class FaceFigures(NamedTuple):
+    """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for."""
+
+    in_view: BoolArray
+    in_view_fraction: FloatArray
+    projected_area: FloatArray
+    visible_pixels: FloatArray
+    drawn_pixels: FloatArray
+    resolution: FloatArray
+    pixel_density: FloatArray
+    facing_density: FloatArray
+    in_focus: BoolArray
+    visibility: FloatArray
+    visibility_bound: FloatArray
+    visibility_kind: Bytes
+    incidence: FloatArray
+    coverage: FloatArray
+    reason: Bytes
+
+
+TYPES: dict[str, type] = {
+    name: np.bool_ if name in ("in_view", "in_focus") else np.float64
+    for name in FaceFigures._fields
+} | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
+"""Types of the arrays of `FaceFigures`."""
+NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
+
+
+def figures_of(arrays: Mapping[str, AnyArray]) -> FaceFigures:
+    """Record of the (P, F) arrays that are given, by their names."""
+    return FaceFigures(**(NO_FIGURES | dict(arrays)))
+
+
+class Sums(NamedTuple):
+    """Sums over poses of a batch, see `rastercov.Network`; (F,) unless noted.
+
+    `best_row` is the row of the pose in its batch, and `alone` has bits of the criteria that some
+    camera fails alone. `bounds` has the largest bound in view and the
+    largest of a covered pair, (2,). For each pose, (P,), of which those that were not added are 0:
+    the evaluated faces that it covers, and the total of their coverage.
+    """
+
+    views: IntArray
+    best: FloatArray
+    best_row: IntArray
+    reason: Bytes
+    alone: Bytes
+    kinds: IntArray
+    bounds: FloatArray
+    covered_faces: IntArray
+    totals: FloatArray
+
+
+def no_sums(n_faces: int, n_poses: int) -> Sums:
+    """Sums of poses before any is added."""
+    return Sums(
+        views=np.zeros(n_faces, np.int64),
+        best=np.zeros(n_faces),
+        best_row=np.zeros(n_faces, np.int64),
+        reason=np.zeros(n_faces, np.uint8),
+        alone=np.zeros(n_faces, np.uint8),
+        kinds=np.zeros(len(BoundKind), np.int64),
+        bounds=np.zeros(2),
+        covered_faces=np.zeros(n_poses, np.int64),
+        totals=np.zeros(n_poses),
+    )
+
+
+def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
+    """Add the sums of other poses to `ours`; their row 0 is row `first` of these."""
+    ours.views[:] += theirs.views
+    rows = theirs.best_row + first
+    better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
+    ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
+    ours.reason[:] = nearer(ours.reason, theirs.reason)
+    ours.alone[:] |= theirs.alone
+    ours.kinds[:] += theirs.kinds
+    np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
+    own = slice(first, first + len(theirs.totals))
+    ours.covered_faces[own] += theirs.covered_faces
+    ours.totals[own] += theirs.totals
+
+
+def merge_sums(parts: Sequence[Sums]) -> Sums:
+    """Sums of different poses of one batch together."""
+    if len(parts) == 1:
+        return parts[0]
+    whole = no_sums(len(parts[0].views), len(parts[0].totals))
+    for part in parts:
+        merge(whole, part)
+    return whole
+
+
+class PairRows(NamedTuple):
+    """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
+
+    Figures are named as in `FaceFigures`, floats are float32, and what has a name is its code.
+    """
+
+    pose: Int32Array
+    face: Int32Array
+    in_view: BoolArray
+    in_view_fraction: Singles
+    projected_area: Singles
+    visible_pixels: Singles
+    drawn_pixels: Singles
+    resolution: Singles
+    pixel_density: Singles
+    facing_density: Singles
+    in_focus: BoolArray
+    visibility: Singles
+    visibility_bound: Singles
+    visibility_kind: Int32Array
+    incidence: Singles
+    coverage: Singles
+    reason: Int32Array
+
+
+_SHORT = {np.bool_: np.bool_, np.float64: np.float32, np.uint8: np.int32}
+ROW_TYPES: dict[str, type] = {"pose": np.int32, "face": np.int32} | {
+    name: _SHORT[kind] for name, kind in TYPES.items()
+}
+"""Types of the columns of `PairRows`."""
+
+
+class Sink(NamedTuple):
+    """Memory for the rows of a batch of P poses: room for all P * F pairs.
+
+    The rows of the poses that a thread takes together, `turn` the first of them, are the
+    `counts[turn]` from `turn * F` on.
+    """
+
+    choice: int  # index of `network.CHOICES`
+    pose_ids: IntArray
+    counts: IntArray
+    rows: PairRows
+
+
+@once_each
+def scene_of(mesh: Mesh) -> SceneRecord:
+    """Arrays of a `Mesh`, whatever a task asks of its surface."""
+    return SceneRecord(
+        read_only(mesh.vertices, np.float64),
+        read_only(mesh.faces.view(np.uint64), np.uint64),
+        read_only(mesh.normals, np.float64),
+        read_only(own_reasons(mesh), np.uint8),
+        read_only(mesh.two_sided_mask, np.bool_),
+        read_only(mesh.plane_offsets, np.float64),
+        float(np.abs(mesh.bounds).max()),
+        float(min(SIDE_ROUNDING / mesh.least_sine, MOST_DOUBTFUL)),
+    )
+
+
+def lens_of(camera: Camera, unit: float = 1.0) -> "PinholeRecord | ParallelLens | CurvedLens":
+    """Numbers of a `Camera` in a scene whose lengths are in units of a size, metres."""
+    if camera.is_pinhole:
+        return pinhole_of(camera)
+    if not camera.is_curved:
+        own = pinhole_of(camera)
+        return ParallelLens(own._replace(fx=own.fx * unit, fy=own.fy * unit))
+    from rastercov.core.camera.lenses.of_camera import curved_lens
+
+    curved = curved_lens(camera)
+    return curved._replace(unit=curved.unit / unit)
+
+
+def pinhole_of(camera: Camera) -> PinholeRecord:
+    """Numbers of a `Camera` without distortion, or of an ideal plane."""
+    size = float(camera.width), float(camera.height)
+    return PinholeRecord(
+        float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy), *size
+    )
+
+
+def workspace(n_vertices: int, lens: "PinholeRecord | ParallelLens | CurvedLens") -> FloatArray:
+    """Memory of one thread for the projected vertices."""
+    columns = COLUMNS if isinstance(lens, PinholeRecord | ParallelLens) else CURVED_COLUMNS
+    return align_array((n_vertices, columns), np.float64)
+
 
 TASK, NONE = Task(), np.empty((0, 0))
 """Thresholds that leave out no face; and no figures."""
@@ -43,10 +295,8 @@ class FacePass:
     """
 
     def __init__(self, mesh: Mesh, camera: Cameras, threads: int, task: Task = TASK) -> None:
-        self.mesh, self.cameras, self._threads = mesh, cameras_of(camera), threads
-        check_equipment(camera, task)
-        tasks = tasks_of(camera, task)
-        self.rules = [own.rules(each) for each, own in zip(self.cameras, tasks, strict=True)]
+        self.mesh, self._threads = mesh, threads
+        self.cameras, tasks, self.rules = zip(*rules_of(camera, task), strict=True)
         scene = scene_of(mesh)
         own = {each: read_only(own_reasons(mesh, each), np.uint8) for each in tasks}
         self._scenes = [scene._replace(own=own[each]) for each in tasks]
@@ -88,7 +338,8 @@ class FacePass:
 
             return work_in_turn
 
-        share_poses(len(poses), [worker() for _ in range(max(1, min(self._threads, len(poses))))])
+        n = len(poses)
+        share_poses(n, [worker() for _ in range(max(1, min(self._threads, n)))])
 
     def _record_of(self, measured: Measured, poses: Poses) -> ObservationRecord:
         """Measurement of an observer, for the loops."""

@@ -21,7 +21,7 @@ from rastercov.core.area.by_camera import ByCamera, cameras_apart
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
-from rastercov.core.camera import Cameras, Poses, check_scene, eyes_of
+from rastercov.core.camera import Cameras, Poses, check_scene
 from rastercov.core.coverage.bits_alone import can_judge, engine_for
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
 from rastercov.core.coverage.engine import Engine
@@ -175,14 +175,12 @@ class QuerySums:
         self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
         self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
+        self.eyes = [np.empty((0, 3))]
 
     def add(self, batch: JudgedPoses) -> None:
         """Take in a batch."""
         camera, poses = self.query.camera, batch.poses
         end = self.done + len(poses)
-        if self.figures and batch.faces is not None and batch.measured is not None:
-            rows = {name: array[self.done : end] for name, array in self.figures.items()}
-            batch.faces.fill(batch.measured, poses, rows)
         if self.counts is not None and isinstance(batch.measured, FaceCounts):
             self.counts.add(batch.measured, self.done)
         self.network.add(batch)
@@ -193,6 +191,7 @@ class QuerySums:
             add_bits(self.bits, batch.bits, slice(self.done, end))
         self.ids.append(poses.ids)
         self.clipped.append(batch.clipped)
+        self.eyes.append(batch.eyes)
         self.done = end
 
     def _measure(self) -> Network:
@@ -208,9 +207,9 @@ class QuerySums:
         left = every[np.isin(every.ids, np.concatenate(self.ids))]
         return replace(left, rejected=every.rejected)
 
-    def evaluation(self, info: RasterizerInfo, of_run: ReadByName) -> Evaluation:
-        """Result of the poses that are done, measured by `info`, with entries on the run."""
-        query, poses = self.query, self.poses
+    def evaluation(self, info: RasterizerInfo, poses: Poses, of_run: ReadByName) -> Evaluation:
+        """Result of the `poses` that are done, measured by `info`, with entries on the run."""
+        query = self.query
         figures: ByName = dict.fromkeys(FIGURES)
         figures |= {name: array[: self.done] for name, array in self.figures.items()}
         return Evaluation(
@@ -221,7 +220,7 @@ class QuerySums:
             poses.ids,
             np.concatenate(self.clipped),
             **figures,
-            eyes=eyes_of(query.camera, poses),
+            eyes=np.concatenate(self.eyes),
             poses=poses,
             engine=query.engine,
             network=self.network,
@@ -281,7 +280,8 @@ def answer(
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
         try:
-            batches = classify_parts(sums.network, observer, poses, wanted, shards, staff)
+            how = wanted, shards, staff, sums.figures
+            batches = classify_parts(sums.network, observer, poses, *how)
             for batch in batches:
                 with hold_interrupts():
                     if table is not None:
@@ -302,8 +302,9 @@ def answer(
             except KeyboardInterrupt:
                 interrupted = True
         seconds, info = time.perf_counter() - began, observer.info
+    done = sums.poses
     of_run = {
-        "areas": query.of_phases(sums.poses, folder, staff) or sums.areas,
+        "areas": query.of_phases(done, folder, staff) or sums.areas,
         "options": options,
         "pairs": pairs,
         "n_rows": 0 if table is None else table.n_rows,
@@ -311,4 +312,4 @@ def answer(
         "seconds": seconds,
         "interrupted": interrupted,
     }
-    return sums.evaluation(info, of_run)
+    return sums.evaluation(info, done, of_run)

@@ -19,13 +19,25 @@ from rastercov.base import (
 )
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
-from rastercov.core.coverage.coverage import arrays_for, batch_size, check_observer, measurements
-from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
+from rastercov.core.coverage.coverage import arrays_for, batch_size, measurements
+from rastercov.core.coverage.face_pass import (
+    ROW_TYPES,
+    FacePass,
+    Measured,
+    PairRows,
+    Scope,
+    Sink,
+    Sums,
+    Worker,
+    figures_of,
+    merge_sums,
+    no_sums,
+)
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.records import ROW_TYPES, PairRows, Sink, Sums, merge_sums, no_sums
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import CoverageBits, bits_of_pairs
+from rastercov.engine.coverage_figures import judge_poses
 from rastercov.engine.coverage_network import add_poses, add_rows
 
 if TYPE_CHECKING:
@@ -42,6 +54,7 @@ SUMMED: ByName = {
     "in_view_fraction": np.float64,
 }
 """Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels."""
+NO_ARRAYS: Mapping[str, AnyArray] = {}
 
 
 @frozen_record
@@ -65,8 +78,6 @@ class JudgedPoses:
         Regions of the poses, where the observer finds any.
     eyes : (P, 3) float64
         As of `rig.eyes_of`, metres.
-    faces : FacePass or None
-        What judged the measurement.
     leads : (P,) bool, or None
         Of rigs with a rule, the first pose of each, at which `RESULT` has the sums of the rig.
     bits : CoverageBits or None
@@ -80,24 +91,8 @@ class JudgedPoses:
     sums: dict[int, Sums]
     regions: "Regions | None"
     eyes: FloatArray
-    faces: FacePass | None = None
     leads: BoolArray | None = None
     bits: CoverageBits | None = None
-
-    @classmethod
-    def of(
-        cls,
-        poses: Poses,
-        measured: Measured,
-        rows: PairRows,
-        sums: dict[int, Sums],
-        camera: Cameras,
-        faces: FacePass,
-    ) -> "JudgedPoses":
-        """Poses of a camera or several that this process has measured."""
-        result, leads = getattr(measured, "regions", None), leads_of(camera, poses)
-        eyes = eyes_of(camera, poses)
-        return cls(poses, measured.clipped, rows, measured, sums, result, eyes, faces, leads)
 
 
 OF_PARTS = (
@@ -157,7 +152,9 @@ def sums_of_rigs(
     return sums_of(mesh, folded, rows)
 
 
-def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums], Worker]:
+def _adder(
+    judge: FacePass, sink: Sink, figures: Mapping[str, AnyArray], *, apart: bool
+) -> tuple[dict[int, Sums], Worker]:
     """Sums of one thread, and the worker that judges poses of a batch and adds them to these.
 
     Parameters
@@ -165,11 +162,14 @@ def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums]
     judge : FacePass
     sink : Sink
         Memory for the rows of the batch.
+    figures : dict of str to array
+        Memory for figures of all its pairs, (P, F) each.
     apart : bool
         Keep the sums of each camera apart.
     """
     mesh, of_camera = judge.mesh, dict[int, Sums]()
     is_scored, coverage = mesh.task_mask, np.empty(mesh.n_faces)
+    out = figures_of(figures) if figures else None
 
     def add(rows: slice, index: int, scope: Scope) -> None:
         camera, rules = index if apart else -1, judge.rules[index]
@@ -177,6 +177,8 @@ def _adder(judge: FacePass, sink: Sink, *, apart: bool) -> tuple[dict[int, Sums]
             of_camera[camera] = no_sums(mesh.n_faces, len(sink.pose_ids))
         sums = of_camera[camera]
         add_poses(rows.start, rows.stop, scope, rules, is_scored, sums, coverage, sink)
+        if out is not None:
+            judge_poses(rows.start, rows.stop, scope, rules, out)
 
     return of_camera, add
 
@@ -190,23 +192,32 @@ def classify_poses(
     pairs: str = "none",
     apart: bool = False,
     bits: bool = False,
+    figures: Mapping[str, AnyArray] = NO_ARRAYS,
 ) -> Iterator[JudgedPoses]:
     """Measure poses, a few at a time; see `Network.judge`."""
-    check_observer(observer)
     check_choice("pairs", pairs, CHOICES)
     faces = FacePass(observer.mesh, observer.camera, observer.threads, task)
     choice, n_faces = CHOICES.index(pairs), mesh.n_faces
     n_rows = min(len(poses), batch_size(n_faces, observer.threads)) * n_faces if choice else 0
     # Used again for each batch; what no row is written to is never taken from the system.
     memory = PairRows(*(np.empty(n_rows, ROW_TYPES[name]) for name in PairRows._fields))
+    together = None
+    further = ["reason"] if bits else []
+    if is_joint(observer.camera):
+        together, further = rows_of_result(observer.camera, poses), list(SUMMED)
+    done = 0
 
     def classify(batch: Poses, seen: Measured) -> JudgedPoses:
+        nonlocal done
         n = len(batch)
+        own = arrays_for(further, (n, n_faces)) if further else {}
+        own |= {name: array[done : done + n] for name, array in figures.items()}
+        done += n
         sink = Sink(choice, batch.ids, np.zeros(n, np.int64), memory)
         of_threads: list[dict[int, Sums]] = []
 
         def worker() -> Worker:
-            sums, add = _adder(faces, sink, apart=apart)
+            sums, add = _adder(faces, sink, own, apart=apart)
             of_threads.append(sums)
             return add
 
@@ -222,23 +233,18 @@ def classify_poses(
             for part in memory
         )
         whole = {camera: merge_sums(some) for camera, some in parts.items()}
-        rows = PairRows(*columns)
-        result = JudgedPoses.of(batch, seen, rows, whole, observer.camera, faces)
+        eyes, leads = eyes_of(observer.camera, batch), leads_of(observer.camera, batch)
+        regions = getattr(seen, "regions", None)
+        result = JudgedPoses(
+            batch, seen.clipped, PairRows(*columns), seen, whole, regions, eyes, leads
+        )
         if bits:
-            own = arrays_for(["reason"], (n, n_faces))
-            faces.fill(seen, batch, own)
-            covers = own["reason"] == Reason.COVERED
-            result = replace(result, bits=bits_of_pairs(mesh, covers))
+            result = replace(result, bits=bits_of_pairs(mesh, own["reason"] == Reason.COVERED))
         if result.leads is not None and result.regions is None:
             raise ConfigError(OF_PARTS)
         if result.leads is not None and result.regions is not None and n:
-            figures = arrays_for(list(SUMMED), (n, n_faces))
-            faces.fill(seen, batch, figures)
-            whole[RESULT] = sums_of_rigs(
-                mesh, task, observer.camera, batch, figures, result.regions
-            )
+            whole[RESULT] = sums_of_rigs(mesh, task, observer.camera, batch, own, result.regions)
             whole[RESULT].kinds[:] = sum(part.kinds for at, part in whole.items() if at >= 0)
         return result
 
-    together = rows_of_result(observer.camera, poses)
     return (classify(batch, seen) for batch, seen in measurements(observer, poses, together))

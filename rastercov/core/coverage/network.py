@@ -20,10 +20,12 @@ from rastercov.base import (
     FloatArray,
     InNotebook,
     IntArray,
+    ReadByName,
 )
 from rastercov.base.typed import typed
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.face_pass import Sums, merge_sums
 from rastercov.core.coverage.judging import (
     RESULT,
     SUMMED,
@@ -32,7 +34,6 @@ from rastercov.core.coverage.judging import (
     sums_of,
 )
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.records import Sums, merge_sums
 from rastercov.core.coverage.task import BITS, NAMES, UNSEEABLE, Reason, Task, nearer, reason_rows
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import parts_of
@@ -224,12 +225,16 @@ class Network(InNotebook):
         ConfigError
             For an observer of another mesh, or another choice of pairs.
         """
-        if pairs == "none" and self.task.min_angle_deg > 0:
-            pairs = "covered"  # the rays to them are needed
+        return self._judge(observer, poses, {"pairs": pairs, "apart": apart, "bits": bits})
+
+    def _judge(self, observer: Observer, poses: Poses, kept: ReadByName) -> "Iterator[JudgedPoses]":
+        """`judge`; `kept` are the further arguments of `classify_poses`."""
+        own: ByName = dict(kept)
+        if own["pairs"] == "none" and self.task.min_angle_deg > 0:
+            own["pairs"] = "covered"  # the rays to them are needed
         if observer.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError(OF_ONE_TASK)
-        kept: ByName = {"pairs": pairs, "apart": apart, "bits": bits}
-        return classify_poses(self.mesh, self.task, observer, poses, **kept)
+        return classify_poses(self.mesh, self.task, observer, poses, **own)
 
     def _add_classified(self, batch: JudgedPoses, camera: int | None) -> None:
         """Add the sums of a batch, or those of one of its cameras."""

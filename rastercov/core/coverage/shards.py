@@ -28,11 +28,11 @@ from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
 from rastercov.core.coverage.bits_alone import NetworkOfBits
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.judging import JudgedPoses, leads_of
+from rastercov.core.coverage.face_pass import PairRows, Sums, merge, no_sums
+from rastercov.core.coverage.judging import NO_ARRAYS, JudgedPoses, leads_of
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.records import PairRows, Sums, merge, no_sums
 from rastercov.core.coverage.shard_inputs import (
     INPUTS,
     Inputs,
@@ -235,18 +235,19 @@ def classify_parts(
     wanted: Wanted,
     shards: EvaluationShards | None,
     staff: Staff,
+    figures: Mapping[str, AnyArray] = NO_ARRAYS,
 ) -> Iterator[JudgedPoses]:
     """Judged poses of an evaluation, in the order of the poses.
 
     By way of shards where the run is kept in some, else the network judges what the observer, of
-    `open_for`, measures. An interrupt while workers are busy is raised after the shards that are
-    there.
+    `open_for`, measures, and fills in figures of all pairs. An interrupt while workers are busy is
+    raised after the shards that are there.
     """
     if shards is not None:
         yield from shards.parts(staff)
         return
     did = count_poses_of(len(poses), staff.progress)
-    for batch in network.judge(observer, poses, **wanted.kept):
+    for batch in network._judge(observer, poses, wanted.kept | {"figures": figures}):
         yield batch
         did(len(batch.poses))
 
@@ -333,7 +334,7 @@ def _measure_poses(
 ) -> dict[str, AnyArray]:
     """Arrays of a shard of some poses; `did` is called with the poses that are done."""
     network, batches = wanted.network(observer.mesh, task), []
-    for batch in network.judge(observer, poses, **wanted.kept):
+    for batch in network._judge(observer, poses, wanted.kept):
         batches.append(replace(batch, measured=None))  # which is large
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _join_batches(poses, batches)

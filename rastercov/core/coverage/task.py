@@ -311,6 +311,16 @@ NEEDED: dict[str, str] = {
 """Equipment of a rig that thresholds need."""
 
 
+def rules_of(cameras: Cameras, task: Task) -> list[tuple[Camera, Task, Rules]]:
+    """Each camera with its thresholds, also in the form of the compiled loops.
+
+    ConfigError as of `check_equipment` and `tasks_of`.
+    """
+    check_equipment(cameras, task)
+    pairs = zip(cameras_of(cameras), tasks_of(cameras, task), strict=True)
+    return [(each, own, own.rules(each)) for each, own in pairs]
+
+
 def check_equipment(cameras: Cameras, task: Task) -> None:
     """Raise `ConfigError` for thresholds that do not go with the equipment of cameras."""
     own = equipment_on(cameras)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from rastercov.base import (
     BoolArray,
     ByName,
+    ConfigError,
     FloatArray,
     InNotebook,
     Int32Array,
@@ -474,6 +475,15 @@ class Mesh(InNotebook):
         return self._with_flags(
             flag_groups(names_of(self), self.groups, occluders, two_sided, targets)
         )
+
+    def _check_same(self, other: "Mesh") -> None:
+        """Raise `ConfigError` unless another mesh has the same faces at the same places."""
+        # A copy may have other flags of its groups.
+        if self.vertices is not other.vertices or self.faces is not other.faces:
+            raise ConfigError(
+                f"expected one Mesh, got two of {self.n_faces} and {other.n_faces} faces; use the "
+                "same Mesh"
+            )
 
     def _with_flags(self, groups: tuple[Group, ...]) -> Self:
         """Mesh with other flags of the same groups; shares this mesh's arrays."""

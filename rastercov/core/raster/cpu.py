@@ -47,7 +47,7 @@ from rastercov.base import (
 )
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.near_plane import limits, picture_limits
-from rastercov.core.coverage.records import lens_of, scene_of
+from rastercov.core.coverage.face_pass import lens_of, scene_of
 from rastercov.core.coverage.task import Reason, Rules
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test

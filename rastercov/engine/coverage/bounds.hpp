@@ -16,7 +16,7 @@ constexpr double MOST_DOUBTFUL = 0x1p-6;
 constexpr double BORDER_ROUNDING = 0x1p-46;
 constexpr double ROUNDING = 0x1p-52; // of a quotient
 
-// Arrays of a mesh: rastercov.core.coverage.records.Scene.
+// Arrays of a mesh: rastercov.core.coverage.face_pass.Scene.
 struct Scene {
     FloatRows<3> vertices;
     Array<const uint64_t, Any, 3> faces; // unsigned: no index is negative

@@ -16,7 +16,7 @@
 namespace rastercov {
 namespace coverage {
 
-// An observation: rastercov.core.coverage.records.Seen. Areas are visible / scale and drawn /
+// An observation: rastercov.core.coverage.face_pass.Seen. Areas are visible / scale and drawn /
 // scale, px^2: counts of samples are double or int32_t. `kind` is (0, 0) where all figures are
 // counted, and `area_error` where it is 0 everywhere.
 template <class Count> struct Seen {

@@ -22,7 +22,7 @@ enum Choice : int64_t { NO_PAIRS, COVERED_PAIRS, SEEN_PAIRS, ALL_PAIRS };
 // so that a point beyond it is behind the face in any order of operations.
 constexpr double PLANE_ROUNDING = 1e-12;
 
-// See rastercov.core.coverage.records.
+// See rastercov.core.coverage.face_pass.
 struct Sums {
     Column<int64_t> views;
     Column<double> best;
