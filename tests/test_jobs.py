@@ -11,7 +11,7 @@ from commands import call, enter, write_part
 from test_golden import differences
 
 import rastercov as rc
-from rastercov.core.camera.equipment import equipment_words
+from rastercov.core.camera.rig import equipment_words
 from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.observer import ExactObserver
 from rastercov.report import plan as report

@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TypeVar
 
 Hooks = TypeVar("Hooks")
-DEVICE = ("EquipmentKind", "Wording")
+DEVICE = ("RigEntries", "Wording")
 """Hooks of a device on cameras, `rastercov.core.coverage.device`."""
 FEATURES: dict[str, dict[str, str]] = {
     "rules": {
@@ -19,7 +19,7 @@ FEATURES: dict[str, dict[str, str]] = {
         "PointTwin": "reference.rules",
     },
     "lamps": {
-        "EquipmentKind": "light.lamp_rig",
+        "RigEntries": "light.lamp_rig",
         "Wording": "light.lamp_words",
         "Feature": "light.points",
         "PlanSections": "light.plan_section",
@@ -32,7 +32,6 @@ FEATURES: dict[str, dict[str, str]] = {
         "Phased": "motion.moving",
         "PlanSections": "motion.plan_section",
         "PlanFeature": "motion.plan_over_time",
-        "PlanScene": "motion.plan_over_time",
         "FeatureModes": "motion.time_modes",
         "ReportHooks": "motion.report",
         "SceneFile": "cli.motion",
@@ -55,7 +54,6 @@ FEATURES: dict[str, dict[str, str]] = {
     "robots": {
         "PlanSections": "robots.plan_section",
         "PlanFeature": "robots.plan_arm",
-        "PlanScene": "robots.plan_arm",
         "CarriedGenerators": "robots.generators",
         "page": "joints",
     },
@@ -64,6 +62,12 @@ FEATURES: dict[str, dict[str, str]] = {
 
 
 def hooks_of(kind: type[Hooks]) -> tuple[Hooks, ...]:
-    """Hooks of a class, of all features that have some."""
-    modules = [own[kind.__name__] for own in FEATURES.values() if kind.__name__ in own]
-    return tuple(import_module(f"rastercov.{name}").HOOKS for name in modules)
+    """Hooks of a class, of all features that have some, registered by it or by its base."""
+    names = {each.__name__ for each in kind.__mro__}
+    hooks = []
+    for own in FEATURES.values():
+        for name in names & own.keys():
+            each = import_module(f"rastercov.{own[name]}").HOOKS
+            if name == kind.__name__ or isinstance(each, kind):
+                hooks.append(each)
+    return tuple(hooks)

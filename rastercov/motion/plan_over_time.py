@@ -55,7 +55,6 @@ from rastercov.placement.plan.entries import Entry, Name
 from rastercov.placement.plan.file import (
     Plan,
     PlanError,
-    PlanFeature,
     errors_at,
     lines_of,
     moving_bodies,
@@ -394,7 +393,7 @@ def bodies_of_cameras(plan: Plan) -> list[str]:
     return texts
 
 
-class OfPlanMotion(PlanScene, PlanFeature):
+class OfPlanMotion(PlanScene):
     """Motion in a plan."""
 
     sections = ("motion", "bodies", "task")

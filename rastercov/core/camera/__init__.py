@@ -12,13 +12,13 @@ from rastercov.core.camera.conventions import (
     share_frames,
 )
 from rastercov.core.camera.doubts import size_warnings, unit_warnings
-from rastercov.core.camera.equipment import EquipmentKind, equipment_words
 from rastercov.core.camera.models import MODELS, PROGRAMS, Foreign
 from rastercov.core.camera.near_plane import near_limit, near_limits
 from rastercov.core.camera.pose import Poses, renumber, valid_poses
 from rastercov.core.camera.projection import box_corners, to_camera, to_image
 from rastercov.core.camera.rig import (
     Cameras,
+    EquipmentKind,
     Rig,
     Views,
     apparent,
@@ -27,6 +27,7 @@ from rastercov.core.camera.rig import (
     cameras_of,
     check_scene,
     equipment_on,
+    equipment_words,
     eyes_of,
     gates_of,
     is_joint,

@@ -5,8 +5,7 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from rastercov.base import BoolArray, ByName, FloatArray, ReadByName, hooks_of
-from rastercov.core.mesh.site import NOWHERE, Site
+from rastercov.base import BoolArray, ByName, FloatArray, ReadByName
 
 
 class Equipment(Protocol):
@@ -61,38 +60,3 @@ class Equipment(Protocol):
     def _to_gltf(self, _: object, nodes: list[ByName], roots: list[int]) -> ByName:
         """Add it to a glTF scene."""
         return {}
-
-
-class EquipmentKind:
-    """Hooks of a feature with equipment."""
-
-    word: str
-    """Its key in files, in `Rig.equipment`, the argument of `evaluate` and the option."""
-    help: str
-    """Words on the option."""
-    entry: str
-    """Entry of results that it has."""
-
-    def of(self, given: object, site: Site = NOWHERE) -> Equipment:
-        """Equipment of an argument, or of a file, at a site; `CameraError` for anything else."""
-        raise NotImplementedError  # each feature has its own
-
-    def of_json(self, entries: ReadByName) -> Equipment:
-        """Equipment of `Equipment.to_json`; `CameraError` for other entries."""
-        raise NotImplementedError  # each feature has its own
-
-
-def equipment_words() -> tuple[str, ...]:
-    """Words of the equipment that there is."""
-    return tuple(each.word for each in hooks_of(EquipmentKind))
-
-
-def kind_of(word: str) -> EquipmentKind:
-    """Hooks of a word."""
-    return next(each for each in hooks_of(EquipmentKind) if each.word == word)
-
-
-def equipment_of(entries: ReadByName) -> dict[str, Equipment]:
-    """Equipment among the entries of a file, by its word."""
-    known = [word for word in equipment_words() if word in entries]
-    return {word: kind_of(word).of_json(entries[word]) for word in known}

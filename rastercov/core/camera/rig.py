@@ -43,12 +43,13 @@ from rastercov.base.format import distance
 from rastercov.base.typed import typed
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.catalogue import head_of
-from rastercov.core.camera.equipment import Equipment, equipment_of, equipment_words, kind_of
+from rastercov.core.camera.equipment import Equipment
 from rastercov.core.camera.parallel import FAR
 from rastercov.core.camera.pose import Poses, valid_poses
 from rastercov.core.camera.rule import All, Gate, Rule, compile_rule, rename_devices
 from rastercov.core.camera.rule import Any as AnyOf
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.site import NOWHERE, Site
 
 LOG = logging.getLogger("rastercov")
 MOST_CAMERAS = 100_000
@@ -420,7 +421,8 @@ def equipment_on(cameras: Cameras) -> Mapping[str, Equipment]:
 def with_equipment(cameras: Cameras, given: Mapping[str, object], mesh: Mesh) -> Cameras:
     """The cameras as a rig with equipment, or that of files, by its word; None is none."""
     table = {word: value for word, value in given.items() if value is not None}
-    own = {word: kind_of(word).of(value, mesh.site) for word, value in table.items()}
+    kinds = {each.word: each for each in hooks_of(EquipmentKind)}
+    own = {word: kinds[word].of(value, mesh.site) for word, value in table.items()}
     if not own:
         return cameras
     rig = cameras if isinstance(cameras, Rig) else Rig(cameras_of(cameras))
@@ -451,6 +453,37 @@ class RigEntries:
         return {}
 
 
+class EquipmentKind(RigEntries):
+    """Hooks of a feature with equipment, whose word is its entry."""
+
+    word: str
+    """Its key in files, in `Rig.equipment`, the argument of `evaluate` and the option."""
+    help: str
+    """Words on the option."""
+    entry: str
+    """Entry of results that it has."""
+
+    def of(self, given: object, site: Site = NOWHERE) -> Equipment:
+        """Equipment of an argument, or of a file, at a site; `CameraError` for anything else."""
+        raise NotImplementedError  # each feature has its own
+
+    def of_json(self, entries: ReadByName) -> Equipment:
+        """Equipment of `Equipment.to_json`; `CameraError` for other entries."""
+        raise NotImplementedError  # each feature has its own
+
+    def add_entries(self, rig: Rig, entries: ReadByName) -> Rig:
+        """See `RigEntries`."""
+        if self.word not in entries:
+            return rig
+        own = {self.word: self.of_json(entries[self.word])}
+        return rig._with(equipment={**rig.equipment, **own})
+
+
+def equipment_words() -> tuple[str, ...]:
+    """Words of the equipment that there is."""
+    return tuple(each.word for each in hooks_of(EquipmentKind))
+
+
 def entries_of_rig() -> tuple[str, ...]:
     """Entries of a file of cameras on what these are together."""
     of_features = (name for each in hooks_of(RigEntries) for name in each.names)
@@ -466,7 +499,7 @@ def rig_with(rig: Rig, entries: ReadByName) -> Rig:
         rig = rig._with(tasks=checked.tasks, fixed=checked.fixed)
     for each in hooks_of(RigEntries):
         rig = each.add_entries(rig, entries)
-    return rig._with(equipment={**rig.equipment, **equipment_of(entries)})
+    return rig
 
 
 def entries_of(rig: Rig) -> ByName:

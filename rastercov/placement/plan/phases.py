@@ -24,7 +24,7 @@ from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined
 from rastercov.placement.matrix import VisibilityMatrix
-from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.file import Plan, PlanFeature
 from rastercov.placement.plan.generator import Generator, Table
 from rastercov.shards import Progress
 
@@ -166,7 +166,7 @@ class Carrier(Protocol):
         """True where it brings a camera, by its row, to a world_from_camera without a collision."""
 
 
-class PlanScene:
+class PlanScene(PlanFeature):
     """Hooks of a feature that gives a plan phases, or carries cameras; they do nothing here."""
 
     sections: tuple[str, ...] = ()
