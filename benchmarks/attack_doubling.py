@@ -360,7 +360,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 LOADED = [
     "rastercov.core.coverage.observer",
-    "rastercov.core.coverage.observer",
+    "rastercov.core.coverage.exact_pass",
     "rastercov.core.mesh.shapes",
 ]
 LOADED += [
@@ -390,7 +390,7 @@ def measured(kind: str, n: int, how: str) -> tuple[float, int] | str | None:
 def at_crossings(report: Report, kind: str, n: int) -> None:
     """CPU seconds of a corner of what is seen of faces that cross, of n and of twice as many."""
     from rastercov.core.camera.near_plane import near_limit
-    from rastercov.core.coverage.observer import engine_camera
+    from rastercov.core.coverage.exact_pass import engine_camera
     from rastercov.core.exact.surface import surface_of
     from rastercov.engine import solver_visibility
 

@@ -14,8 +14,9 @@ from rastercov.base import TINY, FloatArray
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.gates import through
 from rastercov.core.area.rows import with_rule
+from rastercov.core.area.spread import union_of
 from rastercov.core.area.table import Regions, join, take_rows
-from rastercov.core.area.union import Covered, union_of
+from rastercov.core.area.union import Covered
 from rastercov.core.camera import Cameras, Poses, by_gate, gates_of
 from rastercov.core.coverage.task import Task
 

@@ -10,7 +10,7 @@ from surface_cases import hostile_scene
 import rastercov as rc
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera.pose import Poses
-from rastercov.core.coverage.observer import room_for
+from rastercov.core.coverage.exact_pass import room_for
 from rastercov.core.mesh import Group, Mesh
 from rastercov.core.raster.observation import BoundKind
 

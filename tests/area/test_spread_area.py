@@ -12,7 +12,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.area.frames import rows_at
 from rastercov.core.area.network import unit_of_result
-from rastercov.core.area.union import SpreadUnion
+from rastercov.core.area.spread import SpreadUnion
 from rastercov.reference.regions import covers_points, points_on
 
 pytestmark = pytest.mark.native

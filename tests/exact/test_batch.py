@@ -16,7 +16,7 @@ import rastercov as rc
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.observer import ExactPass, engine_camera, room_for
+from rastercov.core.coverage.exact_pass import ExactPass, engine_camera, room_for
 from rastercov.core.mesh import shapes
 from rastercov.engine import solver_visibility
 

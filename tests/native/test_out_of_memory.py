@@ -15,7 +15,7 @@ import numpy as np
 import rastercov as rc
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.observer import ExactPass, room_for
+from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import shapes
 

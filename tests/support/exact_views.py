@@ -12,7 +12,7 @@ from surfaces import surface_of
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.near_plane import near_limit
 from rastercov.core.camera.viewpoints import look_at
-from rastercov.core.coverage.observer import engine_camera
+from rastercov.core.coverage.exact_pass import engine_camera
 from rastercov.engine import solver_visibility
 from rastercov.engine.solver_visibility import BLOCK, LIVE, MIXED
 from rastercov.reference import rational

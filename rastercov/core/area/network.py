@@ -12,8 +12,9 @@ from rastercov.core.area.feature import DOUBTFUL
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.regions import check_pointwise
 from rastercov.core.area.remedies import ANY, Allowed
+from rastercov.core.area.spread import BETWEEN_CAMERAS, check_poses, union_of
 from rastercov.core.area.table import Regions
-from rastercov.core.area.union import BETWEEN_CAMERAS, Covered, check_poses, union_of
+from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
 from rastercov.core.camera import Cameras, Poses, is_joint
 from rastercov.core.coverage.engine import Engine

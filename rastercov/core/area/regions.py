@@ -35,8 +35,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.observer import (
-    ExactObserver,
+from rastercov.core.coverage.exact_pass import (
     ExactPass,
     Figures,
     PlacedPoses,
@@ -45,6 +44,7 @@ from rastercov.core.coverage.observer import (
     pinhole_numbers,
     room_for,
 )
+from rastercov.core.coverage.observer import ExactObserver
 from rastercov.core.coverage.task import (
     STEEP,
     Reason,

@@ -49,7 +49,8 @@ from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.polygons import Overlay
 from rastercov.core.area.regions import RegionPass, check_pointwise
 from rastercov.core.area.rows import rule_lists, rule_reasons, with_rule
-from rastercov.core.area.union import Covered, RegionUnion, SpreadUnion, union_of
+from rastercov.core.area.spread import SpreadUnion, union_of
+from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.camera import (
     Cameras,
     Poses,
