@@ -16,8 +16,8 @@ from rastercov.base.errors import MeshError
 from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import shapes
-from rastercov.core.mesh.targets import faces_on, sheet_above, with_target
 from rastercov.placement import what_is_left
+from rastercov.placement.targets import faces_on, sheet_above, with_target
 from rastercov.reference.algorithm1 import occlusion
 from rastercov.reference.coverage import figures_of_pose
 from rastercov.reference.models import MODELS

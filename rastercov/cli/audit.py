@@ -24,7 +24,7 @@ from rastercov.formats.cameras import read_through
 from rastercov.shards import Staff, Tally
 
 if TYPE_CHECKING:
-    from rastercov.formats.georeference import GeoReference
+    from rastercov.placement.georeference import GeoReference
     from rastercov.placement.reconstruction import Reconstruction
 
 NO_SCALE = (
@@ -107,7 +107,7 @@ class FootprintOptions(NamedTuple):
                         f"expected --footprints or --overlap-map with {option}, got none; give one"
                     )
             return None
-        from rastercov.formats.georeference import given_reference, reference_of
+        from rastercov.placement.georeference import given_reference, reference_of
         from rastercov.survey import geo
         from rastercov.survey.geo import overlap_map
 

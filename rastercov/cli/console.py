@@ -321,7 +321,7 @@ def print_network(
     summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:
     """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
-    from rastercov.core.coverage.parts import part_rows
+    from rastercov.placement.parts import part_rows
     from rastercov.report.tables import camera_table, summary_table
 
     console = Console()

@@ -45,7 +45,6 @@ from rastercov.base import (
 from rastercov.base.arguments import is_number
 from rastercov.base.format import distance
 from rastercov.core.area.advice import general_advice
-from rastercov.core.area.footprints import Footprints, footprints, surface_of_footprints
 from rastercov.core.area.polygons import quantile
 from rastercov.core.area.remedies import SURE, round_point
 from rastercov.core.area.stages import failures_of_rows
@@ -64,12 +63,13 @@ from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import components_of, first_equal_row
-from rastercov.formats.georeference import GeoReference
 from rastercov.placement.audit import Audit, audit
 from rastercov.placement.bits import CoveredBits, by_face
 from rastercov.placement.candidates.cavities import face_frames
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.rooms import filter_candidates
+from rastercov.placement.footprints import Footprints, footprints, surface_of_footprints
+from rastercov.placement.georeference import GeoReference
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.select.methods import select_greedy
 from rastercov.placement.select.problem import BestCoverage, Problem

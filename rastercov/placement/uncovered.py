@@ -45,7 +45,6 @@ from rastercov.core.coverage.coverage import Coverage, evaluate_batches, measure
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
 from rastercov.core.coverage.observer import Observer, open_observer
-from rastercov.core.coverage.parts import MOST_ROWS
 from rastercov.core.coverage.task import (
     BITS,
     REASONS,
@@ -60,6 +59,7 @@ from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.groups import at_level, rows_at
 from rastercov.engine import coverage_pairs as kernels
+from rastercov.placement.parts import MOST_ROWS
 from rastercov.shards import Progress, silent
 
 SEEN_NOTHING = 1e-6

@@ -40,7 +40,6 @@ from rastercov.base import (
 from rastercov.base.format import area, verb
 from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.output import write_npz
-from rastercov.core.area.footprints import overlap_words
 from rastercov.core.area.zones import DeadZones, face_zones
 from rastercov.core.camera import cameras_of, eyes_of, names_of
 from rastercov.core.coverage.network import share_of_faces
@@ -48,6 +47,7 @@ from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import folder_of_shards, remove
 from rastercov.formats.cameras.own import content_of
 from rastercov.placement.audit import Audit, element_figures
+from rastercov.placement.footprints import overlap_words
 from rastercov.placement.reconstruction import KINDS, Reconstruction, Suggested, Weak, weak
 from rastercov.report.coverage_files import (
     INSTALL_PYARROW,
@@ -113,7 +113,7 @@ def write(
     pdf : bool
         True for the page on paper, too.
     level : int, optional
-        Of the parts in the table of the page, as of `rastercov.core.coverage.parts.entries_at`.
+        Of the parts in the table of the page, as of `rastercov.placement.parts.entries_at`.
     progress : callable
         Called with the pictures drawn and their total.
     """

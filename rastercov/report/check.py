@@ -10,10 +10,10 @@ from pathlib import Path
 
 from rastercov.base import percent, write_json, write_text
 from rastercov.core.coverage.provenance import provenance_of
-from rastercov.core.coverage.required import FAILS
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.product import Judged
+from rastercov.placement.required import FAILS
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage

@@ -20,9 +20,9 @@ from rastercov.core.area.features import conditions_at
 from rastercov.core.area.stages import first_failures
 from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of
 from rastercov.core.coverage.densities import density_text
-from rastercov.core.coverage.parts import PartRow
 from rastercov.core.coverage.task import Reason, Task, nearness
 from rastercov.core.mesh import Mesh
+from rastercov.placement.parts import PartRow
 
 MOST_PAIRS = 2_000_000
 """Pairs of pose and feature up to which there is a table."""

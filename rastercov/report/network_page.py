@@ -49,10 +49,10 @@ from rastercov.core.camera import (
 from rastercov.core.camera.rig import short_names
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
-from rastercov.core.coverage.required import HOLDS
 from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
+from rastercov.placement.required import HOLDS
 from rastercov.report.drawing import devices_of
 from rastercov.report.feature import NetworkPart, hooks, part_of
 from rastercov.report.feature_table import FeatureRow, feature_rows, table_of

@@ -34,9 +34,9 @@ from rastercov.core.camera import names_of
 from rastercov.core.coverage.coverage import Coverage
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.coverage.network import Network, reasons_of
-from rastercov.core.coverage.parts import MOST_ROWS, PartRow, part_rows
 from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
+from rastercov.placement.parts import MOST_ROWS, PartRow, part_rows
 from rastercov.placement.plan.check import Checked, to_json
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.reconstruction import Reconstruction

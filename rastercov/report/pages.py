@@ -43,9 +43,9 @@ from rastercov.core.area.zones import DeadZones, zone_line
 from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of, names_of, upwards
 from rastercov.core.camera.projection import view_border, view_frame
 from rastercov.core.coverage.network import Network, reasons_of
-from rastercov.core.coverage.parts import part_rows
 from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
+from rastercov.placement.parts import part_rows
 from rastercov.report import theme
 from rastercov.report.feature import InPhases
 from rastercov.report.images import png, png_in_the_dark

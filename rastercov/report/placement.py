@@ -16,11 +16,10 @@ from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.zones import ZONES
 from rastercov.core.camera import led_by, names_of_poses
 from rastercov.core.coverage.evaluation import regions
-from rastercov.core.coverage.parts import MOST_ROWS
-from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
 from rastercov.placement.candidates.rooms import KeepOutBox
+from rastercov.placement.parts import MOST_ROWS
 from rastercov.placement.plan.check import MOST_GOALS, Checked, to_json
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
@@ -28,6 +27,7 @@ from rastercov.placement.plan.network import limits_of, views_by_group
 from rastercov.placement.plan.product import Judged
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
+from rastercov.placement.required import HOLDS
 from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
 from rastercov.report.network_page import GoalPart, NetworkPage, heads_of

@@ -103,7 +103,7 @@ def run_into(
     pdf : bool
         True for the page on paper, too.
     level : int, optional
-        Of the parts in the table of the page, as of `rastercov.core.coverage.parts.entries_at`.
+        Of the parts in the table of the page, as of `rastercov.placement.parts.entries_at`.
 
     Raises
     ------

@@ -18,7 +18,7 @@ from rastercov.base import format as texts
 from rastercov.core.area.advice import advice_of
 from rastercov.core.camera.camera import depths_in_focus
 from rastercov.core.camera.viewpoints import distances_to_try
-from rastercov.core.coverage import required
+from rastercov.placement import required
 
 Shared = Callable[..., object]
 SHARED: tuple[Shared, ...] = (

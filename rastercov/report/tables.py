@@ -21,9 +21,9 @@ from rastercov.base.format import area, in_decimals, text_with_sign
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import angles_of_view
 from rastercov.core.coverage.densities import density_text
-from rastercov.core.coverage.parts import MOST_ROWS, PartRow, entries_at, part_rows
 from rastercov.core.coverage.phases import question_in
 from rastercov.core.raster.observation import KIND_WORDS
+from rastercov.placement.parts import MOST_ROWS, PartRow, entries_at, part_rows
 
 STRAIGHT = 1e-4
 """Sine of the angle to the vertical below which a camera looks straight up or down."""
@@ -37,7 +37,7 @@ def summary_table(summary: ReadByName, level: int | None = None, unit: str = "m"
     """`Network.summary` for a terminal of 80 columns: parts or groups.
 
     Those with the least covered come first, at most `MOST_ROWS`, at a level of the tree of groups
-    as for `rastercov.core.coverage.parts.entries_at`. "main cause" is the reason of most of what is
+    as for `rastercov.placement.parts.entries_at`. "main cause" is the reason of most of what is
     not covered, "faces %" the share of faces where the result is by face, and "% of coverable",
     where it differs, the covered share of the area that a camera outside all bodies can see. `unit`
     is of lengths, as of `rastercov.base.format.area`; a `noun` of the summary is a word for a pose.

@@ -35,7 +35,7 @@ from rastercov.placement.plan.product import Product
 from rastercov.survey.plan_section import FlightSection
 
 if TYPE_CHECKING:
-    from rastercov.core.area.footprints import Footprints
+    from rastercov.placement.footprints import Footprints
 
 STRAIGHT = 1e-6
 """Sine of the angle to the vertical below which a view has no heading of its own."""
@@ -238,7 +238,7 @@ class Flight(Product):
     @cached_property
     def footprints(self) -> "Footprints":
         """Footprints of all images, in the order of flight."""
-        from rastercov.core.area.footprints import footprints
+        from rastercov.placement.footprints import footprints
 
         placed, owner = self.mounts.cameras(self.poses)
         names = [str(row + 1) for row in owner.tolist()]
@@ -285,7 +285,7 @@ class Flight(Product):
 
     def lines(self) -> list[str]:
         """Sentences on the flight."""
-        from rastercov.core.area.footprints import overlap_words
+        from rastercov.placement.footprints import overlap_words
 
         away, leg = self.clearance
         figures = self._figures

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rastercov.base import RastercovError, errors_as
-from rastercov.formats.georeference import GeoReference
+from rastercov.placement.georeference import GeoReference
 from rastercov.placement.plan.entries import (
     Entry,
     Name,

@@ -13,13 +13,13 @@ import numpy as np
 from rastercov.base import ByName, ConfigError, first_of, frozen_record
 from rastercov.base.format import distinct_percents
 from rastercov.core.camera import Poses, names_of
-from rastercov.core.coverage.required import FAILS, SHARE_TOLERANCE, UNDECIDED
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import AreaRequirement, Requirement, counting
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.product import Demand, Verdicts
+from rastercov.placement.required import FAILS, SHARE_TOLERANCE, UNDECIDED
 from rastercov.placement.select.problem import views_of
 from rastercov.tolerances.passes import Errors, TolerancePass, check_provable, errors_in
 from rastercov.tolerances.sure import SureCoverage, sure_coverage

@@ -15,8 +15,8 @@ from rastercov.core.area.frames import frames_of
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.table import join
 from rastercov.core.mesh.bodies import MOST_PARTNERS
-from rastercov.core.mesh.targets import with_target
 from rastercov.motion.regions import ViewKeys
+from rastercov.placement.targets import with_target
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300)
 TASK = rc.Task(max_incidence_deg=75)

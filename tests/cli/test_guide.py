@@ -17,8 +17,8 @@ from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.cli.console import COMMANDS, LazyCommand
-from rastercov.core.mesh.targets import box_grid
 from rastercov.placement.plan.file import read_plan
+from rastercov.placement.targets import box_grid
 
 ROOT = Path(__file__).parents[2]
 DOCS, DATA = ROOT / "docs", ROOT / "rastercov" / "data"

@@ -10,11 +10,11 @@ from scenes import joined
 from scipy.spatial.transform import Rotation
 
 import rastercov as rc
-from rastercov.core.coverage.parts import PartRow, part_rows
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.core.mesh.groups import Names
 from rastercov.core.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
 from rastercov.formats.meshes.polygons import names_in_tree
+from rastercov.placement.parts import PartRow, part_rows
 from rastercov.placement.plan.network import classify_network
 from rastercov.placement.select.methods import select_greedy
 from rastercov.placement.select.problem import (

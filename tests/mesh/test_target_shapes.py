@@ -7,7 +7,7 @@ from target_scenes import sheet_at
 
 from rastercov.base.errors import MeshError, RastercovError
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.core.mesh.targets import MOST_BOXES, box_grid, count_for, sheet_above, with_target
+from rastercov.placement.targets import MOST_BOXES, box_grid, count_for, sheet_above, with_target
 
 ROOM = shapes.room(4)
 

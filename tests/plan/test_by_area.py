@@ -19,11 +19,11 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 import rastercov as rc
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.camera.pose_file import write_poses
-from rastercov.core.coverage.required import FAILS, HOLDS, UNDECIDED
 from rastercov.placement.plan import fewer, shortfall
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import plan_of
 from rastercov.placement.plan.network import classify_areas
+from rastercov.placement.required import FAILS, HOLDS, UNDECIDED
 from rastercov.report import plan as report
 
 SIZED = {"max_incidence_deg": 75, "min_pixels_per_m2": 4000}

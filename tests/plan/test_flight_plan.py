@@ -14,9 +14,9 @@ from short_search import short_search  # noqa: F401 # a fixture for every test
 
 import rastercov as rc
 from rastercov.core.mesh import Mesh
-from rastercov.formats.georeference import GeoReference
 from rastercov.placement import NearestSurface
 from rastercov.placement.candidates.ground import heights_at
+from rastercov.placement.georeference import GeoReference
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.report.plan import lines as plan_lines
 from rastercov.report.plan import summary

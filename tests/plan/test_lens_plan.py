@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.core.coverage.required import HOLDS, UNDECIDED
+from rastercov.placement.required import HOLDS, UNDECIDED
 
 CAMERAS = {
     "barrel": {"width": 640, "height": 480, "fx": 480, "fy": 480, "model": "opencv"}

@@ -4,7 +4,7 @@ import pytest
 from nightly import nightly
 
 import rastercov as rc
-from rastercov.core.coverage.required import HOLDS
+from rastercov.placement.required import HOLDS
 from rastercov.report.plan import summary
 
 LENS = {"width": 640, "height": 480, "magnification": 0.004, "pixel_size": 5e-6}

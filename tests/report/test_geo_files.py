@@ -15,9 +15,9 @@ from PIL import Image
 from terrain import CAMERAS, images, site
 
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.footprints import footprints
 from rastercov.core.coverage.task import Task
-from rastercov.formats.georeference import GeoReference
+from rastercov.placement.footprints import footprints
+from rastercov.placement.georeference import GeoReference
 from rastercov.survey.geo import FORMATS, check
 from rastercov.survey.geo.layer import Layer
 from rastercov.survey.geo.overlap_map import overlap_map, write

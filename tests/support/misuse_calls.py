@@ -29,7 +29,7 @@ from rastercov.placement.candidates.segments import segment
 MODULES = (
     "rastercov",
     "rastercov.core.mesh.shapes",
-    "rastercov.core.mesh.targets",
+    "rastercov.placement.targets",
     "rastercov.placement",
 )
 """Documented modules."""

@@ -8,8 +8,8 @@ import numpy as np
 from rastercov.base import format as texts
 from rastercov.core.camera.camera import depths_in_focus
 from rastercov.core.camera.viewpoints import distances_to_try
-from rastercov.core.coverage import required
 from rastercov.core.coverage.densities import density_text
+from rastercov.placement import required
 
 SPECS = (
     "",

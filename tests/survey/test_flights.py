@@ -11,11 +11,11 @@ from terrain import CAMERAS, ground, site
 import rastercov as rc
 from rastercov import placement
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.footprints import footprints
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.placement import Circles, Framing, Survey, facade
 from rastercov.placement.candidates.ground import heights_at, outline
+from rastercov.placement.footprints import footprints
 from rastercov.survey.patterns import above_ground
 
 AREA = [(-15, -12), (14, -8), (9, 13), (-12, 9)]

@@ -8,9 +8,9 @@ from terrain import CAMERAS, ground, heights, images, is_seen, site
 
 import rastercov as rc
 from rastercov.base.errors import MeshError
-from rastercov.core.area.footprints import footprints, overlap_words, project_down
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
+from rastercov.placement.footprints import footprints, overlap_words, project_down
 
 NAMES = ("a", "b", "c", "d")
 BORDER_REL = {True: 1e-7, False: 2e-5}

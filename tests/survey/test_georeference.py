@@ -9,7 +9,7 @@ import pytest
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.mesh import Mesh
-from rastercov.formats.georeference import GeoReference, given_reference, reference_of
+from rastercov.placement.georeference import GeoReference, given_reference, reference_of
 
 pyproj = pytest.importorskip("pyproj", reason="pyproj is missing: pip install 'rastercov[geo]'")
 A, F = 6378137.0, 1 / 298.257223563

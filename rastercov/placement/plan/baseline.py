@@ -29,7 +29,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, number
 from rastercov.core.area.zones import LEAST_PERCENT, zone_line
-from rastercov.core.coverage.required import FAILS, status_of
+from rastercov.placement.required import FAILS, status_of
 
 Told = ReadByName
 Entry = ByName

@@ -54,7 +54,6 @@ from rastercov.core.camera import (
     rows_of_result,
 )
 from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.required import HOLDS, SHARE_TOLERANCE
 from rastercov.core.coverage.task import REASONS, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import Names, list_names, parts_above, quote, rows_at, rows_of
@@ -88,6 +87,7 @@ from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.prepare import Step, quiet
 from rastercov.placement.plan.product import Demand, Verdicts
 from rastercov.placement.plan.scene import free_places, name_scene, places_of
+from rastercov.placement.required import HOLDS, SHARE_TOLERANCE
 from rastercov.placement.select.problem import in_whole_numbers, views_of, weights_of
 from rastercov.placement.uncovered import Leftover
 

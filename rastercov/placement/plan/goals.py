@@ -28,7 +28,6 @@ from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Cameras, Poses
 from rastercov.core.coverage.observer import Observer
-from rastercov.core.coverage.required import SHARE_TOLERANCE
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
@@ -52,6 +51,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.sections import GoalSection
+from rastercov.placement.required import SHARE_TOLERANCE
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,

@@ -39,15 +39,6 @@ from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batc
 from rastercov.core.coverage.doubts import find_warnings
 from rastercov.core.coverage.network import Network, share_of_faces
 from rastercov.core.coverage.observer import Observer, open_observer
-from rastercov.core.coverage.required import (
-    HOLDS,
-    UNDECIDED,
-    ends_in_words,
-    outcome_line,
-    share_of,
-    short_by,
-    status_of,
-)
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
@@ -60,6 +51,15 @@ from rastercov.placement.plan.sections import (
     FewestSelection,
     SelectionSection,
     TaskSection,
+)
+from rastercov.placement.required import (
+    HOLDS,
+    UNDECIDED,
+    ends_in_words,
+    outcome_line,
+    share_of,
+    short_by,
+    status_of,
 )
 from rastercov.placement.select.problem import (
     BestCoverage,

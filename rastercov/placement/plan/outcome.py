@@ -15,9 +15,9 @@ from xml.etree import ElementTree
 from rastercov.advice.headline import advice_line, with_parts
 from rastercov.base import ConfigError, check_place, plural, write_bytes, write_text
 from rastercov.core.area.zones import LEAST_PERCENT, n_unlisted, zone_line
-from rastercov.core.coverage.required import HOLDS
 from rastercov.placement.plan.baseline import MOST_OF_KIND, MOST_WORST, Against, words
 from rastercov.placement.plan.check import Checked
+from rastercov.placement.required import HOLDS
 
 MOST_ZONES = 20
 """Dead zones with a case of their own, the largest, and those that differ from the baseline."""

@@ -5,10 +5,10 @@ from typing import NamedTuple, Protocol, Self
 
 from rastercov.base import ByName, hooks_of
 from rastercov.core.camera import Poses
-from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import Requirement
+from rastercov.placement.required import HOLDS
 
 
 class Figure(NamedTuple):

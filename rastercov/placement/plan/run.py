@@ -34,7 +34,6 @@ from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Poses, is_joint, led_by, names_of_poses, renumber, unit_warnings
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.required import HOLDS
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import list_names, rows_of
@@ -88,6 +87,7 @@ from rastercov.placement.plan.product import Product
 from rastercov.placement.plan.scene import CandidatePool, name_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, views_for_zones, ways
+from rastercov.placement.required import HOLDS
 from rastercov.placement.select.methods import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
 from rastercov.placement.uncovered import Leftover

@@ -29,14 +29,6 @@ from rastercov.core.camera.conventions import unique_names
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import FileGroups, Names, names_beside, refuse_twice
-from rastercov.core.mesh.targets import (
-    LAYERS,
-    box_grid,
-    count_for,
-    faces_on,
-    sheet_above,
-    with_target,
-)
 from rastercov.placement.candidates import mounting
 from rastercov.placement.candidates.pool import Candidates, Framing
 from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
@@ -57,6 +49,14 @@ from rastercov.placement.plan.generator import Framed, Generator, GeneratorScene
 from rastercov.placement.plan.generators import PerCavity, PerSegment
 from rastercov.placement.plan.phases import carriers, hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry
+from rastercov.placement.targets import (
+    LAYERS,
+    box_grid,
+    count_for,
+    faces_on,
+    sheet_above,
+    with_target,
+)
 
 AnyEntry = TypeVar("AnyEntry", bound=Entry)
 

@@ -36,7 +36,6 @@ from rastercov.core.area.zones import (
 )
 from rastercov.core.camera import Camera, Poses, Rig, led_by, look_at, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.required import FAILS, HOLDS
 from rastercov.core.coverage.task import BETWEEN, NAMES, REASONS, Reason, Task, code_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
@@ -50,6 +49,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.prepare import Clock, Prepared
 from rastercov.placement.plan.scene import places_of
+from rastercov.placement.required import FAILS, HOLDS
 from rastercov.placement.select.problem import views_of
 from rastercov.shards import Progress, silent
 

@@ -39,12 +39,12 @@ from rastercov.base.typed import check_fields, typed
 from rastercov.core.area.cells import Cells
 from rastercov.core.camera import eyes_of
 from rastercov.core.coverage.network import ViewSpread, least_cosine
-from rastercov.core.coverage.required import SHARE_TOLERANCE
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import list_names, rows_of
 from rastercov.placement.bits import CoveredBits
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.mounts import Mounts
+from rastercov.placement.required import SHARE_TOLERANCE
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""

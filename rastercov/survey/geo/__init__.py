@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rastercov.base import check_choice, check_place, write_bytes
-from rastercov.core.area.footprints import Footprints
-from rastercov.formats.georeference import GeoReference
+from rastercov.placement.footprints import Footprints
+from rastercov.placement.georeference import GeoReference
 from rastercov.survey.geo import dxf, geojson, gpkg, kml
 from rastercov.survey.geo.layer import Layer
 

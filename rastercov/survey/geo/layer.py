@@ -11,9 +11,9 @@ import shapely
 from numpy.typing import NDArray
 
 from rastercov.base import ByName, ConfigError, FloatArray, frozen_record
-from rastercov.core.area.footprints import Footprints
 from rastercov.core.mesh.sections import polygons_in
-from rastercov.formats.georeference import GeoReference
+from rastercov.placement.footprints import Footprints
+from rastercov.placement.georeference import GeoReference
 
 LOCAL = "local, without a CRS"
 MAP_GRID, GEODETIC_GRID = 1e-6, 1e-9

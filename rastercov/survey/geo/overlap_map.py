@@ -26,7 +26,7 @@ from rastercov.base import (
     check_place,
     write_bytes,
 )
-from rastercov.formats.georeference import GeoReference
+from rastercov.placement.georeference import GeoReference
 from rastercov.survey.geo.layer import Layer
 
 SUFFIXES = (".tif", ".tiff", ".png")

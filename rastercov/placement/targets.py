@@ -214,7 +214,7 @@ def faces_on(sheet: Mesh, facing: ArrayLike = 8, spacing: float = 0.5, size: flo
     Examples
     --------
     >>> import rastercov as rc
-    >>> from rastercov.core.mesh.targets import faces_on, sheet_above
+    >>> from rastercov.placement.targets import faces_on, sheet_above
     >>> sheet = sheet_above(rc.shapes.room(), "room", 1.6)
     >>> faces_on(sheet, facing=4, spacing=1.0).n_faces
     240

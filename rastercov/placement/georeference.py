@@ -61,7 +61,7 @@ class GeoReference:
     Examples
     --------
     >>> import numpy as np
-    >>> from rastercov.formats.georeference import GeoReference
+    >>> from rastercov.placement.georeference import GeoReference
     >>> place = GeoReference("EPSG:32632", (500000.0, 5300000.0, 400.0))
     >>> place.geodetic(np.zeros((1, 3))).round(4).tolist()  # longitude, latitude, height
     [[9.0, 47.8537, 400.0]]
