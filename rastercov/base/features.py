@@ -19,7 +19,7 @@ FEATURES: dict[str, dict[str, str]] = {
         "PointTwin": "reference.rules",
     },
     "lamps": {
-        "RigEntries": "light.lamp_rig",
+        "RigEntries": "light.lamp_file",
         "Wording": "light.lamp_words",
         "Feature": "light.points",
         "PlanSections": "light.plan_section",

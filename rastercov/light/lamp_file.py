@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from rastercov.base import (
     suffix_of,
 )
 from rastercov.base.arguments import number, pair, positive
-from rastercov.core.camera import look_at
+from rastercov.core.camera import Cameras, EquipmentKind, equipment_on, look_at
 from rastercov.core.camera.catalogue import lamp_entries_of
 from rastercov.core.camera.exposure import Exposure
 from rastercov.core.camera.light_units import check_unit, illuminance
@@ -35,7 +36,7 @@ from rastercov.core.camera.sun import NORTH_DEG, angle, moment, sun_directions, 
 from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.light.gltf_lights import GltfLight, read_lights
 from rastercov.light.lamps import SIZES, SUN, UNITS, Lamp, Lamps, lamps_of_json
-from rastercov.light.luminaire_files import READERS
+from rastercov.light.photometry import READERS
 
 LARGEST_SCENE = 1 << 30
 """Bytes of a glTF scene."""
@@ -305,3 +306,34 @@ def _illuminance(text: str, unit: str) -> float:
         raise CameraError(f"expected ambient to be {error}") from None
     check_unit("ambient", result, unit)
     return float(result)
+
+
+def lamps_on(cameras: Cameras) -> Lamps | None:
+    """Lamps that must light what cameras see; None where light does not count."""
+    entry = equipment_on(cameras).get("lamps")
+    assert isinstance(entry, Lamps | None)
+    return entry
+
+
+class LampKind(EquipmentKind):
+    """Lamps, see `Lamps`."""
+
+    word = "lamps"
+    help = "Lamp file (.toml, .json, .glb); a covered point must also be lit; see docs/light.md."
+    entry = "light"
+
+    def of(self, given: object, site: Site = NOWHERE) -> Lamps:
+        """See `EquipmentKind`."""
+        lamps = load_lamps(given, site) if isinstance(given, str | PathLike) else given
+        if not isinstance(lamps, Lamps):
+            raise CameraError(
+                f"expected lamps to be Lamps or a file, got {shown(lamps)}; correct it"
+            )
+        return lamps
+
+    def of_json(self, entries: ReadByName) -> Lamps:
+        """See `EquipmentKind`."""
+        return lamps_of_json(entries)
+
+
+HOOKS = LampKind()

@@ -7,8 +7,7 @@ from rastercov.base import ByName, RastercovError, errors_as
 from rastercov.core.camera import Rig
 from rastercov.core.camera.light_units import GLOSSES
 from rastercov.core.coverage.task import Task
-from rastercov.light.lamp_file import lamps_of
-from rastercov.light.lamp_rig import lamps_of as lamps_of_rig
+from rastercov.light.lamp_file import lamps_of, lamps_on
 from rastercov.light.lamps import SUN, Lamps
 from rastercov.light.regions import OF_LIGHT, narrow_to_lamps
 from rastercov.placement.plan.candidate_entry import CandidateEntry
@@ -34,7 +33,7 @@ def build_lamps(plan: Plan, folder: Path) -> Lamps | None:
 
 def plan_with_lamps(plan: Plan, rig: Rig | None) -> Plan:
     """The same plan in the light of the lamps of a rig; None for any light, without lamps."""
-    lamps = None if rig is None else lamps_of_rig(rig)
+    lamps = None if rig is None else lamps_on(rig)
     changes: ByName = {}
     if lamps is None:
         dark = {name: getattr(Task, name) for name in OF_LIGHT} | {"gloss": None}
@@ -81,7 +80,7 @@ class PlanLamps(PlanFeature):
 
     def site(self, plan: Plan, rig: Rig) -> Rig:
         """See `PlanFeature`."""
-        lamps, built = lamps_of_rig(rig), build_lamps(plan, plan.folder)
+        lamps, built = lamps_on(rig), build_lamps(plan, plan.folder)
         if lamps is None or built is None:
             return rig
         for row, name in enumerate(lamps.names):

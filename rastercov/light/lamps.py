@@ -46,7 +46,6 @@ from rastercov.core.camera.light_units import check_unit
 from rastercov.core.camera.parallel import FAR, SUN_RADIUS_DEG
 from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.light.gltf_lights import GltfLight, scene_of
-from rastercov.light.luminaire_files import read_luminaire
 from rastercov.light.photometry import (
     ASCEND,
     LARGEST_NUMBER,
@@ -57,6 +56,7 @@ from rastercov.light.photometry import (
     are_angles,
     are_planes,
     falloff,
+    read_luminaire,
     shares_of,
     shares_of_planes,
     table_of,

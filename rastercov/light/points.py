@@ -33,7 +33,7 @@ from rastercov.core.area.table import Finder, Regions
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, names_of
 from rastercov.core.coverage.task import Reason, Task, tasks_of
 from rastercov.core.mesh import Mesh
-from rastercov.light.lamp_rig import lamps_of
+from rastercov.light.lamp_file import lamps_on
 from rastercov.light.lamp_words import quantity
 from rastercov.light.lamps import Lamps, are_lit, illuminances, points_of
 from rastercov.light.regions import (
@@ -62,7 +62,7 @@ class LightFigures(Figures):
         self, new: Callable[[], Areas], camera: Cameras, task: Task, used: Iterable[int]
     ) -> None:
         self._lights: list[Light] = []
-        lamps = lamps_of(camera)
+        lamps = lamps_on(camera)
         n = 0 if lamps is None else 2 + asks_for_light(task)
         self._seen = [new() for _ in range(n)]
         self._carried: dict[str, Areas] = {}
@@ -303,11 +303,11 @@ class PointLamps(Feature):
 
     def narrow(self, camera: Cameras, task: Task) -> Task:
         """See `Feature`: within what the lamps ask for."""
-        return narrow_to_lamps(task, lamps_of(camera))
+        return narrow_to_lamps(task, lamps_on(camera))
 
     def check_bodies(self, camera: Cameras, bodies: Sequence[str]) -> None:
         """See `Feature`."""
-        lamps = lamps_of(camera)
+        lamps = lamps_on(camera)
         for own in () if lamps is None else lamps.carried_by(names_of(camera)):
             if len(used := {bodies[at]: 0 for at in np.flatnonzero(own).tolist()}) > 1:
                 raise ConfigError(
@@ -323,7 +323,7 @@ class PointLamps(Feature):
         find: Callable[[Sequence[Camera]], Finder],
     ) -> Light | None:
         """See `Feature`."""
-        lamps = lamps_of(camera)
+        lamps = lamps_on(camera)
         if lamps is None or not isinstance(camera, Rig):
             return None
         around = lamps._around(mesh.bounds)
@@ -334,7 +334,7 @@ class PointLamps(Feature):
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """See `Feature`."""
-        if lamps_of(camera) is None or not isinstance(camera, Rig):
+        if lamps_on(camera) is None or not isinstance(camera, Rig):
             return
         if any(own.max_highlight_deg > 0 for own in tasks_of(camera, task)):
             yield HIGHLIGHT, camera, task._without(["max_highlight_deg"])
@@ -348,7 +348,7 @@ class PointLamps(Feature):
         self, mesh: Mesh, camera: Cameras, task: Task, points: FloatArray, face: WholeArray
     ) -> LightOfPoints | None:
         """See `Feature`."""
-        lamps = lamps_of(camera)
+        lamps = lamps_on(camera)
         if lamps is None or not isinstance(camera, Rig):
             return None
         return LightOfPoints(mesh, camera, lamps, task, points, face)
@@ -380,7 +380,7 @@ class PointLamps(Feature):
 
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, OfLight]:
         """See `Feature`: `lux`, illuminance by the fixed lamps, its unit and its limits."""
-        lamps, faces = lamps_of(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+        lamps, faces = lamps_on(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
         light = self.at_points(mesh, camera, Task(), mesh.centroids[faces], faces)
         if lamps is None or light is None or light._rides.all():
             return {}

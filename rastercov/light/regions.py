@@ -35,7 +35,7 @@ from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
 from rastercov.core.coverage.task import NAMES, NEEDED, Task, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.light.criteria import Highlight, Illuminance
-from rastercov.light.lamp_rig import lamps_of
+from rastercov.light.lamp_file import lamps_on
 from rastercov.light.lamp_words import REASONS
 from rastercov.light.lamps import SUN, Lamps, are_lit, bits_of, illuminances, points_of
 from rastercov.light.photometry import WEBS, web_of
@@ -421,7 +421,7 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
 
     The nearest one; for `HIGHLIGHT` the one that is mirrored best.
     """
-    lamps = lamps_of(rig)
+    lamps = lamps_on(rig)
     assert lamps is not None
     world = lead.world_from_camera[0] @ np.linalg.inv(rig.rig_from_camera[lead.camera[0]])
     rides = np.asarray(lamps.carried_by(rig.names).any(axis=1))
