@@ -380,13 +380,13 @@ class PointLamps(Feature):
 
     def values(self, mesh: Mesh, camera: Cameras, task: Task) -> dict[str, OfLight]:
         """See `Feature`: `lux`, illuminance by the fixed lamps, its unit and its limits."""
-        lamps, faces = lamps_on(camera), np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
+        faces = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
         light = self.at_points(mesh, camera, Task(), mesh.centroids[faces], faces)
-        if lamps is None or light is None or light._rides.all():
+        if light is None or light._rides.all():
             return {}
         values = np.zeros(mesh.n_faces)
         values[faces] = light.of_cell()
-        light_of = OfLight(values, lamps.unit, task.min_illuminance, task.max_illuminance)
+        light_of = OfLight(values, light.lamps.unit, task.min_illuminance, task.max_illuminance)
         return {"lux": light_of}
 
 
