@@ -119,7 +119,7 @@ def test_an_interrupt_is_raised_by_the_function(monkeypatch):
     def stop(observer, poses):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ExactObserver, "observe", stop)
+    monkeypatch.setattr(ExactObserver, "_measure", stop)
     with pytest.raises(KeyboardInterrupt):
         rc.evaluate(rc.Mesh.load("part.obj"), RIG.cameras[0], POSES, by="face")
 

@@ -9,8 +9,10 @@ as the folder for output. Within it no link is followed: a folder of ours that i
 and so is a file that leads out of its folder.
 """
 
+import csv
 import dataclasses
 import errno
+import io
 import json
 import math
 import os
@@ -18,7 +20,7 @@ import re
 import secrets
 import stat
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -26,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import ReadByName
 from rastercov.base.memory import AnyArray
 
 
@@ -238,3 +241,12 @@ def _plain(data: object) -> Any:
     if dataclasses.is_dataclass(data) and not isinstance(data, type):
         return {f.name: _plain(getattr(data, f.name)) for f in dataclasses.fields(data)}
     return str(data) if isinstance(data, Path) else data
+
+
+def csv_text(columns: Iterable[str], rows: Iterable[ReadByName]) -> str:
+    """Rows as CSV, with the entries of some columns; they may have others."""
+    file = io.StringIO()
+    table = csv.DictWriter(file, list(columns), extrasaction="ignore", lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return file.getvalue()

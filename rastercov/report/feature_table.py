@@ -5,8 +5,6 @@ this point with most pixels per metre; or, where none does, of the one that fail
 there.
 """
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +13,7 @@ import numpy as np
 
 from rastercov.base import FloatArray, IntArray, ReadByName, percent, row_lengths
 from rastercov.base.format import area
+from rastercov.base.output import csv_text
 from rastercov.core.area.advice import figures_of_point
 from rastercov.core.area.features import conditions_at
 from rastercov.core.area.stages import first_failures
@@ -152,8 +151,4 @@ def table_of(rows: Sequence[FeatureRow], unit: str = "m") -> tuple[list[str], li
 
 def csv_of(rows: Sequence[FeatureRow]) -> str:
     """The rows as CSV, with the names of their attributes."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, FeatureRow.__dataclass_fields__, lineterminator="\n")
-    table.writeheader()
-    table.writerows(map(asdict, rows))
-    return text.getvalue()
+    return csv_text(FeatureRow.__dataclass_fields__, map(asdict, rows))

@@ -5,8 +5,6 @@ their joint angles: where one hides too much, another solution of the same pose 
 of a refinement are those of joints, so that every pose stays within reach.
 """
 
-import csv
-import io
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
@@ -26,6 +24,7 @@ from rastercov.base import (
     row_lengths,
 )
 from rastercov.base.format import distance
+from rastercov.base.output import csv_text
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
@@ -146,15 +145,12 @@ class CarriedPoses:
     def files(self) -> dict[str, str]:
         """See `Carried`: joint angles in the order of the tour, as `Robot.read_path` reads them."""
         labels = [name for name in ("position", "camera") if name not in self.joint_names]
-        text = io.StringIO()
-        table = csv.DictWriter(text, (*labels, *self.joint_names), lineterminator="\n")
-        table.writeheader()
-        for row in self.order.tolist():
-            own = {"position": row + 1, "camera": self.cameras[row]}
-            table.writerow(
-                own | dict(zip(self.joint_names, self.joints[row].tolist(), strict=True))
-            )
-        return {JOINTS: text.getvalue()}
+        rows = (
+            {"position": row + 1, "camera": self.cameras[row]}
+            | dict(zip(self.joint_names, self.joints[row].tolist(), strict=True))
+            for row in self.order.tolist()
+        )
+        return {JOINTS: csv_text((*labels, *self.joint_names), rows)}
 
     def line(self) -> str:
         """Joint angles in words."""

@@ -8,8 +8,6 @@ sun.csv         hours and energy by part and group with their bounds
 sun.json        the same, and the provenance
 """
 
-import csv
-import io
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -31,7 +29,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import exponent, text_with_bound
 from rastercov.base.interrupts import hold_interrupts
-from rastercov.base.output import write_npz
+from rastercov.base.output import csv_text, write_npz
 from rastercov.core.camera import Poses
 from rastercov.core.camera.parallel import SUN_RADIUS_DEG
 from rastercov.core.camera.sun import views_from
@@ -265,12 +263,7 @@ def _table(parts: Sequence[ReadByName]) -> str:
         {**part, **{f"{key}_{n}": x for key in lists for n, x in enumerate(part[key], 1)}}
         for part in parts
     ]
-    columns = [key for key in rows[0] if key not in lists]
-    file = io.StringIO()
-    table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    return file.getvalue()
+    return csv_text([key for key in rows[0] if key not in lists], rows)
 
 
 def write(

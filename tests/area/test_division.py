@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.core.area import overlay
+from rastercov.core.area import polygons
 from rastercov.core.area.polygons import polygon_areas
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import RegionUnion
@@ -83,7 +83,7 @@ def pairs_compared(regions):
 @pytest.mark.parametrize("kind", KINDS)
 def test_twice_as_many_pieces_have_little_more_than_twice_as_many_pairs_to_compare(kind):
     one, two, four = (pairs_compared(some(kind, n)) for n in (4_000, 8_000, 16_000))
-    assert one < 4_000 * 3 * 2 * overlay.MOST_PIECES
+    assert one < 4_000 * 3 * 2 * polygons.MOST_PIECES
     assert two < 2.6 * one
     assert four < 2.6 * two
 
@@ -93,7 +93,7 @@ def test_twice_as_many_pieces_have_little_more_than_twice_as_many_pairs_to_compa
 def test_a_divided_face_has_the_union_of_a_whole_one(kind, views, monkeypatch):
     regions = some(kind, 400)
     divided = rc.unite(regions, views)
-    monkeypatch.setattr(overlay, "MOST_PIECES", 10**9)
+    monkeypatch.setattr(polygons, "MOST_PIECES", 10**9)
     whole = rc.unite(regions, views)
     assert (np.abs(divided.area - whole.area) <= divided.bound + whole.bound + 1e-15).all()
     assert divided.bound[0] < 1e-6 * whole.area[0, 0]
