@@ -13,7 +13,7 @@ from rastercov.core.camera.near_plane import near_limit
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh
-from rastercov.engine.coverage_figures import incidence_angle
+from rastercov.engine.coverage_angles import incidence_angle
 from rastercov.reference import criteria
 from rastercov.reference.criteria import clip_near, in_focus, polygon_area
 from rastercov.reference.criteria import measure_geometry as face_geometry

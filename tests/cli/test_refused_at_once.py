@@ -14,7 +14,7 @@ WORK = {
     "coverage_figures": ["judge_poses"],
     "coverage_pairs": ["list_pairs"],
     "solver_contacts": ["find_partners"],
-    "solver_raster": ["Rasterizer", "Scene", "count_triangle"],
+    "solver_raster": ["Rasterizer", "Scene"],
     "solver_tolerance": ["find", "sweep"],
     "solver_union": ["Union"],
     "solver_visibility": ["Pass", "Solver"],

@@ -13,16 +13,8 @@ from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import cpu
 from rastercov.core.raster.cpu import CPURasterizer
-from rastercov.engine.solver_raster import (
-    ALTITUDE,
-    FACES,
-    LANES,
-    LINE_BITS,
-    RADIUS,
-    VERTEX_STEP,
-    VERTICES,
-    Scene,
-)
+from rastercov.engine.raster_parts import ALTITUDE, FACES, LINE_BITS, VERTEX_STEP, VERTICES
+from rastercov.engine.solver_raster import LANES, RADIUS, Scene
 
 pytestmark = pytest.mark.native
 

@@ -22,7 +22,8 @@ from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.cpu import CPURasterizer
-from rastercov.engine.solver_raster import TIE_REL, count_triangle
+from rastercov.engine.raster_parts import count_triangle
+from rastercov.engine.solver_raster import TIE_REL
 from rastercov.gl import GLRasterizer
 from rastercov.reference import samples
 from rastercov.reference import triangle_samples as twin

@@ -100,8 +100,6 @@ void register_coverage_figures(nanobind::module_ &m) {
         def(m, "judge_poses", judge_poses<Camera, Count>, doc, "first", "last", "scope", "rules",
             "out");
     });
-    def(m, "incidence_angle", incidence_angle<double>,
-        "Angle of incidence, radians: the arccosine, within an ulp.", "cosine");
     m.attr("COLUMNS") = COLUMNS_OF<Lens>;
     m.attr("CURVED_COLUMNS") = COLUMNS_OF<CurvedLens>;
     m.attr("SIDE_ROUNDING") = SIDE_ROUNDING;

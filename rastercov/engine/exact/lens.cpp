@@ -28,9 +28,6 @@ constexpr int64_t WIDTH = AT_A_TIME<Lanes>;
 constexpr int64_t VERTICES_AT_A_TIME = 64;
 // Sides of a window that a vertex is compared with; a window of more is nearly a disc.
 constexpr int64_t MOST_WINDOW_SIDES = 12;
-// Rounding of the area under an edge, relative to its length and the size of the image: positions
-// to 2^-50 of the size, some ten times over.
-constexpr double EDGE_ROUNDING = 0x1p-46;
 
 // --- vertices and edges ---
 
@@ -514,22 +511,4 @@ bool are_beyond(Vertices points, Array<const double, 3> eye, Array<const double,
 }
 
 } // namespace exact
-
-void register_exact_lens(nanobind::module_ &m) {
-    using namespace exact;
-    m.attr("EDGE_ROUNDING") = EDGE_ROUNDING;
-    def(m, "vertex_images", vertex_images,
-        "Fill in `places`, (V, 4): x, y of vertices in a plane, and u, v, px, NaN outside its "
-        "window.\n\n"
-        "`uvw` is of the pinhole of the plane; `is_inside`, (V,), are those in the window. A "
-        "vertex "
-        "next to a curved border of the window may count as outside; with a hole all do.",
-        "uvw", "plane", "places", "is_inside");
-    def(m, "edge_bulges", edge_bulges,
-        "Fill in `bulge`, (E,), the area between the image of each edge and its chord, px^2, from "
-        "its first end to its second; the number of edges that are too long for any rule.\n\n"
-        "NaN for these, which are listed in `longer`, and for an edge with an end outside the "
-        "window. `places` are those of `vertex_images`; the plane has no pole.",
-        "plane", "ends", "places", "bulge", "longer");
-}
 } // namespace rastercov

@@ -75,6 +75,10 @@ int64_t arrangement_areas(Int32Array targets, const Crossings &crossings, const 
 
 // --- lens.cpp ---
 
+// Rounding of the area under an edge, relative to its length and the size of the image: positions
+// to 2^-50 of the size, some ten times over.
+constexpr double EDGE_ROUNDING = 0x1p-46;
+
 // Sums over the planes of a camera: areas, px^2, and planes by the kind of their figure:
 // `n_certified` with a certified figure, `n_visible` those of them in which the face is visible,
 // `n_computed` the others that show it.

@@ -215,7 +215,6 @@ void unproject_many(int64_t code, Params p, Pixels pixels, Array<double, Any, 3>
 } // namespace
 
 void register_lens_rays(nanobind::module_ &m) {
-    m.attr("SECTORS") = SECTORS;
     def(m, "project_many", project_many,
         "Set `out`, (N, 2), to the pixels of rays (N, 3), NaN outside the valid region.", "code",
         "p", "rays", "out");

@@ -11,7 +11,6 @@
 namespace rastercov {
 
 RECORD(raster::View, corners, axes, eye, lens, near);
-RECORD(raster::Plane, origin, slope_x, slope_y);
 RECORD(raster::Tile, left, top, width, height);
 RECORD(raster::Runs, first, last);
 RECORD(raster::Scattered, offsets, used, cell_bounds, lanes, samples, places);
@@ -45,17 +44,10 @@ void register_solver_raster(nanobind::module_ &m) {
     m.attr("SIDE") = SIDE;
     m.attr("STRIP_BITS") = STRIP_BITS;
     m.attr("STEPS") = STEPS;
-    m.attr("GUARD_BAND") = GUARD_BAND;
     m.attr("TIE_REL") = TIE_REL;
     m.attr("FINE_STEP_BITS") = FINE_STEP_BITS;
     m.attr("MAX_BAND") = MAX_BAND;
-    m.attr("FACES") = FACES;
-    m.attr("VERTICES") = VERTICES;
-    m.attr("LINE_BITS") = LINE_BITS;
-    m.attr("VERTEX_STEP") = VERTEX_STEP;
-    m.attr("BOUNDS_OF_CLUSTER") = int(BOUNDS_OF_CLUSTER);
     m.attr("RADIUS") = int(RADIUS);
-    m.attr("ALTITUDE") = int(ALTITUDE);
     auto scene = nb::class_<Scene>(m, "Scene", "Mesh in clusters.");
     def(scene, nb::init<const Points &, const Triples &, const Array<const double, 3> &, bool>(),
         "vertices", "faces", "centre", "is_wound");
@@ -87,9 +79,6 @@ void register_solver_raster(nanobind::module_ &m) {
         "canvases", "looks", "corners", "by_distance", "face", "depth", "n_threads");
     def(all, "close", &Rasterizer::close, "Give memory back.");
     all.def_prop_ro("n_idle", &Rasterizer::n_idle);
-    def(m, "count_triangle", count_triangle,
-        "Samples of a tile that a triangle covers, and those that no surface is in front of.", "x",
-        "y", "plane", "least", "greatest", "tile", "runs", "depth");
 }
 
 } // namespace rastercov

@@ -1,8 +1,8 @@
 // Areas of the images of faces through a lens by their polygons alone, for tests of area_inside.
 //
 // Twins: tests/lenses/test_face_kernels.py.
-#include "coverage/lens_faces.hpp"
 #include "bind.hpp"
+#include "coverage/lens_faces.hpp"
 #include <memory>
 
 namespace rastercov {
