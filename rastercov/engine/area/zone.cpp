@@ -61,6 +61,17 @@ void sort_keys(Keys &keys) {
     });
 }
 
+// Sorts keys, and visits each pair of them that are alike and come within `reach` of each other.
+template <class Visit> void each_overlap(Keys &keys, double reach, Visit visit) {
+    sort_keys(keys);
+    Poll poll(64);
+    for (size_t a = 0; a < keys.size(); a++)
+        for (size_t b = (poll(), a + 1); b < keys.size(); b++) {
+            if (!keys[b].is_with(keys[a]) || keys[b].start > keys[a].end + reach) break;
+            visit(keys[a], keys[b]);
+        }
+}
+
 // Trees of n leaves.
 struct Trees {
     std::vector<int64_t> memory;
@@ -208,24 +219,17 @@ class Linker {
             }
             keys.push_back({_pieces.face[i], int64_t(_reason[i]), 0, along.least, along.most, i});
         }
-        sort_keys(keys);
         const auto are_apart = [&](const Range &a, const Range &b) {
             return b.least > a.most + _tolerance || a.least > b.most + _tolerance;
         };
         const Forest parents = _trees.parents();
-        Poll poll(64);
-        for (size_t a = 0; a < keys.size(); a++) {
-            poll();
-            for (size_t b = a + 1; b < keys.size(); b++) {
-                if (!keys[b].is_with(keys[a]) || keys[b].start > keys[a].end + _tolerance) break;
-                const int64_t i = keys[a].row, j = keys[b].row;
-                const auto &one = boxes[size_t(i)], &other = boxes[size_t(j)];
-                if (are_apart(one[0], other[0]) || are_apart(one[1], other[1]) ||
-                    root_of(parents, i) == root_of(parents, j))
-                    continue;
-                if (are_adjacent(i, j)) join(i, j, parents);
-            }
-        }
+        each_overlap(keys, _tolerance, [&](const Key &a, const Key &b) {
+            const int64_t i = a.row, j = b.row;
+            const auto &one = boxes[size_t(i)], &other = boxes[size_t(j)];
+            if (!are_apart(one[0], other[0]) && !are_apart(one[1], other[1]) &&
+                root_of(parents, i) != root_of(parents, j) && are_adjacent(i, j))
+                join(i, j, parents);
+        });
     }
 
     // The edge of a face, by the lower and the higher vertex, behind corner k of its frame.
@@ -304,15 +308,11 @@ class Linker {
             each.start = _sides[size_t(each.row)].start;
             each.end = _sides[size_t(each.row)].end;
         }
-        sort_keys(keys);
-        Poll poll(64);
-        for (size_t a = 0; a < keys.size(); a++)
-            for (size_t b = (poll(), a + 1); b < keys.size(); b++) {
-                if (!keys[b].is_with(keys[a]) || keys[b].start > keys[a].end - _least) break;
-                const Side &one = _sides[size_t(keys[a].row)], &other = _sides[size_t(keys[b].row)];
-                if (one.face != other.face && keys[b].end > keys[b].start + _least)
-                    join(one.piece, other.piece, _trees.parents());
-            }
+        each_overlap(keys, -_least, [&](const Key &a, const Key &b) {
+            const Side &one = _sides[size_t(a.row)], &other = _sides[size_t(b.row)];
+            if (one.face != other.face && b.end > b.start + _least)
+                join(one.piece, other.piece, _trees.parents());
+        });
         return open_of(keys);
     }
 
@@ -365,18 +365,14 @@ class Linker {
     template <class Leaf>
     void sweep_space(Keys &keys, const std::vector<Side> &open, Forest parents, Leaf leaf_of) {
         const double tolerance = OPEN_TOLERANCE_REL * _surface.scale, least = 10 * tolerance;
-        sort_keys(keys);
-        Poll poll(64);
-        for (size_t a = 0; a < keys.size(); a++)
-            for (size_t b = (poll(), a + 1); b < keys.size(); b++) {
-                if (!keys[b].is_with(keys[a]) || keys[b].start > keys[a].end + tolerance) break;
-                const Side &one = open[size_t(keys[a].row)], &other = open[size_t(keys[b].row)];
-                const int64_t i = leaf_of(keys[a].row), j = leaf_of(keys[b].row);
-                if (one.face == other.face || root_of(parents, i) == root_of(parents, j)) continue;
-                if (overlap_in_space(one, other, tolerance) > least ||
-                    overlap_in_space(other, one, tolerance) > least)
-                    join(i, j, parents);
-            }
+        each_overlap(keys, tolerance, [&](const Key &a, const Key &b) {
+            const Side &one = open[size_t(a.row)], &other = open[size_t(b.row)];
+            const int64_t i = leaf_of(a.row), j = leaf_of(b.row);
+            if (one.face != other.face && root_of(parents, i) != root_of(parents, j) &&
+                (overlap_in_space(one, other, tolerance) > least ||
+                 overlap_in_space(other, one, tolerance) > least))
+                join(i, j, parents);
+        });
     }
 
     const ZoneSurface &_surface;

@@ -147,19 +147,24 @@ void find_largest(const Projected &projected, const Nodes &region, const Nodes &
     }
 }
 
+// Visits the nodes of all blocks, from `least` on.
+template <class Visit> void each_node(const Projected &projected, int64_t least, Visit visit) {
+    for (int64_t b = 0; b < projected.block_state.rows(); b++) {
+        const auto [first, stop] = nodes_of(b, projected);
+        for (int64_t node = std::max(first, least); node < stop; node++) visit(node);
+    }
+}
+
 // Plants the forest of regions, without numbers; joins the patches of blocks that are whole.
 void join_blocks(const Projected &projected, const Nodes &parent, const Nodes &region) {
     const Blocks &blocks = projected.blocks;
     const int64_t n_patches = blocks.lowest.rows();
-    for (int64_t b = 0; b < projected.block_state.rows(); b++) {
-        const auto [first, stop] = nodes_of(b, projected);
-        for (int64_t node = first; node < stop; node++) {
-            const bool is_in =
-                node < n_patches || (projected.state[node - n_patches] & (LIVE | CROSSED)) == LIVE;
-            parent[node] = is_in ? int32_t(node) : -1;
-            region[node] = -1;
-        }
-    }
+    each_node(projected, 0, [&](int64_t node) {
+        const bool is_in =
+            node < n_patches || (projected.state[node - n_patches] & (LIVE | CROSSED)) == LIVE;
+        parent[node] = is_in ? int32_t(node) : -1;
+        region[node] = -1;
+    });
     for (int64_t k = 0; k < blocks.joins.rows(); k++) {
         const bool is_reversed = blocks.joins(k, 1) < 0;
         const int64_t c = blocks.joins(k, 0),
@@ -177,33 +182,26 @@ void join_blocks(const Projected &projected, const Nodes &parent, const Nodes &r
 void join_faces(const View &view, const Nodes &parent) {
     const auto &[projected, edges] = std::tie(view.projected, view.edges);
     const int64_t n_patches = projected.blocks.lowest.rows();
-    for (int64_t b = 0; b < projected.block_state.rows(); b++) {
-        const auto [first, stop] = nodes_of(b, projected);
-        for (int64_t node = std::max(first, n_patches); node < stop; node++) {
-            if (parent[node] < 0) continue;
-            const int64_t f = node - n_patches;
-            for (int s = 0; s < 3; s++) {
-                const int64_t e = edges.of_face(f, s), g = edges.faces(e, 0), h = edges.faces(e, 1);
-                // Once: from the first of its faces, unless the block of that is whole.
-                if ((g == f || is_of_a_region(g / BLOCK, projected)) && !view.is_event[e])
-                    join_across(node, e, g == f ? h : g, view, parent);
-            }
+    each_node(projected, n_patches, [&](int64_t node) {
+        const int64_t f = node - n_patches;
+        for (int s = 0; s < 3 && parent[node] >= 0; s++) {
+            const int64_t e = edges.of_face(f, s), g = edges.faces(e, 0), h = edges.faces(e, 1);
+            // Once: from the first of its faces, unless the block of that is whole.
+            if ((g == f || is_of_a_region(g / BLOCK, projected)) && !view.is_event[e])
+                join_across(node, e, g == f ? h : g, view, parent);
         }
-    }
+    });
 }
 
 // Numbers the trees of the forest by their lowest faces; returns how many there are.
 int64_t number_regions(const Projected &projected, const Nodes &parent, const Nodes &region) {
     int64_t n = 0;
-    for (int64_t b = 0; b < projected.block_state.rows(); b++) {
-        const auto [first, stop] = nodes_of(b, projected);
-        for (int64_t node = first; node < stop; node++) {
-            if (parent[node] < 0) continue;
-            const int64_t root = root_of(parent, node);
-            if (region[root] < 0) region[root] = int32_t(n++);
-            region[node] = region[root];
-        }
-    }
+    each_node(projected, 0, [&](int64_t node) {
+        if (parent[node] < 0) return;
+        const int64_t root = root_of(parent, node);
+        if (region[root] < 0) region[root] = int32_t(n++);
+        region[node] = region[root];
+    });
     return n;
 }
 
