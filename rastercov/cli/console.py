@@ -591,6 +591,7 @@ COMMANDS = {
     "convert": "Convert camera and pose files, and report what the target format cannot represent.",
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "playground": "Write a page that computes without rastercov, for a mesh of its reader.",
+    "serve": "Answer requests of another program, a line of JSON each.",
     "sheet": "Draw a floor plan with cameras to scale: SVG, PDF or DXF.",
     "sun": "Compute sunlight hours and solar irradiation on faces, groups and storeys "
     "for a day or year.",

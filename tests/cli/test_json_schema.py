@@ -54,7 +54,7 @@ LINES = {
 }
 FAILING = {"place, not met", "check, fails"}
 SLOW = {"validate"}
-WITHOUT = {"view", "playground", "sheet"}
+WITHOUT = {"view", "playground", "serve", "sheet"}
 """Commands that print no JSON."""
 
 
