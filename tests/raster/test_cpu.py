@@ -29,8 +29,7 @@ from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import cpu, open_rasterizer, self_test
 from rastercov.core.raster.cpu import MAX_SIDE, CPURasterizer
-from rastercov.engine.raster_parts import GUARD_BAND
-from rastercov.engine.solver_raster import STEPS
+from rastercov.engine.raster_parts import GUARD_BAND, STEPS
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import triangle_samples as twin
 from exact_cases import AHEAD, triangles
 from gl_device import DEVICE
 from hostile_scenes import scene
@@ -26,7 +27,6 @@ from rastercov.engine.raster_parts import count_triangle
 from rastercov.engine.solver_raster import TIE_REL
 from rastercov.gl import GLRasterizer
 from rastercov.reference import samples
-from rastercov.reference import triangle_samples as twin
 
 SMALL = Camera(width=40, height=30, fx=38, fy=36, cx=19.3, cy=15.2)
 SQUARE = Camera(width=200, height=200, fx=100, fy=100)

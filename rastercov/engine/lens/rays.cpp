@@ -170,23 +170,25 @@ template <class Given, class Out> void require_rows(const Given &given, const Ou
     require(given.rows() == out.rows(), "out must have one row for each ray, pixel or point");
 }
 
-void project_many(int64_t code, Params p, Rays rays, Array<double, Any, 2> out) {
+// Visits the rays in the valid region; rows of others are NaN.
+template <class Out, class Visit> void each_valid(Params p, Rays rays, const Out &out, Visit visit) {
     require_rows(rays, out);
-    for (int64_t i = 0; i < rays.rows(); i++) {
-        const double X = rays(i, 0), Y = rays(i, 1), Z = rays(i, 2);
-        Pixel<double> pixel = {NOT_A_NUMBER, NOT_A_NUMBER};
-        if (is_valid(p, X, Y, Z)) pixel = project(code, p, X, Y, Z);
-        out(i, 0) = pixel.u;
-        out(i, 1) = pixel.v;
-    }
+    std::fill(out.begin(), out.end(), NOT_A_NUMBER);
+    for (int64_t i = 0; i < rays.rows(); i++)
+        if (is_valid(p, rays(i, 0), rays(i, 1), rays(i, 2)))
+            visit(i, rays(i, 0), rays(i, 1), rays(i, 2));
+}
+
+void project_many(int64_t code, Params p, Rays rays, Array<double, Any, 2> out) {
+    each_valid(p, rays, out, [&](int64_t i, double X, double Y, double Z) {
+        const auto [u, v] = project(code, p, X, Y, Z);
+        out(i, 0) = u;
+        out(i, 1) = v;
+    });
 }
 
 void jacobian_many(int64_t code, Params p, Rays rays, Array<double, Any, 2, 3> out) {
-    require_rows(rays, out);
-    std::fill(out.begin(), out.end(), NOT_A_NUMBER);
-    for (int64_t i = 0; i < rays.rows(); i++) {
-        const double X = rays(i, 0), Y = rays(i, 1), Z = rays(i, 2);
-        if (!is_valid(p, X, Y, Z)) continue;
+    each_valid(p, rays, out, [&](int64_t i, double X, double Y, double Z) {
         const Jacobian d = jacobian(code, p, X, Y, Z);
         out(i, 0, 0) = d.ux;
         out(i, 0, 1) = d.uy;
@@ -194,7 +196,7 @@ void jacobian_many(int64_t code, Params p, Rays rays, Array<double, Any, 2, 3> o
         out(i, 1, 0) = d.vx;
         out(i, 1, 1) = d.vy;
         out(i, 1, 2) = d.vz;
-    }
+    });
 }
 
 void store_ray(const Ray &ray, Array<double, Any, 3> out, int64_t i) {

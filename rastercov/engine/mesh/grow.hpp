@@ -19,9 +19,16 @@ inline uint64_t spread_bits(uint64_t v) {
     return (v | v << 2) & 0x1249249249249249;
 }
 
-template <class I> double box_centre(Points points, Faces<I> faces, int64_t f, int k) {
+// Least and greatest coordinate of a face along an axis.
+template <class I>
+std::pair<double, double> extent_of(Points points, Faces<I> faces, int64_t f, int k) {
     const double p = points(faces(f, 0), k), q = points(faces(f, 1), k), r = points(faces(f, 2), k);
-    return 0.5 * (least(p, q, r) + greatest(p, q, r));
+    return {least(p, q, r), greatest(p, q, r)};
+}
+
+template <class I> double box_centre(Points points, Faces<I> faces, int64_t f, int k) {
+    const auto [low, high] = extent_of(points, faces, f, k);
+    return 0.5 * (low + high);
 }
 
 template <class I> void order_keys(Points points, Faces<I> faces, Column<uint64_t> keys) {
@@ -58,10 +65,9 @@ void grow_boxes(Points points, Faces<I> faces, double margin, Array<B, Any, 6> b
     for (int64_t f = 0; f < faces.rows(); f++) {
         const int64_t leaf = leaves + f / LEAF;
         for (int k = 0; k < 3; k++) {
-            const double p = points(faces(f, 0), k), q = points(faces(f, 1), k),
-                         r = points(faces(f, 2), k);
-            boxes(f, k) = B(least(p, q, r) - margin);
-            boxes(f, 3 + k) = B(-greatest(p, q, r) - margin);
+            const auto [low, high] = extent_of(points, faces, f, k);
+            boxes(f, k) = B(low - margin);
+            boxes(f, 3 + k) = B(-high - margin);
         }
         for (int k = 0; k < 6; k++) nodes(leaf, k) = std::min(nodes(leaf, k), boxes(f, k));
     }

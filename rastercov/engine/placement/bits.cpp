@@ -23,10 +23,6 @@ using Mask = Column<const uint64_t>;
 
 constexpr int64_t BITS = 64;
 
-void require_values(int64_t columns, int64_t words) {
-    require(columns == BITS * words, "values and totals must have 64 columns for each word");
-}
-
 // Lanes of 16 bits of a word from bit `first` on.
 INLINE Long::M lanes(uint64_t word, int first) {
     const Long bit = to<int64_t>(Int::load(LANE_BITS));
@@ -46,30 +42,35 @@ void set_pairs(IntArray row, Int32Array face, Array<uint64_t, Any, Any> words) {
         words(row[j], face[j] / BITS) |= uint64_t(1) << face[j] % BITS;
 }
 
+// Visits the words of each row, with each row of `values`, which has an entry for each bit of them.
+template <class T, class Visit>
+void each_row(Words words, Rows rows, Array<T, Any, Any> values, Visit visit) {
+    require(values.rows() == 0 || values.extent(1) == BITS * words.extent(1),
+            "values and totals must have 64 columns for each word");
+    require_indices(rows, words.rows(), "rows must hold rows of words");
+    Poll poll(64);
+    for (int64_t n = 0; n < rows.rows(); n++) {
+        poll();
+        for (int64_t k = 0; k < values.rows(); k++) visit(n, k, words[rows[n]], values[k].data);
+    }
+}
+
 void sums(Words words, Rows rows, Words masks, Array<const int64_t, Any, Any> values,
           Array<int64_t, Any, Any> out) {
     const int64_t n_words = words.extent(1), n_values = values.rows();
     require(out.rows() == rows.rows() && out.extent(1) == n_values && masks.rows() == n_values,
             "out must have a row for each row, and a column for each row of masks and of values");
     require(masks.extent(1) == n_words, "masks must have as many words as rows");
-    require_values(n_values ? values.extent(1) : BITS * n_words, n_words);
-    require_indices(rows, words.rows(), "rows must hold rows of words");
-    Poll poll(64);
-    for (int64_t n = 0; n < rows.rows(); n++) {
-        poll();
-        const auto row = words[rows[n]];
-        for (int64_t k = 0; k < n_values; k++) {
-            const auto mask = masks[k];
-            const int64_t *value = values[k].data;
-            Long total(0);
-            for (int64_t i = 0; i < n_words; i++)
-                if (const uint64_t word = row[i] & mask[i])
-                    for (int b = 0; b < BITS; b += LANES)
-                        total = total + (select<int64_t>(lanes(word, b),
-                                                         Long::load(value + BITS * i + b), 0));
-            out(n, k) = sum(total);
-        }
-    }
+    each_row(words, rows, values, [&](int64_t n, int64_t k, auto row, const int64_t *value) {
+        const auto mask = masks[k];
+        Long total(0);
+        for (int64_t i = 0; i < n_words; i++)
+            if (const uint64_t word = row[i] & mask[i])
+                for (int b = 0; b < BITS; b += LANES)
+                    total = total +
+                            (select<int64_t>(lanes(word, b), Long::load(value + BITS * i + b), 0));
+        out(n, k) = sum(total);
+    });
 }
 
 void add(Words words, Rows rows, Array<const int64_t, Any, Any> amounts,
@@ -77,23 +78,15 @@ void add(Words words, Rows rows, Array<const int64_t, Any, Any> amounts,
     const int64_t n_words = words.extent(1), n_totals = totals.rows();
     require(amounts.rows() == rows.rows() && amounts.extent(1) == n_totals,
             "amounts must have a row for each row, and a column for each row of totals");
-    require_values(n_totals ? totals.extent(1) : BITS * n_words, n_words);
-    require_indices(rows, words.rows(), "rows must hold rows of words");
-    Poll poll(64);
-    for (int64_t n = 0; n < rows.rows(); n++) {
-        poll();
-        const auto row = words[rows[n]];
-        for (int64_t k = 0; k < n_totals; k++) {
-            const Long amount(amounts(n, k));
-            for (int64_t i = 0; i < n_words; i++)
-                if (const uint64_t word = row[i])
-                    for (int b = 0; b < BITS; b += LANES) {
-                        int64_t *total = totals[k].data + BITS * i + b;
-                        (Long::load(total) + select<int64_t>(lanes(word, b), amount, 0))
-                            .store(total);
-                    }
-        }
-    }
+    each_row(words, rows, totals, [&](int64_t n, int64_t k, auto row, int64_t *totals_of_k) {
+        const Long amount(amounts(n, k));
+        for (int64_t i = 0; i < n_words; i++)
+            if (const uint64_t word = row[i])
+                for (int b = 0; b < BITS; b += LANES) {
+                    int64_t *total = totals_of_k + BITS * i + b;
+                    (Long::load(total) + select<int64_t>(lanes(word, b), amount, 0)).store(total);
+                }
+    });
 }
 
 void count_up(Words words, Array<uint64_t, Any, Any> planes) {

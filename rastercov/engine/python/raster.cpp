@@ -43,7 +43,6 @@ void register_solver_raster(nanobind::module_ &m) {
     m.attr("LANES") = LANES;
     m.attr("SIDE") = SIDE;
     m.attr("STRIP_BITS") = STRIP_BITS;
-    m.attr("STEPS") = STEPS;
     m.attr("TIE_REL") = TIE_REL;
     m.attr("FINE_STEP_BITS") = FINE_STEP_BITS;
     m.attr("MAX_BAND") = MAX_BAND;

@@ -7,7 +7,7 @@
 //
 // J. Pineda. A Parallel Algorithm for Polygon Rasterization. 1988.
 //
-// Twin: rastercov.reference.triangle_samples.count_triangle.
+// Twin: tests/support/triangle_samples.py.
 #include "raster/targets.hpp"
 #include "interrupt.hpp"
 #include "raster/clipping.hpp"
@@ -52,9 +52,6 @@ Run samples_right_of(int64_t value, int64_t step, Run run) {
     return {first, last};
 }
 
-struct Corner {
-    int64_t x, y;
-};
 // Values at a sample of the edge function from one corner to another, and its step to the next
 // column; a sample on a left or upper edge is inside.
 struct Side {
@@ -97,13 +94,6 @@ Run covered_run(const Side (&sides)[3], int64_t row, Run run) {
     return run;
 }
 
-// A triangle on the canvas: corners in steps; 1/z, and its extremes at the corners: a sample can
-// lie beyond them by rounding, its depth must not.
-struct Triangle {
-    Corner corners[3];
-    Plane plane;
-    double least, greatest;
-};
 // The same turned so that edge functions are positive inside; false where it has no area.
 bool turn(Triangle &triangle) {
     auto &[a, b, c] = triangle.corners;
@@ -119,8 +109,8 @@ INLINE bool sees(const Triangle &triangle, double x, double y, float depth) {
     return inverse * depth * (1 + TIE_REL) >= 1;
 }
 
-using Counted = std::pair<int64_t, int64_t>;
-// Samples of a tile that a triangle covers, and those of them that no surface is in front of.
+} // namespace
+
 Counted count_samples(Triangle triangle, const Tile &tile, const Runs &runs, const Depth &depth) {
     if (!turn(triangle)) return {0, 0};
     const auto &[a, b, c] = triangle.corners;
@@ -147,6 +137,8 @@ Counted count_samples(Triangle triangle, const Tile &tile, const Runs &runs, con
     }
     return {covered, seen};
 }
+
+namespace {
 // The same of scattered samples.
 Counted count_lanes(Triangle triangle, const Tile &tile, const Lanes &lanes) {
     if (!turn(triangle)) return {0, 0};
@@ -224,17 +216,6 @@ void visit_triangles(const Polygon &face, const Lens &lens, double near, int ste
 }
 
 } // namespace
-
-Counted count_triangle(Array<const int64_t, 3> x, Array<const int64_t, 3> y, const Plane &plane,
-                       double least, double greatest, const Tile &tile, const Runs &runs,
-                       Depth depth) {
-    require_tile(tile, runs, depth);
-    for (int k = 0; k < 3; k++)
-        for (const int64_t step : {x[k], y[k]})
-            require(step >= -GUARD_BAND && step <= GUARD_BAND, "corners must be within 2^29 steps");
-    return count_samples({{{x[0], y[0]}, {x[1], y[1]}, {x[2], y[2]}}, plane, least, greatest}, tile,
-                         runs, depth);
-}
 
 void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Tile &tile,
                    const Runs &runs, Depth depth, Column<int64_t> visible, Column<int64_t> drawn) {

@@ -1,6 +1,6 @@
 // Samples of faces one by one against an image that is drawn; see targets.cpp.
 //
-// Twin: rastercov.reference.triangle_samples.count_triangle.
+// Twin: tests/support/triangle_samples.py.
 #pragma once
 #include "raster/view.hpp"
 #include <utility>
@@ -32,11 +32,19 @@ struct Lanes {
     int64_t columns;
 };
 
-// Samples of a tile that a triangle covers, and those that no surface is in front of, for tests;
-// corners x, y in steps.
-std::pair<int64_t, int64_t> count_triangle(Array<const int64_t, 3> x, Array<const int64_t, 3> y,
-                                           const Plane &plane, double least, double greatest,
-                                           const Tile &tile, const Runs &runs, Depth depth);
+struct Corner {
+    int64_t x, y;
+};
+// A triangle on the canvas: corners in steps; 1/z, and its extremes at the corners: a sample can
+// lie beyond them by rounding, its depth must not.
+struct Triangle {
+    Corner corners[3];
+    Plane plane;
+    double least, greatest;
+};
+using Counted = std::pair<int64_t, int64_t>;
+// Samples of a tile that a triangle covers, and those of them that no surface is in front of.
+Counted count_samples(Triangle triangle, const Tile &tile, const Runs &runs, const Depth &depth);
 // Adds the samples of targets in a tile of one pose to their counts. `rows` are those of
 // rows_of_targets.
 void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Tile &tile,

@@ -6,7 +6,8 @@ A triangle is its corners, `places` (..., 3, 2), in whole steps, STEPS to a samp
 import numpy as np
 
 from rastercov.base import BoolArray, Float32Array, IntArray
-from rastercov.engine.solver_raster import STEPS, TIE_REL
+from rastercov.engine.raster_parts import STEPS
+from rastercov.engine.solver_raster import TIE_REL
 
 
 def covers(places: IntArray, column: IntArray, row: IntArray) -> BoolArray:
@@ -39,7 +40,7 @@ def count_triangle(
 ) -> tuple[int, int]:
     """Samples that a part of a face covers, and those of them with no surface in front of it.
 
-    Arguments as of `rastercov.engine.solver_raster.count_triangle`.
+    Arguments as of `rastercov.engine.raster_parts.count_triangle`.
     """
     left, top, width, height = tile
     rows, columns = np.mgrid[top : top + height, left : left + width]
