@@ -168,10 +168,15 @@ def read_json(path: StrPath, most: int = LARGEST_TEXT) -> Any:
     return parse_json(file_bytes(path, most))
 
 
-def parse_json(data: bytes, constant: Callable[[str], Any] | None = None) -> Any:
-    """Content of JSON, as `read_json` reads it; `constant` takes NaN and Infinity, if given."""
+def parse_json(data: bytes, *, is_strict: bool = False) -> Any:
+    """Content of JSON, as `read_json` reads it; strictly without NaN and Infinity."""
+    constant = _refuse_constant if is_strict else None
     parse = partial(json.loads, parse_constant=constant, object_pairs_hook=unique_names)
     return _parse_data("JSON", parse, data)
+
+
+def _refuse_constant(text: str) -> None:
+    raise ValueError(f"{text} is not JSON")
 
 
 def read_toml(path: StrPath) -> ByName:

@@ -57,7 +57,7 @@ class Service:
                 raise ConfigError(
                     f"expected up to {LARGEST_TEXT:,} bytes a line, got more; name files instead"
                 )
-            entries = parse_json(line, _refuse_constant)
+            entries = parse_json(line, is_strict=True)
             if not isinstance(entries, dict):
                 raise ConfigError(
                     "expected a request in { }, got something else; see docs/serve.md"
@@ -129,10 +129,6 @@ class Service:
         self._scene(asked)
         del self._scenes[asked.scene]
         return {}
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} for a number")
 
 
 def _views(asked: Request) -> Views:

@@ -73,7 +73,7 @@ def _check_room(what: str, size: int, at: int, end: int) -> None:
 def json_header(text: bytes, what: str) -> ByName:
     """JSON object of a glTF 2.0 scene; `what` names the text in errors."""
     try:
-        header = parse_json(text, _no_number)
+        header = parse_json(text, is_strict=True)
     except UnparsedError as error:
         raise broken(f"expected a readable {what}, got: {error.reason}") from error
     except UnreadableError as error:
@@ -85,10 +85,6 @@ def json_header(text: bytes, what: str) -> ByName:
         wanted = str(asset.get(key, "2.0"))
         check(f"{wanted}.".startswith(known), f"expected glTF 2.0, got {key} {wanted[:20]!r}")
     return header
-
-
-def _no_number(text: str) -> None:
-    raise ValueError(f"{text} is not JSON")
 
 
 def header_of(data: bytes) -> ByName:
