@@ -162,8 +162,8 @@ def limit_advice(
     judge: Judge, scene: Scene, poses: Poses, on: Points, *, is_tried: bool = True
 ) -> str:
     """Text on how far rigs in these poses miss limits, and what helps; "" for no limit."""
-    advices = (each.advice(judge, scene, poses, on, is_tried=is_tried) for each in FEATURES)
-    return next((text for text in advices if text), "")
+    further = (each.advice(judge, scene, poses, on, is_tried=is_tried) for each in FEATURES)
+    return next((text for text in further if text), "")
 
 
 def deviations_of(camera: Cameras, own: Poses, points: FloatArray) -> FloatArray | None:

@@ -334,16 +334,16 @@ class Plan(PlanModel):
 
     def build_equipment(self) -> dict[str, Equipment]:
         """Equipment of the cameras; PlanError where there can be none."""
-        equipments: dict[str, Equipment] = {}
+        built: dict[str, Equipment] = {}
         for each in hooks_of(PlanFeature):
             with errors_at(self.name, each.word):
                 if (own := each.equipment(self, self.folder)) is not None:
-                    equipments[each.word] = own
+                    built[each.word] = own
         for device in devices():
             if (file := getattr(self, device.word)) is not None:
                 with errors_at(self.name, device.word):
-                    equipments[device.word] = device.of(self.folder / file)
-        return equipments
+                    built[device.word] = device.of(self.folder / file)
+        return built
 
     @property
     def given(self) -> Poses:
