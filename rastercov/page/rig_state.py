@@ -183,7 +183,9 @@ class RigState:
 
     def task_of(self, camera: str) -> Task:
         """The thresholds that decide what a camera covers, by its name."""
-        return self.whole.tasks.get(camera) or of_one_camera(self.task)
+        return self.whole.tasks.get(camera) or replace(
+            self.task._without(NEEDED), views=1, min_angle_deg=0.0
+        )
 
     def carry_bodies(self, bodies: Mapping[str, FloatArray]) -> "RigState":
         """With the stations of some cameras, by their names, moved by poses (4, 4) of bodies."""
@@ -247,8 +249,3 @@ def _place_rig(rig: Rig, stations: Sequence[Station]) -> Poses:
     row = {name: at for at, name in enumerate(rig.names)}
     matrices = np.array([each.pose for each in stations]).reshape(-1, 4, 4)
     return Poses.of(matrices, camera=[row[each.camera] for each in stations])
-
-
-def of_one_camera(task: Task) -> Task:
-    """The thresholds that decide what one camera covers, whatever the equipment."""
-    return replace(task._without(NEEDED), views=1, min_angle_deg=0.0)

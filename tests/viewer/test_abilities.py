@@ -38,6 +38,7 @@ EDITS = {
     "new_camera": ("page", "test_a_saved_rig_is_the_rig"),
     "task": ("page", "test_thresholds_and_views_are_those_of_a_task"),
     "restore": ("page", "test_a_rig_that_was_kept_comes_back"),
+    "open": ("page", "test_files_of_cameras_open_as_python_reads_them"),
     "undo": ("page", "test_undo_restores_the_bytes_and_redo_makes_them_again"),
     "redo": ("page", "test_undo_restores_the_bytes_and_redo_makes_them_again"),
     "constraints": ("python", "test_a_place_that_the_plan_moves_is_said"),
@@ -100,6 +101,7 @@ BUTTONS = {
     "Keep as variant": "test_variants_keep_a_rig_with_its_figures",
     "Draw exact outlines": "test_why_there_are_no_exact_pieces_is_said",
     "Choose a PNG, JPEG or SVG…": DRAWING,
+    "Open a rig or a camera…": "test_files_of_cameras_open_as_python_reads_them",
     "Place by two points": DRAWING,
     "Remove": "test_a_drawing_is_saved_with_the_rig_and_comes_back_with_its_scene",
     "Play": "test_play_goes_through_the_frames",
@@ -166,7 +168,7 @@ def test_each_mode_button_panel_and_option_has_a_row():
     every = "".join(path.read_text("utf-8") for path in PAGE.iterdir() if path.suffix == ".js")
     assert MODES.keys() >= set(OF_A_RIG)
     labels = re.findall(
-        r'\b(?:button|toggle|check)\(\s*(?:\[sign\("."\), )?"( ?[A-Z][^"]*)"', every
+        r'\b(?:[bB]utton|fileButton|toggle|check)\(\s*(?:\[sign\("."\), )?"( ?[A-Z][^"]*)"', every
     )
     assert BUTTONS.keys() >= {each.strip() for each in labels}
     assert PANELS.keys() >= set(re.findall(r'\bsection\("([^"]+)"', every))

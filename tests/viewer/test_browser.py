@@ -482,7 +482,7 @@ DROPPED = """() => {
 
 
 def chosen_drawing(tab, path):
-    tab.page.get_by_label("Drawing", exact=True).set_input_files(path)
+    tab.page.get_by_label("Choose a PNG, JPEG or SVG…").set_input_files(path)
 
 
 def test_a_drawing_lies_under_the_floor_plan_to_scale_by_two_points(tab, tmp_path):

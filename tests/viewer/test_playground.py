@@ -11,6 +11,7 @@ import pytest
 from browser import Tab
 from mesh_files import VALID, WRITERS
 from nightly import IS_NIGHTLY
+from PIL import Image
 from processes import run_python
 from test_live import downloaded
 
@@ -238,3 +239,138 @@ def test_the_built_in_scenes_open_and_cover(context, address):
         mesh = shapes.room() if title == "a room" else shapes.aeroplane()
         assert total == pytest.approx(float(np.sum(mesh.areas)), rel=1e-12)
         assert page.locator("section.start").is_visible()
+
+
+OPENCV = """%YAML:1.0
+---
+image_width: 640
+image_height: 480
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 5.5e+02, 0., 320.25, 0., 551.5, 239.,
+       0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [ -0.1, 0.02, 0.001, -0.0005, 0.003 ]
+avg_reprojection_error: 3.0e-01
+"""
+ROS = """image_width: 800
+image_height: 600
+camera_name: front
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [420.0, 0.0, 400.5, 0.0, 421.0, 299.5, 0.0, 0.0, 1.0]
+distortion_model: LAW
+distortion_coefficients:
+  rows: 1
+  cols: 4
+  data: [0.01, -0.02, 0.003, -0.001]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]
+"""
+CAMERA_FILES = {
+    "opencv.yaml": OPENCV,
+    "none.yml": re.sub("distortion_coefficients(.|\n)*", "", OPENCV),
+    "ros.yaml": ROS.replace("LAW", "plumb_bob"),
+    "quoted.yaml": ROS.replace("LAW", '"plumb_bob"'),
+    "fisheye.yaml": ROS.replace("LAW", "equidistant"),
+    "one.json": '{"width": 640, "height": 480, "fx": 500.5}',
+    "lens.json": json.dumps({"width": 640, "height": 480, "fx": 500.5, "fy": 501, "cx": 330.0,
+                             "model": "opencv", "distortion": [-0.1, 0.01, 0, 0]}),
+}  # fmt: skip
+LABEL = "Open a rig or a camera…"
+
+
+def open_file(page, name, text):
+    page.open("Cameras")
+    content = {"name": name, "mimeType": "text/plain", "buffer": text.encode()}
+    page.page.get_by_label(LABEL).set_input_files(content)
+    page.page.wait_for_timeout(50)
+    page.idle()
+
+
+def fault_of(page):
+    return page.page.get_by_role("alert").locator("visible=true").all_inner_texts()
+
+
+@pytest.mark.every_day
+def test_files_of_cameras_open_as_python_reads_them(context, address, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    for name, text in CAMERA_FILES.items():
+        Path(name).write_text(text)
+        (camera,) = rc.read_views(name).cameras()
+        open_file(page, name, text)
+        plain = page.state()["cameras"][name]["plain"]
+        for each in ("width", "height", "fx", "fy", "cx", "cy"):
+            assert plain[each] == getattr(camera, each), (name, each)
+        given = plain.get("distortion", [])
+        own = [*camera.distortion, *[0.0] * len(given)][: max(len(given), len(camera.distortion))]
+        assert [*given, *[0.0] * (len(own) - len(given))] == own
+        assert page.js("rastercov.session.typeOfNext") == name
+    cameras = rc.Rig((rc.Camera.load("one.json"), rc.Camera.load("lens.json")), ("left", "right"))
+    poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 5.0, 3), camera=[1, 0, 1])
+    rc.write_views("rig.json", rc.Views(cameras, poses, ("p", "q", "r")))
+    open_file(page, "rig.json", Path("rig.json").read_text())
+    stations = page.state()["stations"]
+    assert [each["camera"] for each in stations] == ["right", "left", "right"]
+    assert np.array_equal(
+        [each["pose"] for each in stations], poses.world_from_camera.reshape(3, 16)
+    )
+    covered = page.js("rastercov.summary().covered_area")
+    for name, text in downloaded(page).items():
+        Path(name).write_text(text)
+    told = rc.check("plan.toml", "rig.json", min_coverage=0.1).summary()["covered_area"]
+    assert (covered["m2"], covered["bound_m2"]) == (told["m2"], told["bound_m2"])
+    page.button("Undo")
+    assert page.state()["stations"] == []
+    assert page.faults == []
+
+
+WRONG_FILES = {
+    "empty.json": ("", "camera matrix|expected a camera"),
+    "text.yaml": ("a: b\n", "expected a camera with width"),
+    "bad.json": ("{", "JSON"),
+    "list.json": ('{"cameras": 3}', ""),
+    "rule.json": ('{"rule": {}, "cameras": []}', "expected cameras and poses, got rule"),
+    "law.yaml": (ROS.replace("distortion_model: LAW\n", ""), "expected distortion_model"),
+    "size.yaml": (OPENCV.replace("640", "-640"), "expected a camera with width"),
+    "nan.yaml": (OPENCV.replace("5.5e+02", ".nan"), "expected a camera with width"),
+    "model.json": ('{"width": 6, "height": 4, "fx": 5, "model": "lens"}', "a lens model"),
+    "name.json": ('{"cameras": [{"name": "a", "width": 6, "height": 4, "fx": 5}], "camera": ["b"],'
+                  ' "world_from_camera": [[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]]}', "no camera b"),
+    "pose.json": ('{"cameras": [{"name": "a", "width": 6, "height": 4, "fx": 5}],'
+                  ' "world_from_camera": [[2,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]]}', "rigid transform"),
+    "bend.json": (CAMERA_FILES["lens.json"].replace("-0.1", "1e30"), ""),
+    "<img src=x onerror=alert(1)>.json": ("{}", "expected a camera with width"),
+}  # fmt: skip
+
+
+def test_what_is_no_file_of_cameras_is_one_line_and_changes_nothing(context, address):
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    before = page.state()
+    for name, (text, words) in WRONG_FILES.items():
+        open_file(page, name, text)
+        assert page.state()["stations"] == before["stations"]
+        assert page.state()["cameras"].keys() == before["cameras"].keys(), name
+        said = "\n".join(fault_of(page))
+        assert re.search(words, said), (name, said)
+    assert page.page.locator("[onerror]").count() == 0
+    assert page.faults == []
+
+
+def test_a_drawing_lies_under_the_plan_of_a_page_without_a_program(context, address, tmp_path):
+    Image.new("RGB", (800, 600), "white").save(tmp_path / "plan.png")
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    page.button("Floor plan")
+    page.page.get_by_label("Choose a PNG, JPEG or SVG…").set_input_files(tmp_path / "plan.png")
+    shown = page.page.locator("img.drawing:visible")
+    assert shown.get_attribute("src").startswith("data:image/png;base64,")
+    assert page.faults == []

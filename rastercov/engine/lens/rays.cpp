@@ -171,7 +171,8 @@ template <class Given, class Out> void require_rows(const Given &given, const Ou
 }
 
 // Visits the rays in the valid region; rows of others are NaN.
-template <class Out, class Visit> void each_valid(Params p, Rays rays, const Out &out, Visit visit) {
+template <class Out, class Visit>
+void each_valid(Params p, Rays rays, const Out &out, Visit visit) {
     require_rows(rays, out);
     std::fill(out.begin(), out.end(), NOT_A_NUMBER);
     for (int64_t i = 0; i < rays.rows(); i++)

@@ -38,6 +38,17 @@ export function button(text, onClick, { title = "", kind = "", ...more } = {}) {
   return element(tag, { type: "button", title, ...more, on: { click: onClick } }, text);
 }
 
+/** Button that opens a file of the user's disk; the same one may be chosen again. */
+export function fileButton(text, accept, take) {
+  const input = element("input", { type: "file", accept, hidden: true, "aria-label": text });
+  input.addEventListener("change", () => {
+    const [file] = input.files;
+    input.value = "";
+    if (file) take(file);
+  });
+  return element("span.file-button", input, button(text, () => input.click()));
+}
+
 /** Two-state button: `aria-pressed` says whether it is on. */
 export function toggle(text, isOn, onChange, { title = "" } = {}) {
   const made = button(text, () => made.set(!made.isOn(), true), { title, kind: "toggle" });

@@ -7,8 +7,8 @@
  * in which browsers run no script and load nothing.
  */
 
-import { bytesOf } from "rastercov/api.js";
-import { button, element, inUnit, menu } from "rastercov/dom.js";
+import { base64Of, bytesOf } from "rastercov/api.js";
+import { button, element, fileButton, inUnit, menu } from "rastercov/dom.js";
 import { rayAt } from "rastercov/gizmo.js";
 import { add, boxCorners, dot, horizon, scale } from "rastercov/maths.js";
 import { numberBox } from "rastercov/fields.js";
@@ -70,17 +70,6 @@ export class Drawing {
   }
 
   #build() {
-    const file = element("input", {
-      type: "file",
-      accept: ".png,.jpg,.jpeg,.svg",
-      hidden: true,
-      "aria-label": "Drawing",
-    });
-    file.addEventListener("change", () => {
-      const [chosen] = file.files;
-      file.value = ""; // so that the same file may be chosen again
-      if (chosen) this.choose(chosen);
-    });
     this.place = button("Place by two points", () => this.#ask([], true), {
       title: "scale the drawing: click two points of it, then type their distance or click them in the model",
     });
@@ -94,8 +83,7 @@ export class Drawing {
     this.opacity.addEventListener("change", () => this.#set({ opacity: Number(this.opacity.value) }));
     const saved = this.session.server.isLive ? "" : ", saved with the rig";
     this.menu = menu("Drawing", `a drawing under the floor plan${saved}`, [
-      file,
-      button("Choose a PNG, JPEG or SVG…", () => file.click()),
+      fileButton("Choose a PNG, JPEG or SVG…", ".png,.jpg,.jpeg,.svg", (file) => this.choose(file)),
       this.place,
       element("label.check.opacity", "Opacity", this.opacity),
       this.remove,
@@ -135,8 +123,9 @@ export class Drawing {
   async #show(kept, bytes) {
     const { fault, type } = checkDrawing(kept.name, bytes);
     if (fault) return this.session.emit("fault", fault);
-    const url = await dataUrl(new Blob([bytes], { type }));
-    const image = Object.assign(new Image(), { src: url });
+    const text = base64Of(bytes);
+    const src = `data:${type};base64,${text}`;
+    const image = Object.assign(new Image(), { src });
     const isImage = await image.decode().then(
       () => true,
       () => false,
@@ -145,8 +134,8 @@ export class Drawing {
     if (!isImage || !(aspect > 1 / MOST_ASPECT && aspect < MOST_ASPECT))
       return this.session.emit("fault", `${kept.name} cannot be shown; save it again as PNG, JPEG or SVG`);
     this.aspect = aspect;
-    Object.assign(this.image, { src: url, width: WIDTH, height: WIDTH * aspect });
-    this.kept = { ...kept, place: kept.place ?? this.#overScene(), image: url.split(",")[1] };
+    Object.assign(this.image, { src, width: WIDTH, height: WIDTH * aspect });
+    this.kept = { ...kept, place: kept.place ?? this.#overScene(), image: text };
     this.image.style.opacity = this.opacity.value = String(kept.opacity);
     this.#update();
     return true;
@@ -283,14 +272,6 @@ function placeBy([from, to, start, end]) {
   const a = over(minus(end, start), w);
   return length2(a) > 0 ? [a, minus(start, times(a, z))] : null;
 }
-
-const dataUrl = (blob) =>
-  new Promise((resolve, reject) => {
-    const reader = new FileReader();
-    reader.onload = () => resolve(reader.result);
-    reader.onerror = () => reject(reader.error);
-    reader.readAsDataURL(blob);
-  });
 
 /** Type of a drawing by its first bytes, or one line on what is wrong with it, before it is decoded. */
 function checkDrawing(name, bytes) {

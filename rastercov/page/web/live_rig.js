@@ -44,10 +44,16 @@ function freeName(state, name) {
 function withCamera(state, name) {
   if (name in state.cameras) return state;
   const plain = state.sold?.[name] ?? refuse(`there is no camera ${name}; choose one from the list`);
+  return { ...state, cameras: { ...state.cameras, [name]: cameraOf(plain, state.models) } };
+}
+
+/** A camera by its values, of which a file may leave some out. */
+function cameraOf(given, models) {
+  const plain = { fy: given.fx, cx: given.width / 2, cy: given.height / 2, ...given };
+  const { model = "pinhole", width, height, fx, fy } = plain;
+  if (!(model in models || model === "pinhole") || !(Math.min(width, height, fx, fy) > 0)) refuse("expected a camera with width, height, fx and a lens model of rastercov, got another; correct it");
   const canFocus = Boolean(plain.focal_length && plain.pixel_size);
-  const model = plain.model ?? "pinhole";
-  const made = described({ model, plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) }, state.models);
-  return { ...state, cameras: { ...state.cameras, [name]: made } };
+  return described({ model, plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) }, models);
 }
 
 function withNew(before, camera, pose, name = "") {
@@ -125,6 +131,11 @@ const EDITS = {
     if (unknown) refuse(`expected ${Object.keys(state.task).join(", ")}, got ${unknown}`);
     const needed = changes.views === undefined || changes.views === state.task.views ? state.needed : null;
     return [{ ...state, task: { ...state.task, ...changes }, needed }, `change ${Object.keys(changes).join(", ")}`];
+  },
+  open: (state, { cameras, stations }) => {
+    const made = Object.entries(cameras).map(([name, plain]) => [name, cameraOf(plain, state.models)]);
+    const rig = { cameras: Object.fromEntries(made), stations: stations.length ? stations : state.stations };
+    return EDITS.restore(state, { rig });
   },
   restore: (state, { rig }) => {
     const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));

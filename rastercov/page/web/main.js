@@ -2,6 +2,7 @@
 
 import { Recorded, Server, takeToken } from "rastercov/api.js";
 import { fitAll, toolBar, topBar } from "rastercov/bars.js";
+import { openCameras } from "rastercov/camera_files.js";
 import { cameraPanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
@@ -47,7 +48,7 @@ async function open() {
   const help = helpOverlay(session.features.flatMap((each) => each.help ?? []), session.canEdit);
   const shown = { constraints: hasConstraints(session.scene.constraints) };
   view.onSketch((sketch) => shown.constraints && drawConstraints(sketch, session.scene.constraints));
-  const drawing = server ? new Drawing(view, session, tools, overlay) : null;
+  const drawing = recorded ? null : new Drawing(view, session, tools, overlay);
   const bar = toolBar(session, { view, tools, frusta, gizmo, drawing });
   view.lookThrough = (station) => {
     bar.leavePlan();
@@ -98,7 +99,8 @@ async function open() {
   document.addEventListener("drop", (event) => {
     event.preventDefault();
     const [file] = event.dataTransfer.files;
-    if (file && drawing) drawing.choose(file);
+    if (/\.(json|ya?ml)$/i.test(file?.name) && session.canEdit) openCameras(session, file);
+    else if (file && drawing) drawing.choose(file);
     else if (file) session.emit("fault", `${file.name}: this page accepts no files`);
   });
   await view.open();
