@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base import ByName, shorten
+from rastercov.base.memory import free_memory
 from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
 
@@ -41,6 +42,7 @@ def print_report(report: Report, console: Console) -> None:
         if context.get("has_int64")
     ]
     _section(console, "Devices that judge faces where they count them", judging)
+    _section(console, "This machine", list(report["cpu"].get("about", {}).items()))
     failed = [(label, row) for label, row in rows.items() if not _passes(row)]
     problems = [(row["problem"] or f"{label}: {row['self_test']}",) for label, row in failed]
     _section(console, "Problems", problems, "red")
@@ -126,8 +128,15 @@ def doctor(
         print((files("rastercov") / "data" / "SKILL.md").read_text("utf-8"), end="")
         return
     from rastercov.core.raster import drawer
+    from rastercov.engine import LEVEL, built_modules
+    from rastercov.report import live
 
     report = drawer().examine()
+    report["cpu"]["about"] = {
+        "levels": f"{', '.join(built_modules())}; in use {LEVEL}",
+        "memory": f"{free_memory() / 2**30:.1f} GiB free",
+        "pages": live.WITHOUT if live.engine() is None else "compute by the engine",
+    }
     if as_json:
         print(json.dumps(report, indent=2))
     else:

@@ -106,7 +106,8 @@ class Workers:
             )
         if self.only is not None and not 0 <= self.only[0] < self.only[1]:
             raise ConfigError(
-                f"expected only to be I/N with I below N, got {shown(self.only)}; correct it"
+                f"expected only to be I/N with I below N, got {'/'.join(map(str, self.only))}"
+                "; correct it"
             )
         number = 1 if self.number is None else self.number
         if type(number) is not int or not 1 <= number <= MOST_WORKERS:

@@ -12,15 +12,17 @@ import time
 from unittest.mock import Mock
 
 import pytest
+from commands import call
 from rich.console import Console
 
-from rastercov import open_rasterizer, shaders
+from rastercov import engine, open_rasterizer, shaders
 from rastercov.base.errors import DeviceError
 from rastercov.cli import doctor
 from rastercov.core.raster import self_test
 from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.gl import PLANS, GLRasterizer, devices, diagnose, libraries
 from rastercov.gl.devices import SURFACELESS, DeviceInfo
+from rastercov.report import live
 
 ON_CPU = re.compile(r"The default device is the CPU, rastercov [\w.]+, \d+ threads?: .*\.$")
 GPU = DeviceInfo("egl-device", 0, "/dev/dri/card0", is_software=False, cuda_index=3)
@@ -300,3 +302,18 @@ def test_a_cpu_that_fails_is_answered_with_what_passes(gpu_report, results, advi
 def test_a_missing_package_is_named(monkeypatch, no_library):
     monkeypatch.setattr(diagnose, "version_of", Mock(return_value=None))
     assert diagnose.examine()["versions"]["moderngl"] == "not installed"
+
+
+@pytest.mark.parametrize("has_engine", [True, False])
+def test_it_says_levels_memory_and_whether_pages_compute(report, monkeypatch, capsys, has_engine):
+    monkeypatch.setattr("rastercov.core.raster.drawer", lambda: Mock(examine=lambda: report))
+    monkeypatch.setattr(live, "engine", lambda: b"" if has_engine else None)
+    monkeypatch.setenv("COLUMNS", "100")
+    _, out, _ = call(capsys, "doctor")
+    levels = f"{', '.join(engine.built_modules())}; in use {engine.LEVEL}"
+    assert re.search(rf"levels +{levels} *\n", out)
+    assert re.search(r"memory +[\d.]+ GiB free *\n", out)
+    pages = "compute by the engine" if has_engine else live.WITHOUT
+    assert re.search(rf"pages +{pages} *\n", out)
+    about = json.loads(call(capsys, "doctor --json")[1])["cpu"]["about"]
+    assert (about["levels"], about["pages"]) == (levels, pages)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -116,12 +117,13 @@ def test_a_part_and_a_whole_run_exclude_each_other(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("text", ["4/4", "1", "-1/4", "1/0", "a/b", "1/2/3"])
+@pytest.mark.parametrize("text", ["4/4", "5/4", "1", "-1/4", "1/0", "a/b", "1/2/3"])
 def test_other_parts_are_refused_in_a_line(text, capsys, tmp_path):
     words = [*EVALUATE, f"--only={text}", "--out", str(tmp_path / "out")]
     assert command(words) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(("error: --only: expected I/N", "error: expected only to be I/N"))
+    assert re.search(rf"got '?{text}'?; ", line)
 
 
 @pytest.mark.parametrize("more", [{"number": 2}, {"scheduler": "tcp://127.0.0.1:1"}])
