@@ -4,6 +4,7 @@ import json
 import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -30,6 +31,18 @@ LINKED = {"rastercov/reference": "reference", "rastercov/shaders": "shaders"}
 """Folders that stand at the top level of the tree, and inside the package of the wheel."""
 
 
+ENTRY = """import sys
+sys.path.insert(0, {!r})
+sys.meta_path[:] = [each for each in sys.meta_path if "ditable" not in repr(each)]
+from rastercov.cli import main
+main()"""
+"""Program that runs a command of a wheel that was unzipped, and not that of this tree."""
+RIG = """{"cameras": [{"name": "a", "width": 64, "height": 48, "fx": 60.0}],
+"world_from_camera": [[[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 3], [0, 0, 0, 1]]]}"""
+OF_PAGES = {f"rastercov/page/web/{name}.wasm": b"\0asm" for name in ("engine", "lens", "readers")}
+"""Compiled modules of pages, which git ignores, and what stands for those not made here."""
+
+
 def command(*words, cwd):
     result = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
@@ -47,7 +60,7 @@ def tracked():
 def expected():
     """Names that the wheel must hold beside its dist-info."""
     inside = {link: target for target, link in LINKED.items()}
-    names = set()
+    names = set(OF_PAGES)
     for name in tracked():
         top, *rest = PurePosixPath(name).parts
         packed = "/".join((inside.get(top, top), *rest))
@@ -71,7 +84,15 @@ def copied(copy):
             target.symlink_to((ROOT / name).readlink())
         else:
             target.write_bytes((ROOT / name).read_bytes())
+    for name in OF_PAGES:
+        (copy / name).write_bytes(of_page(name))
     return copy
+
+
+def of_page(name):
+    """Bytes of a module of pages in the copy of the tree."""
+    path = ROOT / name
+    return path.read_bytes() if path.exists() else OF_PAGES[name]
 
 
 def build(tree, out):
@@ -130,7 +151,35 @@ def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
     assert {Path(name).name.split(".")[0] for name in modules} == {"_cpu", own}
     assert {"rastercov/shaders/face.vert.glsl", "rastercov/reference/__init__.py"} <= names
     for name in names:
-        assert (unzipped / name).read_bytes() == (ROOT / name).read_bytes()
+        wanted = of_page(name) if name in OF_PAGES else (ROOT / name).read_bytes()
+        assert (unzipped / name).read_bytes() == wanted
+
+
+@pytest.mark.slow
+def test_pages_of_a_wheel_compute_or_it_says_why(unzipped, tmp_path):
+    """With the modules, as `make dist` makes them, and without, as pip does of a bare checkout."""
+    asked = {
+        "playground --no-browser --out play.html": 2,
+        "evaluate box -c khepra -p sphere:2 --out report": 0,
+        "audit rig.json box --out audited": 0,
+        "view box -c khepra -p sphere:2 --export page.html": 0,
+    }
+    for has_modules in (True, False):
+        folder = tmp_path / str(has_modules)
+        folder.mkdir()
+        (folder / "rig.json").write_text(RIG)
+        left_out = () if has_modules else ("*.wasm",)
+        wheel = shutil.copytree(unzipped, folder / "site", ignore=shutil.ignore_patterns(*left_out))
+        words = ["-I", "-c", ENTRY.format(str(wheel))]
+        for line, code in asked.items():
+            done = python(*words, *line.split(), cwd=folder)
+            assert done.returncode == (0 if has_modules else code), done.stderr
+            assert ("no engine in this installation" in done.stderr) != has_modules, line
+        pages = [folder / "report" / "view.html", folder / "page.html"]
+        for page in pages if has_modules else pages[1:]:
+            text = page.read_text(encoding="utf-8")
+            assert ("no engine in this installation" in text) != has_modules
+            assert ('id="live"' in text) == has_modules
 
 
 @pytest.mark.slow
@@ -139,7 +188,7 @@ def test_the_sdist_holds_all_that_the_loops_are_compiled_from(built):
     sources = {name for name in tracked() if name.startswith("rastercov/engine/")}
     with tarfile.open(sdist) as archive:
         items = {name.partition("/")[2] for name in archive.getnames()}
-    assert sources <= items
+    assert sources | OF_PAGES.keys() <= items
     assert not {name for name in items if name.endswith((".so", ".pyi"))}
     assert not {name for name in items if name.startswith("tests")}  # all of them, or none
 

@@ -57,7 +57,7 @@ from rastercov.report.coverage_files import (
     write_rig,
 )
 from rastercov.report.folder import ReportFolder, ReportKind
-from rastercov.report.live import Asked, record_cause, view_of
+from rastercov.report.live import NO_ENGINE, Asked, record_cause, view_of
 from rastercov.report.modes import MODES, WEAK_LABELS, OfUnit, mode_picture
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.overview import LEAST_PERCENT, Overview, close_up
@@ -239,9 +239,10 @@ class AuditPage(NetworkPage):
         result = self.found
         scene = result.mesh, result.camera
         others = {"results by face": result.by != "area"}
-        if len(self.view or "") > MOST_EMBEDDED or record_cause(
-            *scene, len(result.poses), result.task, others
-        ):
+        why = record_cause(*scene, len(result.poses), result.task, others)
+        if why == NO_ENGINE:
+            LOG.warning(why)
+        if why or len(self.view or "") > MOST_EMBEDDED:
             return None
         return view_of(
             self.title, *scene, result.poses, result.names, Asked(result.task), result.unit

@@ -3,6 +3,7 @@
 `evaluate`, `place` and `check` fill the template `report.html` with it, each with its own headline.
 """
 
+import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
@@ -56,7 +57,7 @@ from rastercov.placement.required import HOLDS
 from rastercov.report.drawing import devices_of
 from rastercov.report.feature import NetworkPart, hooks, part_of
 from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
-from rastercov.report.live import Asked, record_cause, view_of
+from rastercov.report.live import NO_ENGINE, Asked, record_cause, view_of
 from rastercov.report.modes import (
     MODES,
     OF_EQUIPMENT,
@@ -399,7 +400,10 @@ class NetworkPage:
             "methods other than certified": asked.method != "certified",
         }
         scene = self.mesh, self.camera, len(self._placed[0]), asked.task
-        return record_cause(*scene, others, asked.goals)
+        why = record_cause(*scene, others, asked.goals)
+        if why == NO_ENGINE:
+            logging.getLogger("rastercov").warning(why)
+        return why
 
     @property
     def _placed(self) -> tuple[Poses, Sequence[str]]:

@@ -189,6 +189,23 @@ def test_what_is_no_mesh_is_refused_in_a_line(context, address, name, data, line
     assert page.get_by_role("button", name="a room").is_enabled()
 
 
+@pytest.mark.parametrize(
+    ("name", "size", "unit"),
+    [("a.stl", 80, "mm"), ("a.stl", 5, "m"), ("a.obj", 80, "m"), ("a.obj", 5000, "mm")],
+)
+def test_the_unit_that_is_proposed_is_that_of_a_printed_part_or_a_building(
+    context, address, name, size, unit
+):
+    page = context.new_page()
+    page.goto(address)
+    data = WRITERS["binary.stl" if name == "a.stl" else name](
+        PART.vertices * size / np.ptp(PART.bounds, axis=0).max(), PART.faces
+    )
+    content = {"name": name, "mimeType": "application/octet-stream", "buffer": data}
+    page.locator("#mesh-file").set_input_files(content)
+    assert page.get_by_label("unit of the file").input_value() == unit
+
+
 HOSTILE = [
     ("a.off", VALID["a.off"].replace(b"4 4 0", b"4 9 0")),
     ("a.obj", VALID["a.obj"].replace(b"f 1//1", b"f 1/x/1", 1)),
@@ -314,7 +331,7 @@ def test_files_of_cameras_open_as_python_reads_them(context, address, tmp_path, 
         given = plain.get("distortion", [])
         own = [*camera.distortion, *[0.0] * len(given)][: max(len(given), len(camera.distortion))]
         assert [*given, *[0.0] * (len(own) - len(given))] == own
-        assert page.js("rastercov.session.typeOfNext") == name
+        assert page.page.get_by_label("Type", exact=True).input_value() == name
     cameras = rc.Rig((rc.Camera.load("one.json"), rc.Camera.load("lens.json")), ("left", "right"))
     poses = rc.Poses.of(rc.sphere_of_poses((0, 0, 0), 5.0, 3), camera=[1, 0, 1])
     rc.write_views("rig.json", rc.Views(cameras, poses, ("p", "q", "r")))

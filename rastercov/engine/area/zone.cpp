@@ -347,7 +347,7 @@ class Linker {
         }
         Trees contact{int64_t(open.size())};
         by_line = keys;
-        sweep_space(by_line, open, contact.parents(), [](int64_t row) { return row; });
+        sweep_space(by_line, open, contact.parents(), false);
         by_line.clear();
         for (const Key &each : keys) {
             const int64_t line = root_of(contact.parents(), each.row);
@@ -358,16 +358,15 @@ class Linker {
             each.start = keys[size_t(each.row)].start;
             each.end = keys[size_t(each.row)].end;
         }
-        sweep_space(by_line, open, _trees.parents(),
-                    [&](int64_t row) { return open[size_t(row)].piece; });
+        sweep_space(by_line, open, _trees.parents(), true);
     }
 
-    template <class Leaf>
-    void sweep_space(Keys &keys, const std::vector<Side> &open, Forest parents, Leaf leaf_of) {
+    // Joins sides, or their pieces.
+    void sweep_space(Keys &keys, const std::vector<Side> &open, Forest parents, bool of_pieces) {
         const double tolerance = OPEN_TOLERANCE_REL * _surface.scale, least = 10 * tolerance;
         each_overlap(keys, tolerance, [&](const Key &a, const Key &b) {
             const Side &one = open[size_t(a.row)], &other = open[size_t(b.row)];
-            const int64_t i = leaf_of(a.row), j = leaf_of(b.row);
+            const int64_t i = of_pieces ? one.piece : a.row, j = of_pieces ? other.piece : b.row;
             if (one.face != other.face && root_of(parents, i) != root_of(parents, j) &&
                 (overlap_in_space(one, other, tolerance) > least ||
                  overlap_in_space(other, one, tolerance) > least))

@@ -2,14 +2,12 @@
 
 import { refuse } from "rastercov/api.js";
 
-const NOT_HERE = ["rule", "rigs", "rig_from_camera", "lamps", "tasks", "preset"];
-
 /** Opens a file: its cameras join those of the rig, and its poses replace those that are there. */
 export async function openCameras(session, file) {
   try {
     const text = await file.text();
     const content = text.trim().startsWith("{") ? JSON.parse(text) : ofYaml(text.toLowerCase());
-    const other = NOT_HERE.find((name) => name in content);
+    const other = ["rule", "rigs", "rig_from_camera", "lamps", "tasks"].find((name) => name in content);
     if (other) refuse(`expected cameras and poses, got ${other}; use rastercov view`);
     const { cameras = [content], world_from_camera: poses = [], camera: of = [], images = [] } = content;
     const named = cameras.map(({ name = file.name, ...plain }) => [name, plain]);
@@ -17,7 +15,8 @@ export async function openCameras(session, file) {
       const [camera] = named[of[id] ?? 0] ?? [of[id]];
       return { id, name: images[id] ?? `camera ${id + 1}`, camera, pose: pose.flat(), is_on: true };
     });
-    if (await session.act({ do: "open", cameras: Object.fromEntries(named), stations })) session.typeOfNext = named[0][0];
+    [[session.typeOfNext]] = named;
+    await session.act({ do: "open", cameras: Object.fromEntries(named), stations });
   } catch (error) {
     session.emit("fault", `${file.name}: ${error.message}`);
   }

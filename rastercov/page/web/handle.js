@@ -24,7 +24,7 @@ export function testHandle(session, view, tools, frusta, gizmo) {
     do {
       if (!session.isIdle && session.isConnected)
         await new Promise((resolve) => once(session, "idle connection", resolve));
-      await twoFrames(); // in between, observers of sizes frame the view anew
+      await new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))); // in between, observers of sizes frame the view anew
       await view.whenDrawn();
     } while (!session.isIdle && session.isConnected);
   };
@@ -48,8 +48,6 @@ export function testHandle(session, view, tools, frusta, gizmo) {
     screenOf: (point) => view.look().toScreen(point),
   };
 }
-
-const twoFrames = () => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)));
 
 function once(session, events, listener) {
   let isDone = false;

@@ -134,8 +134,9 @@ const EDITS = {
   },
   open: (state, { cameras, stations }) => {
     const made = Object.entries(cameras).map(([name, plain]) => [name, cameraOf(plain, state.models)]);
-    const rig = { cameras: Object.fromEntries(made), stations: stations.length ? stations : state.stations };
-    return EDITS.restore(state, { rig });
+    return EDITS.restore(state, {
+      rig: { cameras: Object.fromEntries(made), stations: stations.length ? stations : state.stations },
+    });
   },
   restore: (state, { rig }) => {
     const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));

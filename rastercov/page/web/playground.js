@@ -10,7 +10,7 @@ import { cross, dot, subtract } from "rastercov/maths.js";
 import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
 
 const CUT_AT = 0.6; // height of the floor plan, as a part of that of the scene
-const LARGEST = 200; // units of a scene beyond which they are more likely millimetres
+const LARGEST = { stl: 20 }; // units beyond which they are more likely millimetres; 200 of other files
 const UNIT_OF = { glb: "m" };
 
 /** The data of a page with the scene that its reader chooses; other pages have theirs. */
@@ -70,7 +70,7 @@ function unitForm(name, mesh, resolve) {
   const [low, high] = boundsOf(mesh.vertices);
   const sides = [0, 1, 2].map((axis) => high[axis] - low[axis]);
   const kind = name.split(".").pop().toLowerCase();
-  const hint = UNIT_OF[kind] ?? (Math.max(...sides) > LARGEST ? "mm" : "m");
+  const hint = UNIT_OF[kind] ?? (Math.max(...sides) > (LARGEST[kind] ?? 200) ? "mm" : "m");
   const size = element("output");
   const show = (unit) => {
     size.textContent = `${sides.map((side) => figure(side * UNITS[unit])).join(" × ")} m`;
