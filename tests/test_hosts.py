@@ -1,5 +1,6 @@
-"""Examples for Blender and ROS: their cameras are those of the hosts, without the hosts."""
+"""Examples for Blender, ROS and FreeCAD: what they give hosts, without the hosts."""
 
+import json
 from dataclasses import fields
 from types import SimpleNamespace
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 import rastercov as rc
+from rastercov.base import json_bytes
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -119,3 +121,57 @@ def test_covered_triangles_are_those_of_an_evaluation(hosts):
     low = mesh.bounds[0][2]
     assert (corners[:, 2] == low).all()
     assert len(corners) == 6
+
+
+class Moved:
+    """Stand-in of FreeCAD.Placement: a shift, mm."""
+
+    def __init__(self, *by):
+        self.by = np.array(by, float)
+
+    def multiply(self, other):
+        return Moved(*(self.by + other.by))
+
+    def inverse(self):
+        return Moved(*-self.by)
+
+    def multVec(self, point):  # noqa: N802 - its name
+        return tuple((self.by + point).tolist())
+
+
+def test_faces_of_freecad_are_groups_where_they_are_in_the_world(tmp_path):
+    import freecad_coverage as example
+
+    faces = list(example.box().values())
+    shape = SimpleNamespace(Solids=[1], Faces=faces)
+    own, whole = Moved(1, 2, 3), Moved(101, 2, 3)  # in a part that is moved by 100 mm
+    part = SimpleNamespace(Name="Pad", Shape=shape, Placement=own, ViewObject=SimpleNamespace())
+    part.getGlobalPlacement = lambda: whole
+    sketch = SimpleNamespace(Name="Sketch", Shape=SimpleNamespace(Solids=[]))
+    document = SimpleNamespace(Objects=[sketch, part, SimpleNamespace(Name="Axis")])
+    (tmp_path / "part.obj").write_text(example.obj_of(list(example.faces_of(document))))
+    mesh = rc.Mesh.load(tmp_path / "part.obj", unit="mm")
+    assert [group.name for group in mesh.groups] == [f"Pad.Face{k}" for k in range(1, 7)]
+    np.testing.assert_allclose(mesh.bounds, [[0.1, 0, 0], [0.14, 0.06, 0.08]], atol=1e-15)
+    assert mesh.areas.sum() == pytest.approx(2 * (0.04 * 0.06 + 0.04 * 0.08 + 0.06 * 0.08))
+    example.colour(document, {"Pad.Face1": 1.0, "Pad.Face2": 0.25, "Pad2.Face1": 0.0})
+    assert part.ViewObject.DiffuseColor == [(0.0, 1.0, 0.1, 0.0), (0.75, 0.25, 0.1, 0.0)]
+
+
+def test_shares_of_freecad_are_those_of_an_evaluation():
+    import freecad_coverage as example
+
+    from rastercov.cli.serve import Service
+
+    service = Service()
+
+    class Here:
+        def ask(self, verb, **entries):
+            line = json.dumps({"do": verb, **entries}).encode()
+            return json.loads(json_bytes(service.answer(line)))["result"]
+
+    faces = [(name, face, tuple) for name, face in example.box().items()]
+    shares = example.shares_of(faces[:5], Here())  # open below: the last face is not there
+    assert list(shares) == [name for name, *_ in faces[:5]]
+    assert all(0 <= share <= 1 for share in shares.values())
+    assert max(shares.values()) == pytest.approx(1)
