@@ -1,5 +1,6 @@
 """The wheel holds the package, all of it and nothing else, and works from where it was put."""
 
+import hashlib
 import json
 import os
 import re
@@ -39,6 +40,12 @@ main()"""
 """Program that runs a command of a wheel that was unzipped, and not that of this tree."""
 RIG = """{"cameras": [{"name": "a", "width": 64, "height": 48, "fx": 60.0}],
 "world_from_camera": [[[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 3], [0, 0, 0, 1]]]}"""
+LEFT = {
+    *("rastercov/engine/_old.abi3.so", "rastercov/engine/_v1.cp311-win_amd64.pyd"),
+    *("rastercov/engine/mesh_tree.pyi", "rastercov/base/__pycache__/files.cpython-311.pyc"),
+    *("reference/__pycache__/lenses.cpython-311.pyc", "rastercov/old.pyc"),
+}
+"""What builds and runs leave in a checkout."""
 OF_PAGES = {f"rastercov/page/web/{name}.wasm": b"\0asm" for name in ("engine", "lens", "readers")}
 """Compiled modules of pages, which git ignores, and what stands for those not made here."""
 
@@ -86,6 +93,9 @@ def copied(copy):
             target.write_bytes((ROOT / name).read_bytes())
     for name in OF_PAGES:
         (copy / name).write_bytes(of_page(name))
+    for name in LEFT:
+        (copy / name).parent.mkdir(exist_ok=True)
+        (copy / name).write_bytes(b"x")
     return copy
 
 
@@ -189,7 +199,7 @@ def test_the_sdist_holds_all_that_the_loops_are_compiled_from(built):
     with tarfile.open(sdist) as archive:
         items = {name.partition("/")[2] for name in archive.getnames()}
     assert sources | OF_PAGES.keys() <= items
-    assert not {name for name in items if name.endswith((".so", ".pyi"))}
+    assert not {name for name in items if name.endswith((".so", ".pyd", ".pyi", ".pyc"))}
     assert not {name for name in items if name.startswith("tests")}  # all of them, or none
 
 
@@ -216,8 +226,13 @@ def test_the_bill_of_materials_names_what_is_compiled_into_the_loops(unzipped):
     assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(text) is None
     bill = json.loads(text)
     assert bill["metadata"]["component"]["version"] == rastercov.__version__
-    versions = {part["name"]: part["version"] for part in bill["components"]}
-    assert all(part["purl"].endswith(f"@{part['version']}") for part in bill["components"])
+    libraries = [part for part in bill["components"] if part["type"] == "library"]
+    files = {part["name"]: part["hashes"] for part in bill["components"] if part["type"] == "file"}
+    assert {name: each["content"] for name, (each,) in files.items()} == {
+        name: hashlib.sha256(of_page(name)).hexdigest() for name in OF_PAGES
+    }
+    versions = {part["name"]: part["version"] for part in libraries}
+    assert all(part["purl"].endswith(f"@{part['version']}") for part in libraries)
     assert versions["nanobind"] == metadata.version("nanobind")
     header = "ext/robin_map/include/tsl/robin_growth_policy.h"
     source = (Path(nanobind.__file__).parent / header).read_text(encoding="utf-8")
