@@ -157,37 +157,39 @@ def bits_of_a_pair(names: Collection[str], engine: Engine) -> int:
 class KeptCounts:
     """Counts of samples of all pairs, in place of figures that are derived from them.
 
-    A pair takes 8 bytes, or 16 of large images, and all of its figures 95.
+    A pair takes 2 to 16 bytes, by the largest counts of a batch, and all of its figures 95.
 
     Parameters
     ----------
     names : sequence of str
         Figures that may be asked for.
-    n_poses : int
     """
 
-    def __init__(self, names: Sequence[str], n_poses: int) -> None:
-        self.names, self._n_poses = names, n_poses
-        self.counts: FaceCounts | None = None
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = names
+        self._batches: list[FaceCounts] = []
 
-    def add(self, batch: FaceCounts, first: int) -> None:
-        """Keep the counts of poses from row `first` on."""
-        if not self.names:
-            return
-        if self.counts is None:
-            shape = self._n_poses, batch.visible.shape[1]
-            visible, drawn = (np.empty(shape, batch.visible.dtype) for _ in range(2))
-            self.counts = replace(batch, visible=visible, drawn=drawn)
-        rows = slice(first, first + len(batch.visible))
-        self.counts.visible[rows] = batch.visible
-        if self.counts.drawn is not None and batch.drawn is not None:
-            self.counts.drawn[rows] = batch.drawn
+    def add(self, batch: FaceCounts) -> None:
+        """Keep the counts of further poses."""
+        if self.names:
+            counts = {name: as_small(getattr(batch, name)) for name in ("visible", "drawn")}
+            self._batches.append(replace(batch, **counts))
 
-    def first(self, n: int) -> FaceCounts | None:
-        """Counts of the first n poses; None where there is none."""
-        if (all_of := self.counts) is None or all_of.drawn is None:
-            return None
-        return replace(all_of, visible=all_of.visible[:n], drawn=all_of.drawn[:n])
+    def fill(self, judge: FacePass, poses: Poses, figures: Mapping[str, AnyArray]) -> None:
+        """Fill (P, F) arrays with the figures of the poses that were added."""
+        at = 0
+        for batch in self._batches:
+            rows = slice(at, at + len(batch.visible))
+            judge.fill(batch, poses[rows], {name: all_of[rows] for name, all_of in figures.items()})
+            at = rows.stop
+
+
+def as_small(counts: AnyArray) -> AnyArray:
+    """A copy of counts, in fewer bytes where they hold them."""
+    most = counts.max(initial=0)
+    return counts.astype(
+        np.uint8 if most < 1 << 8 else np.uint16 if most < 1 << 16 else counts.dtype
+    )
 
 
 @guard_class
@@ -267,11 +269,10 @@ class Evaluation(Coverage):
         return () if self.kept_counts is None else self.kept_counts.names
 
     def _derive(self, name: str) -> AnyArray:
-        n = len(self.pose_ids)
-        out = arrays_for([name], (n, self.mesh.n_faces))
-        if self.kept_counts is not None and (counts := self.kept_counts.first(n)) is not None:
+        out = arrays_for([name], (len(self.pose_ids), self.mesh.n_faces))
+        if self.kept_counts is not None:
             judge = FacePass(self.mesh, self.camera, thread_count(self.engine.threads), self.task)
-            judge.fill(counts, self.poses, out)
+            self.kept_counts.fill(judge, self.poses, out)
         return out[name]
 
     @property

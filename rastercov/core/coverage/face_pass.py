@@ -351,7 +351,7 @@ class FacePass:
             assert measured.drawn is not None
             visible, drawn = measured.visible, measured.drawn
             # Larger counts than int32 are rare, and not worth loops of their own.
-            dtype: type = np.int32 if visible.dtype == np.int32 else np.float64
+            dtype: type = np.int32 if np.can_cast(visible.dtype, np.int32) else np.float64
             scale = samples = float(measured.supersample**2)
         else:
             visible, drawn, dtype = measured.visible_pixels, measured.drawn_pixels, np.float64

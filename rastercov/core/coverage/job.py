@@ -170,7 +170,7 @@ class QuerySums:
         self.network = self.wanted.network(mesh, task, self._measure)
         names = [name for name in fields if name != COVERED]
         # Counts are kept in place of figures.
-        self.counts = KeptCounts(names, len(poses)) if query.engine.method == "sampled" else None
+        self.counts = KeptCounts(names) if query.engine.method == "sampled" else None
         names = names if self.counts is None else []
         self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
         self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
@@ -182,7 +182,7 @@ class QuerySums:
         camera, poses = self.query.camera, batch.poses
         end = self.done + len(poses)
         if self.counts is not None and isinstance(batch.measured, FaceCounts):
-            self.counts.add(batch.measured, self.done)
+            self.counts.add(batch.measured)
         self.network.add(batch)
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
