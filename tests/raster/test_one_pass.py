@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 
-import hostile_scenes
-import judged_scenes
 import numpy as np
 import pytest
-from judged_scenes import compare, criteria_of
+from judged_scenes import LENSES, compare, criteria_of, scene_of
 
 import rastercov as rc
 from rastercov.base.errors import DeviceError
@@ -18,44 +16,12 @@ pytestmark = pytest.mark.native
 MESH = rc.shapes.torus(12, 8)
 CAMERA = rc.Camera.from_fov(80, 60, hfov_deg=50)
 POSES = rc.sphere_of_poses((0, 0, 0), 2 * MESH.diagonal, 8)
-LENSES = (
-    {"model": "opencv", "distortion": (-0.1, 0.02, 0.001, -0.001, 0.0)},
-    {"model": "opencv_fisheye", "distortion": (0.05, -0.01, 0.0, 0.0)},
-    {"model": "telecentric"},
-)
-
-
-def scene_of(rng):
-    """A scene of faces among cameras or around them, with roles and copies of some of its faces."""
-    make = (hostile_scenes.scene, judged_scenes.scene)[int(rng.random() < 0.6)]
-    mesh, camera, poses, supersample = make(rng)
-    faces, n = mesh.faces, mesh.n_faces
-    if rng.random() < 0.3:  # in one plane, from either side
-        copies = faces[rng.integers(0, n, n // 2)]
-        faces = np.concatenate([faces, copies[:, :: rng.choice((1, -1))]])
-    groups = [
-        rc.Group("plain"),
-        rc.Group("leaf", is_two_sided=True),
-        rc.Group("wall", is_occluder=True),
-        *([rc.Group("points", is_target=True)] if rng.random() < 0.4 else []),
-    ]
-    mesh = rc.Mesh(mesh.vertices, faces, groups, rng.integers(0, len(groups), len(faces)))
-    kind = int(rng.integers(0, 12))
-    if kind < len(LENSES):
-        focal = camera.width * rng.uniform(0.5, 1.5)
-        centre = {"cx": camera.width / 2, "cy": camera.height / 2}
-        camera = replace(camera, fx=focal, fy=focal, **centre, **LENSES[kind])
-        if kind == 2:
-            scale = camera.width / mesh.diagonal
-            camera = replace(camera, fx=scale, fy=scale)
-    return mesh, camera, poses, supersample
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_one_pass_judges_as_two_do(seed):
     rng = np.random.default_rng(seed)
     mesh, camera, poses, supersample = scene_of(rng)
-    mesh = mesh.with_groups(targets=[])
     roll = float(rng.choice((0.0, 0.4)))
     options = {"supersample": supersample, "roll": roll, "threads": 1 + seed % 3}
     with rc.open_rasterizer(mesh, camera, "cpu", **options) as rasterizer:
@@ -108,9 +74,6 @@ def test_what_is_left_to_two_passes_is_named(make, monkeypatch):
         assert len(rasterizer._judge(POSES[:0], plain)[0].packed) == 0
     with pytest.raises(DeviceError, match="got a closed one"):
         rasterizer._judge(POSES, plain)
-    target = rc.Mesh.joined([MESH, rc.shapes.box()], ["part", "t"]).with_groups(targets=["t"])
-    with rc.open_rasterizer(target, camera, "cpu") as rasterizer:
-        assert "counted one after another" in rasterizer._why_not_judged(plain)
     monkeypatch.setattr(cpu, "MAX_PART", 1000)
     views = lens.SampleViews(camera, 1, 0.0, most_rows=1000) if camera.is_curved else None
     monkeypatch.setattr(lens, "views_of", lambda *args, **kept: views)

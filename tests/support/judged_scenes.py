@@ -1,6 +1,7 @@
 """Scenes and thresholds of faces that a device judges, beside what the host finds."""
 
 import math
+from dataclasses import replace
 
 import hostile_scenes
 import numpy as np
@@ -11,11 +12,16 @@ from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.task import Reason, Task
-from rastercov.core.mesh import Mesh, shapes
+from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.bits import Criteria, area_units
 from rastercov.gl import GLRasterizer
 
+LENSES = (
+    {"model": "opencv", "distortion": (-0.1, 0.02, 0.001, -0.001, 0.0)},
+    {"model": "opencv_fisheye", "distortion": (0.05, -0.01, 0.0, 0.0)},
+    {"model": "telecentric"},
+)
 DENSITIES = ("min_pixel_density", "min_facing_density", "min_pixels_per_m2")
 
 
@@ -123,6 +129,32 @@ def scene(rng):
     eyes = rng.normal(size=(6, 3)) * size * rng.choice((0.5, 3, 6))
     poses = look_at(eyes, rng.normal(size=(6, 3)) * 0.3 * size)
     return mesh, camera, poses, int(rng.integers(1, 4))
+
+
+def scene_of(rng):
+    """A scene of faces among cameras or around them, with roles and copies of some of its faces."""
+    make = (hostile_scenes.scene, scene)[int(rng.random() < 0.6)]
+    mesh, camera, poses, supersample = make(rng)
+    faces, n = mesh.faces, mesh.n_faces
+    if rng.random() < 0.3:  # in one plane, from either side
+        copies = faces[rng.integers(0, n, n // 2)]
+        faces = np.concatenate([faces, copies[:, :: rng.choice((1, -1))]])
+    groups = [
+        Group("plain"),
+        Group("leaf", is_two_sided=True),
+        Group("wall", is_occluder=True),
+        *([Group("points", is_target=True)] if rng.random() < 0.4 else []),
+    ]
+    mesh = Mesh(mesh.vertices, faces, groups, rng.integers(0, len(groups), len(faces)))
+    kind = int(rng.integers(0, 12))
+    if kind < len(LENSES):
+        focal = camera.width * rng.uniform(0.5, 1.5)
+        centre = {"cx": camera.width / 2, "cy": camera.height / 2}
+        camera = replace(camera, fx=focal, fy=focal, **centre, **LENSES[kind])
+        if kind == 2:
+            scale = camera.width / mesh.diagonal
+            camera = replace(camera, fx=scale, fy=scale)
+    return mesh, camera, poses, supersample
 
 
 def compare_all(device, rng, n_scenes):
