@@ -75,8 +75,9 @@ void require_sums(const Sums &sums, Scored is_scored, int64_t n_faces, int64_t n
 
 // Total coverage of the faces that are scored; their coverage goes to the front of the array.
 double total_of(Column<double> coverage, Scored is_scored) {
-    int64_t n = 0;
-    for (int64_t f = 0; f < coverage.rows(); f++) {
+    const bool *const end = is_scored.end();
+    int64_t n = std::find(is_scored.begin(), end, false) - is_scored.begin();
+    for (int64_t f = n; f < coverage.rows(); f++) {
         coverage[n] = coverage[f];
         n += is_scored[f];
     }
@@ -100,13 +101,15 @@ INLINE void add_pair(int64_t row, int64_t f, Scored is_scored, const Summand<N> 
     int64_t *const views = sums.views.begin() + f, *const best_row = sums.best_row.begin() + f;
     double *const best = sums.best.begin() + f;
     uint8_t *const reason = sums.reason.begin() + f;
-    write(views, read<W>(views) + select(covers, W(1), W(0)));
-    const N best_before = read<N>(best);
-    const W row_before = read<W>(best_row);
-    const Mask<N> is_tie = (face.coverage == best_before) & (row_before > W(row));
-    const Mask<N> is_best = (face.coverage > N(0.0)) & ((face.coverage > best_before) | is_tie);
-    write(best, select(is_best, face.coverage, best_before));
-    write(best_row, select(is_best, W(row), row_before));
+    if (any(covers)) write(views, read<W>(views) + select(covers, W(1), W(0)));
+    if (const Mask<N> counts_for = face.coverage > N(0.0); any(counts_for)) {
+        const N best_before = read<N>(best);
+        const W row_before = read<W>(best_row);
+        const Mask<N> is_tie = (face.coverage == best_before) & (row_before > W(row));
+        const Mask<N> is_best = counts_for & ((face.coverage > best_before) | is_tie);
+        write(best, select(is_best, face.coverage, best_before));
+        write(best_row, select(is_best, W(row), row_before));
+    }
     const W before = read<W>(reason);
     write(reason, select(nearness<N>(face.reason) > nearness<N>(before), face.reason, before));
     uint8_t *const alone = sums.alone.begin() + f;
@@ -118,8 +121,11 @@ INLINE void add_pair(int64_t row, int64_t f, Scored is_scored, const Summand<N> 
     for (const Kind kind : {STATISTICAL, CERTIFIED, EXACT})
         sums.kinds[kind] += count_of(in_view & (face.kind == W(kind)));
     const Mask<N> is_covered = covers & counts;
-    sums.bounds[0] = std::max(sums.bounds[0], greatest(select(in_view, face.bound, N(0.0))));
-    sums.bounds[1] = std::max(sums.bounds[1], greatest(select(is_covered, face.bound, N(0.0))));
+    const auto keep_bound = [&](double &most, Mask<N> counted) __attribute__((always_inline)) {
+        if (most < 1) most = std::max(most, greatest(select(counted, face.bound, N(0.0))));
+    };
+    keep_bound(sums.bounds[0], in_view);
+    keep_bound(sums.bounds[1], is_covered);
     sums.covered_faces[row] += count_of(is_covered);
 }
 
