@@ -71,7 +71,9 @@ template <class N, class T> INLINE N read(const T *from) {
         return N::make(EACH(k) {
             Part part;
             std::memcpy(&part, from + k * N::WIDTH, sizeof part);
-            return __builtin_convertvector(part, typename N::R);
+            if constexpr (sizeof(T) == 1 && N::WIDTH > 2)
+                return __builtin_convertvector(longs_of(part), typename N::R);
+            else return __builtin_convertvector(part, typename N::R);
         });
     }
 }
@@ -97,8 +99,12 @@ template <class N, class T> INLINE void write(T *to, N value) {
     } else {
         typedef T Part __attribute__((vector_size(N::WIDTH * sizeof(T))));
         unroll<N::N>(EACH(k) {
-            const Part part = __builtin_convertvector(value.r[k], Part);
-            std::memcpy(to + k * N::WIDTH, &part, sizeof part);
+            if constexpr (sizeof(T) == 1 && N::WIDTH > 2) {
+                write_bytes(value.r[k], to + k * N::WIDTH);
+            } else {
+                const Part part = __builtin_convertvector(value.r[k], Part);
+                std::memcpy(to + k * N::WIDTH, &part, sizeof part);
+            }
         });
     }
 }

@@ -440,6 +440,29 @@ INLINE auto words_of(const uint8_t *bytes) {
 #endif
 }
 
+// As many bytes as integers, and back: shifted apart, and together. GCC 12 would take a conversion
+// apart, byte by byte.
+constexpr auto BYTE_SHIFTS = []<int... i>(std::integer_sequence<int, i...>) {
+    return Register<uint64_t>{8 * i...};
+}(std::make_integer_sequence<int, REGISTER / 8>());
+template <class Bytes> INLINE Register<int64_t> longs_of(Bytes bytes) {
+    uint64_t all = 0;
+    std::memcpy(&all, &bytes, sizeof bytes);
+    return Register<int64_t>((Register<uint64_t>{} + all) >> BYTE_SHIFTS & 0xFF);
+}
+INLINE void write_bytes(Register<int64_t> values, void *to) {
+    constexpr int W = REGISTER / 8;
+#if defined(__AVX512F__) && defined(__AVX512DQ__)
+    const __m128i found = _mm512_cvtepi64_epi8((__m512i)values);
+    std::memcpy(to, &found, W);
+#else
+    const auto apart = Register<uint64_t>(values) << BYTE_SHIFTS;
+    uint64_t all = 0;
+    unroll<W>(EACH(k) { all |= apart[k]; });
+    std::memcpy(to, &all, W);
+#endif
+}
+
 // Pairs of words that are looked up a vector at a time: in two columns where registers can be
 // permuted, else side by side, so that one load reads both.
 template <int N> struct Pairs {

@@ -76,6 +76,29 @@ constexpr std::array<uint8_t, 256> FAILS_OF = [] {
     return found;
 }();
 
+// Reasons of faces by the bits of the criteria that fail: by one instruction where there is one.
+template <class W> INLINE W reason_of(W fails) {
+    const auto one = [](int64_t set)
+                         __attribute__((always_inline)) { return int64_t(REASON_OF[size_t(set)]); };
+    if constexpr (std::is_integral_v<W>) {
+        return one(fails);
+    } else {
+#if defined(__AVX512BW__) && defined(__AVX512DQ__)
+        static constexpr auto TABLE = [] {
+            std::array<int16_t, N_SETS> found = {};
+            for (size_t set = 0; set < N_SETS; set++) found[set] = REASON_OF[set];
+            return found;
+        }();
+        const __m512i table = _mm512_loadu_si512(TABLE.data());
+        return W::make(EACH(k) {
+            return Register<int64_t>(_mm512_permutexvar_epi16((__m512i)fails.r[k], table)) & 0xFFFF;
+        });
+#else
+        return each_lane(fails, one);
+#endif
+    }
+}
+
 // Rank of reasons by how near a camera is to covering: several together come after OUTSIDE, in
 // their order, so that of two cameras the one that fails fewer criteria counts.
 template <class N> INLINE Whole<N> nearness(Whole<N> reason) {
@@ -156,10 +179,7 @@ INLINE Decision<N> decide(const Rules &rules, const Measures<N> &face, const Cam
     const auto bit = [](Mask<N> fails, uint8_t value) { return select(fails, W(value), W(0)); };
     const W bits = bit(is_oblique, IS_STEEP) + bit(is_hidden, IS_HIDDEN) +
                    bit(stays_coarse, IS_COARSE) + bit(!face.is_focused, IS_BLURRED);
-    W reason = face.own;
-    if (any(bits > W(0)))
-        for (int set = IS_BLURRED; set < N_SETS; set += IS_BLURRED)
-            reason = select(bits == W(set), W(REASON_OF[size_t(set)]), reason);
+    W reason = select(bits == W(0), face.own, reason_of(bits));
     reason = select(!has_image, W(UNSAMPLED), reason);
     reason = select(!face.is_inside, W(OUTSIDE), reason);
     reason = select(!face.is_front, W(BACK_FACING), reason);
