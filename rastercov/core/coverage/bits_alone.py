@@ -23,9 +23,13 @@ from rastercov.core.raster import drawer
 LOG = logging.getLogger("rastercov")
 MOST_JUDGED, BYTES_JUDGED, SECONDS_JUDGED = 1 << 14, 64 << 20, 0.2
 """Most poses that are judged at a time, and the memory and time of these."""
+BITS_OF_TARGET = 128
+"""Memory of a target in a pose while it is judged, bits: two counts."""
 LEAST_PAIRS = 1 << 26
-"""Pairs of pose and face from which on a GPU is tested, which takes a second or two, about what the
-CPU takes for them. Not measured on a GPU."""
+"""Pairs of pose and face from which on a GPU is tested: an estimate, for none was at hand.
+
+A self-test takes a second or two; the CPU judges these pairs meanwhile, at 12 ns a pair and core on
+images of 256 x 256. `benchmarks/gpu.py` measures the border where there is a GPU."""
 NO_ROWS = PairRows(*(np.empty(0, ROW_TYPES[name]) for name in PairRows._fields))
 LATER = (
     *("best", "best_pose", "reason", "alone", "covered_faces", "mean_coverage", "kinds"),
@@ -86,7 +90,8 @@ class NetworkOfBits(Network):
         assert isinstance(observer, SampledObserver)
         n_faces = self.mesh.n_faces
         criteria = FacePass(self.mesh, observer.camera, observer.threads, self.task).criteria()
-        most = max(1, min(MOST_JUDGED, 8 * BYTES_JUDGED // n_faces))
+        bits = n_faces + BITS_OF_TARGET * int(self.mesh.target_mask.sum())
+        most = max(1, min(MOST_JUDGED, 8 * BYTES_JUDGED // bits))
         step, at = min(most, batch_size(n_faces, observer.threads)), 0
         while at < max(1, len(poses)):
             batch, began = poses[at : at + step], time.perf_counter()

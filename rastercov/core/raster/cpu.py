@@ -84,6 +84,9 @@ REGULAR = (
 )
 """For a canvas: samples that are not scattered."""
 
+NO_TARGETS = (*(np.empty(0, np.int64),) * 2, *(np.empty((0, 0), np.int64),) * 2)
+"""Rows, rows of opaque faces, and counts of targets where there are none."""
+
 
 class InLoops(Rasterizer):
     """Rasteriser in compiled loops: what a pinhole and any other lens have in common.
@@ -128,8 +131,7 @@ class InLoops(Rasterizer):
         for number, (canvases, looks) in enumerate(self._draw(poses, near, cull)):
             count(canvases, looks, (visible, alone, filled, number > 0), n_parts, threads)
             if targets:
-                of_targets = targets.corners, seen[0], seen[1]
-                self._drawing.count_targets(canvases, looks, *of_targets, threads)
+                self._drawing.count_targets(canvases, looks, targets.corners, *seen, threads)
         if self.camera.is_curved:  # some do not count
             filled = visible.sum(axis=1, dtype=np.int64)
         background = grid.n_samples - filled
@@ -139,8 +141,8 @@ class InLoops(Rasterizer):
     def _why_not_judged(self, criteria: Criteria) -> str:
         """Reason why faces are judged from their counts; see `Rasterizer._why_not_judged`."""
         self._check_open()
-        if self._targets or self._n_parts > 1:
-            return "targets, and parts of a large image, are counted one after another"
+        if self._n_parts > 1:
+            return "parts of a large image are counted one after another"
         left = {name for name, value in criteria.rules.items() if value} - {*Rules._fields}
         return f"no loop judges {', '.join(left)}" if left else ""
 
@@ -154,9 +156,16 @@ class InLoops(Rasterizer):
         scene = scene_of(mesh)._replace(own=own.astype(np.uint8))
         rules = Rules._make(criteria.rules[name] for name in Rules._fields)
         judged = dense, scene, rules, area_units(mesh), float(self.supersample**2)
+        of_targets = NO_TARGETS
+        if targets := self._targets:
+            seen = np.zeros((2, len(poses), len(targets.rows)), np.int64)
+            self._drawing.count_targets(*shown, targets.corners, *seen, self._threads)
+            of_targets = targets.rows, targets.opaque, *seen
         words = room_for_bits(len(poses), mesh.n_faces)
         found = words, np.empty(len(poses), np.int64), np.zeros(mesh.n_faces, np.int64)
-        self._drawing.judge(*shown, lens_of(self.camera), (*judged, *found), self._threads)
+        self._drawing.judge(
+            *shown, lens_of(self.camera), (*judged, of_targets, *found), self._threads
+        )
         return bits_of(mesh, *found), clipped
 
     def close(self) -> None:

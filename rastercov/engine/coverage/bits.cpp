@@ -42,6 +42,7 @@ template <class Camera> struct Desk {
     Memory<Camera> memory;
     engine::Room<double> points;
     engine::Room<int64_t> views;
+    engine::Room<int32_t> counts[2]; // of all faces, where some are targets
     Desk(int64_t n_vertices, int64_t n_faces)
         : points(n_vertices * COLUMNS_OF<Camera>), views(n_faces, 0) {}
 };
@@ -52,7 +53,7 @@ template <class Camera>
 void OnePass<Camera>::judge(raster::Rasterizer &rasterizer, const raster::Canvases &canvases,
                             const raster::Looks &looks, const Camera &camera,
                             const Judging &judging, int64_t n_threads) {
-    const auto &[poses, scene, rules, area_units, scale, words, areas, views] = judging;
+    const auto &[poses, scene, rules, area_units, scale, targets, words, areas, views] = judging;
     const int64_t n_faces = scene.faces.rows();
     require_lens(camera);
     scene.check();
@@ -60,17 +61,36 @@ void OnePass<Camera>::judge(raster::Rasterizer &rasterizer, const raster::Canvas
             "there must be one near plane and one row of bits for each pose");
     require(8 * words.extent(1) >= n_faces && have_rows(n_faces, area_units, views),
             "there must be an area, a bit and a number of views for each face");
+    const int64_t n_targets = targets.rows.rows(), n_opaque = n_faces - n_targets;
+    for (const auto &each : {targets.visible, targets.drawn})
+        require(n_targets == 0 || (each.rows() == poses.rows() && each.extent(1) == n_targets),
+                "counts of targets must have a row for each pose");
+    require(n_targets == 0 || targets.opaque.rows() == n_opaque,
+            "each face must be a target, or opaque");
+    require_indices(targets.rows, n_faces, "targets must be faces");
+    require_indices(targets.opaque, n_faces, "opaque must hold faces");
     using Own = Desk<Camera>;
     engine::Idle<Own> desks(std::max<int64_t>(n_threads, 1));
     const auto take = [&](int64_t row, const raster::Counts &counts) {
-        require(counts.visible.rows() == n_faces, "counts must be of all faces");
+        require(counts.visible.rows() == n_faces ||
+                    (n_targets && counts.visible.rows() >= n_opaque),
+                "counts must be of all faces");
         auto desk = desks.take();
         if (!desk) desk = std::make_unique<Own>(scene.vertices.rows(), n_faces);
-        const std::array<int64_t, 2> shape = {1, n_faces};
+        const auto of_all = [&](int k, const Column<int32_t> &drawn,
+                                const auto &of_targets) -> Array<const int32_t, Any, Any> {
+            if (n_targets == 0) return {drawn.begin(), {1, n_faces}};
+            auto &all = desk->counts[k];
+            if (all.size() == 0) all.take(n_faces);
+            for (int64_t i = 0; i < n_opaque; i++) all[targets.opaque[i]] = drawn[i];
+            for (int64_t i = 0; i < n_targets; i++)
+                all[targets.rows[i]] = int32_t(of_targets(row, i));
+            return {all.data(), {1, n_faces}};
+        };
         const Seen<int32_t> seen = {{poses[row].begin(), {1}},
                                     {looks.near.begin() + row, {1}},
-                                    {counts.visible.begin(), shape},
-                                    {counts.drawn.begin(), shape},
+                                    of_all(0, counts.visible, targets.visible),
+                                    of_all(1, counts.drawn, targets.drawn),
                                     scale,
                                     {},
                                     {},

@@ -8,15 +8,23 @@
 namespace rastercov {
 namespace coverage {
 
+// Faces that the rasteriser does not draw, if there are any: their rows and those of all others,
+// and their samples, (P, N).
+struct TargetCounts {
+    IntArray rows, opaque;
+    Array<const int64_t, Any, Any> visible, drawn;
+};
+
 // Poses, world_from_camera; what decides about their faces: the mesh, thresholds, units of area,
-// samples in a pixel; and what is found: bits of the faces that each pose covers, from the lowest
-// of the first byte on; the sums of their area units; and the poses that cover each face.
+// samples in a pixel, targets; and what is found: bits of the faces that each pose covers, from the
+// lowest of the first byte on; the sums of their area units; and the poses that cover each face.
 struct Judging {
     FloatRows<4, 4> poses;
     Scene scene;
     Rules rules;
     IntArray area_units;
     double scale;
+    TargetCounts targets;
     Array<uint8_t, Any, Any> words;
     Column<int64_t> areas, views;
 };
@@ -30,6 +38,7 @@ template <class Camera> struct OnePass {
 
 } // namespace coverage
 
-RECORD(coverage::Judging, poses, scene, rules, area_units, scale, words, areas, views);
+RECORD(coverage::TargetCounts, rows, opaque, visible, drawn);
+RECORD(coverage::Judging, poses, scene, rules, area_units, scale, targets, words, areas, views);
 
 } // namespace rastercov
