@@ -1,9 +1,15 @@
-"""Time of the long steps of `place` and `check`: matrix, check of a rig, cavities.
+"""Time of the long steps of `place` and `check`: matrix, check of a rig, cavities, many candidates.
 
-The results are compared with those of slower ways to them. Printed are seconds by wall clock and
-CPU seconds of all threads. Each job runs for a small input first.
+The last is the command `place`, from its file to the certified plan, by samples: `--jobs sampled
+--sampled 1000000` for a million. The results are compared with those of slower ways to them.
+Printed are seconds by wall clock and CPU seconds of all threads. Each job runs for a small input
+first.
 """
 
+import json
+import resource
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -14,7 +20,7 @@ from rows import Report, arguments
 from solids import drilled_part, with_clamps
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.pose_file import read_poses, write_poses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import Reason
@@ -57,6 +63,25 @@ distances = [4.2]
 goal = "best_coverage"
 cameras = 1
 """
+SAMPLED = """
+[[meshes]]
+built_in = "torus"
+[camera]
+width = 256
+height = 256
+fx = 300
+fy = 300
+[task]
+max_incidence_deg = 60
+method = "sampled"
+[[candidates]]
+generator = "on_sphere"
+count = {count}
+distances = [4.2]
+[selection]
+goal = "fewest_cameras"
+coverage = 0.9
+"""
 TASK = """
 [task]
 views = 3
@@ -70,6 +95,7 @@ N_COMPARED = 40
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("--candidates", type=int, default=10_000)
+    parser.add_argument("--sampled", type=int, default=100_000, help="candidates of that job")
     parser.add_argument("--poses", type=int, default=135)
     parser.add_argument("--jobs", nargs="+", choices=JOBS, default=list(JOBS))
     args = parser.parse_args()
@@ -168,7 +194,38 @@ def cavity_rows(report: Report, args, folder: Path) -> None:
     report.add(f"{name}, wall", wall, "s")
 
 
-JOBS = {"matrix": matrix_rows, "check": check_rows, "cavities": cavity_rows}
+def sampled_rows(report: Report, args, folder: Path) -> None:
+    """The command, from the file of a plan to the certified area of what it chooses by samples."""
+    plan, out = plan_in(folder / "plan", SAMPLED.format(count=args.sampled)), folder / "out"
+    command = [sys.executable, "-m", "rastercov", "place", plan.folder / "plan.toml", "--out", out]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    found = json.loads((out / "plan.json").read_text())
+    mesh, rig = rc.shapes.torus(), read_poses(out / "poses.json")
+    task = rc.Task(max_incidence_deg=60)
+    chosen = rc.evaluate(mesh, plan.rig.cameras[0], rig, task, method="sampled")
+    share = 100 * mesh.areas[chosen.network.covered].sum() / mesh.areas.sum()
+    area = rc.evaluate(mesh, plan.rig.cameras[0], rig, task).covered.share()
+    certified = found["certified_area"]
+    name = f"place, {args.sampled:,} candidates x {mesh.n_faces:,} faces, sampled"
+    wrong = abs(certified["percent"] - 100 * area)
+    report.check(f"{name}: share of evaluate, at least 90 %", abs(share - 90) < 1 and share >= 90)
+    report.check(f"{name}: certified area of evaluate", wrong <= certified["bound_percent"])
+    report.add(f"{name}: area by samples", share, "%")
+    report.add(f"{name}: certified area", certified["percent"], "%")
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    # At most 60 for 100,000.
+    report.add(f"{name}: the command", seconds, "CPU-s", at_most=60 * args.sampled / 1e5, aim=20)
+    report.add(f"{name}: its memory", after.ru_maxrss / 1024, "MiB")
+
+
+JOBS = {
+    "matrix": matrix_rows,
+    "check": check_rows,
+    "cavities": cavity_rows,
+    "sampled": sampled_rows,
+}
 
 
 def plan_in(folder: Path, text: str, mesh: Mesh | None = None):
