@@ -34,7 +34,7 @@ Scene = tuple[rc.Mesh, rc.Camera, np.ndarray, int]
 
 def criteria(rng: np.random.Generator, mesh: rc.Mesh, camera: rc.Camera) -> dict[str, rc.Task]:
     """A random task for each criterion, by its name, and one for several."""
-    density = camera.fx / mesh.diagonal * 10.0 ** rng.uniform(-1, 1)
+    density = camera.fx / (mesh.diagonal or 1.0) * 10.0 ** rng.uniform(-1, 1)
     least = {
         "min_pixels": rng.uniform(0.2, 9),
         "min_visibility": rng.uniform(0.05, 1),
