@@ -157,9 +157,9 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	cp $(MODULES:%=build/wasm/%.wasm) rastercov/page/web
 	@{ command -v npm >/dev/null && $(MAKE) -s --no-print-directory $(VENV)/binaryen && \
 	for module in $(MODULES); do \
-	[ $$module = lens ] && more="--flatten --rereloop --code-folding -Os" || more=; \
+	[ $$module = engine ] && more= || more="--flatten --rereloop -Os --code-folding"; \
 	$(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt --merge-similar-functions --low-memory-unused -Os $$more --const-hoisting --reorder-locals $(WASM) build/wasm/$$module.wasm \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt $$more --low-memory-unused --merge-similar-functions -Os --const-hoisting --reorder-locals --reorder-functions $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/page/web/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
 	@sha256sum $(MODULES:%=rastercov/page/web/%.wasm)

@@ -6,10 +6,9 @@
 #pragma once
 #include "error.hpp"
 #include <cstdint>
-#include <map>
 #include <memory>
 #include <mutex>
-#include <string>
+#include <vector>
 
 namespace rastercov::c {
 
@@ -30,45 +29,33 @@ struct BadHandle : Error {
 class Handles {
   public:
     template <class Handle, class T> Handle *add(std::shared_ptr<T> object) {
-        const std::scoped_lock lock(_changes);
-        _alive.emplace(++_last, Entry{std::move(object), &KIND<T>});
-        return reinterpret_cast<Handle *>(uintptr_t(_last)); // NOLINT: a number, never an address
+        return reinterpret_cast<Handle *>(append(std::move(object), &KIND<T>)); // NOLINT: a number
     }
 
     // The object of a kind behind a handle.
-    template <class T> std::shared_ptr<T> get(const void *handle, const char *kind) const {
-        const std::scoped_lock lock(_changes);
-        const auto found = _alive.find(reinterpret_cast<uintptr_t>(handle));
-        if (found == _alive.end() || found->second.kind != &KIND<T>) refuse_handle(handle, kind);
-        return std::static_pointer_cast<T>(found->second.object);
+    template <class T> std::shared_ptr<T> get(const void *handle, const char *kind) {
+        return std::static_pointer_cast<T>(find(handle, &KIND<T>, kind, false));
     }
 
     template <class T> void free(const void *handle, const char *kind) {
-        const auto object = get<T>(handle, kind); // destroyed without the lock
-        const std::scoped_lock lock(_changes);
-        _alive.erase(reinterpret_cast<uintptr_t>(handle));
+        find(handle, &KIND<T>, kind, true); // destroyed without the lock
     }
 
-    int64_t count() const {
-        const std::scoped_lock lock(_changes);
-        return int64_t(_alive.size());
-    }
+    int64_t count();
 
   private:
     struct Entry {
-        std::shared_ptr<void> object;
+        uintptr_t number;
+        std::shared_ptr<void> object; // null once it was freed
         const char *kind;
     };
 
-    [[noreturn]] static void refuse_handle(const void *handle, const char *kind) {
-        const auto text = std::string("expected a live handle of type ") + kind + ", got " +
-                          (handle ? "one that was freed or has another type" : "null") +
-                          "; create one, and free it once";
-        refuse(text.c_str());
-    }
+    uintptr_t append(std::shared_ptr<void> object, const char *kind);
+    std::shared_ptr<void> find(const void *handle, const char *kind, const char *name, bool frees);
 
-    mutable std::mutex _changes;
-    std::map<uintptr_t, Entry> _alive;
+    std::mutex _changes;
+    std::vector<Entry> _all; // in the order of their numbers
+    size_t _n_freed = 0;     // at most half of them
     uintptr_t _last = 0;
 };
 

@@ -41,9 +41,9 @@ rc_status rc_read_mesh(const uint8_t *bytes, int64_t n_bytes, int32_t format, do
         for (double &each : made->mesh.vertices) each *= unit;
         readers::check_coordinates(made->mesh);
         auto &[vertices, faces, polygon, group, names, notes] = made->mesh;
-        const auto more =
-            readers::cut_concave(vertices.data(), faces.data(), polygon.data(), polygon.size());
-        notes.insert(notes.end(), more.begin(), more.end());
+        for (auto &note :
+             readers::cut_concave(vertices.data(), faces.data(), polygon.data(), polygon.size()))
+            notes.push_back(std::move(note));
         for (const auto *lines : {&made->mesh.names, &made->mesh.notes})
             for (const std::string &line : *lines) made->text += line + '\n';
         *mesh = handles().add<rc_mesh>(made);

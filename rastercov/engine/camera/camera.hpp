@@ -13,7 +13,6 @@
 // Twins: rastercov.reference.criteria.
 #pragma once
 #include "lens/lens.hpp"
-#include "lens/rules.hpp"
 #include "number.hpp"
 #include <algorithm>
 #include <cmath>

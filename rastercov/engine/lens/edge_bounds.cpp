@@ -22,6 +22,7 @@
 // Twins: tests/lenses/test_quadrature.py, tests/lenses/test_expansions.py.
 #include "lens/ball.hpp"
 #include "lens/proof.hpp"
+#include "lens/rules.hpp"
 #include "lens/series.hpp"
 
 namespace rastercov::lens {

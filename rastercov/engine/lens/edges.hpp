@@ -13,6 +13,7 @@
 // Twins: tests/lenses/test_quadrature.py, tests/lenses/test_areas.py by polygons of many corners.
 #pragma once
 #include "lens/planes.hpp"
+#include "lens/rules.hpp"
 #include "range.hpp"
 #include "sort.hpp"
 #include <tuple>

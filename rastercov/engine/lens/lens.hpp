@@ -9,6 +9,8 @@
 namespace rastercov::lens {
 
 constexpr int64_t SECTORS = 128; // sides of the polygon around the valid region
+// Rules for images of edges: least and greatest n, see rules.hpp, and rows by n.
+constexpr int64_t FEWEST = 2, MOST = 11, TABLE = MOST + 1;
 
 using Frame = Array<const double, 3, 3>; // lens_from_plane
 

@@ -8,7 +8,6 @@
 // Twin: rastercov.reference.lenses.
 #pragma once
 #include "lens/lens.hpp"
-#include "lens/rules.hpp"
 
 namespace rastercov {
 

@@ -18,17 +18,25 @@
 //
 // Twin: tests/lenses/test_quadrature.py.
 #pragma once
+#include "lens/lens.hpp"
 #include <algorithm>
 #include <array>
 #include <cstdint>
 
 namespace rastercov::lens {
 
-constexpr int64_t FEWEST = 2, MOST = 11, TABLE = MOST + 1; // least and greatest n; rows by n
+// Pages make the tables as they begin: their loops have fewer bytes.
+#ifdef __wasm__
+#define RASTERCOV_LIST const volatile
+#define RASTERCOV_TABLE const
+#else
+#define RASTERCOV_LIST constexpr
+#define RASTERCOV_TABLE constexpr
+#endif
 
 // clang-format off
 // n = 2, 3, ...: places of the n + 1 nodes.
-inline constexpr double LISTED_NODES[] = {
+inline RASTERCOV_LIST double LISTED_NODES[] = {
     0.0, 0.5, 1.0, 0.0, 0.27639320225002095, 0.723606797749979, 1.0, 0.0, 0.17267316464601135, 0.5,
     0.8273268353539887, 1.0, 0.0, 0.11747233803526769, 0.3573842417596773, 0.6426157582403227,
     0.8825276619647323, 1.0, 0.0, 0.0848880518607169, 0.2655756032646429, 0.5, 0.7344243967353571,
@@ -48,7 +56,7 @@ using Row = std::array<double, TABLE>;
 using Square = std::array<Row, TABLE>;
 
 // By n: places of the nodes, 0 to 1; node k and node n - k add up to 1, to rounding.
-inline constexpr Square NODES = [] {
+inline RASTERCOV_TABLE Square NODES = [] {
     Square table = {};
     for (int64_t n = FEWEST, at = 0; n <= MOST; n++)
         for (int64_t k = 0; k <= n; k++) table[n][k] = LISTED_NODES[at++];
@@ -56,7 +64,7 @@ inline constexpr Square NODES = [] {
 }();
 
 // By n: S_ij.
-inline constexpr std::array<Square, TABLE> WEIGHTS = [] {
+inline RASTERCOV_TABLE std::array<Square, TABLE> WEIGHTS = [] {
     std::array<Square, TABLE> table = {};
     for (int64_t n = FEWEST; n <= MOST; n++) {
         Row legendre = {};
@@ -82,7 +90,7 @@ inline constexpr std::array<Square, TABLE> WEIGHTS = [] {
 
 // By n: factor of the value at node j in Bernstein coefficient k, of the Lagrange polynomial of the
 // node as a product of its linear factors; all terms of a coefficient have one sign.
-inline constexpr std::array<Square, TABLE> BERNSTEIN = [] {
+inline RASTERCOV_TABLE std::array<Square, TABLE> BERNSTEIN = [] {
     std::array<Square, TABLE> table = {};
     for (int64_t n = FEWEST; n <= MOST; n++)
         for (int64_t j = 0; j <= n; j++) {
@@ -105,7 +113,7 @@ inline constexpr std::array<Square, TABLE> BERNSTEIN = [] {
 }();
 
 // By n: largest distance of neighbouring nodes, in lengths of the edge.
-inline constexpr Row GAP = [] {
+inline RASTERCOV_TABLE Row GAP = [] {
     Row table = {};
     for (int64_t n = FEWEST; n <= MOST; n++)
         for (int64_t k = 0; k < n; k++)
@@ -114,7 +122,7 @@ inline constexpr Row GAP = [] {
 }();
 
 // By n: largest Bernstein coefficient of a polynomial that is at most 1 at the nodes.
-inline constexpr Row GROWTH = [] {
+inline RASTERCOV_TABLE Row GROWTH = [] {
     Row table = {};
     for (int64_t n = FEWEST; n <= MOST; n++)
         for (const Row &row : BERNSTEIN[n]) {

@@ -12,16 +12,14 @@
 #include "sort.hpp"
 #include <array>
 #include <bit>
-#include <numbers>
 #include <numeric>
-#include <set>
 
 namespace rastercov::readers {
 namespace {
 constexpr double FOLD_TOLERANCE_REL = 1e-9;     // of an area that may be wound against its polygon
 constexpr double FLATNESS_TOLERANCE_REL = 0.01; // of the size; beyond it other triangles differ
-constexpr double WHOLE_TURN = 2 * std::numbers::pi * (1 + 1e-9);
-constexpr double GRID = int64_t(1) << 50; // steps of a size
+constexpr double TURN_TOLERANCE = 6e-9;         // radians beyond a whole turn
+constexpr double GRID = int64_t(1) << 50;       // steps of a size
 constexpr const char *WORDS[2][2] = {
     {"are not flat", "other triangles would be another surface"},
     {"cross or touch themselves", "their triangles may overlap, correct them in the modeller"}};
@@ -39,7 +37,7 @@ Wide dot(Corner at, Corner a, Corner b) {
     return Wide(a.x - at.x) * (b.x - at.x) + Wide(a.y - at.y) * (b.y - at.y);
 }
 // 1 where a, b and c turn left, -1 where they turn right, 0 on a line.
-int side(Corner a, Corner b, Corner c) {
+[[gnu::noinline]] int side(Corner a, Corner b, Corner c) {
     const Wide twice = Wide(b.x - a.x) * (c.y - a.y) - Wide(b.y - a.y) * (c.x - a.x);
     return (twice > 0) - (twice < 0);
 }
@@ -87,59 +85,6 @@ struct Edges {
     }
 };
 
-// Largest of what two edges do. Each pair is compared that is next to one another along a sweep
-// line. M. I. Shamos and D. Hoey. Geometric Intersection Problems. 1976.
-Meeting meeting_of(const Corners &at) {
-    struct Event {
-        Corner at;
-        bool starts;
-        size_t edge;
-        auto operator<=>(const Event &) const = default;
-    };
-    if (at.size() < 3) return ACROSS;
-    const Edges edges = {at};
-    std::vector<Event> events;
-    for (size_t k = 0; k < at.size(); k++) {
-        events.push_back({edges.low(k), true, k});
-        events.push_back({edges.high(k), false, k});
-    }
-    sort_range(events.begin(), events.end());
-    using Sweep = std::set<size_t, Edges>;
-    Sweep sweep(edges);
-    std::vector<Sweep::iterator> places(at.size(), sweep.end());
-    Meeting most = APART;
-    Poll poll(64);
-    for (const auto &[corner, starts, k] : events) {
-        poll();
-        auto place = places[k];
-        if (starts) {
-            const auto [own, is_new] = sweep.insert(k);
-            most = std::max(most, is_new ? APART : edges.meeting(k, *own));
-            if (is_new) places[k] = own;
-            place = own;
-        }
-        if (place == sweep.end()) continue; // the same as another edge
-        const auto next = std::next(place);
-        const auto compare = [&](Sweep::iterator one, Sweep::iterator other) {
-            most = std::max(most, edges.meeting(*one, *other));
-        };
-        if (starts && next != sweep.end()) compare(place, next);
-        if (place != sweep.begin()) {
-            const auto before = std::prev(place);
-            if (starts) compare(before, place);
-            else if (next != sweep.end()) compare(before, next);
-        }
-        if (!starts) sweep.erase(place);
-        if (most == ACROSS) return most;
-    }
-    Corners sorted = at;
-    sort_range(sorted.begin(), sorted.end());
-    const bool is_twice = std::adjacent_find(sorted.begin(), sorted.end()) != sorted.end();
-    return is_twice ? AT_CORNERS : most;
-}
-
-// --- ears ---
-
 // Some of n corners in their order, without an end.
 struct Ring {
     std::vector<size_t> before, after;
@@ -160,6 +105,114 @@ struct Ring {
         after[before[k]] = before[next] = k;
     }
 };
+
+// Edges along a sweep line, from below: a heap by drawn ranks that is a tree by their order.
+// R. Seidel, C. R. Aragon. Randomized Search Trees. 1996.
+class Sweep {
+  public:
+    explicit Sweep(const Corners &at)
+        : order(at.size() + 1), _edges{at}, _none(at.size()), _up(_none + 1, _none) {
+        _below.fill(_up);
+        order.before[_none] = _none;
+        order.after[_none] = _none;
+    }
+    size_t none() const { return _none; }
+
+    // The edge, or the one that is there already.
+    size_t insert(size_t k) {
+        size_t up = _none;
+        size_t next = _below[0][_none];
+        bool is_above = false;
+        while (next != _none) {
+            up = next;
+            is_above = _edges(up, k);
+            if (!is_above && !_edges(k, up)) return up;
+            next = _below[is_above][up];
+        }
+        order.insert(k, is_above ? order.after[up] : up);
+        _below[is_above][up] = k;
+        _up[k] = up;
+        while (_up[k] != _none && rank(k) > rank(_up[k])) lift(k);
+        return k;
+    }
+    void erase(size_t k) {
+        for (;;) {
+            const size_t low = _below[0][k], high = _below[1][k];
+            if (low == high) break; // none
+            lift(rank(low) > rank(high) ? low : high);
+        }
+        _below[_below[1][_up[k]] == k][_up[k]] = _none;
+        order.erase(k);
+    }
+
+    Ring order; // from below, around none
+
+  private:
+    uint32_t rank(size_t k) const { return k == _none ? 0 : uint32_t(k + 1) * 2654435769U; }
+    // Exchanges a node and the one above it.
+    void lift(size_t k) {
+        const size_t up = _up[k], top = _up[up];
+        const bool is_high = _below[1][up] == k;
+        const size_t moved = _below[!is_high][k];
+        _below[is_high][up] = moved;
+        _below[!is_high][k] = up;
+        _below[top != _none && _below[1][top] == up][top] = k;
+        _up[moved] = up;
+        _up[up] = k;
+        _up[k] = top;
+    }
+
+    Edges _edges;
+    size_t _none; // also the one above the first
+    std::vector<size_t> _up;
+    std::array<std::vector<size_t>, 2> _below;
+};
+
+// Largest of what two edges do. Each pair is compared that is next to one another along a sweep
+// line. M. I. Shamos and D. Hoey. Geometric Intersection Problems. 1976.
+Meeting meeting_of(const Corners &at) {
+    if (at.size() < 3) return ACROSS;
+    const Edges edges = {at};
+    Sweep sweep(at);
+    const auto &[before, after] = sweep.order;
+    std::vector<bool> is_in(at.size());
+    std::vector<size_t> events(2 *
+                               at.size()); // ends of edges: 2 k the left one of k, then the other
+    std::iota(events.begin(), events.end(), size_t(0));
+    const auto place = [&](size_t event) {
+        return event % 2 ? edges.high(event / 2) : edges.low(event / 2);
+    };
+    // At a corner edges end before others start.
+    sort_range(events.begin(), events.end(), [&](size_t one, size_t other) {
+        const auto order = place(one) <=> place(other);
+        return order == 0 ? std::pair(!(one % 2), one) < std::pair(!(other % 2), other) : order < 0;
+    });
+    Meeting most = APART;
+    Poll poll(64);
+    const auto compare = [&](size_t one, size_t other) {
+        if (one != sweep.none() && other != sweep.none())
+            most = std::max(most, edges.meeting(one, other));
+    };
+    for (size_t n = 0; n < events.size(); n++) {
+        poll();
+        const size_t k = events[n] / 2;
+        if (n > 1 && place(events[n]) == place(events[n - 2])) most = std::max(most, AT_CORNERS);
+        if (events[n] % 2) {
+            if (!is_in[k]) continue; // the same as another edge
+            compare(before[k], after[k]);
+            sweep.erase(k);
+        } else {
+            const size_t own = sweep.insert(k);
+            is_in[k] = own == k;
+            compare(is_in[k] ? before[k] : own, k);
+            if (is_in[k]) compare(k, after[k]);
+        }
+        if (most == ACROSS) return most;
+    }
+    return most;
+}
+
+// --- ears ---
 
 struct Box {
     Corner low = {INT64_MAX, INT64_MAX}, high = {INT64_MIN, INT64_MIN};
@@ -291,6 +344,27 @@ class Ears {
 
 // --- fans ---
 
+// A direction that is turned to the left, by half a turn at most at once.
+struct Turned {
+    double x = 1.0;
+    double y = 0.0;
+    bool is_round = false; // a whole turn
+    bool is_wound = false; // more than that
+
+    // Turns it by the angle of (c, s).
+    void add(double c, double s) {
+        const double size = std::sqrt(c * c + s * s);
+        if (size == 0.0) return;
+        const bool was_low = is_low();
+        const double turned = (x * c - y * s) / size;
+        y = (x * s + y * c) / size;
+        x = turned;
+        is_round |= was_low && !is_low();
+        is_wound |= is_round && (x < 0.0 || y > TURN_TOLERANCE);
+    }
+    bool is_low() const { return y < 0.0 || (y == 0.0 && x < 0.0); }
+};
+
 // A fan of triangles, in sizes of it from its first corner.
 class Fan {
   public:
@@ -349,14 +423,14 @@ class Fan {
         std::vector<Vector> normals;
         Vector largest = {};
         double total = 0.0;
-        double angle = 0.0;
+        Turned turned;
         double low = 0.0;
         double high = 0.0;
         for (size_t k = 1; k <= _n; k++) {
             const Vector &own = normals.emplace_back(cross(_points[k], _points[k + 1]));
             _normal = _normal + own;
             total += length(own);
-            angle += std::atan2(length(own), dot(_points[k], _points[k + 1]));
+            turned.add(dot(_points[k], _points[k + 1]), length(own));
             if (length(own) > length(largest)) largest = own;
         }
         const bool has_plane = length(_normal) > FOLD_TOLERANCE_REL * total;
@@ -365,7 +439,7 @@ class Fan {
         for (const Vector &own : normals)
             is_folded |= dot(own, _normal) < -FOLD_TOLERANCE_REL * length(own);
         // A polygon that does not cross itself is seen within a turn of its first corner.
-        const bool is_wound = _n > 2 && angle > WHOLE_TURN && !is_folded;
+        const bool is_wound = _n > 2 && turned.is_wound && !is_folded;
         is_crossing = (!has_plane && total > 0.0) || is_wound;
         for (const Vector &point : _points) {
             low = std::min(low, dot(point, _normal));

@@ -6,7 +6,7 @@
 #include "readers/text.hpp"
 #include <algorithm>
 #include <array>
-#include <map>
+#include <bit>
 
 namespace rastercov::readers {
 namespace {
@@ -106,10 +106,19 @@ class Objects {
 
     void read_group(Words words) {
         if (may_be_face(words)) _doubtful.push_back(_lines.number());
-        const auto [at, is_new] =
-            _numbers.emplace(join_words(words.subspan(1)), int64_t(_mesh.names.size()));
-        if (is_new) _mesh.names.push_back(at->first);
-        _group = at->second;
+        const String name = join_words(words.subspan(1));
+        Strings &names = _mesh.names;
+        uint64_t hash = 14695981039346656037U; // FNV-1a
+        for (const char each : name) hash = (hash ^ uint8_t(each)) * 1099511628211U;
+        for (_group = 0; names[size_t(_group)] != name; hash = std::rotl(hash, 1)) {
+            int64_t &next = _others[size_t(_group)][hash >> 63];
+            const bool is_new = next == 0;
+            if (is_new) next = int64_t(names.size());
+            _group = next;
+            if (!is_new) continue;
+            names.push_back(name);
+            _others.emplace_back();
+        }
     }
 
     // Elements without a surface.
@@ -149,7 +158,8 @@ class Objects {
     Lines _lines;
     const Limits &_limits;
     MeshFile _mesh;
-    std::map<String, int64_t> _numbers = {{"", 0}};
+    // Groups below each in a tree by the bits of their hashes, 0 for none.
+    std::vector<std::array<int64_t, 2>> _others = {{}};
     int64_t _group = 0;
     Wholes _corners, _n_corners, _group_of, _face_line;
     Wholes _weighted, _doubtful; // lines

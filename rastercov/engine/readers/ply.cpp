@@ -232,8 +232,11 @@ void add_faces(Column from, Column &to) {
     for (size_t f = 0; f < from.counts.size(); f++)
         if (from.counts[f] < 3)
             refuse_again("face ", f, ": expected 3 or more vertices, got ", from.counts[f]);
-    to.wholes.insert(to.wholes.end(), from.wholes.begin(), from.wholes.end());
-    to.counts.insert(to.counts.end(), from.counts.begin(), from.counts.end());
+    const auto append = [](Wholes &all, const Wholes &more) {
+        all.insert(all.end(), more.data(), more.data() + more.size());
+    };
+    append(to.wholes, from.wholes);
+    append(to.counts, from.counts);
 }
 
 // Corners of triangles; -1 ends a strip within its list, odd triangles are reversed.

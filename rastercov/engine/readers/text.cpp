@@ -19,8 +19,11 @@ void put(String &to, Wide number) {
     if (number < 0) to += '-';
     char digits[40];
     char *const end = digits + sizeof digits, *at = end;
-    do *--at = char('0' + std::abs(int(number % 10)));
-    while (number /= 10);
+    do {
+        const Wide rest = number / 10;
+        *--at = char('0' + std::abs(int(number - 10 * rest)));
+        number = rest;
+    } while (number);
     to.append(at, end);
 }
 

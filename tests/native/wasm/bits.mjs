@@ -23,20 +23,18 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, isRig, poi
   const numbers = lens && new Float64Array(Uint8Array.from(Buffer.from(lens, "base64")).buffer);
   const by = { ...camera, lens: lens && call("rc_lens_create", numbers, numbers.length) };
   const limits = { ...task, max_depth: task.max_depth ?? Infinity };
-  const regions = call("rc_find_regions", solver, by, limits, poses, nPoses, 0, 0);
-  const areas = Array.from({ length: nPoses }, (_, pose) => {
+  const each = Array.from({ length: nPoses }, (_, pose) => poses.slice(16 * pose, 16 * pose + 16));
+  const [network, rig] = [0, 1].map(() => call("rc_network_create", surface, 1));
+  for (const made of [network, rig]) for (const pose of each) call("rc_network_add", made, by, limits, pose);
+  call("rc_network_join", rig, gate, nPoses);
+  const regions = [...each.map((_, pose) => call("rc_network_regions", network, pose)), call("rc_network_regions", rig, 0)];
+  const areas = regions.map((of) => {
     const [area, bound] = [own(), own()];
-    call("rc_regions_areas", regions, pose, n, area, bound);
+    call("rc_regions_areas", of, 0, n, area, bound);
     return [area, bound];
   });
-  const apart = Array.from({ length: nPoses }, (_, pose) =>
-    call("rc_find_regions", solver, by, limits, poses.slice(16 * pose, 16 * pose + 16), 1, 0, 0),
-  );
-  const together = call("rc_regions_together", gate, apart, poses, nPoses);
-  const measured = [own(), own()];
-  call("rc_regions_areas", together, 0, n, ...measured);
-  const union = call("rc_union_create", surface, 2);
-  call("rc_union_add", union, regions);
+  const measured = areas.pop();
+  const union = call("rc_network_unite", network, 2);
   const views = [1, 2].map((level) => {
     const [area, bound] = [own(), own()];
     call("rc_union_areas", union, level, n, area, bound);
@@ -44,10 +42,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, isRig, poi
   });
   const sums = new Float64Array(2 * 5);
   call("rc_union_sums", union, n, Int32Array.from({ length: n }, (_, f) => (f % 3) - 1), 2, [1, 2], sums);
-  const network = call("rc_network_create", surface, 1);
-  for (let pose = 0; pose < nPoses; pose++) call("rc_network_add", network, by, limits, poses.slice(16 * pose, 16 * pose + 16));
-  if (isRig) call("rc_network_join", network, gate, nPoses);
-  const zones = call("rc_find_zones", network, n, new Int32Array(n).fill(2), null, null);
+  const zones = call("rc_find_zones", isRig ? rig : network, n, new Int32Array(n).fill(2), null, null);
   const [, nParts, nCorners] = call("rc_zones_size", zones);
   const columns = ["faces", "counts", "views", "zones", "reasons"].map((name) => [name, new Int32Array(nParts)]);
   const parts = { ...Object.fromEntries(columns), areas: new Float64Array(nParts), corners: new Float64Array(3 * nCorners) };
@@ -55,7 +50,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, isRig, poi
   const alone = new Float64Array(nPoses);
   for (let pose = 0; pose < nPoses; pose++) {
     const one = new Float64Array(1);
-    call("rc_union_alone", union, 1, regions, pose, one);
+    call("rc_union_alone", union, 1, regions[pose], 0, one);
     [alone[pose]] = one;
   }
   const judged = { reasons: new Uint8Array(n), coverage: own(), densities: own(), facing: own() };
@@ -76,8 +71,8 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, isRig, poi
     n_figures: 4 * nPoses * n + 2 * nPoses * n + 4 * n + 5 * nParts + nPoses + 4 * n + 2 * spots.length,
   };
   console.log(JSON.stringify(lines));
-  for (const each of [...apart, together]) call("rc_regions_free", each);
-  for (const [kind, handle] of [["zones", zones], ["network", network], ["union", union], ["regions", regions], ["solver", solver], ["surface", surface]]) {
+  for (const of of regions) call("rc_regions_free", of);
+  for (const [kind, handle] of [["zones", zones], ["network", network], ["network", rig], ["union", union], ["solver", solver], ["surface", surface]]) {
     call(`rc_${kind}_free`, handle);
   }
 }
