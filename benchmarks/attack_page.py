@@ -1,31 +1,35 @@
 """Attack on the page: what it computes of a rig is what the program says of it.
 
-Rigs of random scenes are edited by the modules of the page, in Node with its engine, and by
-Python: pinholes, lenses and panoramas, rigs with a rule, plans with goals, and lamps, for which
-the page asks the program. Covered area with its bound, figures of each camera, states of goals,
-dead zones with their reasons and words, reasons at the middle of faces, and advice: none may
-differ. Both have the pieces of one engine; sums in another order, and roots of another library,
-may differ by `REL`.
+Texts of numbers are those of `attack_texts`, and files of meshes are whole and cut short. Rigs of
+random scenes are edited by the modules of the page, in Node with its engine, and by Python:
+pinholes, lenses and panoramas, rigs with a rule, plans with goals, and lamps, for which the page
+asks the program. Covered area with its bound, figures of each camera, states of goals, dead zones
+with their reasons and words, reasons of faces in words, and advice: none may differ. Both have the
+pieces of one engine; sums in another order, and roots of another library, may differ by `REL`.
 """
 
+import base64
+import json
 import math
 from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
+import attack_texts
 import numpy as np
 from attack_reasons import placed_by, scene
 from edited import NODE, Session
 from goals_to_view import session_in
+from mesh_files import VALID
+from page_in_node import PAGE, runner_in
 from rigs_to_view import acted, moved
 from rows import Report
 
 import rastercov as rc
+from rastercov.base.errors import RastercovError
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.camera.rig import Rig
-from rastercov.core.coverage.task import NAMES
 from rastercov.page import measurements
 from rastercov.page.live import open_live, record_cause
 from rastercov.page.rig_state import RigState
@@ -33,6 +37,9 @@ from rastercov.page.scene import Scene
 from rastercov.page.session import remove_head
 
 RIGS = 500
+TEXTS = 20_000
+PARTS_OF_FILE = 9
+"""Each file is read at each of these ends."""
 ONCE_WRONG = (16, 17, 63)
 """Seeds of a small part: closed bodies, a rule with bounds, and advice."""
 EDITS = 2
@@ -65,6 +72,8 @@ def attack(report: Report, effort: float) -> None:
     """Add the rows of this campaign; `effort` 1 is 500 rigs."""
     if NODE is None:
         return
+    attack_texts.attack(report, effort * TEXTS / attack_texts.CASES)
+    compare_files(report)
     wrong, seen = Counter[str](), Counter[str]()
     one_by_one = patch.object(measurements, "AreaNetwork", OneByOne)
     with TemporaryDirectory() as folder, one_by_one:
@@ -74,6 +83,44 @@ def attack(report: Report, effort: float) -> None:
         report.add(f"page: {name}", n, "")
     for name in ("area", "cameras", "goals", "zones", "words of zones", "reasons", "advice"):
         report.add(f"page: {name} that differ", wrong[name], "", at_most=0)
+
+
+def compare_files(report: Report) -> None:
+    """Add what differs of files that the page and the program read."""
+    ends = range(PARTS_OF_FILE + 1)
+    cases = [
+        (name, data[: len(data) * end // PARTS_OF_FILE])
+        for name, data in VALID.items()
+        if not name.endswith(("glb", "gltf"))
+        for end in ends
+    ]
+    wrong = 0
+    with TemporaryDirectory() as folder:
+        node, path = runner_in(Path(folder)), Path(folder) / "files.json"
+        path.write_text(json.dumps([(n, base64.b64encode(data).decode()) for n, data in cases]))
+        for (name, data), said in zip(
+            cases, node("readers.mjs", PAGE / "readers.wasm", path), strict=True
+        ):
+            target = Path(folder) / name
+            target.write_bytes(data)
+            try:
+                mesh = rc.Mesh.load(target)
+            except RastercovError as error:
+                is_same = said == {"fault": name + str(error).partition(name)[2], "status": 400}
+            else:
+                corners = np.array(said.get("corners", []), float).reshape(-1, 3, 3)
+                notes = [note.partition(f"{name}: ")[2] for note in mesh.notes]
+                is_same = (
+                    np.array_equal(corners, mesh.vertices[mesh.faces])
+                    and said["groupOf"] == mesh.face_group.tolist()
+                    and said["groups"] == [group.name for group in mesh.groups]
+                    and said["notes"] == notes
+                )
+            wrong += not is_same
+            if not is_same:
+                print(f"file {name} of {len(data)} bytes: {said}")
+    report.add("page: mesh files", len(cases), "")
+    report.add("page: mesh files that differ", wrong, "", at_most=0)
 
 
 def compare(seed: int, folder: Path, wrong: Counter[str], seen: Counter[str]) -> None:
@@ -168,33 +215,21 @@ def _stripped(entries: object) -> object:
 
 
 def _of_faces(session: Own, rng: np.random.Generator, seen: Counter[str]) -> set[str]:
-    """Differences of reasons at the middle of faces, and of advice."""
-    mesh, state, found = session.moment.mesh, session.state, set()
+    """Differences of reasons, words and advice of faces."""
+    mesh, found = session.moment.mesh, set()
     faces = np.flatnonzero(mesh.task_mask & (np.asarray(mesh.areas) > 0))
-    faces = rng.choice(faces, min(FACES, len(faces)), replace=False)
-    for face in faces.tolist():
-        told = session.call("why", face)
-        said, served = told["cameras"], session.why(face)["cameras"]
-        if not told.get("isOfCentre"):
-            seen["faces that the program answers"] += 1
-            continue
-        for station, one, same in zip(state.on, said, served, strict=True):
-            camera = state.cameras[station.camera]
-            point = np.asarray(mesh.centroids)[face][None]
-            task = state.whole.tasks.get(station.camera, state.task)
-            ((_, (reason,), (hider,)),) = failures_of_rows(
-                mesh, camera, task, rc.Poses.of(station.pose), point, np.array([face])
-            )
-            group = None if hider < 0 else int(mesh.face_group[hider])
+    for face in rng.choice(faces, min(FACES, len(faces)), replace=False).tolist():
+        told, served = session.call("why", face), session.why(face)
+        seen["faces"] += 1
+        if told["words"] != served["words"]:
+            found.add("reasons")
+            print(f"  page:    {told['words']}\n  program: {served['words']}")
+        for one, same in zip(told["cameras"], served["cameras"], strict=True):
             seen["reasons of faces"] += 1
-            hidden_by = one["occluder"] and one["occluder"]["group"]
-            if (one["reason"], hidden_by) != (NAMES[reason].lower(), group):
-                found.add("reasons")
-                print(f"  page:    {one['reason']}\n  program: {NAMES[reason]} of face {face}")
-            is_same = one["reason"] == same["reason"] and one["occluder"] == same["occluder"]
-            if is_same and one["help"] != same["help"]:
-                found.add("advice")
-                print(f"  page:    {one['help']}\n  program: {same['help']}")
+            for name, kind in (("reason", "reasons"), ("words", "reasons"), ("help", "advice")):
+                if one[name] != same[name]:
+                    found.add(kind)
+                    print(f"  page:    {one[name]}\n  program: {same[name]} of face {face}")
     return found
 
 

@@ -27,12 +27,19 @@ from rastercov.base import (
     IntArray,
     frozen_record,
     percent,
-    plural,
     read_only,
     with_bound,
 )
 from rastercov.base.format import area, number
-from rastercov.core.area.advice import advice, depth_in_words, general_advice
+from rastercov.core.area import polygons
+from rastercov.core.area.advice import (
+    advice,
+    depth_in_words,
+    general_advice,
+    hidden_by,
+    verdict_of,
+    verdict_of_rigs,
+)
 from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.feature import PointCondition
 from rastercov.core.area.features import (
@@ -44,13 +51,13 @@ from rastercov.core.area.features import (
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import rule_reasons, with_rule
+from rastercov.core.area.stages import first_failures
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.zones import DeadZones
 from rastercov.core.camera import (
     Camera,
     Poses,
     Rig,
-    axes_of,
     equipment_words,
     led_by,
     rows_of_result,
@@ -76,7 +83,7 @@ from rastercov.core.coverage.task import (
 from rastercov.core.mesh import Mesh
 from rastercov.engine.coverage_spread import widest_angles
 from rastercov.page.rig_state import RigState, Station
-from rastercov.placement.uncovered import in_front
+from rastercov.report.live import POINTS_OF_FACE
 from rastercov.report.modes import OF_EQUIPMENT, OF_GATES, OfCameras, OfUnit, of_devices
 from rastercov.report.pages import figures_of
 from rastercov.report.theme import camera_colours
@@ -551,25 +558,20 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
     size = area(float(mesh.areas[face]), figures.state.unit)
     if not mesh.task_mask[face]:
         return f"Occluder of {size}: not evaluated."
-    views, task = int(figures.views[face]), figures.state.task
+    task = figures.state.task
     reason, device, names = figures.failing
-    if names and reason[face] == Reason.COVERED:
-        return f"Face of {size}: measured by a rig."
     if names:
-        who = f"{fails(names[device[face]])}, " if device[face] >= 0 else ""
-        why = REASONS[NAMES[reason[face]]].label
-        return f"Face of {size}: not measured, {who}{why}."
-    if figures.covered[face]:
-        return f"Face of {size}: covered by {plural(views, 'camera')}."
-    if not figures.rows:
-        return f"Face of {size}: not covered, no cameras."
-    if views:
-        asked = plural(int(figures.need[face]), "camera")
-        if task.min_angle_deg > 0:
-            asked += f" at least {task.min_angle_deg:g} deg apart"
-        return f"Face of {size}: covered by {plural(views, 'camera')}; {asked} required."
-    why = REASONS[NAMES[figures.reasons[face]]].label
-    return f"Face of {size}: not covered, {why} in the camera that passes most criteria."
+        why = "" if reason[face] == Reason.COVERED else REASONS[NAMES[reason[face]]].label
+        return verdict_of_rigs(size, names[device[face]] if device[face] >= 0 else "", why)
+    return verdict_of(
+        size,
+        int(figures.views[face]),
+        int(figures.need[face]),
+        len(figures.rows),
+        REASONS[NAMES[figures.reasons[face]]].label,
+        is_covered=bool(figures.covered[face]),
+        apart=f" at least {task.min_angle_deg:g} deg apart" if task.min_angle_deg > 0 else "",
+    )
 
 
 def _of_station(
@@ -589,9 +591,7 @@ def _of_station(
     occluder = _occluder(mesh, camera, station, face) if "occluded" in name else None
     if occluder is not None:
         own = occluder["group"] == mesh.face_group[face]
-        by = "its own group" if own else occluder["name"]
-        by = f"occluded by {by}: {percent(occluder['share'])} of the face"
-        words = by if name == "occluded" else words.replace("occluded", by.replace(":", ","))
+        words = hidden_by(words, "its own group" if own else occluder["name"], occluder["share"])
     visible, bound = table["visibility"], table["visibility_bound"]
     facing = table["facing_density"]
     entries = {
@@ -627,11 +627,17 @@ def _of_station(
 
 
 def _occluder(mesh: Mesh, camera: Camera, station: Station, face: int) -> ByName | None:
-    """Group that hides most of the face's image; None where nothing is found before it."""
-    pose = Poses.of(station.pose[None])
-    eye, axes = station.pose[None, :3, 3], axes_of(camera, pose)
-    shares = in_front(mesh, eye, np.array([face]), axes=axes)[0]
-    group = int(shares.argmax())
-    if shares[group] <= 0:
+    """Group that hides most of some points of a face; None where nothing hides one."""
+    x, y = (each[:, None] for each in polygons.even_points(POINTS_OF_FACE))
+    a, b, c = mesh.vertices[mesh.faces[face]]
+    points, faces = a + x * (b - a) + y * (c - a), np.full(POINTS_OF_FACE, face)
+    ((_, hiders),) = first_failures(mesh, camera, Task(), station.pose[None], points, faces)
+    hidden = np.bincount(mesh.face_group[hiders[hiders >= 0]], minlength=len(mesh.groups))
+    group = int(hidden.argmax())
+    if not hidden[group]:
         return None
-    return {"group": group, "name": mesh.groups[group].name, "share": float(shares[group])}
+    return {
+        "group": group,
+        "name": mesh.groups[group].name,
+        "share": int(hidden[group]) / POINTS_OF_FACE,
+    }

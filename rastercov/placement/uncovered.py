@@ -39,6 +39,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, verb
 from rastercov.base.typed import typed
+from rastercov.core.area import polygons
 from rastercov.core.camera import Cameras, Poses, axes_of, led_by, renumber
 from rastercov.core.camera.rig import are_central
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches, measurements
@@ -208,7 +209,8 @@ def in_front(
     tree = TriangleTree.over(vertices, mesh.faces[solid])
     row = np.full(mesh.n_faces, -1)
     row[solid] = np.arange(len(solid))
-    weights = _evenly_spread(RAYS)
+    x, y = polygons.even_points(RAYS)
+    weights = np.stack((1 - x - y, x, y), axis=1)
     for start in range(0, len(faces), FACES_AT_ONCE):
         own = np.repeat(faces[start : start + FACES_AT_ONCE], RAYS)
         points = (weights @ vertices[mesh.faces[own[::RAYS]]]).reshape(-1, 3)
@@ -232,18 +234,6 @@ def in_front(
         np.add.at(shares, (start + ray // RAYS, mesh.face_group[hider]), counts / RAYS)
         progress(min(start + FACES_AT_ONCE, len(faces)), len(faces))
     return shares
-
-
-def _evenly_spread(n: int) -> FloatArray:
-    """(n, 3) weights of the corners of a triangle for points that are even over its area.
-
-    M. Roberts. The Unreasonable Effectiveness of Quasirandom Sequences. 2018.
-    """
-    root = 1.32471795724474602596  # of x^3 = x + 1
-    x, y = (np.arange(1, n + 1) / root**power % 1 for power in (1, 2))
-    beyond = x + y > 1
-    x, y = np.where(beyond, 1 - x, x), np.where(beyond, 1 - y, y)
-    return np.stack((1 - x - y, x, y), axis=1)
 
 
 COULD = {

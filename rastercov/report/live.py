@@ -73,6 +73,8 @@ MOST_PAIRS = 2_000_000
 """Pairs of a face and a camera: the first figures take some seconds."""
 UNION_AT_REST = 100_000
 """Faces from which a drag shows the area of its camera, and all of them together when it rests."""
+POINTS_OF_FACE = 256
+"""Points of a face by which what hides most of it is found."""
 PLACEMENT = {
     "is_by_plan": False,
     "cameras": 4,
@@ -436,6 +438,7 @@ def _share_entries(scene: ReadByName, state: ReadByName) -> ByName:
         "worker": bundle_scripts("live_worker") + "live_worker_js.listen(self);\n",
         "colours": _colours(scene["unit"]),
         "cameraSize": CAMERA_SIZE,
+        "pointsOfFace": POINTS_OF_FACE,
         "advice": {name: words.advice for name, words in REASONS.items()},
         "unionAtRest": UNION_AT_REST,
         "mostPairs": MOST_PAIRS,

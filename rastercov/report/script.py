@@ -15,7 +15,7 @@ from types import FunctionType
 
 from rastercov.base import ByName
 from rastercov.base import format as texts
-from rastercov.core.area.advice import advice_of
+from rastercov.core.area.advice import advice_of, hidden_by, verdict_of, verdict_of_rigs
 from rastercov.core.camera.camera import depths_in_focus
 from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.placement import required
@@ -31,6 +31,9 @@ SHARED: tuple[Shared, ...] = (
     texts.distance,
     texts.text_with_sign,
     advice_of,
+    hidden_by,
+    verdict_of,
+    verdict_of_rigs,
     required.status_of,
     required.short_by,
     required.share_of,

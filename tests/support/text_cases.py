@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from rastercov.base import format as texts
+from rastercov.core.area.advice import hidden_by, verdict_of, verdict_of_rigs
 from rastercov.core.camera.camera import depths_in_focus
 from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.core.coverage.densities import density_text
@@ -58,6 +59,9 @@ def case_of(rng):
     value, other = drawn(rng), abs(drawn(rng))
     unit, digits = str(rng.choice(("m", "unit"))), int(rng.integers(1, 9))
     share, bound = float(rng.choice((value % 1, value % 100 / 100))), other % 10
+    views, need, cameras = (int(each) for each in rng.integers(0, 3, 3))
+    label, device = str(rng.choice(("", "occluded", "occluded and too far"))), rng.choice(("", "a"))
+    hider = None if rng.random() < 0.5 else str(device)
     statuses = (required.HOLDS, required.FAILS, required.UNDECIDED)
     is_most, plan = bool(rng.random() < 0.5), other if rng.random() < 0.5 else None
     status = str(rng.choice(statuses))
@@ -71,6 +75,9 @@ def case_of(rng):
         (texts.distance, value, unit),
         (texts.text_with_sign, value, digits),
         (density_text, abs(value), f"px/{unit}", other),
+        (hidden_by, label, hider, share),
+        (verdict_of, "1 m²", views, need, cameras, label, is_most),
+        (verdict_of_rigs, "1 m²", str(device), label),
         (required.status_of, share, share + bound, other % 1, is_most),
         (required.short_by, share, other % 1, status, is_most),
         (required.share_of, value, other),

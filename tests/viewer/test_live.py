@@ -253,10 +253,11 @@ def test_a_click_says_why_a_face_is_not_covered(page):
             each["name"] for each in served["cameras"]
         ]
         assert said["group"] == served["group"]
+        assert said["words"] == served["words"]
     page.click_middle()
     page.idle()
     page.page.wait_for_function("document.querySelector('.why .verdict')")
-    assert "The centre of the face is covered by" in page.page.locator(".why .verdict").inner_text()
+    assert ": covered by " in page.page.locator(".why .verdict").inner_text()
     session.close()
 
 

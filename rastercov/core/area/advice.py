@@ -135,6 +135,38 @@ def advice_of(
     )
 
 
+def verdict_of(
+    size: str, views: int, need: int, cameras: int, why: str, *, is_covered: bool, apart: str = ""
+) -> str:
+    """One line on a face of a size, by how many of the cameras cover it, and the nearest reason."""
+    seen = f"Face of {size}: covered by {views} camera{'' if views == 1 else 's'}"
+    if is_covered:
+        return f"{seen}."
+    if views > 0:
+        return f"{seen}; {need} camera{'' if need == 1 else 's'}{apart} required."
+    if cameras > 0:
+        why = f"{why} in the camera that passes most criteria"
+    return f"Face of {size}: not covered, {why if cameras > 0 else 'no cameras'}."
+
+
+def verdict_of_rigs(size: str, device: str, why: str) -> str:
+    """The same of rigs with a rule, by what fails in the nearest: nothing, or a reason."""
+    if why == "":
+        return f"Face of {size}: measured by a rig."
+    who = f"{device} fails, " if device else ""
+    return f"Face of {size}: not measured, {who}{why}."
+
+
+def hidden_by(label: str, hider: str | None, share: float | None) -> str:
+    """The label of a reason with what hides most of a face, and that share of it, where known."""
+    if hider is None or share is None:
+        return label
+    by = f"occluded by {hider}"
+    if label == "occluded":
+        return f"{by}: {percent(share)} of the face"
+    return label.replace("occluded", f"{by}, {percent(share)} of the face")
+
+
 def general_advice(name: str) -> str:
     """Advice for a reason, by its name, without figures of a camera."""
     return GENERAL.get(name, REASONS[name].advice).format(hider=SOMETHING)

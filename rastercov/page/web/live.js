@@ -13,10 +13,10 @@ import { pageOf, planFile, rigFile, surfaceFiles, taskFile } from "rastercov/liv
 import { Work } from "rastercov/live_jobs.js";
 import { History, described, editState, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, paintFaces } from "rastercov/live_paint.js";
-import { labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
+import { isWithin, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
-import { advice_of, density_text, ends_in_words, number, outcome_line, percent, share_of, short_by, status_of } from "rastercov/texts.js";
-import { zonesOf } from "rastercov/live_zones.js";
+import { advice_of, area, density_text, ends_in_words, hidden_by, number, outcome_line, percent, share_of, short_by, status_of, verdict_of, verdict_of_rigs } from "rastercov/texts.js";
+import { spotsOf, zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
 
@@ -523,19 +523,21 @@ export class Live {
   /** What fails at each spot {point, face, normal} in each row, see `Solver.failures`. */
   failures = (spots) => this.asking.ask("failures", this.#rig(), spots);
 
-  /** Reason of the middle of a face in each camera, with its figures there. */
+  /** Reason of a face in each camera, with its figures. */
   async why(face) {
     if (!this.isOwn()) return this.ask("why", { face });
-    const { scene, advice } = this.data;
+    const { scene, advice, pointsOfFace } = this.data;
     const corners = cornersOf(this, face);
     const point = centroid(corners);
     const normal = normalOf(corners);
     const group = scene.groups[this.groupOf[face]];
+    const size = area(this.areas[face], scene.unit);
     const found = { face, group: group.name, area: this.areas[face], cameras: [], words: "" };
-    if (!this.part.isTask[face]) return { ...found, words: "Occluder: not evaluated." };
+    if (!this.part.isTask[face]) return { ...found, words: `Occluder of ${size}: not evaluated.` };
     const rig = this.#rig();
     const names = Object.keys(scene.reasons);
-    const { said, failed } = await this.asking.ask("why", rig, { point, face, normal });
+    const points = spotsOf([{ corners, face }], pointsOfFace, 0, this).flatMap((each) => each.point);
+    const { said, failed } = await this.asking.ask("why", rig, face, points, { point, normal });
     found.cameras = said.map((each, row) => {
       const station = rig.stations[row];
       const name = names[each.reason];
@@ -543,9 +545,7 @@ export class Live {
       const signed = dot(ray, normal) / (length(ray) * length(normal) || 1);
       const cosine = this.part.roles[face] & TWO_SIDED ? Math.abs(signed) : signed;
       const own = { share: each.share, incidence: Math.acos(Math.min(1, Math.max(-1, cosine))), distance: distance(centreOf(station.pose), point) };
-      const hidden = each.hider >= 0 ? this.groupOf[each.hider] : null;
-      const occluder = hidden === null ? null : { group: hidden, name: scene.groups[hidden].name, share: 1 };
-      const label = scene.reasons[name];
+      const occluder = isWithin("occluded", name) ? occluderOf(each.hiders, this.groupOf, scene.groups) : null;
       const { focus, task } = rig.cameras[station.camera];
       const depths = corners.map((corner) => dot(subtract(corner, centreOf(station.pose)), column(station.pose, 2)));
       const seen = { ...own, pixel_density: each.density, facing_density: each.facing };
@@ -553,13 +553,14 @@ export class Live {
         station: station.id,
         name: this.history.state.stations.find(({ id }) => id === station.id).name,
         reason: name,
-        words: occluder ? label.replace(scene.reasons.occluded, `$& by ${hidden === this.groupOf[face] ? "its own group" : occluder.name}`) : label,
+        nearness: each.nearness,
+        words: hidden_by(labelOf(scene.reasons, name), occluder?.group === this.groupOf[face] ? "its own group" : (occluder?.name ?? null), occluder?.share),
         help: advice_of(advice[name], seen, depths, { ...rig.task, ...task }, focus, occluder?.name, scene.unit),
         figures: figuresOf(seen, scene.unit),
         occluder,
       };
     });
-    return { ...found, isOfCentre: true, words: verdict(rig, failed, rig.need[face]) };
+    return { ...found, words: verdict(rig, failed, found.cameras, rig.need[face], size) };
   }
 
   /** Texts of a rig and its thresholds. */
@@ -654,17 +655,23 @@ function partOf({ roles: ofGroups, unseeable, ...rest }, groupOf) {
   return { ...rest, roles, isTask: roles.map((role) => (role & 1 ? 0 : 1)), unseeable: new Map(unseeable), rows };
 }
 
-/** Words on a point by what fails in each row; of a rule as rastercov/page/measurements.py has them. */
-function verdict({ rows, reasons }, failed, wanted) {
-  const isOfRules = rows.some(({ gate }) => gate);
-  const covering = failed.filter(({ reason }) => reason === "covered").length;
-  const noun = isOfRules ? "rig" : "camera";
-  const of = `${covering} ${noun}${covering === 1 ? "" : "s"}, ${wanted} required`;
-  if (!isOfRules) return `The centre of the face is covered by ${of}.`;
-  if (covering >= wanted) return `The centre of the face is measured by ${of}.`;
-  const { reason, device } = nearest({ rows }, failed);
-  const why = reason === "covered" ? "" : `; ${device ? `${device} fails, ` : ""}${labelOf(reasons, reason)}`;
-  return `The centre of the face is not measured: ${of}${why}.`;
+/** Words on a face of a size by what fails in each row with a rule, or else in each camera. */
+function verdict(rig, failed, cameras, need, size) {
+  const ofRules = nearest(rig, failed);
+  const first = { reason: "covered", nearness: -1 };
+  const { reason, device } = ofRules ?? cameras.reduce((most, each) => (most.nearness >= each.nearness ? most : each), first);
+  const why = labelOf(rig.reasons, reason);
+  const views = cameras.filter((each) => each.reason === "covered").length;
+  return ofRules ? verdict_of_rigs(size, device, reason === "covered" ? "" : why) : verdict_of(size, views, need, cameras.length, why, views >= need);
+}
+
+/** Group that hides most of some points of a face, by the faces that hide each or -1; null for none. */
+function occluderOf(hiders, groupOf, groups) {
+  const hidden = groups.map(() => 0);
+  for (const hider of hiders) if (hider >= 0) hidden[groupOf[hider]] += 1;
+  const most = Math.max(...hidden);
+  const group = hidden.indexOf(most);
+  return most > 0 ? { group, name: groups[group].name, share: most / hiders.length } : null;
 }
 
 /** Refuses thresholds that this page does not compute. */

@@ -211,12 +211,12 @@ export class Solver {
     });
   }
 
-  /** {reason, hider} of a point of a face in each station, and the share of the face that it covers. */
-  why(rig, point, face) {
+  /** What hides points of a face in each station, the `hiders` or -1, and the share of the face that it covers. */
+  why(rig, points, face) {
     const network = this.#networkOf({ ...rig, rows: rig.stations.map((_, at) => ({ stations: [at], gate: null })) });
-    return this.#judgePoints(rig, point, [face]).map(({ reasons, hiders }, at) => {
+    return this.#judgePoints(rig, points, Array(points.length / 3).fill(face)).map(({ hiders }, at) => {
       const share = this.#areasOf(network, at).areas[face] / this.areas[face];
-      return { station: rig.stations[at].id, reason: reasons[0], hider: hiders[0], share };
+      return { station: rig.stations[at].id, hiders, share };
     });
   }
 
@@ -244,19 +244,26 @@ export class Solver {
    * face or -1, the camera of a rule that fails, that of the reason, and how near the row is to covering.
    */
   failures(rig, spots) {
-    const names = Object.keys(rig.reasons);
     const points = spots.flatMap(({ point }) => point);
     const judged = this.#judgePoints(rig, points, spots.map(({ face }) => face));
-    const normals = spots.flatMap(({ normal }) => normal);
-    const rows = this.together(rig, { points, normals, reasons: judged.map(({ reasons }) => reasons) });
+    const failed = this.failed(rig, { points, normals: spots.flatMap(({ normal }) => normal), reasons: judged.map(({ reasons }) => reasons) });
     return spots.map((_, at) =>
-      rig.rows.map(({ stations, gate }, row) => {
-        const [code, device] = [rows[row].reasons[at], rows[row].devices[at]];
-        const hider = isWithin("occluded", names[code]) ? judged[stations[device]].hiders[at] : -1;
-        const camera = rig.stations[stations[Math.max(device, 0)]].camera;
-        return { reason: names[code], hider, device: gate?.names[device] ?? "", camera, nearness: this.nearness[code] };
+      failed.map((of, row) => {
+        const { stations } = rig.rows[row];
+        const { reason, place, ...rest } = of(at);
+        const hider = isWithin("occluded", reason) ? judged[stations[place]].hiders[at] : -1;
+        return { ...rest, reason, hider, camera: rig.stations[stations[Math.max(place, 0)]].camera };
       }),
     );
+  }
+
+  /** Of each row a function of a point: {reason, place, device, nearness}, as `failures`, by the reasons of each station. */
+  failed(rig, on) {
+    const names = Object.keys(rig.reasons);
+    return this.together(rig, on).map(({ reasons, devices }, row) => (at) => {
+      const [code, place] = [reasons[at], devices[at]];
+      return { reason: names[code], place, device: rig.rows[row].gate?.names[place] ?? "", nearness: this.nearness[code] };
+    });
   }
 
   /**

@@ -96,14 +96,16 @@ export class Figures {
 
   failures = (rig, spots) => this.#solverOf(rig.part).failures(rig, spots);
 
-  /** Reasons of a spot {point, face, normal} in each station, and its figures there; what fails in each row. */
-  why(rig, spot) {
-    const { point, face } = spot;
-    const said = this.#solverOf(rig.part).why(rig, point, face).map((each, row) => {
-      const { densities, facing, coverage } = this.#judgedOf(rig, rig.stations[row]);
-      return { ...each, density: densities[face], facing: facing[face], coverage: coverage[face] };
+  /** Figures of a face in each station, with what hides some points of it; what fails of it in each row, at its centroid. */
+  why(rig, face, points, { point, normal }) {
+    const solver = this.#solverOf(rig.part);
+    const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
+    const said = solver.why(rig, points, face).map((each, row) => {
+      const { densities, facing, reasons } = judged[row];
+      return { ...each, density: densities[face], facing: facing[face], reason: reasons[face], nearness: solver.nearness[reasons[face]] };
     });
-    return { said, failed: this.failures(rig, [spot])[0] };
+    const on = { points: point, normals: normal, reasons: said.map(({ reason }) => [reason]) };
+    return { said, failed: solver.failed(rig, on).map((of) => of(0)) };
   }
 }
 

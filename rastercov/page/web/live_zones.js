@@ -53,7 +53,7 @@ async function judgedOf(zones, page) {
 }
 
 /** Points of a zone at equal steps of the area of the triangles that its pieces are fans of, as `points_of` in core/area/zones.py. */
-function spotsOf(parts, each, first, page) {
+export function spotsOf(parts, each, first, page) {
   const fans = parts.flatMap(({ corners: [a, ...rest], face }) => rest.slice(1).map((c, k) => ({ a, u: subtract(rest[k], a), v: subtract(c, a), face })));
   let sum = 0;
   const ends = fans.map(({ u, v }) => (sum += length(cross(u, v)) / 2));

@@ -57,7 +57,7 @@ function explain(session, view, answer) {
     element("p.verdict", {}, answer.words),
     faceFacts(answer.face, answer.group),
     piecesToShow(session, view)
-      ? element("p.soft", {}, `Reasons and figures refer to the ${answer.isOfCentre ? "centre of the face" : "whole face"}; the view shows the parts that are not covered.`)
+      ? element("p.soft", {}, "Reasons and figures refer to the whole face; the view shows the parts that are not covered.")
       : null,
     button("Centre the view on the face", () => flyToFace(view, answer.face), { kind: "link" }),
     answer.cameras.map((camera) => cameraCard(session, view, camera, isOpen(camera))),
