@@ -29,11 +29,18 @@ def answer(summary: Summary) -> str:
             f", each by {views} cameras or more" if (views := summary["required_views"]) > 1 else ""
         )
     *_, in_phases = "".join(_lines(summary)[:1]).partition(" of the area")
-    text = f"covered: {in_words(summary['covered_area'])}{in_phases}"
+    heads = summary.get("heads", 0)
+    text = f"covered: {in_words(summary['covered_area'], noun_of(summary))}{in_phases}"
+    text += f" by {plural(heads, 'head')}" if heads else ""
     of_seeable = summary["covered_of_seeable_percent"]
     if summary["unseeable_m2"] and of_seeable is not None:
         text += f"; {percent(of_seeable / 100)} of the coverable area"
     return text
+
+
+def noun_of(summary: Summary) -> str:
+    """Word for a row of a result."""
+    return "head" if "heads" in summary else "camera"
 
 
 def first_lines(
@@ -49,9 +56,7 @@ def first_lines(
     if instead:
         lines += instead
     elif zones:
-        devices = summary.get("by_device", ()) if "run" in summary else ()  # else each has a number
-        n = sum(each["device"] is not None for each in devices) or 1
-        lines += [zone_line(zones[0]), advice_line(zones[0], n_sensors=n)]
+        lines += [zone_line(zones[0]), advice_line(zones[0])]
     elif reasons:
         worst = max(reasons, key=lambda name: int(reasons[name]["faces"]))
         faces, share = (
@@ -75,12 +80,12 @@ def with_parts(zone: Summary, level: int | None) -> Summary:
     return {**zone, "groups": list(groups), "hidden_by": hider}
 
 
-def advice_line(zone: Summary, noun: str = "camera", n_sensors: int = 1) -> str:
+def advice_line(zone: Summary, noun: str = "") -> str:
     """The advice for a zone, with the camera that comes closest; "" where there is none."""
     text, nearest = zone["advice"], zone.get("nearest")
     if text and nearest is not None:
-        noun = "pose" if n_sensors > 1 else noun
-        number = f"{nearest['pose'] // n_sensors + 1}"
+        noun = noun or ("head" if "head" in nearest else "camera")
+        number = nearest.get("head", nearest["pose"] + 1)
         text = f"{noun} {number} comes closest to covering the zone's middle: {text}"
     return f"advice: {text}" if text else ""
 

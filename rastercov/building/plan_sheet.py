@@ -29,6 +29,7 @@ from rastercov.base import (
     ByName,
     ConfigError,
     FloatArray,
+    IntArray,
     check_choice,
     check_place,
     percent,
@@ -42,7 +43,15 @@ from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.feature import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.zones import face_zones
-from rastercov.core.camera import Poses, cameras_of, equipment_words, gates_of, names_of
+from rastercov.core.camera import (
+    Cameras,
+    Poses,
+    cameras_of,
+    equipment_words,
+    gates_of,
+    heads_of,
+    names_of,
+)
 from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh
@@ -85,6 +94,7 @@ MARKS = {
     "SPACES": ("#1a7f37", "permitted camera positions"),
     "KEEP_OUT": ("#c45500", "keep-out volume"),
     "IR": ("#7a3db8", "range of infrared lamps, as stated by the maker"),
+    "PRIVATE": ("#00798c", "must not be seen"),
     "GOALS": ("#b8172a", "goals: uncovered, or visible where it must not be seen"),
 }
 """Layers that the legend names where there is something in them, with their colours and words."""
@@ -221,6 +231,8 @@ def plan_sheet(
     """
     progress(0, N_LAYERS)
     own = evaluation.camera, evaluation.poses, evaluation.task
+    rows, names, noun = heads_of(evaluation.camera, evaluation.poses, names)
+    shown = evaluation.poses[rows]
     mesh, (width, height) = evaluation.mesh.opaque, PAPERS[frame.paper]
     walls = section(mesh.vertices, mesh.welded_faces[~is_foliage(mesh)], frame.cut)
     solids = solid(walls)
@@ -231,13 +243,15 @@ def plan_sheet(
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
     paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_cross(v)) for v in volumes)
-    paths["GOALS"] = frame.path(_goal_marks(goals))
+    paths["GOALS"] = frame.path(shapely.union_all([_goal_mark(own) for own in goals.values()]))
+    private = _private(goals)
+    paths["PRIVATE"] = frame.path(shapely.union_all([*private.values()]))
     paths = {name: path or NOTHING for name, path in paths.items()}
     devices = list(islice(devices_of(*own), MOST_MEASURED))
     marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
     marks |= {kind.upper(): (OF_DEVICES, kind.removesuffix("s")) for kind, _ in devices}
-    rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(evaluation, frame, walls)
-    entries = _symbols(evaluation, names, frame, [*rooms, *dimensions])
+    rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(shown, frame, walls)
+    entries = _symbols(shown, names, frame, [*rooms, *dimensions])
     turn = None if site.north is None else math.radians(site.north)
     return render(
         "plan_sheet.svg",
@@ -248,15 +262,26 @@ def plan_sheet(
         line=LINE,
         cut=frame.cut,
         paths=paths,
-        table=_tables(evaluation, names, frame, site.north, devices),
+        table=_tables(evaluation.camera, shown, names, frame, site.north, devices),
+        noun=noun,
         cameras=entries,
         rooms=rooms,
-        layers=_layers(devices, frame),
+        layers={
+            word.upper(): [
+                _label(shapely.Point(each.pose[:2, 3]), shorten(each.name, 24), frame)
+                for kind, each in devices
+                if kind == word and each.has_position and frame.holds(each.pose[:2, 3])
+            ]
+            for word in equipment_words()
+        },
         dimensions=dimensions,
         keep_out=[
-            _label(shapely.point_on_surface(part), each["name"] or "keep-out", frame)
-            for v, each in zip(volumes, site.keep_out, strict=True)
-            for part in _widest(v, frame)
+            *(_label(v.centroid, name, frame, above=1.8) for name, v in private.items()),
+            *(
+                _label(shapely.point_on_surface(part), each["name"] or "keep-out", frame)
+                for v, each in zip(volumes, site.keep_out, strict=True)
+                for part in _widest(v, frame)
+            ),
         ],
         marks=marks,
         device_colour=OF_DEVICES,
@@ -341,23 +366,40 @@ def _goal_rows(goals: Mapping[str, Checked]) -> list[tuple[str, str]]:
     rows = list[tuple[str, str]]()
     for own in goals.values():
         (each,) = own.requirements
-        words = "; ".join([f"{each.status}: {each.words()}", *own.zone_lines(each)[:1]])
+        more = *own.zone_lines(each)[:1], *own.lost_lines(each)
+        words = "; ".join([f"{each.status}: {each.words()}", *more])
         rows += [("" if row else "Goal", line) for row, line in enumerate(wrap(words, LETTERS))]
     return rows
 
 
-def _goal_marks(goals: Mapping[str, Checked]) -> shapely.Geometry:
-    """Outlines on the plan of what goals lack, and of what is seen and must not be."""
-    shapes = list[shapely.Geometry]()
+def _goal_mark(own: Checked) -> shapely.Geometry:
+    """Outlines on the plan of what a goal lacks, or of what is seen and must not be."""
+    if (areas := own.cameras.areas) is None:
+        return shapely.GeometryCollection()
+    parts = areas.covered if own.requirements[0].is_most else own.zones
+    corner_of = np.repeat(np.arange(len(parts.face)), np.diff(parts.starts))
+    return _outlines(
+        to_world(own.mesh, parts.face[corner_of].astype(np.int64), parts.xy), corner_of
+    )
+
+
+def _private(goals: Mapping[str, Checked]) -> dict[str, shapely.Geometry]:
+    """Outlines on the plan of what must not be seen, by words on who sees it."""
+    shapes = {}
     for own in goals.values():
-        if (areas := own.cameras.areas) is None:
-            continue
-        parts = areas.covered if own.requirements[0].is_most else own.zones
-        corner_of = np.repeat(np.arange(len(parts.face)), np.diff(parts.starts))
-        corners = to_world(own.mesh, parts.face[corner_of].astype(np.int64), parts.xy)
-        points = shapely.multipoints(shapely.points(corners[:, :2]), indices=corner_of)
-        shapes += shapely.convex_hull(points).tolist()  # of an upright part it is a line
-    return shapely.union_all(shapes, grid_size=1e-6)
+        (each,), mesh = own.requirements, own.mesh
+        if each.is_most:
+            corners = mesh.vertices[mesh.faces[mesh.task_mask]]
+            corner_of = np.repeat(np.arange(len(corners)), 3)
+            words = f"{each.goal}: {own.zone_lines(each)[0]}"
+            shapes[words] = _outlines(corners.reshape(-1, 3), corner_of)
+    return shapes
+
+
+def _outlines(corners: FloatArray, corner_of: IntArray) -> shapely.Geometry:
+    """Parts (N, 3) of faces on the plan, by the part of each corner; of an upright one a line."""
+    points = shapely.multipoints(shapely.points(corners[:, :2]), indices=corner_of)
+    return shapely.union_all(shapely.convex_hull(points), grid_size=1e-6)
 
 
 def scale_text(scale: float) -> str:
@@ -402,10 +444,10 @@ def _cross(shape: shapely.Geometry) -> shapely.Geometry:
     return shape.intersection(shapely.MultiLineString([((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))]))
 
 
-def _label(point: shapely.Point, text: str, frame: SheetFrame) -> ByName:
-    """A text in the middle of a point of the world."""
+def _label(point: shapely.Point, text: str, frame: SheetFrame, above: float = 0.0) -> ByName:
+    """A text in the middle of a point of the world, or above it, mm."""
     x, y = frame.on_paper(shapely.get_coordinates(point)[0]).tolist()
-    return {"x": x, "y": y, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
+    return {"x": x, "y": y - above, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
 
 
 def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> list[ByName]:
@@ -424,11 +466,11 @@ def _widest(shape: shapely.Geometry, frame: SheetFrame) -> Any:
     return parts[np.argsort(-shapely.area(parts), kind="stable")[:1]]
 
 
-def _dimensions(evaluation: Evaluation, frame: SheetFrame, walls: FloatArray) -> list[ByName]:
+def _dimensions(poses: Poses, frame: SheetFrame, walls: FloatArray) -> list[ByName]:
     """Lines from cameras to walls, along the nearest of these and across, with their lengths."""
     entries = []
-    for at in evaluation.poses.world_from_camera[:MOST_MEASURED, :2, 3]:
-        for ends in distances_to_walls(walls, at) if len(evaluation.poses) <= MOST_MEASURED else ():
+    for at in poses.world_from_camera[:MOST_MEASURED, :2, 3]:
+        for ends in distances_to_walls(walls, at) if len(poses) <= MOST_MEASURED else ():
             (x0, y0), (x1, y1) = frame.on_paper(ends).tolist()
             size = math.hypot(x1 - x0, y1 - y0)
             if size < LEAST_DIMENSION or not frame.holds(ends):
@@ -482,7 +524,7 @@ def _hatching(zone: shapely.Geometry, step: float) -> shapely.Geometry:
 
 
 def _symbols(
-    evaluation: Evaluation,
+    poses: Poses,
     names: Sequence[str],
     frame: SheetFrame,
     taken: Sequence[Mapping[str, Any]],
@@ -493,7 +535,7 @@ def _symbols(
     """
     entries: list[ByName] = []
     metre, window = 1e3 / frame.scale, frame.ends
-    for name, pose in zip(names, evaluation.poses.world_from_camera, strict=True):
+    for name, pose in zip(names, poses.world_from_camera, strict=True):
         at, turn = pose[:2, 3], math.radians(mounting_angles(pose)[0])
         ahead = np.array((math.cos(turn), math.sin(turn)))
         outline = at + SYMBOL @ np.array((ahead, (-ahead[1], ahead[0]))) / metre
@@ -519,30 +561,6 @@ def _symbols(
     return entries
 
 
-def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> dict[str, list[Any]]:
-    """Symbols of devices by layer."""
-    return {
-        word.upper(): [
-            _symbol(each, frame)
-            for kind, each in devices
-            if kind == word and each.has_position and frame.holds(each.pose[:2, 3])
-        ]
-        for word in equipment_words()
-    }
-
-
-def _symbol(device: SheetDevice, frame: SheetFrame) -> ByName:
-    """A circle with rays, and the name below it."""
-    x, y = frame.on_paper(device.pose[:2, 3]).tolist()
-    ways = [(math.cos(turn), math.sin(turn)) for turn in np.arange(8) * math.pi / 4]
-    near, start, end = (
-        [f"{x + size * dx:.4f},{y + size * dy:.4f}" for dx, dy in ways] for size in (1.0, 1.3, 2.0)
-    )
-    circle = "L".join(near)
-    rays = "".join(f"M{one}L{other}" for one, other in zip(start, end, strict=True))
-    return {"x": x, "y": y, "name": shorten(device.name, 24), "symbol": f"M{circle}Z{rays}"}
-
-
 def _convention(north: float | None) -> ByName:
     """Directions of the drawing of heading and tilt, from where they begin to a camera."""
     begin = math.radians(north or 0.0)
@@ -555,65 +573,55 @@ def _convention(north: float | None) -> ByName:
     }
 
 
-Cell = tuple[float, str, str, bool]
-"""Place in a line, mm from its begin, anchor, text, and whether it is bold."""
-
-
-def _cells(texts: Sequence[str], columns: Sequence[tuple[float, str]], bold: bool) -> list[Cell]:
-    return [(x, anchor, text, bold) for (x, anchor), text in zip(columns, texts, strict=True)]
-
-
 def _tables(
-    evaluation: Evaluation,
+    camera: Cameras,
+    poses: Poses,
     names: Sequence[str],
     frame: SheetFrame,
     north: float | None,
     devices: Sequence[tuple[str, SheetDevice]],
-) -> tuple[list[list[Cell]], list[list[Cell]]]:
-    """Lines of the table of cameras, and of those of their types and of devices."""
-    cameras, base = cameras_of(evaluation.camera), np.array((0, 0, frame.floor))
+) -> tuple[list[list[str]], list[tuple[str, Sequence[str]]]]:
+    """Rows of the table of cameras by their names, and of their types and of devices, by a style.
+
+    Of heads, with each sensor of a type.
+    """
+    cameras, base, gates = cameras_of(camera), np.array((0, 0, frame.floor)), gates_of(camera)
     kinds = {
         index: chr(65 + row % 26) + "'" * (row // 26)
-        for row, index in enumerate(dict.fromkeys(evaluation.poses.camera.tolist()))
+        for row, index in enumerate(dict.fromkeys(poses.camera.tolist()))
     }
-    ends = ((2, "start"), (40, "start"), *((x, "end") for x in (57, 70, 84, 104, 121, 138)))
-    heads = ("camera", "type", "x, m", "y, m", "height, m", "heading", "tilt", "roll")
-    lines = [_cells(heads, ends, True)]
 
-    def place_cells(name: str, kind: str, pose: FloatArray) -> list[Cell]:
-        at, angles = pose[:3, 3] - base, mounting_angles(pose, north)
-        words = [
-            *map(text_with_sign, at.tolist()),
-            *(f"{text_with_sign(each, 1)}°" for each in angles),
-        ]
-        return _cells([shorten(name, 20), kind, *words], ends, False)
+    def row_of(name: str, kind: str, pose: FloatArray, *, has_position: bool = True) -> list[str]:
+        at = [text_with_sign(each, 3) for each in (pose[:3, 3] - base).tolist()]
+        angles = [f"{text_with_sign(each, 1)}°" for each in mounting_angles(pose, north)]
+        return [shorten(name, 20), kind, *(at if has_position else [""] * 3), *angles]
 
-    for name, pose, index in zip(
-        names, evaluation.poses.world_from_camera, evaluation.poses.camera.tolist(), strict=True
-    ):
-        lines.append(place_cells(name, kinds[index], pose))
-    others: list[list[Cell]] = []
-    for index, kind in kinds.items():
-        camera = cameras[index]
-        name = camera.product or (names_of(evaluation.camera)[index] if cameras[1:] else "camera")
-        reach = [min(camera.fx, camera.fy) / DORI[level] for level in LEVELS]
+    of_types = [kinds[index] for index in poses.camera.tolist()]
+    lines = list(map(row_of, names, of_types, poses.world_from_camera))
+    others = list[tuple[str, Sequence[str]]]()
+    sensors = [
+        (row, kind * (row == index))
+        for index, kind in kinds.items()
+        for row in range(index, index + (gates[index].n if index in gates else 1))
+    ]
+    for index, kind in sensors:
+        own = cameras[index]
+        name = own.product or (names_of(camera)[index] if cameras[1:] else "camera")
+        reach = [min(own.fx, own.fy) / DORI[level] for level in LEVELS]
         depths = " / ".join(text_with_sign(each, 0 if each >= 9.95 else 1) for each in reach)
-        ir = "" if camera.ir_range is None else f", IR {camera.ir_range:g} m"
-        others.append(_cells([kind, shorten(name, 72)], ((2, "start"), (8, "start")), True))
-        words = f"{camera_words(replace(camera, product=''))}, I / R / O / D {depths} m{ir}"
-        others.append([(8, "start", words, False)])
+        ir = "" if own.ir_range is None else f", IR {own.ir_range:g} m"
+        words = f"{camera_words(replace(own, product=''))}, I / R / O / D {depths} m{ir}"
+        others += [("type", (kind, shorten(name, 72))), ("words", (words,))]
     riding = Counter[tuple[str, str, str]]()
     for kind, each in devices:
         word = kind.removesuffix("s")
         if each.rides:
             riding[each.name, f"{word} on", each.words] += 1
         else:
-            line = place_cells(each.name, word, each.pose)
-            others.append(line if each.has_position else [*line[:2], *line[5:]])
-            others.append([(8, "start", each.words, False)])
+            line = row_of(each.name, word, each.pose, has_position=each.has_position)
+            others += [("place", line), ("words", (each.words,))]
     for (name, on, words), count in riding.items():
-        text = f"{on} {plural(count, 'camera')}, {words}"
-        others.append([(2, "start", shorten(name, 20), False), (40, "start", text, False)])
+        others.append(("place", (shorten(name, 20), f"{on} {plural(count, 'camera')}, {words}")))
     return lines, others
 
 

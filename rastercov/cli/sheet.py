@@ -12,7 +12,7 @@ from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
 from rastercov.cli.inputs import SceneOptions
 from rastercov.cli.view import RigOption, Sources, open_scene
-from rastercov.core.camera import Conventions, unit_warnings
+from rastercov.core.camera import Conventions, Rig, unit_warnings
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff
@@ -100,12 +100,12 @@ def sheet(
         scene.limits["keep_out"],
         turn,
     )
-    names = [each.name for each in start.on]
+    names, rig = [each.name for each in start.on], start.rig(start.poses())
     with progress_bar(then="sheet") as progress:
-        measures = _evaluate_rig(start, mesh, progress)
+        measures = _evaluate_rig(start, rig, mesh, progress)
         own = scene.goals or goals_of_place(Path(sources[0]))
         goals = CheckedGoals(
-            [replace(each, plan=each.plan.with_cameras(start.rig())) for each in own],
+            [replace(each, plan=each.plan.with_cameras(rig)) for each in own],
             start.poses(),
             names,
         )
@@ -115,13 +115,13 @@ def sheet(
     print_lines(out)
 
 
-def _evaluate_rig(start: "RigState", mesh: Mesh, progress: Progress) -> "Evaluation":
-    """Coverage by the cameras of a scene, as `evaluate` measures it."""
+def _evaluate_rig(start: "RigState", rig: Rig, mesh: Mesh, progress: Progress) -> "Evaluation":
+    """Coverage by the cameras of a scene, with their rules, as `evaluate` measures it."""
     from rastercov.core.coverage.evaluation import Query
     from rastercov.core.coverage.job import answer
 
     task = replace(start.task, views=start.most_views)
-    result = answer(Query(mesh, start.rig(), start.poses(), task), staff=Staff(None, progress))
+    result = answer(Query(mesh, rig, start.poses(), task), staff=Staff(None, progress))
     if result.interrupted:
         raise KeyboardInterrupt
     return result

@@ -48,6 +48,7 @@ from rastercov.core.camera import (
     Poses,
     cameras_of,
     gates_of,
+    heads_of,
     names_of,
     names_of_poses,
 )
@@ -66,7 +67,7 @@ from rastercov.report.feature import hooks, part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, add_frame, contact_sheet, face_index_picture, save_picture
 from rastercov.report.live import Asked
-from rastercov.report.network_page import NetworkPage, heads_of, pictures_in_words
+from rastercov.report.network_page import NetworkPage, pictures_in_words
 from rastercov.report.overview import (
     by_faces,
     by_points,

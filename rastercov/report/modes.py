@@ -27,6 +27,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import number
 from rastercov.core.area.polygons import quantile
+from rastercov.core.area.zones import DeadZones
 from rastercov.core.camera import Gate
 from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.task import NAMES, REASONS
@@ -164,7 +165,7 @@ def by_camera(mesh: Mesh, cameras: OfCameras) -> Painted:
     n = LAST - FIRST + 1
     colours: list[Colour] = [theme.UNCOVERED, theme.OCCLUDER_PALE]
     colours += [(r, g, b) for r, g, b in cameras.colours[:n].tolist()]
-    words = ["not covered", OCCLUDER_LABEL, *cameras.names[:n]]
+    words = [NOT_COVERED, OCCLUDER_LABEL, *cameras.names[:n]]
     return in_classes(mesh, _cycle_levels(mesh, cameras.row), colours, dict(enumerate(words)))
 
 
@@ -196,7 +197,7 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
         high = max(high, low * (1 + 1e-9))
     at = np.log(np.maximum(values, low) / low) / math.log(high / low)
     shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)
-    return on_scale(mesh, shares, (low, high), unit, "not covered", is_log=True)
+    return on_scale(mesh, shares, (low, high), unit, NOT_COVERED, is_log=True)
 
 
 def invert(painted: Painted) -> Painted:
@@ -212,7 +213,7 @@ def by_level(mesh: Mesh, density: ArrayLike) -> Painted:
     row = np.searchsorted(list(DORI.values()), values, "right")
     colours = [theme.UNCOVERED, theme.OCCLUDER_PALE, theme.COARSE, *theme.DORI.values()]
     words = [f"{name}, {least:g} px/m or more" for name, least in DORI.items()]
-    words = ["not covered", OCCLUDER_LABEL, f"below {next(iter(DORI))}", *words]
+    words = [NOT_COVERED, OCCLUDER_LABEL, f"below {next(iter(DORI))}", *words]
     levels = _cycle_levels(mesh, np.where(values > 0, row, -1))
     result = in_classes(mesh, levels, colours, dict(enumerate(words)))
     order = sorted(result.legend, key=lambda each: (each["percent"] is None, -each["level"]))
@@ -235,7 +236,7 @@ def by_incidence(mesh: Mesh, angle: ArrayLike) -> Painted:
     """Least angles of incidence, (F,) degrees; infinite where no camera covers the face."""
     values = np.asarray(angle, np.float64)
     shares = np.where(np.isfinite(values), np.maximum(values / 90, 1e-9), 0.0)
-    return invert(on_scale(mesh, shares, (0.0, 90.0), "deg", "not covered"))
+    return invert(on_scale(mesh, shares, (0.0, 90.0), "deg", NOT_COVERED))
 
 
 def by_weakness(mesh: Mesh, kind: WholeArray) -> Painted:
@@ -276,15 +277,36 @@ def mode_of(name: str) -> Mode:
     return MODES[name]
 
 
+NOT_COVERED = "not covered"
+"""Class of faces that have no value where nothing covers them."""
+
+
 def mode_picture(
-    name: str, mesh: Mesh, values: object, eyes: ArrayLike = (), marks: Marks | None = None
+    name: str,
+    mesh: Mesh,
+    values: object,
+    eyes: ArrayLike = (),
+    *,
+    marks: Marks | None = None,
+    left: DeadZones | None = None,
 ) -> Image.Image:
-    """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`."""
+    """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`.
+
+    What is `left` by area has no values, of modes in which faces have none that are not covered.
+    """
     mode = mode_of(name)
-    painted = mode.paint(mesh, values)
+    painted, zones = mode.paint(mesh, values), None
+    if left is not None and any(each["label"] == NOT_COVERED for each in painted.legend):
+        share = 100 * float(left.area.sum()) / float(mesh.areas[mesh.task_mask].sum())
+        own = {"percent": share}
+        legend = [
+            {**each, **(own if each["label"] == NOT_COVERED else {})} for each in painted.legend
+        ]
+        painted = replace(painted, legend=legend)
+        zones = left, painted.palette[NOTHING]
     keys = painted.keys(mode.label.lower())
-    title = mode.words.rstrip(".")
-    return two_sides(mesh, painted.colours, title, keys, painted.hatch, eyes, marks)
+    title, hatch = mode.words.rstrip("."), painted.hatch
+    return two_sides(mesh, painted.colours, title, keys, hatch, eyes, marks=marks, left=zones)
 
 
 def _cycle_levels(mesh: Mesh, row: WholeArray) -> Levels:

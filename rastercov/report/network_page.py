@@ -30,7 +30,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, length, text_with_sign, verb
 from rastercov.core.area.advice import focus_in_words
-from rastercov.core.area.by_camera import lose_without
+from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.feature import in_words
 from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.network import AreaNetwork
@@ -105,8 +105,6 @@ OF_SENSORS = (*OF_GATES, *OF_EQUIPMENT)
 """Modes with a picture of their own."""
 SMALL = 0.1
 """Largest coordinate of cameras that are in a table in millimetres, m."""
-LEAST_LOST_REL = 1e-9
-"""Area, relative to the task, below which a camera could be left out: rounding of the union."""
 
 
 def pictures_in_words() -> dict[str, str]:
@@ -122,7 +120,10 @@ def pictures_in_words() -> dict[str, str]:
 
 
 class GoalPart(NamedTuple):
-    """A goal of a plan: lines on it, the page of it alone, and area lost without each camera."""
+    """A goal of a plan: lines on it, the page of it alone, and area of each camera.
+
+    The area is lost without it, or that it sees of what must not be seen.
+    """
 
     name: str
     words: str
@@ -130,7 +131,7 @@ class GoalPart(NamedTuple):
     is_most: bool
     lines: Sequence[str]
     page: "NetworkPage"
-    lost_m2: FloatArray | None
+    areas_m2: FloatArray | None
 
     def picture(self) -> Image.Image | None:
         """Dead zones of a goal, or the cameras that see what must not be seen; None for none."""
@@ -233,7 +234,7 @@ class NetworkPage:
         table |= values_of_features(self.mesh, self.camera, self.network.task)
         for name, (values, _) in self.of_faces.items():
             mode, _, unit = name.rpartition("_")
-            table[mode] = OfUnit(values, unit)
+            table[mode] = OfUnit(*((values / 1e3, "mm") if unit == "um" else (values, unit)))
         if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
             order = np.argsort(dead.piece_area)
             table["reason"][dead.face[order]] = dead.leads[order]
@@ -373,7 +374,9 @@ class NetworkPage:
         for row in range(len(number_cameras(said)[:MOST_CLOSE_UPS])):
             tasks[f"zone_{row + 1}"] = partial(zone_close_up, zones, said, row, poses)
         for name in (each for each in OF_SENSORS if each in self.values):
-            tasks[name] = partial(mode_picture, name, self.mesh, self.values[name], poses)
+            tasks[name] = partial(
+                mode_picture, name, self.mesh, self.values[name], poses, self.zones
+            )
         if self.part is not None:
             tasks |= self.part.pictures
         tasks |= {f"goal_{each.name}": each.picture for each in self.goals}
@@ -445,6 +448,8 @@ class NetworkPage:
         """
         title_block = (values["run"]["options"] or {}).get("sheet") or {}
         rows, more = self.camera_table(values.pop("columns", {}))
+        zones = number_cameras(self.dead[1])[:MOST_CLOSE_UPS]
+        drawn = {name: Picture.draw("", image) for name, image in images.items()}
         by_area = "covered_area" in self.figures
         return render(
             template,
@@ -457,24 +462,19 @@ class NetworkPage:
             goals=self.asked and self.asked.goals,
             kinds=self._kinds(),
             pictures={
-                name: Picture.draw(text, images[name])
+                name: replace(drawn[name], alt=text)
                 for name, text in pictures_in_words().items()
-                if name in images
+                if name in drawn
             }
             | values.pop("more", {}),
-            zone_cards=self._cards(images),
-            goal_cards=[
-                {
-                    "heading": f"{each.words[:1].upper()}{each.words[1:]}",
-                    "lines": [f"{line[:1].upper()}{line[1:]}." for line in each.lines],
-                    "picture": (drawn := images.get(f"goal_{each.name}"))
-                    and Picture.draw(each.words, drawn),
-                }
-                for each in self.goals
-            ],
+            close_ups=drawn,
+            zones=[(each, self._nearest_of(each)) for each in zones],
+            has_groups=len(self.mesh.groups) > 1,
+            shown_goals=self.goals,
             zone_rows=zone_rows(self.dead[1]),
             features=table_of(self.features(), self.unit),
             by_area=by_area,
+            cameras_heading=f"{self.noun.capitalize()}s",
             camera_headings=more,
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
@@ -667,52 +667,19 @@ class NetworkPage:
             if not more:  # which follow the order of the names
                 order = np.argsort(-lost, kind="stable")
         for goal in self.goals:
-            if goal.lost_m2 is not None:
-                columns[f"{goal.name}: lost without it"] = self._areas(goal.lost_m2, 0.0)
+            if goal.areas_m2 is not None:
+                what = "seen" if goal.is_most else "lost without it"
+                columns[f"{goal.name}: {what}"] = self._areas(goal.areas_m2, 0.0)
         columns |= more
         return [[each[row] for each in columns.values()] for row in order.tolist()], list(columns)
 
-    def _cards(self, images: Mapping[str, Image.Image]) -> list[ByName]:
-        """The worst zones: heading, picture, reason and advice."""
-        cards, zones = [], number_cameras(self.dead[1])[:MOST_CLOSE_UPS]
-        for zone, cells in zip(zones, zone_rows(self.dead[1]), strict=False):
-            number, size, share, _, group, reason = cells
-            drawn = images.get(f"zone_{number}")
-            heading = f"Zone {number}: {size}, {share} of the area"
-            advice, nearest = zone["advice"], zone["nearest"]
-            if nearest is not None and advice:
-                # Of a rig with a rule its first camera may be shown alone.
-                place = int(np.searchsorted(self.poses.ids, nearest["pose"], side="right")) - 1
-                name = f"{self.noun} {self.labels[place]}"
-                advice = f"{name} comes closest to covering the zone's middle: {advice}"
-            cards.append(
-                {
-                    "heading": heading,
-                    "lines": [
-                        f"{group}: {reason}"
-                        if len(self.mesh.groups) > 1
-                        else f"{reason[:1].upper()}{reason[1:]}",
-                        f"{advice[:1].upper()}{advice[1:]}." if advice else "",
-                    ],
-                    "picture": drawn and Picture.draw(f"{heading}, {reason}", drawn),
-                }
-            )
-        return cards
-
-
-def heads_of(
-    camera: Cameras, poses: Poses, names: Sequence[str]
-) -> tuple[IntArray, list[str], str]:
-    """Rows of poses that a page has, their names, and a word for one.
-
-    Of a rig with a rule, those of its first camera, which are named without it.
-    """
-    leads, cameras = led_by(camera, poses), names_of(camera)
-    own = zip(leads.tolist(), poses.camera[leads].tolist(), strict=True)
-    is_head = len(leads) < len(poses)
-    said = [names[row].removesuffix(f"/{cameras[index]}") for row, index in own]
-    said = [f"camera {n}" if text in names else text for n, text in enumerate(said, start=1)]
-    return leads, said if is_head else list(names), "head" if is_head else "camera"
+    def _nearest_of(self, zone: ReadByName) -> str:
+        """Name of the camera that comes closest to covering a zone's middle; "" for none."""
+        if zone["nearest"] is None:
+            return ""
+        # Of a rig with a rule its first camera may be shown alone.
+        place = np.searchsorted(self.poses.ids, zone["nearest"]["pose"], side="right") - 1
+        return f"{self.noun} {self.labels[int(place)]}"
 
 
 class FaceRemedies(Remedies):

@@ -7,7 +7,7 @@ a doll's house; an occluder in front of the task is hatched over it, and hides n
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -28,6 +28,7 @@ from rastercov.base import (
     row_lengths,
 )
 from rastercov.core.area.polygons import quantile
+from rastercov.core.area.zones import DeadZones, zones_at
 from rastercov.core.camera import (
     Camera,
     Poses,
@@ -542,10 +543,14 @@ def two_sides(
     keys: Sequence[Key],
     hatch: ByteArray,
     eyes: ArrayLike = (),
+    *,
     marks: Marks | None = None,
+    left: tuple[DeadZones, Pixels] | None = None,
 ) -> Image.Image:
-    """Two views side by side, with title and legend; `colours` (F, 3) and `hatch` (F,) of faces."""
-    pixels, more = side_by_side(mesh, colours, hatch, sides(mesh, eyes), eyes, marks=marks)
+    """Two views side by side, with title and legend; the others are as of `side_by_side`."""
+    pixels, more = side_by_side(
+        mesh, colours, hatch, sides(mesh, eyes), eyes, marks=marks, left=left
+    )
     return add_frame(pixels, title, [*keys, *more])
 
 
@@ -556,16 +561,29 @@ def side_by_side(
     directions: FloatArray,
     eyes: ArrayLike = (),
     scale: float = FINE,
+    *,
     marks: Marks | None = None,
+    left: tuple[DeadZones, Pixels] | None = None,
 ) -> tuple[Pixels, list[Key]]:
-    """Views from some directions side by side, and their part of a legend; `scale` as of `look`."""
+    """Views from some directions side by side, and their part of a legend.
+
+    `colours`, (F, 3), and `hatch`, (F,), are those of faces; what is `left` of them has the
+    colour with it. `scale` is as of `look`.
+    """
     scenes = [look(mesh, direction, scale=scale, eyes=eyes) for direction in directions]
 
-    def own(face: FaceImage, at: IntArray) -> Pixels:
+    def own(scene: DrawnScene, face: FaceImage, at: IntArray) -> Pixels:
         of_face = face.ravel()[at]
-        return hatch_pixels(colours[of_face], hatch[of_face], at, face.shape[1], scenes[0].hatch)
+        pixels = colours[of_face]
+        if left is not None:
+            zones, colour = left
+            zone = partial(zones_at, zones, n=0)
+            on_left = scene.at_points(face, zone, -1, np.isin(face, zones.face)).ravel()[at]
+            pixels = np.where(on_left[:, None] == 0, colour, pixels)
+        return hatch_pixels(pixels, hatch[of_face], at, face.shape[1], scenes[0].hatch)
 
-    painted = [paint(scene, colours, own if hatch.any() else None) for scene in scenes]
+    has_own = hatch.any() or left is not None
+    painted = [paint(scene, colours, partial(own, scene) if has_own else None) for scene in scenes]
     images = [Image.fromarray(pixels) for pixels in painted]
     if marks is not None:
         for image, scene in zip(images, scenes, strict=True):

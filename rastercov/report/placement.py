@@ -14,7 +14,7 @@ import numpy as np
 from rastercov.base import ReadByName, percent
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.zones import ZONES
-from rastercov.core.camera import led_by, names_of_poses
+from rastercov.core.camera import heads_of, led_by, names_of_poses
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
@@ -30,7 +30,7 @@ from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.required import HOLDS
 from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
-from rastercov.report.network_page import GoalPart, NetworkPage, heads_of
+from rastercov.report.network_page import GoalPart, NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
@@ -93,6 +93,7 @@ def pages_of(
         has_view=has_view and shown.view is not None,
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
+        noun=prepared.noun,
         choices={word: each.table() for word, each in placement.choices.items()},
         sections={name: each.section() for name, each in placement.made.items()},
         products=[each.figure() for each in placement.products],
@@ -205,16 +206,11 @@ def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
     for each in sorted(of_goals, key=lambda each: -each.lack)[:MOST_GOALS]:
         if (own := placement.goals.get(each.goal)) is None:
             continue
-        lines = [*own.zone_lines(each), *([] if each.is_most else own.reasons(each))]
         page = network_of(own, to_json(own), has_parts=each.is_most and each.status != HOLDS)
-        lost = (
-            None
-            if own.by_camera is None
-            else own.by_camera[1, led_by(own.plan.rig, own.cameras.placed)]
-        )
-        items.append(
-            GoalPart(each.goal, each.words(), each.status, each.is_most, lines, page, lost)
-        )
+        # Of what must not be seen the area that each camera sees.
+        areas = None if own.by_camera is None else own.by_camera[int(not each.is_most)]
+        said = each.goal, each.words(), each.status, each.is_most, own.explain(each)
+        items.append(GoalPart(*said, page, areas))
     return items
 
 

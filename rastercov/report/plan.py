@@ -325,8 +325,13 @@ def _cameras(placement: Placement) -> list[ByName]:
 
 
 def cameras_table(placement: Placement) -> Table:
-    """The cameras for a terminal of 80 columns, the largest gain first."""
-    table = Table(title="Cameras", title_justify="left")
+    """The cameras or heads for a terminal of 80 columns, the largest gain first."""
+    noun, entries = placement.prepared.noun, _cameras(placement)
+    if noun == "head":
+        shares = {each["mount"]: each["share_so_far"] for each in entries}
+        first = {each["mount"]: each for each in reversed(entries)}
+        entries = [first[row] | {"share_so_far": share} for row, share in shares.items()]
+    table = Table(title="Heads" if noun == "head" else "Cameras", title_justify="left")
     table.add_column("", justify="right", style="dim")
     several = len(placement.prepared.camera) > 1
     table.add_column("camera" if several else "source", overflow="fold")
@@ -336,20 +341,21 @@ def cameras_table(placement: Placement) -> Table:
     # Three digits for the coordinate that is furthest from 0.
     far = float(np.abs(poses[:, :3, 3]).max(initial=1e-9))
     digits = decimals_of(far)
-    for row, entry in enumerate(_cameras(placement)):
-        share = entry["share_so_far"]
+    for row, entry in enumerate(entries):
+        share, name = entry["share_so_far"], entry.get("camera", "")
+        name = name.rpartition("/")[0] or name if noun == "head" else name
         if row < MAX_ROWS:
             table.add_row(
                 str(row + 1),
-                Text(entry["camera"] if several else source_of(entry["origin"])),
+                Text(name if several else source_of(entry["origin"])),
                 " ".join(f"{value:.{digits}f}" for value in entry["position"]),
                 " ".join(f"{value:.2f}" for value in entry["direction"]),
                 percent(share - before) if share > before else "0 %",
                 percent(share),
             )
         before = share
-    if len(poses) > MAX_ROWS:
-        table.add_row("", f"... {len(poses) - MAX_ROWS} more")
+    if len(entries) > MAX_ROWS:
+        table.add_row("", f"... {len(entries) - MAX_ROWS} more")
     return table
 
 
@@ -508,7 +514,7 @@ def _selection_note(placement: Placement) -> str:
         return f"{text}: proved optimal{on}{on and ', not for exact area'}"
     if isinstance(prepared.problem.goal, BestCoverage):
         return f"{text}; upper bound for these candidates: {percent(selection.bound)}"
-    what = "cost" if (prepared.pool.costs != 1).any() else "number of cameras"
+    what = "cost" if (prepared.pool.costs != 1).any() else f"number of {prepared.noun}s"
     return f"{text}; lower bound on the {what}: {selection.bound:g}{on}"
 
 

@@ -8,6 +8,7 @@ from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
+from rastercov.advice.headline import noun_of
 from rastercov.base import (
     FloatArray,
     ReadByName,
@@ -43,8 +44,9 @@ def summary_table(summary: ReadByName, level: int | None = None, unit: str = "m"
     is of lengths, as of `rastercov.base.format.area`; a `noun` of the summary is a word for a pose.
     """
     views, by_area = summary["required_views"], "covered_area" in summary
-    title = f"Covered by {plural(summary['poses'], summary.get('noun', 'camera'))}"
-    title += " together" if summary["poses"] > 1 else ""
+    noun = summary.get("noun", noun_of(summary))
+    title = f"Covered by {plural(n := summary.get('heads', summary['poses']), noun)}"
+    title += " together" if n > 1 else ""
     title += f", {views} per {'point' if by_area else 'face'}" if views > 1 else ""
     if said := question_in(summary):
         title += f" {said['in_words']}"

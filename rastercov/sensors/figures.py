@@ -9,7 +9,7 @@ again by all criteria.
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 
 import numpy as np
 
@@ -56,9 +56,31 @@ from rastercov.core.coverage.task import BASELINE, CONDITIONS, UNCERTAIN, Reason
 from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.sensors.ray_limits import measure_limits, within_limits, worst_deviations
 
-WIDER = (1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9, 2.0, 2.2, 2.5, 2.8, 3.2, 3.6, 4.0, 5.0)
+WIDER = (
+    1.1,
+    1.2,
+    1.3,
+    1.4,
+    1.5,
+    1.6,
+    1.7,
+    1.8,
+    1.9,
+    2.0,
+    2.2,
+    2.5,
+    2.8,
+    3.2,
+    3.6,
+    4.0,
+    5.0,
+    7.0,
+    10.0,
+    14.0,
+    20.0,
+)
 """Baselines that are tried, in that of the rig."""
-NEARER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3)
+NEARER = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1)
 """Distances that are tried, in that of the rig."""
 ENOUGH = 0.5
 """Share of the points that a remedy covers, or more."""
@@ -100,9 +122,11 @@ def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> l
         at = np.concatenate([points[row == row[best]], _inside(seen, pieces)])
         _, words = _missed_limit(gate, placed.world_from_camera, at, why)
         head = _Head(judge, scene, gate, placed, middle[pieces], seen.face[pieces].astype(np.int64))
-        remedies = list(head.remedies(-(-len(pieces) // 2)))
+        remedies = list(head.remedies(-(-len(pieces) // 2), of_limit=True))
         rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
         needs = f": half of the area in view needs {'; or '.join(remedies)}" if remedies else ""
+        if remedies and not any("baseline" in each for each in remedies):
+            needs += f"; no baseline up to {WIDER[-1]:g} times as wide is enough"
         lines.append(f"rig {rig}: {words}{needs}")
     return lines
 
@@ -186,30 +210,38 @@ class _Head:
 
     def covers(self, placed: FloatArray, least: int) -> bool:
         """True where at least some number of the points are covered from other poses."""
-        within = _lacks(self.gate, placed, self.points)[2] <= 1
-        if np.count_nonzero(within) < least:
-            return False
         return int(np.count_nonzero(self.reason(placed) == Reason.COVERED)) >= least
 
-    def remedies(self, least: int) -> Iterator[str]:
-        """The least change of each kind that covers some number of the points."""
+    def _meets(self, placed: FloatArray, least: int) -> bool:
+        """True where at least some number of the points meet the limits from other poses."""
+        return int(np.count_nonzero(_lacks(self.gate, placed, self.points)[2] <= 1)) >= least
+
+    def remedies(self, least: int, *, of_limit: bool = False) -> Iterator[str]:
+        """The least change of each kind that covers some number of the points.
+
+        With `of_limit` that with which these meet the limit, whatever else fails, where none covers
+        them.
+        """
         placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
         target = self.points[row_lengths(off).argmin()]
-        turned = ("", None), (", its sensors aimed at it", target)
-        wider = (
-            f"a baseline {factor:g} times as wide{words}"
-            for factor in WIDER
-            for words, at in turned
-            if self.covers(_wider(placed, factor, at), least)
-        )
         away = float(np.linalg.norm(target - placed[:, :3, 3].mean(axis=0)))
-        nearer = (
-            f"a distance of {_metres(factor * away)} instead of {_metres(away)}"
+        wider = [
+            (f"a baseline {factor:g} times as wide{words}", _wider(placed, factor, at))
+            for factor in WIDER
+            for words, at in (("", None), (", its sensors aimed at it", target))
+        ]
+        nearer = [
+            (
+                f"a distance of {_metres(factor * away)} instead of {_metres(away)}",
+                _nearer(placed, factor, target),
+            )
             for factor in NEARER
-            if self.covers(_nearer(placed, factor, target), least)
-        )
+        ]
         for kind in (wider, nearer):
-            yield from islice(kind, 1)
+            within = [each for each in kind if self._meets(each[1], least)]
+            covers = (words for words, moved in within if self.covers(moved, least))
+            alone = (f"{words} (for this limit alone)" for words, _ in within if of_limit)
+            yield from islice(chain(covers, alone), 1)
         is_sharp = self.reason(placed) == UNCERTAIN
         values = np.sort(_lacks(self.gate, placed, self.points[is_sharp])[2])
         if len(values) >= least and 0 < values[least - 1] < np.inf:

@@ -107,7 +107,8 @@ def test_coordinates_of_cameras_fit_80_columns(far, several):
         curve=np.linspace(0.1, 1, n), network=SimpleNamespace(covered_faces=np.arange(n)),
     )  # fmt: skip
     prepared = SimpleNamespace(
-        plan=SimpleNamespace(chooses_cameras=False), camera=[None] * (1 + 2 * several),
+        noun="camera", plan=SimpleNamespace(chooses_cameras=False),
+        camera=[None] * (1 + 2 * several),
         mounts=SimpleNamespace(rig=SimpleNamespace(names=names, __len__=None), has_rigs=False),
         pool=SimpleNamespace(costs=np.ones(n)),
     )  # fmt: skip

@@ -1,5 +1,6 @@
 """Rigs with a rule from camera files and plans to reports: evaluate, place, check."""
 
+import io
 import json
 import re
 from dataclasses import replace
@@ -11,6 +12,7 @@ from commands import call, enter
 from edited import Session
 from nightly import amount
 from plans import placed, told
+from rich.console import Console
 
 import rastercov as rc
 from rastercov.base.errors import CameraError, ConfigError
@@ -30,11 +32,12 @@ from rastercov.page.session import remove_head
 from rastercov.placement import build_matrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.report import overview
+from rastercov.report import overview, panorama
 from rastercov.report import placement as placement_page
 from rastercov.report import plan as plan_report
 from rastercov.report.coverage import html_of, network_of, regions_of
-from rastercov.report.modes import MODES
+from rastercov.report.modes import MODES, mode_picture
+from rastercov.report.tables import summary_table
 from rastercov.shards import Staff, silent
 
 CAMERA = rc.Camera(width=96, height=72, fx=90, fy=90)
@@ -205,7 +208,7 @@ def test_pictures_and_the_page_name_the_device_of_each_zone(monkeypatch):
     assert set(devices) == of_zones
     assert of_zones <= {"cam fails", "proj fails"}
     shown = network_of(result, said, "heads", regions_of(result))
-    assert [shown.noun, *shown.names] == ["head", "camera 1", "camera 2"]
+    assert [shown.noun, *shown.names] == ["head", "head 1", "head 2"]
     drawn = shown.draw()
     assert {"overview", "zones"} <= drawn.keys()
     every = {0, *devices.values()}
@@ -559,7 +562,7 @@ def test_a_limit_that_no_rig_meets_is_named_with_the_best_value_and_what_would_h
     checked = rc.check(first.prepared.plan, first.prepared.measured, min_coverage=0.5)
     assert f"  {line}" in checked.lines()
     nearest = checked.summary()["dead_zones"][0]["nearest"]["pose"]
-    assert f"advice: camera {nearest + 1} comes" in "\n".join(checked.first_lines())
+    assert f"advice: head {nearest // 2 + 1} comes" in "\n".join(checked.first_lines())
 
 
 def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
@@ -648,3 +651,59 @@ def test_heads_that_are_placed_are_counted_and_named_as_heads():
     page = placement_page.pages_of(result, plan_report.summary(result), [], silent)["page.html"]
     assert f"{n} heads cover " in page
     assert f"{len(result.cameras.placed)} cameras" not in page
+
+
+def test_every_door_counts_and_names_heads_and_signs_what_they_measure_together(capsys):
+    """The sheet had the rows, and the area, of single sensors."""
+    placement = placed(PLAN)
+    out = "\n".join(plan_report.head_lines(placement))
+    told_ = told()
+    n = len({each["mount"] for each in told_["cameras"]})
+    assert len(told_["cameras"]) == 2 * n > 2
+    assert told_["network"]["heads"] == n
+    assert out.splitlines()[0].endswith(f" of the area by {n} heads")
+    console = Console(file=io.StringIO(), width=80)
+    console.print(plan_report.cameras_table(placement), summary_table(told_["network"]))
+    table, _, others = console.file.getvalue().partition("Covered by")
+    assert others.startswith(f" {n} heads together")
+    assert re.findall(r"^│ +(\d+) │ fringe +│", table, re.MULTILINE) == [*map(str, range(1, n + 1))]
+    adds = re.findall(r"([\d.]+) % │ +([\d.]+) % │$", table, re.MULTILINE)
+    assert sum(float(each) for each, _ in adds) == pytest.approx(float(adds[-1][1]), abs=0.1 * n)
+    assert all(float(each) > 0 for each, _ in adds)
+    out = rc.check(placement.prepared.plan, "out/poses.json", min_coverage=0.5).lines()[0]
+    share = re.match(r"covered: (.*) % of the area by (\d+) heads$", out)
+    assert int(share[2]) == n
+    assert call(capsys, "sheet out --out s.svg")[0] == 0
+    svg = Path("s.svg").read_text()
+    texts = re.findall(r">([^<>]*)</text>", svg)
+    assert [f"head {row}" for row in range(1, n + 1)] == [
+        each for each in dict.fromkeys(texts) if re.fullmatch("head \\d+", each)
+    ]
+    assert not any(re.fullmatch("camera \\d+", each) for each in texts)
+    assert texts.count("head") == 1
+    assert {"fringe/cam", "fringe/proj"} <= set(texts)
+    assert texts[texts.index("Covered") + 1] == f"{share[1]} % of the area"
+
+
+def test_maps_leave_out_what_the_headline_leaves_out():
+    """Faces that are covered in part counted as wholes."""
+    own = {"max_uncertainty": 1.0, "noise_px": 0.5}
+    rig = head(rc.All(**own))
+    result = rc.evaluate(MESH, rig, rig.poses(POSES[:2]), TASK)
+    shown = network_of(result, result.summary(), "heads", regions_of(result))
+    percents = []
+    add_frame = panorama.add_frame
+
+    def kept(pixels, title, keys):
+        percents.extend(key.name for key in keys if key.name.startswith("not covered"))
+        return add_frame(pixels, title, keys)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(panorama, "add_frame", kept)
+        picture = shown.draw()["uncertainty"]
+    missing = 100 - result.summary()["covered_area"]["percent"]
+    assert percents == [f"not covered, {missing:.1f} %"]
+    whole = mode_picture("uncertainty", MESH, shown.values["uncertainty"], POSES[:2])
+    pixels = [np.asarray(each.convert("RGB")).astype(int) for each in (picture, whole)]
+    red = [(each[..., 0] > 2 * each[..., 1:].max(axis=-1)).sum() for each in pixels]
+    assert red[0] > red[1] > 0

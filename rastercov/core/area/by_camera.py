@@ -25,6 +25,8 @@ from rastercov.core.mesh import Mesh
 
 FIGURES = [each.figures for each in FEATURES]
 """Further figures, of features."""
+LEAST_LOST_REL = 1e-9
+"""Area, relative to the task, below which a camera could be left out: rounding of the union."""
 MOST_CAMERAS = 64
 """Cameras with figures of their own; they take 50 bytes per face and camera."""
 

@@ -16,7 +16,7 @@ from rastercov.core.area.spread import BETWEEN_CAMERAS, check_poses, union_of
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
-from rastercov.core.camera import Cameras, Poses, is_joint
+from rastercov.core.camera import Cameras, Poses, gates_of, is_joint, led_by
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.judging import OF_PARTS
 from rastercov.core.coverage.network import percent_of_seeable
@@ -188,6 +188,8 @@ class AreaNetwork:
         Parameters are those of `dead_zones`.
         """
         summary["covered_area"] = self.summary(views)
+        if gates_of(camera):
+            summary["heads"] = len(led_by(camera, Poses.of(poses)))
         members = {id(summary): self.mesh.task_mask}
         for index, group in enumerate(summary["groups"]):
             if "covered" in group:

@@ -39,6 +39,7 @@ from rastercov.core.camera import (
     gates_of,
     is_joint,
     look_at,
+    rows_of_result,
     to_camera,
     to_image,
 )
@@ -267,6 +268,8 @@ class Remedies:
         more = dict(named.figures)
         distance, incidence = more.pop("distance"), more.pop("incidence")
         own = {"distance_m": distance, "incidence_deg": math.degrees(incidence)}
+        if gates_of(self.camera):
+            own["head"] = int(rows_of_result(self.camera, self.poses)[named.row]) + 1
         return {"pose": int(self.poses.ids[named.row]), **own, **more}
 
     def _facts(self, named: NearestCamera, hider: str) -> list[str]:

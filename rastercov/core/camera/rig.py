@@ -627,8 +627,25 @@ def names_of_poses(poses: Poses, images: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Names for a column or a legend of cameras: the number alone of "camera 1"."""
-    return [re.sub(r"^camera (?=\d+$)", "", name) for name in names]
+    """Names for a column or a legend of cameras or heads: the number alone of "camera 1"."""
+    return [re.sub(r"^(camera|head) (?=\d+$)", "", name) for name in names]
+
+
+def heads_of(
+    camera: Cameras, poses: Poses, names: Sequence[str]
+) -> tuple[IntArray, list[str], str]:
+    """Rows of poses that count as one each, their names, and a word for one.
+
+    Of a rig with a rule, those of its first camera, which are named without it.
+    """
+    leads, cameras = led_by(camera, poses), names_of(camera)
+    own = zip(leads.tolist(), poses.camera[leads].tolist(), strict=True)
+    is_head = len(leads) < len(poses)
+    said = [names[row].removesuffix(f"/{cameras[index]}") for row, index in own]
+    said = [
+        f"head {n}" if is_head and text in names else text for n, text in enumerate(said, start=1)
+    ]
+    return leads, said if is_head else list(names), "head" if is_head else "camera"
 
 
 def check_scene(mesh: object, camera: object) -> None:

@@ -22,6 +22,7 @@ from rastercov.base import (
     FloatArray,
     InNotebook,
     InOneLine,
+    IntArray,
     MeshError,
     PoseError,
     ReadByName,
@@ -35,7 +36,7 @@ from rastercov.base import (
 )
 from rastercov.base.arguments import is_number, share_meant
 from rastercov.base.format import area
-from rastercov.core.area.by_camera import lose_without
+from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed
@@ -49,9 +50,9 @@ from rastercov.core.camera import (
     Rig,
     Views,
     gates_of,
+    heads_of,
     names_of_poses,
     renumber,
-    rows_of_result,
 )
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.task import REASONS, Task
@@ -351,29 +352,44 @@ class Checked(InOneLine, InNotebook):
 
     @cached_property
     def by_camera(self) -> FloatArray | None:
-        """(2, K) area that each camera covers, and that is not covered without it, m^2.
+        """(2, R) area that each of `heads` covers, and that is not covered without it, m^2.
 
-        A camera of a rig with a rule has those of its rig. None by face, and of several phases.
+        None by face, and of several phases.
         """
         if (regions := self._regions) is None:
             return None
-        rig, placed = self.plan.rig, self.cameras.placed
-        parts, rows = with_rule(regions, rig, placed), rows_of_result(rig, placed)
+        parts = with_rule(regions, self.plan.rig, self.cameras.placed)
         covers = np.bincount(parts.pair_pose, parts.area, len(parts.pose_ids))
         lost = lose_without(parts, views_of(self.mesh, self.views))
-        return np.array((covers, lost), np.float64)[:, rows]
+        return np.array((covers, lost), np.float64)
+
+    @cached_property
+    def heads(self) -> tuple[IntArray, list[str], str]:
+        """Cameras, or heads with a rule, as of `heads_of`."""
+        return heads_of(self.plan.rig, self.cameras.placed, self.names)
 
     def explain(self, requirement: Requirement, level: int | None = None) -> list[str]:
-        """Reasons of a goal, and lines as of `zone_lines`."""
+        """Reasons of a goal, and lines as of `zone_lines` and `lost_lines`."""
         zone = [] if requirement.is_most else self.zone_lines(requirement, level)
-        return [*self.reasons(requirement, level), *zone]
+        return [*self.reasons(requirement, level), *zone, *self.lost_lines(requirement)]
+
+    def lost_lines(self, requirement: Requirement) -> list[str]:
+        """A line on the cameras without which less of a goal is covered, the most first."""
+        if requirement.is_most or self.by_camera is None:
+            return []
+        lost = self.by_camera[1]
+        lost = np.where(lost > LEAST_LOST_REL * float(self.mesh.areas.sum()), lost, 0.0)
+        ranked = np.argsort(-lost, kind="stable")[: np.count_nonzero(lost)].tolist()
+        items = [f"{self.heads[1][row]} {area(float(lost[row]))}" for row in ranked]
+        return [f"lost without it: {first_of(items)}"] if items else []
 
     def cameras_of_goal(self) -> list[ByName]:
         """Figures of `by_camera` of those that cover any of it, ready for JSON."""
         covers, lost = ((), ()) if self.by_camera is None else self.by_camera.tolist()
+        rows, names, _ = self.heads
         return [
             {"pose": row, "name": name, "m2": m2, "lost_m2": alone}
-            for row, (name, m2, alone) in enumerate(zip(self.names, covers, lost, strict=False))
+            for row, name, m2, alone in zip(rows.tolist(), names, covers, lost, strict=False)
             if m2 > 0
         ]
 
@@ -382,13 +398,12 @@ class Checked(InOneLine, InNotebook):
         if not requirement.is_most:
             return first_lines(self.summary(), level=level)[1:] if requirement.lack else []
         rows = np.flatnonzero((self.cameras.covers & self.mesh.task_mask).any(axis=1))
-        names, lost = np.array(self.names, object), np.zeros(len(self.names))
+        own, lost = list(self.names), np.zeros(len(self.names))
+        names = np.array(own, object)
         if self.by_camera is not None:
-            covers, lost = self.by_camera
+            (covers, lost), own = self.by_camera, self.heads[1]
             rows = np.flatnonzero(covers)
-            names = np.array(
-                [f"{n} ({area(m)})" for n, m in zip(names, covers, strict=True)], object
-            )
+            names = np.array([f"{n} ({area(m)})" for n, m in zip(own, covers, strict=True)], object)
         if not len(rows):
             most = f"at most {percent(requirement.high)}, by the error bound"
             return [f"no camera sees any of it ({'proved' if requirement.high <= 0 else most})"]
@@ -398,7 +413,7 @@ class Checked(InOneLine, InNotebook):
         best = int(lost.argmax())
         left = requirement.share - lost[best] / getattr(requirement, "of_m2", 1.0)
         is_one = left <= requirement.limit + SHARE_TOLERANCE
-        named = [self.names[best]] if is_one else [self.names[row] for row in rows]
+        named = [own[best]] if is_one else [own[row] for row in rows]
         rest = percent(max(left, 0.0)) if is_one else "0.0 %"
         return [*lines, f"advice: turn, move or mask {first_of(named)}: {rest} of it would be seen"]
 

@@ -223,7 +223,8 @@ class Prepared:
     @property
     def noun(self) -> str:
         """Word for what is chosen and moved."""
-        return "mount" if self.mounts.has_rigs else "camera"
+        has_rule = bool(gates_of(self.plan.rig))
+        return "head" if has_rule else "mount" if self.mounts.has_rigs else "camera"
 
     @property
     def measured(self) -> Poses:
