@@ -73,11 +73,12 @@ def test_files_for_build_servers_say_what_the_terminal_does(files, capsys):
         code, out, err = call(capsys, line)
     assert (code, err) == (1, "")
     lines = out.splitlines()
-    said = {each.get("message") for each in ElementTree.parse("j.xml").iter("failure")}
-    assert said == {
-        each.removeprefix("worse: ") for each in lines if re.match("worse: |new: ", each)
-    }
-    assert any(each.startswith("new: dead zone 1 m²") for each in said)
+    failures = [*ElementTree.parse("j.xml").iter("failure")]
+    said = {each.get("message") for each in failures}
+    every = {line for each in failures for line in each.text.splitlines()}
+    wanted = {each.removeprefix("worse: ") for each in lines if re.match("worse: |new: ", each)}
+    assert said <= wanted <= every
+    assert any(each.startswith("new: dead zone 1 m²") for each in every - said)  # of a worse group
     title, _, *rows = Path("s.md").read_text().splitlines()
     assert title == "## rastercov check plan.toml: fails"
     assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {4}
@@ -232,13 +233,13 @@ def test_a_reviewer_reads_what_fails_only(tmp_path, monkeypatch, capsys):
         assert not any(row.startswith("| holds") for row in rows)
         n_faces = sum("fails | group arm" in row for row in rows)
         assert n_faces == 0 if level else n_faces in (4, 5)
-        assert any(re.match(r"\|  \| and \d+ more groups", row) for row in rows) == (not level)
+        assert any(re.match(r"\|  \| and \d+ (faces|more groups)", row) for row in rows) == (not level)
         (suite,) = ElementTree.parse("j.xml").getroot()
         failures = [case.find("failure") is not None for case in suite]
         names = [case.get("name") for case in suite]
         arms = [name.startswith("coverage of arm") for name in names]
         assert sum(map(and_, failures, arms)) == n_faces
-        others = [name for name in names if re.fullmatch(r"and \d+ more groups", name)]
+        others = [name for name in names if re.fullmatch(r"and \d+ (faces|more groups)", name)]
         assert len(others) == (not level)
         below = r"worse: \d+ (more )?groups below level 1" if level else r"worse: \d+ more groups"
         assert re.search(below, out)
@@ -361,3 +362,35 @@ def test_a_baseline_of_another_scene_of_the_same_groups_is_said(change, files, c
     assert (said in out) == (change != "none")
     told = answer(capsys, f"{CHECK} --baseline base/check.json", code=code)
     assert told["baseline"]["is_other_scene"] == (change != "none")
+
+
+@pytest.mark.parametrize("n", [87, 12])
+def test_a_part_of_many_faces_and_a_lost_camera_are_five_failures(tmp_path, monkeypatch, capsys, n):
+    """Each face that lost, and the dead zone on it, were failures of their own: 2 n."""
+    monkeypatch.chdir(tmp_path)
+    lines, rng = [], np.random.default_rng(n)
+    for row in range(n):
+        x, y = divmod(row, 12)
+        lines += [f"v {x + dx} {y + dy} 0" for dx, dy in ((0, 0), (0.9, 0), (0.9, 0.9), (0, 0.9))]
+        at = 4 * row
+        lines += [f"g bracket/face {row + 1}", f"f {at + 1} {at + 2} {at + 3} {at + 4}"]
+    Path("part.obj").write_text("\n".join([*lines, ""]))
+    camera = "width = 640, height = 480, hfov_deg = 60"
+    Path("plan.toml").write_text(f'meshes = [{{ path = "part.obj" }}]\ncamera = {{ {camera} }}\n')
+    eyes = np.column_stack((rng.uniform(0, n / 12, 3), rng.uniform(0, 12, 3), [6.0, 20.0, 7.0]))
+    poses = rc.look_at(eyes, eyes * (1, 1, 0), up=(0, 1, 0))
+    rc.write_poses("all.json", poses)
+    rc.write_poses("rig.json", poses[[0, 2]])
+    assert call(capsys, "check plan.toml -p all.json --min-coverage 0.01 --out base")[0] == 0
+    line = "check plan.toml -p rig.json --min-coverage 0.01 --baseline base/check.json"
+    assert call(capsys, f"{line} --junit j.xml --summary s.md --out out")[0] == 1
+    told = json.loads(Path("out/check.json").read_text())
+    worse = [each for each in told["baseline"]["shares"] if each["status"] == "worse"]
+    n_faces = sum(each["kind"] == "group" for each in worse)
+    suites = ElementTree.parse("j.xml").getroot()
+    shown = int(suites.get("failures"))
+    assert shown == min(5, len(worse))
+    rest = f"and {n_faces - (5 - (len(worse) - n_faces))} faces"
+    names = [case.get("name") for case in suites.iter("testcase")]
+    assert (rest in names) == (rest in Path("s.md").read_text()) == (len(worse) > 5)
+    assert sum(row.startswith("| fails") for row in Path("s.md").read_text().splitlines()) == shown

@@ -24,6 +24,9 @@ MOST_ZONES = 20
 MOST_ROWS = MOST_OF_KIND | {"dead zone": MOST_WORST}
 """Failing cases of each kind that have a row for a reviewer, those that lose most."""
 TITLE, GOAL = "## rastercov check", "coverage of "
+AGAINST = f"{GOAL}{{}} against the baseline"
+FACE = re.compile(r"\bface[ _]?\d+\b")
+"""In the name of a group that is a face of a CAD part."""
 COLUMNS = "\n| status | requirement or dead zone | cause and advice |\n|--|--|--|"
 KINDS = {"": "system-out", "error": "error"}
 """Elements of JUnit by status, where that is no failure."""
@@ -66,7 +69,8 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
     if checked.against is not None:
         changed = {zone["row"]: zone for zone in checked.against.zones}
         items += _against(checked.against, level)
-    zones, n_before = (summary := checked.summary()).get("dead_zones", ()), len(items)
+    zones, n_told = (summary := checked.summary()).get("dead_zones", ()), 0
+    worse = {case.name: case for case in items if case.status}
     for row in dict.fromkeys([*changed, *range(len(zones))]):
         zone = zones[row]
         if row in changed or (row < MOST_ZONES and zone["percent"] >= LEAST_PERCENT):
@@ -76,8 +80,12 @@ def cases(checked: Checked, level: int | None = None) -> list[Case]:
             if row in changed:
                 status = changed[row]["status"]
                 lines = Against.words_of_zone(changed[row], level)
-            items.append(Case(zone_line(named), status, lines, "dead zone"))
-    n = n_before + len(zones) - len(items) + (n_unlisted(summary) if zones else 0)
+            n_told += 1
+            if case := worse.get(AGAINST.format(zone["groups"][0])) if row in changed else None:
+                case.lines.extend(lines)  # one failure, not two
+            else:
+                items.append(Case(zone_line(named), status, lines, "dead zone"))
+    n = len(zones) - n_told + (n_unlisted(summary) if zones else 0)
     if n > 0 and None in short:
         items.append(Case("others", "others", [plural(n, "other dead zone")], "dead zone", n))
     return items
@@ -90,15 +98,15 @@ def _against(against: Against, level: int | None) -> list[Case]:
     result, below = list[Case](), list[Case]()
     for share in [*worse, *others]:
         line = words(share)
-        name = f"{GOAL}{line.partition(':')[0].removeprefix('group ')} against the baseline"
+        name = AGAINST.format(line.partition(":")[0].removeprefix("group "))
         status = share["status"] if share["status"] == "worse" else ""
         is_below = level is not None and share["level"] > level
         (below if is_below else result).append(Case(name, status, [line], share["kind"]))
     if lines := [case.lines[0] for case in below if case.status]:
-        name, count = f"{GOAL}parts below level {level}", plural(len(lines), "part", "are worse")
+        name, count = f"parts below level {level}", plural(len(lines), "part", "are worse")
         more = [f"and {len(lines) - MOST_WORST} more"] if len(lines) > MOST_WORST else []
         lines = [f"below level {level}, {count}", *lines[:MOST_WORST], *more]
-        result.append(Case(f"{name} against the baseline", "worse", lines, "part"))
+        result.append(Case(AGAINST.format(name), "worse", lines, "part"))
     return result
 
 
@@ -123,14 +131,19 @@ def _write_summary(path: Path, plan: Path, cases: Sequence[Case]) -> None:
 
 
 def _worst(cases: Sequence[Case]) -> list[Case]:
-    """Failures of each kind that lose most, and a line that counts the others."""
+    """Failures of each kind that lose most, and a line that counts the others.
+
+    Groups are fewer by one where all of them together have a failure.
+    """
     worst = list[Case]()
     for kind, most in MOST_ROWS.items():
         own = [case for case in cases if case.status and case.kind == kind]
+        most -= kind == "group" and any(case.kind == "all" for case in worst)
         worst += own[:most]
         if own[most:]:
             count = sum(case.zones or 1 for case in own[most:])
-            line = f"and {plural(count, f'more {kind}')}"
+            are_faces = all(FACE.search(case.name) for case in own[most:])
+            line = f"and {plural(count, 'face' if are_faces else f'more {kind}')}"
             worst.append(Case(line, "", [line], kind))
     return worst
 
