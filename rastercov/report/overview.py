@@ -258,11 +258,15 @@ LEAST_PERCENT = 0.01
 
 
 class Volume(NamedTuple):
-    """A limit of places of cameras: what it is, its colour, and its edges (N, 2, 3)."""
+    """A limit of places of cameras: what it is, its colour, and its edges (N, 2, 3).
+
+    The picture has all of it where it is `whole`.
+    """
 
     name: str
     colour: Colour
     edges: FloatArray
+    whole: bool = False
 
     @classmethod
     def box(cls, name: str, colour: Colour, low: FloatArray, high: FloatArray) -> "Volume":
@@ -370,7 +374,8 @@ class Overview:
         first, other = sides(mesh, poses)
         if other[2] < 0 and front_of(mesh, poses) is None:
             other = first * (-1, -1, 1)
-        ends = np.concatenate([*(each.reshape(-1, 3) for each in pyramids), np.zeros((0, 3))])
+        drawn = [*pyramids, *(each.edges for each in self.volumes if each.whole)]
+        ends = np.concatenate([*(each.reshape(-1, 3) for each in drawn), np.zeros((0, 3))])
         scenes = [look(mesh, first, eyes=poses), look(mesh, other, ends, eyes=poses)]
         near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
         images = [self.draw(scenes[0], near), self.draw(scenes[1], pyramids, self.volumes)]

@@ -35,8 +35,8 @@ from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
 
-SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
-"""Colours of places of cameras and of volumes without."""
+SPACES, KEEP_OUT, ARM = (26, 127, 55), (196, 85, 0), (90, 98, 106)
+"""Colours of places of cameras, of volumes without, and of an arm."""
 MOST_VOLUMES = 20
 """Of either kind that a picture has."""
 MAX_SENTENCES = 12
@@ -94,6 +94,7 @@ def pages_of(
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         noun=prepared.noun,
+        stops=placement.carried and placement.carried.table(),
         choices={word: each.table() for word, each in placement.choices.items()},
         sections={name: each.section() for name, each in placement.made.items()},
         products=[each.figure() for each in placement.products],
@@ -177,7 +178,7 @@ def network_of(
         cameras.covers[rows],
         of_faces={} if cameras.per_camera is None else cameras.per_camera.of_faces,
         serves_goals=bool(plan.goals),
-        volumes=_volumes(plan),
+        volumes=[*_volumes(plan), *_arm_of(placement)],
         asked=Asked(
             plan.build_task(asked),
             plan.task.method,
@@ -219,6 +220,17 @@ def _limits(checked: Checked | Placement) -> dict[str | None, float]:
     if isinstance(checked, Checked):
         return {each.group: each.limit for each in checked.requirements if not each.goal}
     return limits_of(checked.prepared.plan.selection)
+
+
+def _arm_of(placement: Placement | Checked) -> list[Volume]:
+    """What carries cameras, at its first stop."""
+    if not isinstance(placement, Placement) or (carried := placement.carried) is None:
+        return []
+    carrier, stops = placement.prepared.carrier, carried.table()[1][:1]
+    if carrier is None or not stops:
+        return []
+    row = int(stops[0][1])
+    return [Volume(f"arm at camera {row}", ARM, carrier.edges(carried.joints[row - 1]), True)]
 
 
 def _volumes(plan: Plan) -> list[Volume]:

@@ -18,13 +18,12 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh
+from rastercov.core.mesh.bodies import crease_edges
 from rastercov.core.mesh.sections import cross, polygons_in, section, solid
 from rastercov.core.mesh.solids import closed_faces
 from rastercov.core.mesh.topology import components_of, edge_table
 from rastercov.placement.candidates.ground import heights_at
 
-CREASE = np.cos(np.deg2rad(30))
-"""Cosine of the angle between two faces from which their edge is drawn."""
 APART = 1e-3
 """Least distance of a camera from the plane of the cut, m, into which it could not look."""
 LEAF, LEAVES = 0.5, 100
@@ -192,11 +191,7 @@ def edges_between(mesh: Mesh, drawn: BoolArray, low: float, high: float) -> Floa
 
     Of the faces that are `drawn`, (F,).
     """
-    table = edge_table(mesh.welded_faces[drawn], mesh.n_vertices)
-    rows = np.flatnonzero(drawn)[table.faces]
-    one, other = (rows[table.first + rest] for rest in (0, table.n_uses - 1))
-    is_crease = np.einsum("ij,ij->i", mesh.normals[one], mesh.normals[other]) < CREASE
-    ends = mesh.vertices[table.vertices[is_crease | (table.n_uses != 2)].astype(np.int64)]
+    ends = crease_edges(mesh, drawn)
     ends = ends[((ends[..., 2] >= low) & (ends[..., 2] <= high)).all(axis=1), :, :2]
     return np.asarray(ends[(ends[:, 0] != ends[:, 1]).any(axis=1)], np.float64)
 

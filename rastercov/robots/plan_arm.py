@@ -5,6 +5,7 @@ their joint angles: where one hides too much, another solution of the same pose 
 of a refinement are those of joints, so that every pose stays within reach.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
@@ -23,7 +24,7 @@ from rastercov.base import (
     plural,
     row_lengths,
 )
-from rastercov.base.format import distance
+from rastercov.base.format import distance, text_with_sign
 from rastercov.base.output import csv_text
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
@@ -89,8 +90,8 @@ class CarriedPoses:
         Poses in the order of a short tour from rest.
     length : float
         Of the tour: the largest move of a joint, of all its ways together.
-    unit : {"rad", "m", "rad or m"}
-        Of the length.
+    turning : (J,) bool
+        Joints with angles; the others have lengths.
     flips : int
         Ways in which a wrist joint, of the last three that turn, moves by more than 90 degrees.
     """
@@ -102,8 +103,30 @@ class CarriedPoses:
     cameras: Sequence[str]
     order: IntArray
     length: float
-    unit: str
+    turning: BoolArray
     flips: int
+
+    @property
+    def unit(self) -> str:
+        """Unit of the length."""
+        units = ("rad",) * bool(self.turning.any()) + ("m",) * (not self.turning.all())
+        return " or ".join(units)
+
+    def table(self) -> tuple[Sequence[str], list[list[str]]]:
+        """See `CarriedPoses`: along the tour, to what can be set, with clearances."""
+        kinds = [of for of in SORTS if self.near[of]]
+        names = {"scene": "clearance to the scene", "links": "between links"}
+        heads = ["stop", "camera", *self.joint_names, *(names[of] for of in kinds)]
+        rows = []
+        for stop, row in enumerate(self.order.tolist(), start=1):
+            values = [
+                f"{text_with_sign(math.degrees(value), 1)}°" if is_angle else distance(value)
+                for value, is_angle in zip(self.joints[row].tolist(), self.turning, strict=True)
+            ]
+            near = [self.near[of][row] for of in kinds]
+            free = [f"{distance(each.distance)} ({each.link} to {each.body})" for each in near]
+            rows.append([str(stop), str(row + 1), *values, *free])
+        return heads, rows
 
     @property
     def is_hidden(self) -> BoolArray:
@@ -241,10 +264,9 @@ class PlanArm:
         names = [self.plan.mounts.names[index] for index in mounted.camera]
         length, flips = self._walk(order, joints)
         lost = np.array([own.lost[at] for own, at in pairs])
-        is_prismatic = {kind == "prismatic" for kind in self.arm.robot.joint_kinds}
-        unit = " or ".join({True: "m", False: "rad"}[each] for each in sorted(is_prismatic))
+        turning = self.arm.robot.kinematics.is_turning
         carried = CarriedPoses(
-            self.arm.robot.joint_names, joints, near, lost, names, order, length, unit, flips
+            self.arm.robot.joint_names, joints, near, lost, names, order, length, turning, flips
         )
         return [own.found[at] for own, at in pairs], carried
 
@@ -281,10 +303,7 @@ class PlanArm:
 
     def _with_arm(self, finder: RegionPass, placed: Poses, joints: FloatArray) -> Regions:
         """Regions of the scene with the arm in one configuration."""
-        poses = {name: table[0] for name, table in self.arm.robot.poses(joints).items()}
-        if self.arm.stationary is not None:
-            poses[STATIONARY] = self.arm.stationary_poses(joints)[0]
-        mesh, kept = bodies.place_bodies(self.scene, poses)
+        mesh, kept = self._posed(self.scene, joints)
         at_rest = regions(mesh, finder.camera, placed, finder.task, method=self.plan.task.method)
         at_rest = at_rest._at_rest(self.scene, kept)
         own = np.arange(self.scene.n_faces) < self.arm.mesh.n_faces
@@ -347,6 +366,22 @@ class PlanArm:
             flips += bool((np.abs(move[wrist]) > np.pi / 2).any())
             here = joints[row]
         return length, flips
+
+    def edges(self, joints: FloatArray) -> FloatArray:
+        """See `Carrier`."""
+        robot = self.arm.robot
+        mesh, frames = self._posed(robot.mesh, joints)[0], robot.frames(joints)
+        links = [each.child for each in robot.kinematics.chain(self.arm.link)]
+        axes = np.array([frames[link][0, :3, 3] for link in links])
+        drawn = bodies.crease_edges(mesh, np.ones(mesh.n_faces, np.bool_))
+        return np.concatenate((drawn, np.stack((axes[:-1], axes[1:]), axis=1)))
+
+    def _posed(self, scene: Mesh, joints: FloatArray) -> tuple[Mesh, IntArray]:
+        """A scene with the arm in one configuration, as of `place_bodies`."""
+        poses = {name: table[0] for name, table in self.arm.robot.poses(joints).items()}
+        if self.arm.stationary is not None and scene is self.scene:
+            poses[STATIONARY] = self.arm.stationary_poses(joints)[0]
+        return bodies.place_bodies(scene, poses)
 
     def refine(
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int

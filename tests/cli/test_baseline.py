@@ -233,7 +233,9 @@ def test_a_reviewer_reads_what_fails_only(tmp_path, monkeypatch, capsys):
         assert not any(row.startswith("| holds") for row in rows)
         n_faces = sum("fails | group arm" in row for row in rows)
         assert n_faces == 0 if level else n_faces in (4, 5)
-        assert any(re.match(r"\|  \| and \d+ (faces|more groups)", row) for row in rows) == (not level)
+        assert any(re.match(r"\|  \| and \d+ (faces|more groups)", row) for row in rows) == (
+            not level
+        )
         (suite,) = ElementTree.parse("j.xml").getroot()
         failures = [case.find("failure") is not None for case in suite]
         names = [case.get("name") for case in suite]

@@ -656,6 +656,43 @@ def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
     none = np.zeros((0, 6))
     near = {"scene": [], "links": []}
     carried_poses = plan_arm.CarriedPoses(
-        (), none, near, none[:, 0], (), none[:, 0].astype(int), 0.0, "rad", 0
+        (), none, near, none[:, 0], (), none[:, 0].astype(int), 0.0, none[0:0, 0] < 0, 0
     )
     assert "inf" not in carried_poses.line()
+
+
+def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch):
+    """Angles to what can be set, with the pairs that come nearest; nothing was on the page."""
+    edges = []
+    build_edges = plan_arm.PlanArm.edges
+    monkeypatch.setattr(
+        plan_arm.PlanArm, "edges", lambda *args: edges.append(build_edges(*args)) or edges[-1]
+    )
+    selection = {"goal": "best_coverage", "cameras": 3}
+    rc.place(PLAN | {"selection": selection, "outputs": {"page": True}}, out="out")
+    written, page = told("poses.json"), Path("out/page.html").read_text()
+    table = page[page.index("<h2>Stops of the arm</h2>") :].partition("</table>")[0]
+    heads = re.findall(r"<th[^>]*>([^<]*)</th>", table)
+    names = written["joint_names"]
+    assert heads == ["stop", "camera", *names, "clearance to the scene", "between links"]
+    rows = [
+        re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in re.findall(r"<tr>(<td.*?)</tr>", table)
+    ]
+    assert [int(row[1]) - 1 for row in rows] == written["tour"]
+    assert [row[0] for row in rows] == ["1", "2", "3"]
+    for row, at in zip(rows, written["tour"], strict=True):
+        angles = [float(each.removesuffix("°")) for each in row[2 : 2 + len(names)]]
+        assert np.abs(np.array(angles) - np.rad2deg(written["joints"][at])).max() <= 0.05 + 1e-9
+        for word, cell in zip(("clearance", "link_clearance"), row[-2:], strict=True):
+            size, unit, one, other = re.fullmatch(
+                r"([\d.]+) (m|mm) \((.*) to (.*)\)", cell
+            ).groups()
+            metres = float(size) * (1e-3 if unit == "mm" else 1.0)
+            assert metres == pytest.approx(written[f"{word}_m"][at], rel=6e-3)
+            assert [one, other] == written[f"{word}_pair"][at]
+    robot = rc.Robot.load(ARM, rest=written["joints"][written["tour"][0]], name="arm")
+    n_links = len(robot.kinematics.chain("head")) - 1
+    corners, ends = robot.mesh.vertices, edges[0][:-n_links].reshape(-1, 3)
+    away = np.linalg.norm(ends[:, None] - corners[None], axis=2).min(axis=1)
+    assert away.max() < 1e-6
+    assert len(edges) == 1

@@ -39,7 +39,7 @@ from rastercov.core.mesh.contacts import (
     touching_faces,
 )
 from rastercov.core.mesh.mesh import Mesh
-from rastercov.core.mesh.topology import first_equal_row
+from rastercov.core.mesh.topology import edge_table, first_equal_row
 from rastercov.engine import mesh_bodies, mesh_contacts, mesh_tree
 
 OF_EVERY_POSE = (
@@ -527,3 +527,19 @@ def _inverse(pose: FloatArray) -> FloatArray:
 
 def _move_points(points: FloatArray, pose: FloatArray) -> FloatArray:
     return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+CREASE = np.cos(np.deg2rad(30))
+"""Cosine of the angle between two faces from which their edge is drawn."""
+
+
+def crease_edges(mesh: Mesh, drawn: BoolArray) -> FloatArray:
+    """(N, 2, 3) ends of creases above 30 degrees, and of borders, of the faces `drawn`, (F,)."""
+    table = edge_table(mesh.welded_faces[drawn], mesh.n_vertices)
+    rows = np.flatnonzero(drawn)[table.faces]
+    one, other = (rows[table.first + rest] for rest in (0, table.n_uses - 1))
+    is_crease = np.einsum("ij,ij->i", mesh.normals[one], mesh.normals[other]) < CREASE
+    ends: FloatArray = mesh.vertices[
+        table.vertices[is_crease | (table.n_uses != 2)].astype(np.int64)
+    ]
+    return ends

@@ -140,6 +140,9 @@ class CarriedPoses(Protocol):
     def line(self) -> str:
         """The joints in words."""
 
+    def table(self) -> tuple[Sequence[str], list[list[str]]]:
+        """Headings, and a row for each pose in their order."""
+
 
 class Carrier(Protocol):
     """Moves the cameras of a plan by joints, and occludes a part of their images."""
@@ -161,6 +164,9 @@ class Carrier(Protocol):
         self, objective: Objective, mounted: Poses, joints: FloatArray, budget: int
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
+
+    def edges(self, joints: FloatArray) -> FloatArray:
+        """(N, 2, 3) edges of it as a drawing, with its joints at values (J,)."""
 
     def reaches(self, pose: FloatArray, camera: int) -> bool:
         """True where it brings a camera, by its row, to a world_from_camera without a collision."""
