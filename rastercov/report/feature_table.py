@@ -18,6 +18,7 @@ from rastercov.core.area.advice import figures_of_point
 from rastercov.core.area.features import conditions_at
 from rastercov.core.area.stages import first_failures
 from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of
+from rastercov.core.camera.rig import short_names
 from rastercov.core.coverage.densities import density_text
 from rastercov.core.coverage.task import Reason, Task, nearness
 from rastercov.core.mesh import Mesh
@@ -139,7 +140,7 @@ def table_of(rows: Sequence[FeatureRow], unit: str = "m") -> tuple[list[str], li
         "area": [area(each.area_m2, unit) for each in rows],
         "covered": [percent(each.covered_percent / 100) for each in rows],
         "missing": [each.missing for each in rows],
-        "best camera": [each.camera for each in rows],
+        "best camera": short_names([each.camera for each in rows]),
         "pixels": [density_text(each.px_per_m, f"px/{unit}") * bool(each.camera) for each in rows],
         "incidence": [f"{each.incidence_deg:.1f}°" * bool(each.camera) for each in rows],
         "in focus": [said[each.in_focus] for each in rows],

@@ -472,7 +472,7 @@ class NetworkPage:
             has_groups=len(self.mesh.groups) > 1,
             shown_goals=self.goals,
             zone_rows=zone_rows(self.dead[1]),
-            features=table_of(self.features(), self.unit),
+            features=table_of(self.features, self.unit),
             by_area=by_area,
             cameras_heading=f"{self.noun.capitalize()}s",
             camera_headings=more,
@@ -488,13 +488,14 @@ class NetworkPage:
             **{"title_block": title_block, "by_face": self.areas is None, **values},
         )
 
+    @cached_property
     def features(self) -> list[FeatureRow]:
         """Rows of the table of features; none of a scene of several phases."""
         if self.part is not None:
             return []
         poses, names = self._placed
         scene = self.mesh, self.camera, poses, self.network.task
-        return feature_rows(*scene, short_names(names), self.figures)
+        return feature_rows(*scene, names, self.figures)
 
     def _rules(self) -> list[str]:
         """Sentences on what devices measure together, on focus, and on equipment."""

@@ -1,6 +1,7 @@
 """Table of features: the best camera of each, by formulas of a pinhole, and its files."""
 
 import csv
+import json
 import math
 
 import numpy as np
@@ -119,3 +120,9 @@ def test_features_are_a_file_of_the_result(tmp_path, monkeypatch, capsys):
     assert len(rows) == len({each["name"] for each in rows}) > 1
     shares = [float(each["covered_percent"]) for each in rows]
     assert shares == sorted(shares)
+    code, out, _ = call(capsys, "evaluate part.obj -c khepra -p sphere:6 --pictures 1 -o o --json")
+    assert code == 0
+    told = json.loads(out)["features"]
+    assert told == json.loads((tmp_path / "o/summary.json").read_text())["features"]
+    cells = [{k: "" if v is None else str(v) for k, v in each.items()} for each in told]
+    assert cells == rows
