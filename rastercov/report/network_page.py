@@ -519,7 +519,9 @@ class NetworkPage:
         size = LAMP_REL * float(np.ptp([*self.mesh.bounds, *placed.eyes], axis=0).max())
         every = islice(devices_of(self.camera, placed, self.network.task), MOST_LAMPS)
         return [
-            Volume.sphere(f"{word.removesuffix('s')} {each.name}", LAMP, each.pose[:3, 3], size)
+            Volume.sphere(
+                f"{word.removesuffix('s')} {each.name}", LAMP, each.pose[:3, 3], size, True
+            )
             for word, each in every
             if each.has_position
         ]

@@ -276,14 +276,16 @@ class Volume(NamedTuple):
         return cls(name, colour, low + np.array(pairs) * (high - low))
 
     @classmethod
-    def sphere(cls, name: str, colour: Colour, centre: FloatArray, radius: float) -> "Volume":
+    def sphere(
+        cls, name: str, colour: Colour, centre: FloatArray, radius: float, whole: bool = False
+    ) -> "Volume":
         """A sphere, as three circles."""
         turn = np.linspace(0, 2 * np.pi, 25)
         circle = np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1)
         rings = np.stack([np.roll(circle, axis, axis=1) for axis in range(3)])
         points = centre + radius * rings
         edges = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
-        return cls(name, colour, edges)
+        return cls(name, colour, edges, whole)
 
 
 @frozen_record

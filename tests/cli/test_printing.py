@@ -40,6 +40,22 @@ def packed(text):
     return "".join(normalize("NFKC", text).split())
 
 
+def empty_below(page):
+    """Share of a page of A4 between its margins that is below all text and pictures."""
+    heights = []
+
+    def of_text(text, transform, matrix, *_):
+        if text.strip():
+            heights.append(transform[1] * matrix[4] + transform[3] * matrix[5] + transform[5])
+
+    def of_picture(operator, _, transform, *__):
+        if operator == b"Do":
+            heights.extend((transform[5], transform[5] + transform[3]))
+
+    page.extract_text(visitor_text=of_text, visitor_operand_before=of_picture)
+    return (min(each for each in heights if each > 45) - 40) / (841 - 80)
+
+
 @pytest.mark.matter("page")
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium to open pages; see `make chromium`")
@@ -81,7 +97,7 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
             page.emulate_media(media="print", color_scheme="dark")
             assert page.eval_on_selector_all(".wide", "all => all.every(e => e.scrollWidth <= 703)")
             whole = "all => all.every(e => getComputedStyle(e).breakInside === 'avoid')"
-            assert page.eval_on_selector_all("figure, .card, .wide, tr", whole)
+            assert page.eval_on_selector_all("figure, .card, tr", whole)
             heads = "all => all.every(e => getComputedStyle(e).display === 'table-header-group')"
             assert page.eval_on_selector_all("thead", heads)
             paper = "body => getComputedStyle(body).backgroundColor"
@@ -90,6 +106,7 @@ def test_pages_are_read_in_a_browser_and_on_paper(here, capsys):
             pdf = PdfReader(path.with_suffix(".pdf"))
             sheets = [packed(each.extract_text()) for each in pdf.pages]
             assert {tuple(map(int, each.mediabox[2:])) for each in pdf.pages} == {(594, 841)}
+            assert all(empty_below(each) < 1 / 3 for each in list(pdf.pages)[:-1]), name
             for number, text in enumerate(sheets, 1):
                 assert f"{number}/{len(sheets)}" in text
             said = "h1, h2, h3, .verdict strong, .verdict li, p:not(.screen):not(.paper), tbody tr"
