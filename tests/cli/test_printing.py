@@ -11,6 +11,7 @@ import pytest
 from commands import call
 from pypdf import PdfReader
 
+from rastercov import look_at, write_poses
 from rastercov.base.errors import ConfigError
 from rastercov.cli.console import warn
 from rastercov.report.folder import ReportFolder, ReportKind
@@ -175,3 +176,24 @@ def test_a_browser_in_a_container_prints_without_its_sandbox(here, is_root, monk
 def test_equal_warnings_of_one_answer_are_printed_once(capsys):
     warn("a", "b", "a", "c", "b")
     assert capsys.readouterr().err.splitlines() == [f"warning: {each}" for each in "abc"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium to open pages; see `make chromium`")
+def test_no_page_of_paper_but_the_last_is_a_third_empty(here, capsys):
+    """Cards and long tables that moved on as wholes left up to 77 % of a page."""
+    lines = []
+    for row in range(48):
+        (x, y), n = divmod(row, 8), 4 * row
+        lines += [f"v {x + dx} {y + dy} 0" for dx, dy in ((0, 0), (0.8, 0), (0.8, 0.8), (0, 0.8))]
+        lines += [f"g plate {row}", f"f {n + 1} {n + 2} {n + 3} {n + 4}"]
+    (here / "plates.obj").write_text("\n".join([*lines, ""]))
+    (here / "camera.toml").write_text(RIG)
+    poses = look_at([(1, 1, 3), (3, 5, 4)], [(1, 1, 0), (3, 5, 0)], up=(0, 1, 0))
+    write_poses(here / "rig.json", poses)
+    line = "evaluate plates.obj -c camera.toml -p rig.json --max-incidence-deg 30 -o out --pdf"
+    assert call(capsys, line)[0] == 0
+    pages = PdfReader("out/report.pdf").pages
+    shares = [empty_below(each) for each in list(pages)[:-1]]
+    assert len(shares) > 2
+    assert max(shares) < 1 / 3
