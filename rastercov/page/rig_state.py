@@ -1,6 +1,7 @@
 """State of a viewer: cameras with their poses, and the thresholds; the page edits it."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
@@ -98,7 +99,8 @@ class RigState:
     ) -> "RigState":
         """State of the cameras of a rig and their poses.
 
-        Names of the stations are as of `names_of_poses`.
+        Names of the stations are as of `names_of_poses`; those of heads, with a rule, and of their
+        sensors where they have none.
 
         Raises
         ------
@@ -111,6 +113,10 @@ class RigState:
                 "give fewer"
             )
         words = names_of_poses(poses, names)
+        if rig.gates and words == names_of_poses(poses):
+            with suppress(PoseError):  # of a rig that is not whole
+                pairs = zip(rows_of_result(rig, poses) + 1, poses.camera, strict=True)
+                words = tuple(f"head {n}/{rig.names[index]}" for n, index in pairs)
         stations = tuple(
             Station(row, words[row], rig.names[index], frozen(pose.copy()))
             for row, (index, pose) in enumerate(

@@ -101,5 +101,6 @@ def page_of(
         run=run,
         views=checked.asked_views or plan.task.views,
         has_view=has_view,
+        under=assured.of if assured else "",
         more=assured.pictures() if assured else {},
     )

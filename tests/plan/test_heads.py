@@ -22,11 +22,12 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.area.stages import CentrePass
-from rastercov.core.camera.rig import rig_of_json, rig_to_json, with_places
+from rastercov.core.camera.rig import names_of_poses, rig_of_json, rig_to_json, with_places
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, make, open_for
 from rastercov.core.coverage.task import NAMES, Reason
 from rastercov.formats.cameras.own import content_of
 from rastercov.page.measurements import NetworkFigures
+from rastercov.page.rig_state import RigState
 from rastercov.page.scene import open_mesh
 from rastercov.page.session import remove_head
 from rastercov.placement import build_matrix
@@ -707,3 +708,17 @@ def test_maps_leave_out_what_the_headline_leaves_out():
     pixels = [np.asarray(each.convert("RGB")).astype(int) for each in (picture, whole)]
     red = [(each[..., 0] > 2 * each[..., 1:].max(axis=-1)).sum() for each in pixels]
     assert red[0] > red[1] > 0
+
+
+def test_stations_of_the_page_are_named_by_their_heads_and_sensors():
+    rig = head()
+    stations = RigState.of(rig, rig.poses(POSES[:3])).stations
+    own = [f"head {n}/{name}" for n in (1, 2, 3) for name in rig.names]
+    assert [each.name for each in stations] == own
+    given = tuple("abcdef")
+    assert [each.name for each in RigState.of(rig, rig.poses(POSES[:3]), given).stations] == [
+        *given
+    ]
+    poses = rig.poses(POSES[:3])[np.array([0, 2, 3])]  # a projector is missing
+    names = [each.name for each in RigState.of(rig, poses).stations]
+    assert names == list(names_of_poses(poses))
