@@ -312,8 +312,8 @@ def _write(
             shown = replace(network_of(evaluation, summary, title, own, names), level=options.level)
             of_drawn = None if parts is None else parts.of_poses(np.isin(some.ids, drawn.ids))
             sheet = _draw_poses(folder, shown, drawn, of_drawn, options, named, progress)
-            if rows := shown.features:
-                summary["features"] = list(map(asdict, rows))
+            if listed := shown.features:
+                summary["features"] = list(map(asdict, listed))
             more = shown.draw(lambda done, total: progress(n + done, n + total))
             _draw_network(folder, shown, summary, sheet, more, options)
     except KeyboardInterrupt:

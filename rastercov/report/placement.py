@@ -223,7 +223,7 @@ def _limits(checked: Checked | Placement) -> dict[str | None, float]:
 
 
 def _arm_of(placement: Placement | Checked) -> list[Volume]:
-    """What carries cameras, at its first stop."""
+    """Arm that carries cameras, at its first stop."""
     if not isinstance(placement, Placement) or (carried := placement.carried) is None:
         return []
     carrier, stops = placement.prepared.carrier, carried.table()[1][:1]
