@@ -266,23 +266,9 @@ def plan_sheet(
         noun=noun,
         cameras=entries,
         rooms=rooms,
-        layers={
-            word.upper(): [
-                _label(shapely.Point(each.pose[:2, 3]), shorten(each.name, 24), frame)
-                for kind, each in devices
-                if kind == word and each.has_position and frame.holds(each.pose[:2, 3])
-            ]
-            for word in equipment_words()
-        },
+        layers=_layers(devices, frame),
         dimensions=dimensions,
-        keep_out=[
-            *(_label(v.centroid, name, frame, above=1.8) for name, v in private.items()),
-            *(
-                _label(shapely.point_on_surface(part), each["name"] or "keep-out", frame)
-                for v, each in zip(volumes, site.keep_out, strict=True)
-                for part in _widest(v, frame)
-            ),
-        ],
+        keep_out=_zone_labels(private, volumes, site, frame),
         marks=marks,
         device_colour=OF_DEVICES,
         convention=_convention(site.north),
@@ -296,6 +282,35 @@ def plan_sheet(
         title_rows=[*_title_rows(evaluation, frame, title, views), *_goal_rows(goals)],
         project=shorten(title["project"], 44),
     )
+
+
+def _zone_labels(
+    private: Mapping[str, shapely.Geometry],
+    volumes: Sequence[shapely.Geometry],
+    site: SheetSite,
+    frame: SheetFrame,
+) -> list[ByName]:
+    """Names of what must not be seen, and of volumes without cameras, in their places."""
+    return [
+        *(_label(v.centroid, name, frame, above=1.8) for name, v in private.items()),
+        *(
+            _label(shapely.point_on_surface(part), each["name"] or "keep-out", frame)
+            for v, each in zip(volumes, site.keep_out, strict=True)
+            for part in _widest(v, frame)
+        ),
+    ]
+
+
+def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> dict[str, list[Any]]:
+    """Names of devices in their places, by layer."""
+    return {
+        word.upper(): [
+            _label(shapely.Point(each.pose[:2, 3]), shorten(each.name, 24), frame)
+            for kind, each in devices
+            if kind == word and each.has_position and frame.holds(each.pose[:2, 3])
+        ]
+        for word in equipment_words()
+    }
 
 
 def _paths(
