@@ -458,7 +458,7 @@ INLINE void write_bytes(Register<int64_t> values, void *to) {
 #else
     const auto apart = Register<uint64_t>(values) << BYTE_SHIFTS;
     uint64_t all = 0;
-    unroll<W>(EACH(k) { all |= apart[k]; });
+    unroll<W>(EACH(k) { all |= apart[int(k)]; });
     std::memcpy(to, &all, W);
 #endif
 }

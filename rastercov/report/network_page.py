@@ -375,7 +375,7 @@ class NetworkPage:
             tasks[f"zone_{row + 1}"] = partial(zone_close_up, zones, said, row, poses)
         for name in (each for each in OF_SENSORS if each in self.values):
             tasks[name] = partial(
-                mode_picture, name, self.mesh, self.values[name], poses, self.zones
+                mode_picture, name, self.mesh, self.values[name], poses, left=self.zones
             )
         if self.part is not None:
             tasks |= self.part.pictures

@@ -90,8 +90,8 @@ class NetworkOfBits(Network):
         assert isinstance(observer, SampledObserver)
         n_faces = self.mesh.n_faces
         criteria = FacePass(self.mesh, observer.camera, observer.threads, self.task).criteria()
-        bits = n_faces + BITS_OF_TARGET * int(self.mesh.target_mask.sum())
-        most = max(1, min(MOST_JUDGED, 8 * BYTES_JUDGED // bits))
+        n_bits = n_faces + BITS_OF_TARGET * int(self.mesh.target_mask.sum())
+        most = max(1, min(MOST_JUDGED, 8 * BYTES_JUDGED // n_bits))
         step, at = min(most, batch_size(n_faces, observer.threads)), 0
         while at < max(1, len(poses)):
             batch, began = poses[at : at + step], time.perf_counter()

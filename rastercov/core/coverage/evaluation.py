@@ -172,8 +172,8 @@ class KeptCounts:
     def add(self, batch: FaceCounts) -> None:
         """Keep the counts of further poses."""
         if self.names:
-            counts = {name: as_small(getattr(batch, name)) for name in ("visible", "drawn")}
-            self._batches.append(replace(batch, **counts))
+            drawn = None if batch.drawn is None else as_small(batch.drawn)
+            self._batches.append(replace(batch, visible=as_small(batch.visible), drawn=drawn))
 
     def fill(self, judge: FacePass, poses: Poses, figures: Mapping[str, AnyArray]) -> None:
         """Fill (P, F) arrays with the figures of the poses that were added."""

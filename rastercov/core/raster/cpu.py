@@ -127,11 +127,14 @@ class InLoops(Rasterizer):
         filled = np.empty(n_poses, np.int64)
         count = self._drawing.count if kind == np.int32 else self._drawing.count_long
         seen = np.zeros((2, n_poses, len(targets.rows) if targets else 0), np.int64)
+        visible_of, drawn_of = seen
         near, cull, clipped = limits(self.mesh, self.camera, poses)
         for number, (canvases, looks) in enumerate(self._draw(poses, near, cull)):
             count(canvases, looks, (visible, alone, filled, number > 0), n_parts, threads)
             if targets:
-                self._drawing.count_targets(canvases, looks, targets.corners, *seen, threads)
+                self._drawing.count_targets(
+                    canvases, looks, targets.corners, visible_of, drawn_of, threads
+                )
         if self.camera.is_curved:  # some do not count
             filled = visible.sum(axis=1, dtype=np.int64)
         background = grid.n_samples - filled
@@ -158,9 +161,9 @@ class InLoops(Rasterizer):
         judged = dense, scene, rules, area_units(mesh), float(self.supersample**2)
         of_targets = NO_TARGETS
         if targets := self._targets:
-            seen = np.zeros((2, len(poses), len(targets.rows)), np.int64)
-            self._drawing.count_targets(*shown, targets.corners, *seen, self._threads)
-            of_targets = targets.rows, targets.opaque, *seen
+            visible, drawn = np.zeros((2, len(poses), len(targets.rows)), np.int64)
+            self._drawing.count_targets(*shown, targets.corners, visible, drawn, self._threads)
+            of_targets = targets.rows, targets.opaque, visible, drawn
         words = room_for_bits(len(poses), mesh.n_faces)
         found = words, np.empty(len(poses), np.int64), np.zeros(mesh.n_faces, np.int64)
         self._drawing.judge(
