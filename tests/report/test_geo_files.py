@@ -3,6 +3,7 @@
 import io
 import json
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -181,9 +182,15 @@ def test_areas_of_dxf_by_its_codes_are_the_exact_ones(layer):
     assert areas == pytest.approx(layer.found.area_m2, rel=near)
 
 
-def test_geopackage_is_that_of_the_standard(layer, tmp_path):
+@pytest.fixture
+def base(layer, tmp_path):
+    """A GeoPackage as a database."""
     (tmp_path / "f.gpkg").write_bytes(FORMATS[".gpkg"](layer))
-    base = sqlite3.connect(tmp_path / "f.gpkg")
+    with closing(sqlite3.connect(tmp_path / "f.gpkg")) as opened:
+        yield opened
+
+
+def test_geopackage_is_that_of_the_standard(layer, base):
     assert base.execute("PRAGMA application_id").fetchone() == (0x47504B47,)
     assert base.execute("PRAGMA integrity_check").fetchone() == ("ok",)
     assert base.execute("PRAGMA foreign_key_check").fetchall() == []
