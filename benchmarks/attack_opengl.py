@@ -36,7 +36,7 @@ SCENES_AT_FULL, CAMERAS_AT_FULL, ROUNDS_AT_FULL = 500, 150, 300
 FEW_ROUNDS = 150
 SCENES_OF_A_KIND = 17
 ATOMICS = {32: "", 64: "+GL_NV_shader_atomic_int64"}
-"""Bits, and by what Mesa is told to have them."""
+"""Bits, and the name by which Mesa has them."""
 
 
 def wrong_on_overlaps(seed: int, context: HeadlessContext) -> dict[str, int]:

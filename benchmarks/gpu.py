@@ -98,7 +98,7 @@ class Run:
         self._ends = time.perf_counter() + SECONDS
 
     def has_time(self, seconds: float, what: str) -> bool:
-        """True if this much time is left; else what is left out is named."""
+        """True if this much time is left; else the part that is left out is named."""
         if self.quick or time.perf_counter() + seconds < self._ends:
             return True
         self.report.add(f"left out, for lack of time: {what}", 0.0, "")

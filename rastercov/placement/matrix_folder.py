@@ -21,7 +21,7 @@ import secrets
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, NamedTuple, Self
@@ -66,7 +66,7 @@ from rastercov.core.coverage.shard_inputs import (
     read_poses,
     write_inputs,
 )
-from rastercov.core.coverage.shards import PAIRS_OF_COUNTS, hash_of, inputs_of
+from rastercov.core.coverage.shards import PAIRS_OF_COUNTS, hash_of, info_of, inputs_of
 from rastercov.core.coverage.task import Task
 from rastercov.core.raster.bits import room_for_bits
 from rastercov.placement.bits import CoveredBits, n_words
@@ -692,7 +692,7 @@ def _open_shards(folder: Path, scene: Inputs) -> Callable[[int | None, IntArray]
         if made_on is not None:
             observer = region_observer(observer, made_on, task)
             opened.callback(observer.close)
-        if asdict(observer.info) != header["measured_by"]:
+        if info_of(observer) != header["measured_by"]:
             raise ConfigError(
                 f"{folder}: expected a worker with {header['measured_by']['renderer']}, as the "
                 f"run, got {observer.info.renderer}; use the same versions and devices"

@@ -505,7 +505,7 @@ def test_pages_map_the_uncertainty(tmp_path):
     result = rc.evaluate(mesh, rig, both, by="area", fields=())
     own = network_of(result, result.summary()).values["uncertainty"]
     painted = mode.paint(mesh, own)
-    assert painted.scale["unit"] == "um"
+    assert painted.scale["unit"] == "mm"
     assert painted.scale["is_log"]
     is_measured = painted.levels >= FIRST
     assert np.array_equal(is_measured, result.covered.area[0] > 0)

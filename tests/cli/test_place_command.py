@@ -347,7 +347,7 @@ def test_an_interrupt_in_the_cavities_keeps_the_matrix(capsys, monkeypatch):
     assert not Path("plan/plan.json").exists()
 
 
-@pytest.mark.parametrize("step", ["measure_network", "find_uncovered"])
+@pytest.mark.parametrize("step", ["measure_rig", "find_uncovered"])
 def test_an_interrupt_of_check_writes_nothing(capsys, monkeypatch, step):
     line, step = f"{CHECK} --junit out.xml", f"rastercov.placement.plan.check.{step}"
     stop = stopped(capsys, monkeypatch, step, KeyboardInterrupt(), line)

@@ -12,7 +12,10 @@ from rastercov import cli
 from rastercov.base.features import FEATURES
 from rastercov.cli.console import COMMANDS, IN_MODULE, LazyCommand
 
-HEAVY = ("matplotlib", "jinja2", "trimesh", "scipy.spatial", "rastercov.placement", "dask")
+OF_PLANS = tuple(
+    f"rastercov.placement.{name}" for name in ("plan", "select", "candidates", "matrix")
+)
+HEAVY = ("matplotlib", "jinja2", "trimesh", "scipy.spatial", *OF_PLANS, "dask")
 
 
 def loaded_after(*arguments):
@@ -61,7 +64,7 @@ def test_a_report_loads_no_heavy_package_that_it_does_not_need(tmp_path, by):
 def test_a_check_loads_nothing_of_what_others_draw_and_write():
     plans = Path(__file__).parents[2] / "examples" / "plans"
     modules = loaded_after("check", str(plans / "audit_rig.toml"), "-p", str(plans / "rig.json"))
-    others = {*HEAVY, "pyarrow", "moderngl", "shapely", "scipy", "yaml"} - {"rastercov.placement"}
+    others = {*HEAVY, "pyarrow", "moderngl", "shapely", "scipy", "yaml"} - {*OF_PLANS}
     assert not {name for name in modules if name.startswith(tuple(others))}
 
 

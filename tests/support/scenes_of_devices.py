@@ -1,7 +1,7 @@
 """Random and hostile scenes on which a device is compared with the CPU: counts, images, bits.
 
 `python scenes_of_devices.py DEVICE N SEED` compares N scenes of each kind and prints, in a line of
-JSON, what it found: by it a process of its own can be told what Mesa offers.
+JSON, what it found: a process of its own can have other extensions of Mesa.
 """
 
 import json
@@ -198,7 +198,7 @@ FOUND = ("scenes", "samples", "wrong", "pairs", "covered", "wrong_bits")
 
 
 def compare_scene(device, kind, k, seed):
-    """What is found on the k-th scene of a kind: counts, and bits by three random tasks."""
+    """Findings on the k-th scene of a kind: counts, and bits by three random tasks."""
     rng = np.random.default_rng((seed, sorted(KINDS).index(kind), k))
     mesh, camera, poses, options = KINDS[kind](rng)
     found = dict.fromkeys(FOUND, 0) | {"scenes": 1}
@@ -213,7 +213,7 @@ def compare_scene(device, kind, k, seed):
 
 
 def compare_kind(device, kind, n, seed):
-    """What is found on n scenes of a kind."""
+    """Findings on n scenes of a kind."""
     each = [compare_scene(device, kind, k, seed) for k in range(n)]
     return {name: sum(one[name] for one in each) for name in FOUND}
 

@@ -108,7 +108,7 @@ def test_no_page_is_wider_than_a_phone(page, folder, phone):
     assert wide <= room == 390, those
 
 
-@pytest.mark.slow
+@pytest.mark.every_day
 def test_the_viewer_is_no_wider_than_a_phone_and_its_controls_have_names(phone, program):
     tab = Tab(phone, program.url)
     wide, room, those = tab.page.evaluate(WIDE)

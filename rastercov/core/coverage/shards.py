@@ -298,6 +298,12 @@ def header_of(observer: Observer, poses: Poses, task: Task, wanted: Wanted) -> B
     }
 
 
+def info_of(observer: Observer) -> ByName:
+    """Method and device of shards, ready for JSON; of OpenGL without the number of the device."""
+    info = observer.info
+    return asdict(replace(info, device="") if info.backend == "gl" else info)
+
+
 def inputs_of(
     observer: Observer, poses: Poses, task: Task, n_elements: int, pairs_a_shard: int
 ) -> ByName:
@@ -315,7 +321,7 @@ def inputs_of(
         "camera": sha256(*cameras),
         "poses": hash_of(poses),
         "task": asdict(task),
-        "measured_by": asdict(replace(observer.info, device="")),
+        "measured_by": info_of(observer),
         "poses_a_shard": size,
     }
 
