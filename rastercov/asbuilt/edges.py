@@ -1,0 +1,173 @@
+"""Edges of a mesh that a photograph shows: borders, creases and silhouettes, as points on them.
+
+An edge is drawn where the surface ends (one face), where it is nonmanifold, where its two faces
+meet at more than `CREASE_DEG`, and where one faces the camera and the other does not. A point of it
+is visible where an image of depths holds nothing nearer around its pixel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rastercov.base import BoolArray, FloatArray, IntArray
+from rastercov.core.camera import Camera
+from rastercov.core.camera.projection import to_camera
+from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.topology import edge_table
+from rastercov.asbuilt.resection import pixels_of
+from rastercov.core.raster.contract import Rasterizer
+
+CREASE_DEG = 25.0
+"""Angle between the normals of two faces above which their edge is drawn, degrees."""
+MOST_POINTS = 6_000
+"""Most points of edges; of more, every nth."""
+DEPTH_SLACK = 2e-3
+"""Part of its depth by which a point may lie behind the nearest surface and still be visible."""
+
+
+@dataclass(frozen=True)
+class MeshEdges:
+    """Edges that can be drawn, each with the planes of its two faces.
+
+    Attributes
+    ----------
+    start, end : (E, 3) float64
+        World points, metres.
+    normals : (E, 2, 3) float64
+        Of the first two faces; twice the same where there is one.
+    is_drawn : (E,) bool
+        True of borders and creases, drawn from everywhere.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    normals: FloatArray
+    is_drawn: BoolArray
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> "MeshEdges":
+        """Edges of a mesh; those within a plane are left out, they are never drawn."""
+        table = edge_table(mesh.welded_faces, mesh.n_vertices)
+        first, n_uses = table.first, table.n_uses
+        faces = table.faces
+        pair = np.stack((faces[first], faces[first + (n_uses > 1)]), axis=1)
+        normals = mesh.normals[pair]
+        cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
+        is_drawn = (n_uses != 2) | (cosine < np.cos(np.radians(CREASE_DEG)))
+        kept = is_drawn | (cosine < 1 - 1e-9)
+        ends = mesh.vertices[table.vertices[kept].astype(np.int64)]
+        return cls(ends[:, 0], ends[:, 1], normals[kept], is_drawn[kept])
+
+
+@dataclass(frozen=True)
+class EdgePoints:
+    """Points of visible edges.
+
+    Attributes
+    ----------
+    points : (N, 3) float64
+        World points, metres.
+    tangents : (N, 3) float64
+        Unit vectors along their edges.
+    edge : (N,) int64
+        Number of the edge of each.
+    """
+
+    points: FloatArray
+    tangents: FloatArray
+    edge: IntArray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def take(self, rows: "IntArray | BoolArray | slice") -> "EdgePoints":
+        """Some of the points."""
+        return EdgePoints(self.points[rows], self.tangents[rows], self.edge[rows])
+
+
+def visible_points(
+    edges: MeshEdges, rasterizer: Rasterizer, pose: FloatArray, step: float
+) -> EdgePoints:
+    """Points of the edges that are visible in a pose, about `step` pixels apart.
+
+    The image of depths is that of the rasteriser's camera, whose pixels the step counts.
+    """
+    camera = rasterizer.camera
+    rows = np.flatnonzero(edges.is_drawn | _is_silhouette(edges, camera, pose))
+    local = to_camera(np.stack((edges.start[rows], edges.end[rows])), pose)
+    low, high = _part_in_front(local, camera)
+    count, starts = _counts(local, low, high, camera, step)
+    owner = np.repeat(np.arange(len(rows)), count)
+    place = np.arange(len(owner)) - starts[owner] + 0.5
+    share = low[owner] + (high - low)[owner] * place / count[owner]
+    start, end = edges.start[rows[owner]], edges.end[rows[owner]]
+    points = start + share[:, None] * (end - start)
+    length = np.linalg.norm(end - start, axis=1, keepdims=True)
+    tangents = (end - start) / np.maximum(length, 1e-300)
+    every = max(1, -(-len(points) // (4 * MOST_POINTS)))
+    found = EdgePoints(points, tangents, rows[owner]).take(slice(None, None, every))
+    found = found.take(_is_visible(found.points, rasterizer, pose))
+    return found.take(slice(None, None, max(1, -(-len(found) // MOST_POINTS))))
+
+
+def _is_silhouette(edges: MeshEdges, camera: Camera, pose: FloatArray) -> BoolArray:
+    """True where one face of an edge faces the camera and the other does not."""
+    axis = np.broadcast_to(-pose[:3, 2], edges.start.shape)
+    towards = axis if camera.is_parallel else pose[:3, 3] - edges.start
+    faces = np.einsum("ei,eki->ek", towards, edges.normals) > 0
+    return np.asarray(faces[:, 0] != faces[:, 1])
+
+
+def _part_in_front(local: FloatArray, camera: Camera) -> tuple[FloatArray, FloatArray]:
+    """Part of each edge, 0 to 1, that is in front of a camera with an ideal plane; whole else."""
+    n = local.shape[1]
+    low, high = np.zeros(n), np.ones(n)
+    if not camera.is_pinhole or camera.is_parallel:
+        return low, high
+    nearest = max(camera.near, 1e-4 * float(np.abs(local[..., 2]).max(initial=1e-9)))
+    first, last = local[0, :, 2] - nearest, local[1, :, 2] - nearest
+    with np.errstate(all="ignore"):
+        crossing = first / (first - last)
+    low = np.where(first < 0, crossing, low)
+    high = np.where(last < 0, crossing, high)
+    high = np.where((first < 0) & (last < 0), low, high)
+    return np.nan_to_num(low), np.nan_to_num(high)
+
+
+def _counts(
+    local: FloatArray, low: FloatArray, high: FloatArray, camera: Camera, step: float
+) -> tuple[IntArray, IntArray]:
+    """Points of each edge, by the length of its image, and the number of the first of each."""
+    parts = [low + (high - low) * share for share in (0.0, 0.5, 1.0)]
+    places = np.stack([local[0] + part[:, None] * (local[1] - local[0]) for part in parts])
+    pixels = pixels_of(places, camera, np.eye(4))
+    limits = np.array((camera.width, camera.height))
+    middle = np.clip(np.nan_to_num(pixels, nan=-1e6), -limits, 2 * limits)
+    length = np.linalg.norm(np.diff(middle, axis=0), axis=2).sum(axis=0)
+    count = np.where(high > low, np.ceil(length / step), 0).astype(np.int64)
+    return count, np.cumsum(count) - count
+
+
+def _is_visible(points: FloatArray, rasterizer: Rasterizer, pose: FloatArray) -> BoolArray:
+    """True of points within the image before which an image of depths has nothing nearer."""
+    camera = rasterizer.camera
+    depth = rasterizer.render(pose).depth
+    padded = np.pad(depth, 1, mode="edge")
+    around = [padded[i : i + depth.shape[0], j : j + depth.shape[1]] for i in range(3) for j in range(3)]
+    farthest = np.max(around, axis=0)
+    pixels = pixels_of(points, camera, pose)
+    with np.errstate(invalid="ignore"):
+        inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
+    cell = np.where(inside[:, None], pixels, 0).astype(np.int64)
+    local = to_camera(points, pose)
+    own = local[:, 2] if _has_planar_depth(camera) else np.linalg.norm(local, axis=1)
+    return inside & (own <= farthest[cell[:, 1], cell[:, 0]] * (1 + DEPTH_SLACK))
+
+
+def _has_planar_depth(camera: Camera) -> bool:
+    """True where depth is z: not of lenses too wide for one ideal plane."""
+    if not camera.is_curved:
+        return True
+    from rastercov.core.camera.lenses.of_camera import planes_of
+
+    return len(planes_of(camera)) == 1

@@ -1,0 +1,387 @@
+"""The pose of an installed camera from one photograph: `rastercov.locate`."""
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rastercov.asbuilt import alignment, resection
+from rastercov.asbuilt.alignment import Aligner, Basin, Optimum
+from rastercov.asbuilt.photograph import brightness, read_photograph
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    InOneLine,
+    StrPath,
+    UnreadableError,
+    frozen_record,
+    plural,
+)
+from rastercov.core.camera import Camera, valid_poses
+from rastercov.core.camera.projection import to_camera
+from rastercov.core.mesh import Mesh
+
+BASIN = Basin(math.radians(4), 0.06)
+"""How far from the plan edges are looked for."""
+LEAST_PAIRS = 4
+"""Pairs of a pixel and a point below which there is no pose."""
+LEAST_RIGHT = 0.6
+"""Share of the pairs that must agree."""
+RIVAL = 2.0
+"""Standard deviations by which the second best optimum must be worse."""
+LEAST_Z = 8.0
+"""Deviations above chance that edges must agree."""
+LEAST_EXPLAINED = 0.4
+"""Share of the predicted edges that the photograph must show."""
+MOST_SPREAD = 0.7
+"""Largest standard deviation of a pixel by edges alone, px."""
+MOST_SPREAD_OF_POINTS = 0.01
+"""Largest standard deviation of a pixel by points, as a share of the image's width."""
+POINTS = "u", "v", "x", "y", "z"
+"""Columns of a file of points."""
+CLICK = "click at least four points of the model (--points), eight are better"
+
+
+@frozen_record(repr=False)
+class Located(InOneLine):
+    """Pose of a camera as built.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        world_from_camera, the best found; that of the plan where none was.
+    covariance : (6, 6) float64
+        Of a small rotation (radians) and translation (metres) in camera axes, which multiply the
+        pose from the right; inf where nothing is known.
+    residuals : (N, 2) float64
+        Reprojection errors of the pairs of points, px; (0, 2) by edges alone.
+    is_inlier : (N,) bool
+        Pairs that agree with the pose.
+    accepted : bool
+        True where the pose is believed.
+    why : str
+        Why not; "" if it is.
+    poses : (K, 4, 4) float64
+        All optima, best first.
+    spread : float
+        Largest standard deviation of the pixel of a visible point of the model, px.
+    explained : float
+        Share of the predicted edges that the photograph shows; NaN by points alone.
+    near : (4, 4) float64 or None
+        Pose of the plan.
+    distance : float
+        Typical distance of the surface from the camera, metres.
+    """
+
+    pose: FloatArray
+    covariance: FloatArray
+    residuals: FloatArray
+    is_inlier: BoolArray
+    accepted: bool
+    why: str
+    poses: FloatArray
+    spread: float
+    explained: float
+    near: FloatArray | None
+    distance: float
+
+    @property
+    def moved(self) -> float:
+        """Distance of the camera from that of the plan, metres; NaN without one."""
+        if self.near is None:
+            return math.nan
+        return float(np.linalg.norm(self.pose[:3, 3] - self.near[:3, 3]))
+
+    @property
+    def turned_deg(self) -> float:
+        """Angle between the axes of the camera and of the plan's, degrees; NaN without a plan."""
+        if self.near is None:
+            return math.nan
+        turn = resection.rotation_vector(self.near[:3, :3].T @ self.pose[:3, :3])
+        return math.degrees(float(np.linalg.norm(turn)))
+
+    @property
+    def deviations(self) -> tuple[float, float]:
+        """Standard deviations of the place, metres, and of the direction, degrees."""
+        variances = np.diag(self.covariance)
+        place, turn = float(variances[3:].sum()), float(variances[:3].sum())
+        return math.sqrt(place), math.degrees(math.sqrt(turn))
+
+    def to_plan_deg(self) -> tuple[float, float, float]:
+        """Turns that bring the camera's axes back to the plan's: right, up, clockwise, degrees."""
+        if self.near is None:
+            return math.nan, math.nan, math.nan
+        back = self.pose[:3, :3].T @ self.near[:3, :3]
+        ahead, right = back[:, 2], back[:, 0]
+        yaw = math.atan2(ahead[0], ahead[2])
+        pitch = math.atan2(-ahead[1], math.hypot(ahead[0], ahead[2]))
+        roll = math.atan2(right[1], right[0])
+        return math.degrees(yaw), math.degrees(pitch), math.degrees(roll)
+
+    def words(self) -> str:
+        """The pose beside the plan in one line, or why there is none."""
+        if not self.accepted:
+            return f"undecided: {self.why}"
+        place, turn = self.deviations
+        found = f"± {_length(place)}, ± {turn:.2g} deg"
+        if self.near is None:
+            return f"found ({found})"
+        named = zip(("right", "up", "clockwise"), ("left", "down", "counter-clockwise"), strict=True)
+        turns = [
+            f"{abs(angle):.2g} deg {side[angle < 0]}"
+            for angle, side in zip(self.to_plan_deg(), named, strict=True)
+            if abs(angle) >= 0.05
+        ]
+        back = f": turn {', '.join(turns)}" if turns else ""
+        return f"moved {_length(self.moved)}, turned {self.turned_deg:.2g} deg ({found}){back}"
+
+    def to_json(self) -> ByName:
+        """The record of a file."""
+        place, turn = self.deviations
+        return {
+            "accepted": self.accepted,
+            "why": self.why,
+            "world_from_camera": self.pose.tolist(),
+            "covariance": np.where(np.isfinite(self.covariance), self.covariance, -1).tolist(),
+            "place_deviation_m": _finite(place),
+            "turn_deviation_deg": _finite(turn),
+            "pixel_deviation_px": _finite(self.spread),
+            "explained": _finite(self.explained),
+            "moved_m": _finite(self.moved),
+            "turned_deg": _finite(self.turned_deg),
+            "residuals_px": self.residuals.tolist(),
+            "is_inlier": self.is_inlier.tolist(),
+            "poses": self.poses.tolist(),
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _length(metres: float) -> str:
+    """A length in millimetres, or in metres from one on."""
+    return f"{metres:.3g} m" if metres >= 1 else f"{metres * 1000:.3g} mm"
+
+
+def locate(
+    mesh: Mesh,
+    camera: Camera,
+    photo: StrPath | ArrayLike,
+    near: ArrayLike | None = None,
+    points: StrPath | ArrayLike | None = None,
+    *,
+    pixel_error: float = 1.0,
+) -> Located:
+    """Pose from which a photograph of a mesh was taken.
+
+    With points the pose is that of least reprojection errors; without, that in which the edges of
+    the mesh lie on edges of the photograph, near the pose of the plan (within about 4 degrees and
+    6 % of the distance). It is `accepted` only where the photograph decides it.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    camera : Camera
+        Calibrated, of the size of the photograph.
+    photo : path or (H, W) or (H, W, 3) array_like
+        Picture file, or brightness or colours.
+    near : (4, 4) array_like, optional
+        Pose of the plan, world_from_camera. Needed without points, and for parallel rays.
+    points : path or (N, 5) array_like, optional
+        Pairs u, v, x, y, z: pixel from the top-left corner of the image, and point of the model in
+        metres; a CSV file with these columns.
+    pixel_error : float
+        Expected standard deviation of a coordinate of these pixels, px.
+
+    Raises
+    ------
+    ConfigError
+        For a picture of another size, fewer than four points, or no pose to begin with.
+
+    Examples
+    --------
+    >>> import numpy as np, rastercov as rc
+    >>> mesh = rc.shapes.box((0.2, 0.3, 0.1))
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=40)
+    >>> pose = rc.look_at((0.6, 0.5, 0.4), (0, 0, 0))[0]
+    >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
+    ...     photo = np.vstack([[0], mesh.normals @ [[0.3], [0.5], [0.8]] + 1])[rasterizer.render(pose).face + 1]
+    >>> planned = rc.look_at((0.605, 0.5, 0.4), (0, 0.002, 0))[0]
+    >>> found = rc.locate(mesh, camera, photo[..., 0], planned)
+    >>> found.accepted, round(found.moved * 1000)
+    (True, 5)
+    """
+    start = None if near is None else valid_poses(np.asarray(near, dtype=np.float64))[0]
+    pairs = None if points is None else read_points(points)
+    is_path = isinstance(photo, (str, Path))
+    grey = read_photograph(photo, camera) if is_path else brightness(photo, camera)
+    if pairs is not None:
+        return _by_points(mesh, camera, pairs, start, pixel_error)
+    if start is None:
+        raise ConfigError(
+            "expected a pose to begin with, or points, got neither; give near= or points="
+        )
+    return _by_edges(Aligner(mesh, camera, grey), start)
+
+
+def read_points(points: StrPath | ArrayLike) -> FloatArray:
+    """Pairs (N, 5) of pixels and points, of an array or a CSV file with columns u, v, x, y, z."""
+    if isinstance(points, (str, Path)):
+        pairs = _read_csv(Path(points))
+    else:
+        pairs = np.asarray(points, dtype=np.float64)
+    if pairs.ndim != 2 or pairs.shape[1] != len(POINTS) or not np.isfinite(pairs).all():
+        raise ConfigError(
+            f"expected points as (N, 5) finite numbers u, v, x, y, z, got {pairs.shape}"
+        )
+    if len(pairs) < LEAST_PAIRS:
+        raise ConfigError(
+            f"expected at least {LEAST_PAIRS} points, got {len(pairs)}; eight are better"
+        )
+    return pairs
+
+
+def _read_csv(path: Path) -> FloatArray:
+    """Pairs of a CSV file."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise UnreadableError(f"expected points in {path}, got: {error}") from error
+    missing = [name for name in POINTS if rows and name not in rows[0]]
+    if missing or not rows:
+        raise UnreadableError(
+            f"{path}: expected columns {', '.join(POINTS)} (px, m), got no {missing or 'rows'}"
+        )
+    try:
+        return np.array([[float(row[name]) for name in POINTS] for row in rows])
+    except (TypeError, ValueError) as error:
+        raise UnreadableError(f"{path}: expected numbers in every row, got: {error}") from error
+
+
+def _by_points(
+    mesh: Mesh, camera: Camera, pairs: FloatArray, near: FloatArray | None, sigma: float
+) -> Located:
+    """Pose by pairs of points."""
+    pixels, points = pairs[:, :2], pairs[:, 2:]
+    if near is None and camera.is_parallel:
+        raise ConfigError(
+            "expected the pose of the plan for a camera of parallel rays, got none; give near="
+        )
+    starts = resection.starts_of(points, pixels, camera, near, sigma)
+    optima = resection.fit(points, pixels, camera, starts, sigma)
+    if not optima:
+        return _nothing(len(pairs), near, "the points have no pose from which they are seen so")
+    best = optima[0]
+    spread = resection.spread_of(best.covariance, points, camera, best.pose)
+    return Located(
+        best.pose,
+        best.covariance,
+        best.residuals,
+        best.is_inlier,
+        not (why := _doubt_of_points(optima, camera, spread)),
+        why,
+        np.array([each.pose for each in optima]),
+        spread,
+        math.nan,
+        near,
+        float(np.linalg.norm(to_camera(points, best.pose), axis=1).mean()),
+    )
+
+
+def _nothing(n: int, near: FloatArray | None, why: str) -> Located:
+    """No pose was found."""
+    pose = np.eye(4) if near is None else near
+    return Located(
+        pose, np.full((6, 6), np.inf), np.full((n, 2), np.nan), np.zeros(n, bool), False, why,
+        np.empty((0, 4, 4)), math.inf, math.nan, near, math.nan,
+    )  # fmt: skip
+
+
+def _doubt_of_points(optima: Sequence[resection.Fit], camera: Camera, spread: float) -> str:
+    """Why a pose by points is not believed; "" if it is."""
+    best = optima[0]
+    right, n = int(best.is_inlier.sum()), len(best.is_inlier)
+    wrong = [str(row + 1) for row in np.flatnonzero(~best.is_inlier).tolist()]
+    if right < LEAST_PAIRS or right < LEAST_RIGHT * n:
+        return f"only {right} of {plural(n, 'point')} agree with one pose; check {', '.join(wrong)}"
+    if not spread <= MOST_SPREAD_OF_POINTS * camera.width:
+        return "the points do not fix the pose: they lie on a line, or too close together"
+    rivals = [
+        each for each in optima[1:] if each.is_inlier.sum() == right and each.cost - best.cost < RIVAL**2
+    ]
+    if rivals:
+        return f"{plural(len(rivals) + 1, 'pose')} explain the points as well; add points elsewhere"
+    return ""
+
+
+def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
+    """Pose by edges."""
+    optima, distance = aligner.find(near, BASIN)
+    if not optima:
+        return _nothing(0, near, f"the plan's pose shows too few edges of the model; {CLICK}")
+    best = optima[0]
+    why = _doubt_of_edges(optima, aligner.chance(best.pose, distance))
+    return Located(
+        best.pose,
+        best.covariance,
+        np.empty((0, 2)),
+        np.empty(0, dtype=bool),
+        not why,
+        why,
+        np.array([each.pose for each in optima]),
+        best.spread,
+        best.explained,
+        near,
+        distance,
+    )
+
+
+def _doubt_of_edges(optima: Sequence[Optimum], chance: alignment.Chance) -> str:
+    """Why a pose by edges is not believed; "" if it is."""
+    best = optima[0]
+    z = chance.z(best.score)
+    if z < LEAST_Z or best.score <= chance.largest:
+        return f"its edges agree with the photograph hardly better than displaced ones; {CLICK}"
+    if best.explained < LEAST_EXPLAINED:
+        return f"the photograph shows {best.explained:.0%} of its edges; {CLICK}"
+    rivals = [each for each in optima[1:] if z - chance.z(each.score) < RIVAL]
+    if rivals:
+        return f"{plural(len(rivals) + 1, 'pose')} agree as well; {CLICK}"
+    if not best.spread <= MOST_SPREAD:
+        return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
+    return ""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Within what the installed camera counts as the planned one.
+
+    Attributes
+    ----------
+    place : float
+        Metres.
+    turn_deg : float
+        Degrees.
+    """
+
+    place: float
+    turn_deg: float
+
+    def verdict(self, found: Located) -> str:
+        """"as planned", "moved" or "undecided", by two standard deviations of the pose."""
+        if not found.accepted or found.near is None:
+            return "undecided"
+        place, turn = found.deviations
+        if found.moved - 2 * place > self.place or found.turned_deg - 2 * turn > self.turn_deg:
+            return "moved"
+        if found.moved + 2 * place < self.place and found.turned_deg + 2 * turn < self.turn_deg:
+            return "as planned"
+        return "undecided"

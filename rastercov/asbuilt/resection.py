@@ -1,0 +1,394 @@
+"""Resection: the pose of a camera from pixels of known points.
+
+The sum of Huber's function of the reprojection errors is minimised over rotation and translation
+(six parameters; five for parallel rays, whose pixels do not depend on the distance), by
+Levenberg's and Marquardt's steps with weights. It starts from the pose of the plan and from poses
+of three points each (P3P), whose consensus says which pairs are wrong.
+
+    minimise over p   sum_i rho(|u_i - project(p, x_i)| / sigma),   covariance = (J^T W J)^-1 sigma^2
+
+where sigma is the expected error of a pixel, or the larger one that the residuals show (a test of
+the variance at 1 %).
+
+J. A. Grunert. Das Pothenotische Problem in erweiterter Gestalt. 1841.
+P. J. Huber. Robust Estimation of a Location Parameter. 1964.
+M. A. Fischler, R. C. Bolles. Random Sample Consensus. 1981.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from rastercov.base import BoolArray, FloatArray
+from rastercov.core.camera import Camera
+from rastercov.core.camera.projection import rays_of, to_camera, to_image
+
+HUBER = 1.345
+"""Residual, in standard deviations, beyond which Huber's function is linear."""
+WRONG = 4.0
+"""Residual, in standard deviations, beyond which a pair counts as wrong."""
+STEPS = 60
+"""Most steps of an optimisation."""
+SETS = 300
+"""Most sets of three points from which poses are computed."""
+VARIANCE_QUANTILE = 2.326
+"""Of the normal distribution at 1 %, for the test of the variance."""
+
+Residuals = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """An optimum of a resection.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        world_from_camera.
+    covariance : (6, 6) float64
+        Of rotation (radians) and translation (metres), in camera axes; inf where nothing is known.
+    residuals : (N, 2) float64
+        Pixel found minus pixel given, px; NaN where the lens has no pixel for the point.
+    is_inlier : (N,) bool
+    cost : float
+        Sum of Huber's function, in units of sigma^2.
+    sigma : float
+        Standard deviation of a coordinate of a pixel, px.
+    """
+
+    pose: FloatArray
+    covariance: FloatArray
+    residuals: FloatArray
+    is_inlier: BoolArray
+    cost: float
+    sigma: float
+
+
+def displaced(pose: FloatArray, step: FloatArray) -> FloatArray:
+    """Pose after a rotation vector (3,), radians, and a translation (3,), metres, in camera axes."""
+    out = pose.copy()
+    out[:3, :3] = pose[:3, :3] @ rotation(step[:3])
+    out[:3, 3] = pose[:3, 3] + pose[:3, :3] @ step[3:]
+    return out
+
+
+def rotation(vector: FloatArray) -> FloatArray:
+    """Rotation matrix of a rotation vector, (3,) -> (3, 3), by Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
+
+
+def rotation_vector(matrix: FloatArray) -> FloatArray:
+    """Rotation vector of a rotation matrix, the inverse of `rotation`; of angles up to pi."""
+    axis = np.array(
+        (matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1])
+    )
+    sine = float(np.linalg.norm(axis)) / 2
+    cosine = (float(np.trace(matrix)) - 1) / 2
+    angle = float(np.arctan2(sine, cosine))
+    if sine > 1e-8:
+        return axis * (angle / (2 * sine))
+    if cosine > 0:
+        return axis / 2
+    column = (matrix + np.eye(3))[:, int(np.argmax(np.diag(matrix)))]
+    return np.asarray(column * (angle / np.linalg.norm(column)))
+
+
+def pixels_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatArray:
+    """Pixels (..., 2) of world points (..., 3); NaN behind a pinhole and outside a lens."""
+    local = to_camera(points, pose)
+    with np.errstate(all="ignore"):
+        pixels = to_image(local, camera)
+    if camera.is_pinhole and not camera.is_parallel:
+        pixels[local[..., 2] <= 0] = np.nan
+    return pixels
+
+
+def fit(
+    points: FloatArray, pixels: FloatArray, camera: Camera, starts: FloatArray, sigma: float
+) -> list[Fit]:
+    """Optima from several starts, best first, each once.
+
+    Parameters
+    ----------
+    points, pixels : (N, 3), (N, 2) float64
+        Pairs of points of the world, metres, and their pixels.
+    camera : Camera
+    starts : (S, 4, 4) float64
+        Poses to start from, world_from_camera.
+    sigma : float
+        Expected standard deviation of a coordinate of a pixel, px.
+    """
+    found = (_fit_from(points, pixels, camera, start, sigma) for start in starts)
+    optima: list[Fit] = []
+    for each in sorted((one for one in found if one is not None), key=_rank):
+        if all(distance(each.pose, other.pose, points) > 1e-4 for other in optima):
+            optima.append(each)
+    return optima
+
+
+def _rank(one: Fit) -> tuple[int, float]:
+    return -int(one.is_inlier.sum()), one.cost
+
+
+def distance(pose: FloatArray, other: FloatArray, points: FloatArray) -> float:
+    """Largest displacement of points (N, 3) between two poses, by their distance from the camera."""
+    local = to_camera(points, pose)
+    length = float(np.linalg.norm(local, axis=1).max())
+    return float(np.abs(local - to_camera(points, other)).max()) / length
+
+
+def _fit_from(
+    points: FloatArray, pixels: FloatArray, camera: Camera, start: FloatArray, sigma: float
+) -> Fit | None:
+    """Optimum of all pairs, and then of those that are not wrong; None where it has no pixels."""
+    is_inlier = np.ones(len(points), dtype=bool)
+    pose = start
+    for _ in range(4):
+        kept = np.flatnonzero(is_inlier)
+        pose = minimise(_residuals(points[kept], pixels[kept], camera), pose, sigma)
+        errors = pixels_of(points, camera, pose) - pixels
+        lengths = np.linalg.norm(errors, axis=1)
+        if not np.isfinite(lengths[kept]).all():
+            return None
+        now = lengths <= WRONG * sigma
+        if now.sum() < least_pairs(camera) or (now == is_inlier).all():
+            break
+        is_inlier = now
+    return _finish(points, pixels, camera, pose, is_inlier, sigma)
+
+
+def least_pairs(camera: Camera) -> int:
+    """Pairs below which nothing says whether a pose is right: one more than determine it."""
+    return 4
+
+
+def _finish(
+    points: FloatArray,
+    pixels: FloatArray,
+    camera: Camera,
+    pose: FloatArray,
+    is_inlier: BoolArray,
+    sigma: float,
+) -> Fit:
+    """Fit at an optimum, with its covariance."""
+    errors = pixels_of(points, camera, pose) - pixels
+    scaled = np.linalg.norm(errors, axis=1) / sigma
+    jacobian = jacobian_of(_residuals(points[is_inlier], pixels[is_inlier], camera), pose)
+    parameters = 5 if camera.is_parallel else 6
+    freedom = 2 * int(is_inlier.sum()) - parameters
+    variance = float((errors[is_inlier] ** 2).sum()) / max(freedom, 1)
+    found = sigma
+    if variance > sigma**2 * _variance_limit(freedom):
+        found = float(np.sqrt(variance))
+    return Fit(
+        pose,
+        covariance_of(jacobian, pose, points) * found**2,
+        errors,
+        is_inlier,
+        float(huber(np.nan_to_num(scaled, nan=np.inf)).sum()),
+        found,
+    )
+
+
+def _variance_limit(freedom: int) -> float:
+    """Variance, in units of the expected one, that chance exceeds in 1 %; Wilson and Hilferty."""
+    if freedom < 1:
+        return np.inf
+    part = 2 / (9 * freedom)
+    return float((1 - part + VARIANCE_QUANTILE * np.sqrt(part)) ** 3)
+
+
+def covariance_of(jacobian: FloatArray, pose: FloatArray, points: FloatArray) -> FloatArray:
+    """Inverse of J^T J, (6, 6), with inf in the directions that J does not determine.
+
+    Translations are scaled by the distance of the points first, so that ranks mean something.
+    """
+    length = float(np.linalg.norm(to_camera(points, pose), axis=1).mean())
+    scale = np.array((1, 1, 1, length, length, length))
+    _, values, axes = np.linalg.svd(jacobian * scale, full_matrices=False)
+    known = values > 1e-7 * values[0]
+    inverse = np.zeros(len(values))
+    inverse[known] = values[known] ** -2.0
+    out = (axes.T * inverse) @ axes
+    unknown = (axes[~known] ** 2).sum(axis=0) > 1e-9
+    out[unknown] = out[:, unknown] = 0
+    out[unknown, unknown] = np.inf
+    return np.asarray(out * np.outer(scale, scale))
+
+
+def spread_of(
+    covariance: FloatArray, points: FloatArray, camera: Camera, pose: FloatArray
+) -> float:
+    """Largest standard deviation, px, of the pixel of a point (N, 3) by the covariance of a pose."""
+    if not np.isfinite(covariance).all():
+        unknown = ~np.isfinite(np.diag(covariance))
+        covariance = np.where(np.isfinite(covariance), covariance, 0)
+        jacobian = jacobian_of(lambda at: pixels_of(points, camera, at), pose)
+        if np.abs(jacobian[:, unknown]).max(initial=0) > 1e-6:
+            return np.inf
+    else:
+        jacobian = jacobian_of(lambda at: pixels_of(points, camera, at), pose)
+    parts = jacobian.reshape(-1, 2, 6)
+    parts = parts[np.isfinite(parts).all(axis=(1, 2))]
+    squares = parts @ covariance @ parts.transpose(0, 2, 1)
+    return float(np.sqrt(max(np.linalg.eigvalsh(squares).max(initial=0), 0)))
+
+
+def huber(scaled: FloatArray) -> FloatArray:
+    """Huber's function of residuals in standard deviations, twice: their squares if small."""
+    return np.where(scaled <= HUBER, scaled**2, HUBER * (2 * scaled - HUBER))
+
+
+def _residuals(points: FloatArray, pixels: FloatArray, camera: Camera) -> Residuals:
+    """Reprojection errors (N, 2) as a function of the pose."""
+    return lambda pose: pixels_of(points, camera, pose) - pixels
+
+
+def jacobian_of(residuals: Residuals, pose: FloatArray) -> FloatArray:
+    """Derivatives (N * 2, 6) of residuals by steps of `displaced`, by central differences."""
+    columns = []
+    for k in range(6):
+        step = np.zeros(6)
+        step[k] = 1e-6
+        ahead, back = residuals(displaced(pose, step)), residuals(displaced(pose, -step))
+        columns.append((ahead - back).ravel() / 2e-6)
+    return np.stack(columns, axis=1)
+
+
+def minimise(residuals: Residuals, start: FloatArray, sigma: float) -> FloatArray:
+    """Pose at which the sum of Huber's function has a minimum, by weighted, damped steps."""
+    pose, damping = start, 1e-3
+    errors = residuals(pose)
+    cost = _cost(errors, sigma)
+    for _ in range(STEPS):
+        lengths = np.linalg.norm(errors, axis=1) / sigma
+        weights = np.repeat(np.minimum(1, HUBER / np.maximum(lengths, 1e-12)), 2)
+        jacobian = jacobian_of(residuals, pose)
+        if not np.isfinite(jacobian).all() or not np.isfinite(cost):
+            return pose
+        square = jacobian.T @ (jacobian * weights[:, None])
+        slope = jacobian.T @ (errors.ravel() * weights)
+        diagonal = np.diag(square) + 1e-12 * np.trace(square)
+        while damping < 1e12:
+            step = np.linalg.lstsq(square + damping * np.diag(diagonal), -slope, rcond=None)[0]
+            next_pose = displaced(pose, step)
+            next_errors = residuals(next_pose)
+            next_cost = _cost(next_errors, sigma)
+            if next_cost < cost:
+                break
+            damping *= 10
+        else:
+            return pose
+        gain = cost - next_cost
+        pose, errors, cost = next_pose, next_errors, next_cost
+        damping = max(damping / 10, 1e-9)
+        if gain <= 1e-12 * cost:
+            return pose
+    return pose
+
+
+def _cost(errors: FloatArray, sigma: float) -> float:
+    lengths = np.linalg.norm(errors, axis=1)
+    return float(huber(np.where(np.isfinite(lengths), lengths, np.inf) / sigma).sum())
+
+
+def starts_of(
+    points: FloatArray, pixels: FloatArray, camera: Camera, near: FloatArray | None, sigma: float
+) -> FloatArray:
+    """Poses to start from: that of the plan, and the best of sets of three pairs, (S, 4, 4).
+
+    Of parallel rays that of the plan alone.
+    """
+    found = [] if near is None else [near]
+    if camera.is_parallel:
+        return np.array(found).reshape(-1, 4, 4)
+    rays = rays_of(pixels, camera)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    usable = np.flatnonzero(np.isfinite(rays).all(axis=1))
+    poses = [pose for rows in _sets(usable) for pose in p3p(points[rows], rays[rows])]
+    if poses:
+        agreements = [_agreement(points, pixels, camera, pose, sigma) for pose in poses]
+        best = np.argsort(agreements, kind="stable")[:8]
+        found += [poses[row] for row in best.tolist()]
+    return np.array(found).reshape(-1, 4, 4)
+
+
+def _sets(usable: "np.typing.NDArray[np.intp]") -> Iterator["np.typing.NDArray[np.intp]"]:
+    """Sets of three rows: all, or `SETS` of them at random."""
+    n = len(usable)
+    if n * (n - 1) * (n - 2) // 6 <= SETS:
+        yield from (usable[list(rows)] for rows in combinations(range(n), 3))
+        return
+    rng = np.random.default_rng(0)
+    for _ in range(SETS):
+        yield rng.choice(usable, 3, replace=False)
+
+
+def _agreement(
+    points: FloatArray, pixels: FloatArray, camera: Camera, pose: FloatArray, sigma: float
+) -> float:
+    """Sum of the squares of residuals, each at most that of a wrong pair: MSAC's measure."""
+    errors = np.linalg.norm(pixels_of(points, camera, pose) - pixels, axis=1) / sigma
+    return float(np.minimum(np.nan_to_num(errors, nan=np.inf), 3 * WRONG).sum())
+
+
+def p3p(points: FloatArray, rays: FloatArray) -> list[FloatArray]:
+    """Poses, up to four, in which three points (3, 3) lie on three rays (3, 3) of unit length.
+
+    Grunert's quartic in the ratio of two distances; points on a line have none.
+    """
+    a, b, c = (float(np.linalg.norm(points[i] - points[j])) for i, j in ((1, 2), (0, 2), (0, 1)))
+    area = float(np.linalg.norm(np.cross(points[1] - points[0], points[2] - points[0])))
+    if area <= 1e-9 * max(a, b, c) ** 2:
+        return []
+    alpha, beta, gamma = (float(rays[i] @ rays[j]) for i, j in ((1, 2), (0, 2), (0, 1)))
+    aa, bb, cc = a * a, b * b, c * c
+    p, q, r = (aa - cc) / bb, (aa + cc) / bb, (bb - cc) / bb
+    s = (bb - aa) / bb
+    coefficients = (
+        (p - 1) ** 2 - 4 * cc / bb * alpha**2,
+        4 * (p * (1 - p) * beta - (1 - q) * alpha * gamma + 2 * cc / bb * alpha**2 * beta),
+        2 * (p**2 - 1 + 2 * p**2 * beta**2 + 2 * r * alpha**2 - 4 * q * alpha * beta * gamma)
+        + 4 * s * gamma**2,
+        4 * (-p * (1 + p) * beta + 2 * aa / bb * gamma**2 * beta - (1 - q) * alpha * gamma),
+        (1 + p) ** 2 - 4 * aa / bb * gamma**2,
+    )
+    found = []
+    for root in np.roots(coefficients):
+        v = float(root.real)
+        if abs(root.imag) > 1e-6 * max(1.0, abs(v)) or v <= 0:
+            continue
+        below = 1 + v * v - 2 * v * beta
+        under = 2 * (gamma - v * alpha)
+        if below <= 0 or abs(under) < 1e-12:
+            continue
+        u = ((p - 1) * v * v - 2 * p * beta * v + 1 + p) / under
+        if u <= 0:
+            continue
+        first = b / np.sqrt(below)
+        local = rays * (first * np.array((1.0, u, v)))[:, None]
+        found.append(aligned(local, points))
+    return found
+
+
+def aligned(local: FloatArray, points: FloatArray) -> FloatArray:
+    """Rigid transform (4, 4) that maps points (N, 3) in camera axes best onto the world's."""
+    middle, centre = local.mean(axis=0), points.mean(axis=0)
+    left, _, right = np.linalg.svd((points - centre).T @ (local - middle))
+    sign = np.sign(np.linalg.det(left @ right))
+    pose = np.eye(4)
+    pose[:3, :3] = (left * (1.0, 1.0, sign)) @ right
+    pose[:3, 3] = centre - pose[:3, :3] @ middle
+    return pose
+
+
+def without_outliers(one: Fit) -> Fit:
+    """Fit whose residuals of wrong pairs are left out."""
+    return replace(one, residuals=one.residuals[one.is_inlier])
