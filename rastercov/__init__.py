@@ -45,6 +45,7 @@ if _TYPE_CHECKING:
     from rastercov.sensors.laser import LaserLine as LaserLine
     from rastercov.motion.regions import MotionQuery as MotionQuery
     from rastercov.motion.over_time import OverTime as OverTime
+    from rastercov.asbuilt.located import Located as Located, locate as locate
     from rastercov.tolerances.sure import tolerance as tolerance
     from rastercov.core.area.table import Regions as Regions
     from rastercov.core.area.union import (
@@ -113,6 +114,7 @@ _NAMES = {
     "sensors.laser": "LaserLine",
     "motion.regions": "MotionQuery",
     "motion.over_time": "OverTime",
+    "asbuilt.located": "Located locate",
     "tolerances.sure": "tolerance",
     "core.area.table": "Regions",
     "core.area.union": "Covered RegionUnion unite",

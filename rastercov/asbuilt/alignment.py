@@ -151,7 +151,9 @@ class Aligner:
             moved = refine(level, self.camera, points, pose, 5.0)
             points = self.points_at(level, moved, 2.0)
             moved = refine(level, self.camera, points, moved, 3.0)
-            refined.append((float(self._scores(channels, level, points, [moved])[0]), moved, points))
+            refined.append(
+                (float(self._scores(channels, level, points, [moved])[0]), moved, points)
+            )
         refined.sort(key=lambda each: -each[0])
         best: list[FloatArray] = []
         for _, pose, points in refined:
@@ -266,7 +268,10 @@ class Matches:
         """The strongest edge within `reach` px of each point, nearer ones preferred."""
         pixels, normals = directions_of(level, camera, points, pose)
         usable = np.isfinite(normals).all(axis=1) & np.isfinite(pixels).all(axis=1)
-        pixels, normals = np.where(usable[:, None], pixels, -9), np.where(usable[:, None], normals, 0)
+        pixels, normals = (
+            np.where(usable[:, None], pixels, -9),
+            np.where(usable[:, None], normals, 0),
+        )
         n = int(np.ceil(reach * 2)) + 1
         offsets = np.arange(-n, n + 1) / 2
         across, down = level.gradient

@@ -153,7 +153,9 @@ def _is_visible(points: FloatArray, rasterizer: Rasterizer, pose: FloatArray) ->
     camera = rasterizer.camera
     depth = rasterizer.render(pose).depth
     padded = np.pad(depth, 1, mode="edge")
-    around = [padded[i : i + depth.shape[0], j : j + depth.shape[1]] for i in range(3) for j in range(3)]
+    around = [
+        padded[i : i + depth.shape[0], j : j + depth.shape[1]] for i in range(3) for j in range(3)
+    ]
     farthest = np.max(around, axis=0)
     pixels = pixels_of(points, camera, pose)
     with np.errstate(invalid="ignore"):

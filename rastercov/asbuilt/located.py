@@ -132,7 +132,9 @@ class Located(InOneLine):
         found = f"± {_length(place)}, ± {turn:.2g} deg"
         if self.near is None:
             return f"found ({found})"
-        named = zip(("right", "up", "clockwise"), ("left", "down", "counter-clockwise"), strict=True)
+        named = zip(
+            ("right", "up", "clockwise"), ("left", "down", "counter-clockwise"), strict=True
+        )
         turns = [
             f"{abs(angle):.2g} deg {side[angle < 0]}"
             for angle, side in zip(self.to_plan_deg(), named, strict=True)
@@ -315,7 +317,9 @@ def _doubt_of_points(optima: Sequence[resection.Fit], camera: Camera, spread: fl
     if not spread <= MOST_SPREAD_OF_POINTS * camera.width:
         return "the points do not fix the pose: they lie on a line, or too close together"
     rivals = [
-        each for each in optima[1:] if each.is_inlier.sum() == right and each.cost - best.cost < RIVAL**2
+        each
+        for each in optima[1:]
+        if each.is_inlier.sum() == right and each.cost - best.cost < RIVAL**2
     ]
     if rivals:
         return f"{plural(len(rivals) + 1, 'pose')} explain the points as well; add points elsewhere"
@@ -376,7 +380,7 @@ class Tolerance:
     turn_deg: float
 
     def verdict(self, found: Located) -> str:
-        """"as planned", "moved" or "undecided", by two standard deviations of the pose."""
+        """ "as planned", "moved" or "undecided", by two standard deviations of the pose."""
         if not found.accepted or found.near is None:
             return "undecided"
         place, turn = found.deviations

@@ -52,7 +52,9 @@ def check_size(name: str, size: tuple[int, int], camera: Camera) -> None:
     wanted = camera.width, camera.height
     if size == wanted:
         return
-    got = f"expected {name} of {wanted[0]} x {wanted[1]} px as its camera, got {size[0]} x {size[1]}"
+    got = (
+        f"expected {name} of {wanted[0]} x {wanted[1]} px as its camera, got {size[0]} x {size[1]}"
+    )
     scale = size[0] / wanted[0]
     if abs(size[1] / wanted[1] - scale) <= 0.51 / wanted[1]:
         raise ConfigError(

@@ -592,6 +592,7 @@ COMMANDS = {
     "view": "View a rig in the browser, move its cameras, and see what they cover.",
     "playground": "Write a page that computes without rastercov, for a mesh of its reader.",
     "serve": "Answer requests of another program, a line of JSON each.",
+    "locate": "Find the pose of an installed camera from a photograph, and what it covers now.",
     "sheet": "Draw a floor plan with cameras to scale: SVG, PDF or DXF.",
     "sun": "Compute sunlight hours and solar irradiation on faces, groups and storeys "
     "for a day or year.",

@@ -1,0 +1,1 @@
+"""Installed cameras: their poses from photographs, and what they cover now."""

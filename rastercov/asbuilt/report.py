@@ -1,0 +1,113 @@
+"""Report of installed cameras.
+
+locate.html     photographs under the edges of the plan and of the pose as built; what is lost
+locate.json     poses, covariances, verdicts
+poses.json      the rig as built, for `check`
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
+from rastercov.asbuilt.resection import pixels_of
+from rastercov.asbuilt.rig import AsBuilt, scene_of
+from rastercov.base import FloatArray, write_json, write_text
+from rastercov.core.camera import Camera
+from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.mesh import Mesh
+from rastercov.core.raster import open_rasterizer
+from rastercov.report.folder import ReportFolder, ReportKind
+from rastercov.report.pages import Picture, render
+from rastercov.report.printing import browser, write_page
+
+LOCATE = ReportKind(
+    "locate", re.compile(r"locate\.(html|pdf|json)|poses\.json"), last="locate.json"
+)
+PLANNED, BUILT = (230, 60, 40), (20, 150, 60)
+"""Colours of edges as planned and as built."""
+LARGEST = 1_200
+"""Longer side of a picture, px."""
+
+
+def write(made: Callable[[], AsBuilt], out: Path, *, pdf: bool) -> AsBuilt:
+    """Locate cameras and write the report, once the folder can be used."""
+    with ReportFolder(out, LOCATE) as folder:
+        if pdf:
+            browser()  # none fails before the work
+        result = made()
+        text = render(
+            "locate.html",
+            "rastercov.asbuilt",
+            title="Cameras as built",
+            heading="Cameras as built",
+            result=result,
+            told=result.to_json(),
+            pictures=[_picture(result, row) for row in result.found],
+            coverage=_coverage(result),
+            rows=[_row(result, row) for row in result.found],
+        )
+        write_page(folder, "locate", text, pdf=pdf)
+        placed = result.built.cameras.placed
+        names = result.built.plan.rig.names
+        cameras = [names[at] for at in placed.camera.tolist()] if len(names) > 1 else None
+        write_poses(folder.file("poses.json"), placed.world_from_camera, cameras)
+        write_json(folder.file("locate.json"), result.to_json())
+        folder.publish()
+    return result
+
+
+def _row(result: AsBuilt, row: int) -> list[object]:
+    """A camera of the table."""
+    found = result.found[row]
+    place, turn = found.deviations
+    right, up, clockwise = found.to_plan_deg()
+    known = found.accepted and found.near is not None
+    return [
+        result.planned.names[row],
+        result.verdicts[row],
+        f"{found.moved * 1000:.3g} ± {2 * place * 1000:.2g}" if known else "-",
+        f"{found.turned_deg:.3g} ± {2 * turn:.2g}" if known else "-",
+        f"{right:+.2f}, {up:+.2f}, {clockwise:+.2f}" if known else "-",
+    ]
+
+
+def _picture(result: AsBuilt, row: int) -> Picture:
+    """Photograph of a camera under its edges as planned and as built."""
+    mesh, poses, cameras = scene_of(result.planned)
+    found, camera = result.found[row], cameras[row]
+    scale = min(1.0, LARGEST / max(camera.width, camera.height))
+    with Image.open(result.photos[row]) as photo:
+        image = photo.convert("RGB")
+    if scale < 1:
+        image = image.resize((round(camera.width * scale), round(camera.height * scale)))
+    draw = ImageDraw.Draw(image)
+    _draw_edges(draw, mesh, camera.resized(scale), poses[row], PLANNED)
+    if found.accepted:
+        _draw_edges(draw, mesh, camera.resized(scale), found.pose, BUILT)
+    words = f"{result.planned.names[row]}: edges as planned in red, as built in green"
+    return Picture.of(words, image)
+
+
+def _draw_edges(
+    draw: ImageDraw.ImageDraw, mesh: Mesh, camera: Camera, pose: FloatArray, colour: tuple[int, ...]
+) -> None:
+    """Visible edges of a mesh as dots."""
+    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
+        points: EdgePoints = visible_points(MeshEdges.of(mesh), rasterizer, pose, 1.5)
+    pixels = pixels_of(points.points, camera, pose)
+    pixels = pixels[np.isfinite(pixels).all(axis=1)]
+    for x, y in pixels.tolist():
+        draw.ellipse((x - 1, y - 1, x + 1, y + 1), fill=colour)
+
+
+def _coverage(result: AsBuilt) -> list[tuple[str, str]]:
+    """Requirements, and the whole task, as planned and as built."""
+    planned, built = [
+        [each.words() for each in (*checked.requirements, checked.whole)]
+        for checked in (result.planned, result.built)
+    ]
+    return list(dict.fromkeys(zip(planned, built, strict=True)))

@@ -1,0 +1,192 @@
+"""A rig as built: photographs of its cameras, their poses, and what is covered now."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rastercov.asbuilt.located import Located, Tolerance, locate
+from rastercov.base import ByName, ConfigError, FloatArray, check_choice, plural, shown
+from rastercov.core.camera import Camera, Poses
+from rastercov.core.mesh import Mesh
+from rastercov.placement.plan import check as plan_check
+from rastercov.placement.plan.baseline import NOTHING
+from rastercov.placement.plan.check import Checked
+from rastercov.placement.plan.file import Plan
+
+PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
+"""Suffixes of photographs in a folder."""
+
+
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+WITHIN = re.compile(r"(\d+\.?\d*) *(mm|cm|m) *, *(\d+\.?\d*) *(?:deg|degrees|°)")
+"""A length and an angle."""
+
+
+@dataclass(frozen=True)
+class AsBuilt:
+    """A rig as built.
+
+    Attributes
+    ----------
+    planned, built : Checked
+        The rig of the plan, and that in which located cameras have their poses as built.
+    found : mapping of int to Located
+        By the row of the camera in the rig.
+    photos : mapping of int to Path
+    tolerance : Tolerance
+    """
+
+    planned: Checked
+    built: Checked
+    found: Mapping[int, Located]
+    photos: Mapping[int, Path]
+    tolerance: Tolerance
+
+    @property
+    def verdicts(self) -> dict[int, str]:
+        """ "as planned", "moved" or "undecided" of each located camera."""
+        return {row: self.tolerance.verdict(each) for row, each in self.found.items()}
+
+    @property
+    def status(self) -> int:
+        """0 where all located cameras are as planned, 1 where one has moved, otherwise 2."""
+        verdicts = set(self.verdicts.values())
+        if "moved" in verdicts:
+            return 1
+        return 2 if "undecided" in verdicts else 0
+
+    def lines(self) -> list[str]:
+        """The result in words: each camera, then what is lost."""
+        said = [
+            f"{self.planned.names[row]}: {verdict}; {self.found[row].words()}"
+            for row, verdict in self.verdicts.items()
+        ]
+        missing = len(self.planned.names) - len(self.found)
+        said += [f"no photograph of {plural(missing, 'camera')}"] if missing else []
+        against = self.built.against
+        return said + (against.losses() or ["nothing is lost"] if against else [])
+
+    def to_json(self) -> ByName:
+        """The record of `locate.json`."""
+        against = self.built.against
+        return {
+            "status": ("as planned", "moved", "undecided")[self.status],
+            "tolerance": {"place_m": self.tolerance.place, "turn_deg": self.tolerance.turn_deg},
+            "cameras": [
+                {
+                    "name": self.planned.names[row],
+                    "photo": self.photos[row].name,
+                    "verdict": self.verdicts[row],
+                    **each.to_json(),
+                }
+                for row, each in self.found.items()
+            ],
+            "requirements_planned": [each.words() for each in self.planned.requirements],
+            "requirements_as_built": [each.words() for each in self.built.requirements],
+            "lost": [] if against is None else against.losses(),
+        }
+
+
+def match_photographs(photo: Path, names: Sequence[str], camera: str | None) -> dict[int, Path]:
+    """Photograph of each camera, by its row: one file of one camera, or a folder by file names.
+
+    Raises
+    ------
+    ConfigError
+        For a file without a camera, a camera that the rig does not have, and a folder without a
+        photograph of a camera.
+    """
+    if photo.is_dir():
+        found = {
+            names.index(each.stem): each
+            for each in sorted(photo.iterdir())
+            if each.suffix.lower() in PICTURES and each.stem in names
+        }
+        if not found:
+            listed = ", ".join(f"{name}.jpg" for name in names[:3])
+            raise ConfigError(
+                f"{photo}: expected photographs named as cameras ({listed}, ...), got none"
+            )
+        return found
+    if camera is None:
+        if len(names) != 1:
+            raise ConfigError(
+                f"expected the camera of {photo.name} among {plural(len(names), 'camera')}, got "
+                "none; name it with --of"
+            )
+        return {0: photo}
+    if camera not in names and camera.isascii() and camera.isdigit():
+        if not 1 <= int(camera) <= len(names):
+            raise ConfigError(f"--of: expected 1 to {len(names)}, got {camera}")
+        return {int(camera) - 1: photo}
+    check_choice("--of", camera, names)
+    return {names.index(camera): photo}
+
+
+def locate_rig(
+    planned: Checked,
+    photos: Mapping[int, Path],
+    points: Path | None,
+    tolerance: Callable[[Located], Tolerance],
+    pixel_error: float = 1.0,
+) -> AsBuilt:
+    """Poses as built of the cameras of a checked rig, and the rig checked with them.
+
+    Cameras whose pose is undecided stay as planned.
+    """
+    if points is not None and len(photos) > 1:
+        raise ConfigError(f"expected one photograph for --points, got {len(photos)}")
+    mesh = planned.mesh if planned.scene is None else planned.scene
+    placed = planned.cameras.placed
+    poses = placed.world_from_camera.copy()
+    found = {}
+    for row, photo in photos.items():
+        camera = planned.plan.rig.cameras[int(placed.camera[row])]
+        found[row] = locate(mesh, camera, photo, poses[row], points, pixel_error=pixel_error)
+        if found[row].accepted:
+            poses[row] = found[row].pose
+    before = {**plan_check.record(planned), "file": "the plan", "tolerated": NOTHING}
+    built = plan_check.check(
+        planned.plan,
+        planned.poses_file,
+        plan_check.limits(planned.plan, None, {}, may_be_none=True),
+        planned.asked_views,
+        poses=Poses.of(poses, camera=placed.camera),
+        baseline=before,
+    )
+    first = next(iter(found.values()))
+    return AsBuilt(planned, built, found, photos, tolerance(first))
+
+
+def tolerance_of(plan: Plan, within: str | None) -> Callable[[Located], Tolerance]:
+    """Accepted deviation: that asked for, that of the plan, or 1 % of the distance and 1 degree."""
+    if within is not None:
+        given = _read_tolerance(within)
+        return lambda found: given
+    asked = getattr(plan.selection, "tolerance", None)
+    if asked is not None:
+        times = 1.0 if asked.distribution == "uniform" else 3.0
+        own = Tolerance(times * asked.position_mm / 1000, times * asked.angle_deg)
+        return lambda found: own
+    return lambda found: Tolerance(0.01 * found.distance, 1.0)
+
+
+def _read_tolerance(text: str) -> Tolerance:
+    """A length and an angle of a text such as "10 mm, 0.5 deg"."""
+    match = WITHIN.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError(
+            f'--within: expected a length and an angle, such as "10 mm, 0.5 deg", got {shown(text)}'
+        )
+    return Tolerance(float(match[1]) * METRES[match[2]], float(match[3]))
+
+
+def scene_of(checked: Checked) -> tuple[Mesh, FloatArray, list[Camera]]:
+    """Scene, poses and camera of each pose of a check."""
+    placed = checked.cameras.placed
+    cameras = [checked.plan.rig.cameras[row] for row in placed.camera.tolist()]
+    mesh = checked.mesh if checked.scene is None else checked.scene
+    return mesh, np.asarray(placed.world_from_camera), cameras
