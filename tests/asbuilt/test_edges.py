@@ -1,0 +1,95 @@
+"""Poses from edges of photographs that the rasteriser shades: found, or undecided, never wrong."""
+
+import numpy as np
+import pytest
+
+import rastercov as rc
+from rastercov.asbuilt import resection
+from rastercov.asbuilt.located import Tolerance
+
+CAMERA = rc.Camera.from_fov(480, 360, hfov_deg=50)
+
+
+def cell() -> rc.Mesh:
+    """Boxes on a floor, none like another."""
+    parts = [rc.shapes.box((3, 3, 0.1)).moved(translation=(0, 0, -0.05))]
+    rng = np.random.default_rng(4)
+    for _ in range(7):
+        size = rng.uniform(0.2, 0.6, 3)
+        place = (*rng.uniform(-1, 1, 2), size[2] / 2 + 0.01)
+        parts.append(rc.shapes.box(tuple(size)).moved(axis=(0, 0, 1), angle_deg=rng.uniform(0, 90), translation=place))
+    return rc.Mesh.joined(parts)
+
+
+MESH = cell()
+
+
+def photograph(mesh: rc.Mesh, pose: np.ndarray, seed: int) -> np.ndarray:
+    """Faces shaded by their normals, with noise."""
+    rng = np.random.default_rng(seed)
+    light = rng.normal(size=3)
+    shade = 0.55 + 0.4 * mesh.normals @ (light / np.linalg.norm(light))
+    with rc.open_rasterizer(mesh, CAMERA, "cpu", supersample=1) as rasterizer:
+        face = rasterizer.render(pose).face
+    grey = np.append(shade, 0.5)[face]
+    return np.clip(grey + rng.normal(size=grey.shape) * 0.03, 0, 1)
+
+
+def pose_of(seed: int) -> np.ndarray:
+    """Pose above the cell."""
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(0, 2 * np.pi)
+    eye = (3.2 * np.cos(angle), 3.2 * np.sin(angle), rng.uniform(1.5, 3))
+    return np.asarray(rc.look_at(eye, rng.normal(size=3) * 0.1)[0])
+
+
+def off(pose: np.ndarray, seed: int, degrees: float, share: float) -> np.ndarray:
+    """Pose turned, and moved by a share of the distance."""
+    rng = np.random.default_rng(seed)
+    turn, step = rng.normal(size=(2, 3))
+    turn *= np.radians(degrees) / np.linalg.norm(turn)
+    step *= share * 3.8 / np.linalg.norm(step)
+    return resection.displaced(pose, np.concatenate((turn, step)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_pose_is_found_or_undecided(seed: int) -> None:
+    true = pose_of(seed)
+    photo = photograph(MESH, true, seed)
+    found = rc.locate(MESH, CAMERA, photo, off(true, seed + 50, 1.0, 0.01))
+    points = MESH.vertices
+    apart = resection.pixels_of(points, CAMERA, found.pose) - resection.pixels_of(points, CAMERA, true)
+    assert found.accepted, found.why
+    assert np.nanmax(np.linalg.norm(apart, axis=1)) < 1
+    assert found.covariance.shape == (6, 6) and found.explained > 0.6
+
+
+def test_another_scene_is_undecided() -> None:
+    true = pose_of(0)
+    other = photograph(rc.shapes.teapot().moved(scale=10), np.asarray(rc.look_at((3, 1, 2), (0, 0, 0))[0]), 0)
+    noise = np.random.default_rng(0).random((CAMERA.height, CAMERA.width))
+    for photo in (other, noise, np.full_like(noise, 0.5)):
+        found = rc.locate(MESH, CAMERA, photo, true)
+        assert not found.accepted
+        assert "--points" in found.why
+
+
+def test_a_symmetric_part_has_several_poses() -> None:
+    mesh = rc.shapes.sphere(3).moved(scale=0.5)
+    pose = np.asarray(rc.look_at((0, 0.1, 2), (0, 0, 0))[0])
+    found = rc.locate(mesh, CAMERA, photograph(mesh, pose, 1), pose)
+    assert not found.accepted
+
+
+def test_what_moved_is_told_from_what_did_not() -> None:
+    tolerance = Tolerance(place=0.03, turn_deg=0.7)
+    for seed in (1, 2, 3):
+        plan = pose_of(seed)
+        same = rc.locate(MESH, CAMERA, photograph(MESH, plan, seed), plan)
+        assert tolerance.verdict(same) == "as planned", same
+        moved = rc.locate(MESH, CAMERA, photograph(MESH, off(plan, seed, 1.5, 0), seed), plan)
+        assert tolerance.verdict(moved) == "moved", moved
+        assert abs(moved.turned_deg - 1.5) < 0.1
+    turned = resection.displaced(plan, np.array((0, np.radians(1), 0, 0, 0, 0)))  # to the right
+    right, up, clockwise = rc.locate(MESH, CAMERA, photograph(MESH, turned, 1), plan).to_plan_deg()
+    assert abs(right + 1) < 0.1 and abs(up) < 0.1 and abs(clockwise) < 0.1
