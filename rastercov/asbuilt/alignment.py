@@ -14,14 +14,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rastercov.base import BoolArray, Float32Array, FloatArray
+from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
+from rastercov.asbuilt.photograph import DIRECTIONS, Level, pyramid, sample
+from rastercov.asbuilt.resection import displaced, pixels_of, spread_of
+from rastercov.base import BoolArray, Float32Array, FloatArray, IntArray
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
-from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
-from rastercov.asbuilt.photograph import DIRECTIONS, Level, pyramid, sample
-from rastercov.asbuilt.resection import displaced, pixels_of, spread_of
 
 COARSEST = 150
 """Longer side of the coarsest level, px."""
@@ -320,7 +320,7 @@ def refine(
     return pose
 
 
-def _weighted(matches: Matches, reach: float) -> tuple["np.typing.NDArray[np.intp]", FloatArray]:
+def _weighted(matches: Matches, reach: float) -> tuple[IntArray, FloatArray]:
     """Rows of matches that are used, and their weights."""
     limit = reach * 1.2
     inside = 1 - (matches.distance / limit) ** 2

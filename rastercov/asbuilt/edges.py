@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rastercov.asbuilt.resection import pixels_of
 from rastercov.base import BoolArray, FloatArray, IntArray
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import edge_table
-from rastercov.asbuilt.resection import pixels_of
 from rastercov.core.raster.contract import Rasterizer
 
 CREASE_DEG = 25.0

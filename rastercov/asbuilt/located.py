@@ -29,8 +29,6 @@ from rastercov.core.mesh import Mesh
 
 BASIN = Basin(math.radians(4), 0.06)
 """How far from the plan edges are looked for."""
-LEAST_PAIRS = 4
-"""Pairs of a pixel and a point below which there is no pose."""
 LEAST_RIGHT = 0.6
 """Share of the pairs that must agree."""
 RIVAL = 2.0
@@ -141,7 +139,9 @@ class Located(InOneLine):
             if abs(angle) >= 0.05
         ]
         back = f": turn {', '.join(turns)}" if turns else ""
-        return f"moved {_length(self.moved)}, turned {self.turned_deg:.2g} deg ({found}){back}"
+        return (
+            f"{_length(self.moved)} from the plan, turned {self.turned_deg:.2g} deg ({found}){back}"
+        )
 
     def to_json(self) -> ByName:
         """The record of a file."""
@@ -214,9 +214,10 @@ def locate(
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=40)
     >>> pose = rc.look_at((0.6, 0.5, 0.4), (0, 0, 0))[0]
     >>> with rc.open_rasterizer(mesh, camera, "cpu") as rasterizer:
-    ...     photo = np.vstack([[0], mesh.normals @ [[0.3], [0.5], [0.8]] + 1])[rasterizer.render(pose).face + 1]
+    ...     face = rasterizer.render(pose).face
+    >>> photo = np.append(mesh.normals @ (0.3, 0.5, 0.8) + 1, 0)[face]  # the last is background
     >>> planned = rc.look_at((0.605, 0.5, 0.4), (0, 0.002, 0))[0]
-    >>> found = rc.locate(mesh, camera, photo[..., 0], planned)
+    >>> found = rc.locate(mesh, camera, photo, planned)
     >>> found.accepted, round(found.moved * 1000)
     (True, 5)
     """
@@ -243,9 +244,9 @@ def read_points(points: StrPath | ArrayLike) -> FloatArray:
         raise ConfigError(
             f"expected points as (N, 5) finite numbers u, v, x, y, z, got {pairs.shape}"
         )
-    if len(pairs) < LEAST_PAIRS:
+    if len(pairs) < resection.LEAST_PAIRS:
         raise ConfigError(
-            f"expected at least {LEAST_PAIRS} points, got {len(pairs)}; eight are better"
+            f"expected at least {resection.LEAST_PAIRS} points, got {len(pairs)}; eight are better"
         )
     return pairs
 
@@ -312,7 +313,7 @@ def _doubt_of_points(optima: Sequence[resection.Fit], camera: Camera, spread: fl
     best = optima[0]
     right, n = int(best.is_inlier.sum()), len(best.is_inlier)
     wrong = [str(row + 1) for row in np.flatnonzero(~best.is_inlier).tolist()]
-    if right < LEAST_PAIRS or right < LEAST_RIGHT * n:
+    if right < resection.LEAST_PAIRS or right < LEAST_RIGHT * n:
         return f"only {right} of {plural(n, 'point')} agree with one pose; check {', '.join(wrong)}"
     if not spread <= MOST_SPREAD_OF_POINTS * camera.width:
         return "the points do not fix the pose: they lie on a line, or too close together"
@@ -380,7 +381,7 @@ class Tolerance:
     turn_deg: float
 
     def verdict(self, found: Located) -> str:
-        """ "as planned", "moved" or "undecided", by two standard deviations of the pose."""
+        """Verdict "as planned", "moved" or "undecided", by two standard deviations of the pose."""
         if not found.accepted or found.near is None:
             return "undecided"
         place, turn = found.deviations

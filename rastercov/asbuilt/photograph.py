@@ -92,7 +92,7 @@ class Level:
         return across / level, down / level
 
     def channels(self, reach: float) -> Float32Array:
-        """Strength of edges of each direction, (DIRECTIONS, H, W), in 0 to 1, blurred by `reach` px.
+        """Strength of edges of each direction, (DIRECTIONS, H, W), 0 to 1, blurred by `reach` px.
 
         Direction k has its normal at pi k / DIRECTIONS from +x.
         """

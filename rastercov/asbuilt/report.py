@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw
 from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
 from rastercov.asbuilt.resection import pixels_of
 from rastercov.asbuilt.rig import AsBuilt, scene_of
-from rastercov.base import FloatArray, write_json, write_text
+from rastercov.base import FloatArray, write_json
 from rastercov.core.camera import Camera
 from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.mesh import Mesh

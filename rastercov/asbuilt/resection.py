@@ -5,7 +5,9 @@ The sum of Huber's function of the reprojection errors is minimised over rotatio
 Levenberg's and Marquardt's steps with weights. It starts from the pose of the plan and from poses
 of three points each (P3P), whose consensus says which pairs are wrong.
 
-    minimise over p   sum_i rho(|u_i - project(p, x_i)| / sigma),   covariance = (J^T W J)^-1 sigma^2
+    minimise over p   sum_i rho(|u_i - project(p, x_i)| / sigma)
+
+    covariance of p   (J^T J)^-1 sigma^2
 
 where sigma is the expected error of a pixel, or the larger one that the residuals show (a test of
 the variance at 1 %).
@@ -16,12 +18,12 @@ M. A. Fischler, R. C. Bolles. Random Sample Consensus. 1981.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray
+from rastercov.base import BoolArray, FloatArray, IntArray
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import rays_of, to_camera, to_image
 
@@ -33,6 +35,8 @@ STEPS = 60
 """Most steps of an optimisation."""
 SETS = 300
 """Most sets of three points from which poses are computed."""
+LEAST_PAIRS = 4
+"""Pairs of a pixel and a point below which there is no pose: one more than determine it."""
 VARIANCE_QUANTILE = 2.326
 """Of the normal distribution at 1 %, for the test of the variance."""
 
@@ -67,7 +71,7 @@ class Fit:
 
 
 def displaced(pose: FloatArray, step: FloatArray) -> FloatArray:
-    """Pose after a rotation vector (3,), radians, and a translation (3,), metres, in camera axes."""
+    """Pose after a step (6,): rotation vector, radians, and translation, metres, in camera axes."""
     out = pose.copy()
     out[:3, :3] = pose[:3, :3] @ rotation(step[:3])
     out[:3, 3] = pose[:3, 3] + pose[:3, :3] @ step[3:]
@@ -138,7 +142,7 @@ def _rank(one: Fit) -> tuple[int, float]:
 
 
 def distance(pose: FloatArray, other: FloatArray, points: FloatArray) -> float:
-    """Largest displacement of points (N, 3) between two poses, by their distance from the camera."""
+    """Largest displacement of points (N, 3) between two poses, relative to their distance."""
     local = to_camera(points, pose)
     length = float(np.linalg.norm(local, axis=1).max())
     return float(np.abs(local - to_camera(points, other)).max()) / length
@@ -158,15 +162,10 @@ def _fit_from(
         if not np.isfinite(lengths[kept]).all():
             return None
         now = lengths <= WRONG * sigma
-        if now.sum() < least_pairs(camera) or (now == is_inlier).all():
+        if now.sum() < LEAST_PAIRS or (now == is_inlier).all():
             break
         is_inlier = now
     return _finish(points, pixels, camera, pose, is_inlier, sigma)
-
-
-def least_pairs(camera: Camera) -> int:
-    """Pairs below which nothing says whether a pose is right: one more than determine it."""
-    return 4
 
 
 def _finish(
@@ -226,7 +225,7 @@ def covariance_of(jacobian: FloatArray, pose: FloatArray, points: FloatArray) ->
 def spread_of(
     covariance: FloatArray, points: FloatArray, camera: Camera, pose: FloatArray
 ) -> float:
-    """Largest standard deviation, px, of the pixel of a point (N, 3) by the covariance of a pose."""
+    """Largest standard deviation of the pixels of points (N, 3) by the covariance of a pose, px."""
     if not np.isfinite(covariance).all():
         unknown = ~np.isfinite(np.diag(covariance))
         covariance = np.where(np.isfinite(covariance), covariance, 0)
@@ -320,7 +319,7 @@ def starts_of(
     return np.array(found).reshape(-1, 4, 4)
 
 
-def _sets(usable: "np.typing.NDArray[np.intp]") -> Iterator["np.typing.NDArray[np.intp]"]:
+def _sets(usable: IntArray) -> Iterator[IntArray]:
     """Sets of three rows: all, or `SETS` of them at random."""
     n = len(usable)
     if n * (n - 1) * (n - 2) // 6 <= SETS:
@@ -387,8 +386,3 @@ def aligned(local: FloatArray, points: FloatArray) -> FloatArray:
     pose[:3, :3] = (left * (1.0, 1.0, sign)) @ right
     pose[:3, 3] = centre - pose[:3, :3] @ middle
     return pose
-
-
-def without_outliers(one: Fit) -> Fit:
-    """Fit whose residuals of wrong pairs are left out."""
-    return replace(one, residuals=one.residuals[one.is_inlier])

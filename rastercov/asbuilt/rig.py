@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from rastercov.placement.plan import check as plan_check
 from rastercov.placement.plan.baseline import NOTHING
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.outcome import Case, cases
+from rastercov.placement.plan.product import demand_of
 
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Suffixes of photographs in a folder."""
@@ -37,6 +40,8 @@ class AsBuilt:
         By the row of the camera in the rig.
     photos : mapping of int to Path
     tolerance : Tolerance
+    notes : tuple of str
+        What could not be computed, and why.
     """
 
     planned: Checked
@@ -44,10 +49,11 @@ class AsBuilt:
     found: Mapping[int, Located]
     photos: Mapping[int, Path]
     tolerance: Tolerance
+    notes: tuple[str, ...] = ()
 
     @property
     def verdicts(self) -> dict[int, str]:
-        """ "as planned", "moved" or "undecided" of each located camera."""
+        """Verdict "as planned", "moved" or "undecided" of each located camera."""
         return {row: self.tolerance.verdict(each) for row, each in self.found.items()}
 
     @property
@@ -66,8 +72,22 @@ class AsBuilt:
         ]
         missing = len(self.planned.names) - len(self.found)
         said += [f"no photograph of {plural(missing, 'camera')}"] if missing else []
-        against = self.built.against
-        return said + (against.losses() or ["nothing is lost"] if against else [])
+        against, assured = self.built.against, self.built.assured
+        said += against.losses() or ["nothing is lost"] if against else []
+        said += assured.lines() if assured else []
+        return said + list(self.notes)
+
+    def cases(self) -> list[Case]:
+        """Each located camera, and requirements as built, for build servers."""
+        items = [
+            Case(
+                f"pose of {self.planned.names[row]}",
+                "" if verdict == "as planned" else verdict,
+                [self.found[row].words()],
+            )
+            for row, verdict in self.verdicts.items()
+        ]
+        return items + cases(self.built)
 
     def to_json(self) -> ByName:
         """The record of `locate.json`."""
@@ -87,6 +107,7 @@ class AsBuilt:
             "requirements_planned": [each.words() for each in self.planned.requirements],
             "requirements_as_built": [each.words() for each in self.built.requirements],
             "lost": [] if against is None else against.losses(),
+            **({"uncertain": self.built.assured.summary()} if self.built.assured else {}),
         }
 
 
@@ -148,17 +169,44 @@ def locate_rig(
         found[row] = locate(mesh, camera, photo, poses[row], points, pixel_error=pixel_error)
         if found[row].accepted:
             poses[row] = found[row].pose
+    built, notes = _check_built(planned, Poses.of(poses, camera=placed.camera), found)
+    first = next(iter(found.values()))
+    return AsBuilt(planned, built, found, photos, tolerance(first), notes)
+
+
+def _check_built(
+    planned: Checked, poses: Poses, found: Mapping[int, Located]
+) -> tuple[Checked, tuple[str, ...]]:
+    """A rig checked with its poses as built, under their uncertainty where that can be proved."""
     before = {**plan_check.record(planned), "file": "the plan", "tolerated": NOTHING}
-    built = plan_check.check(
+    made = partial(
+        plan_check.check,
         planned.plan,
         planned.poses_file,
         plan_check.limits(planned.plan, None, {}, may_be_none=True),
         planned.asked_views,
-        poses=Poses.of(poses, camera=placed.camera),
+        poses=poses,
         baseline=before,
     )
-    first = next(iter(found.values()))
-    return AsBuilt(planned, built, found, photos, tolerance(first))
+    if (errors := _errors_of(found)) is None:
+        return made(), ()
+    try:
+        return made(demand=demand_of("tolerance", errors)), ()
+    except ConfigError as error:
+        return made(), (f"coverage is that of the poses found, without their uncertainty: {error}",)
+
+
+def _errors_of(found: Mapping[int, Located]) -> str | None:
+    """Largest standard deviations of poses along and about any axis, as a text on tolerances."""
+    known = [each.covariance for each in found.values() if each.accepted]
+    known = [each for each in known if np.isfinite(each).all()]
+    if not known:
+        return None
+    turn, place = [
+        max(float(np.sqrt(np.linalg.eigvalsh(each[part, part]).max())) for each in known)
+        for part in (slice(3), slice(3, 6))
+    ]
+    return f"{place * 1000:.6f} mm, {np.degrees(turn):.6f} deg, normal"
 
 
 def tolerance_of(plan: Plan, within: str | None) -> Callable[[Located], Tolerance]:

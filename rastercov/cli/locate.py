@@ -52,6 +52,10 @@ def locate(
     out: Annotated[
         Path | None, out_option("Output folder for a page (locate.html) and the rig as built.")
     ] = None,
+    junit: Annotated[
+        Path | None,
+        Option(help="Write JUnit XML: one test per photograph, requirement and dead zone."),
+    ] = None,
     pdf: Pdf = False,
     as_json: AsJson = False,
 ) -> None:
@@ -63,10 +67,12 @@ def locate(
     """
     from rastercov.asbuilt.rig import AsBuilt, locate_rig, match_photographs, tolerance_of
     from rastercov.placement.plan import check as plan_check
+    from rastercov.placement.plan import outcome
     from rastercov.placement.plan.file import read_plan
 
     if pdf and out is None:
         raise ConfigError("--pdf: expected a folder for the page, got none; name it with --out")
+    outcome.refuse_other(junit, None)
     asked = read_plan(plan)
     accepted = tolerance_of(asked, within)
     eyes = read_rig(camera, Path(poses), conventions)
@@ -84,6 +90,7 @@ def locate(
         from rastercov.asbuilt.report import write  # with the first page only
 
         result = write(made, out, pdf=pdf)
+    outcome.write(junit, None, plan, result.cases())
     warn(*eyes.notes)
     if as_json:
         print(json.dumps(result.to_json(), indent=2))

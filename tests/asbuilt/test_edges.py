@@ -17,7 +17,11 @@ def cell() -> rc.Mesh:
     for _ in range(7):
         size = rng.uniform(0.2, 0.6, 3)
         place = (*rng.uniform(-1, 1, 2), size[2] / 2 + 0.01)
-        parts.append(rc.shapes.box(tuple(size)).moved(axis=(0, 0, 1), angle_deg=rng.uniform(0, 90), translation=place))
+        parts.append(
+            rc.shapes.box(tuple(size)).moved(
+                axis=(0, 0, 1), angle_deg=rng.uniform(0, 90), translation=place
+            )
+        )
     return rc.Mesh.joined(parts)
 
 
@@ -58,7 +62,9 @@ def test_a_pose_is_found_or_undecided(seed: int) -> None:
     photo = photograph(MESH, true, seed)
     found = rc.locate(MESH, CAMERA, photo, off(true, seed + 50, 1.0, 0.01))
     points = MESH.vertices
-    apart = resection.pixels_of(points, CAMERA, found.pose) - resection.pixels_of(points, CAMERA, true)
+    apart = resection.pixels_of(points, CAMERA, found.pose) - resection.pixels_of(
+        points, CAMERA, true
+    )
     assert found.accepted, found.why
     assert np.nanmax(np.linalg.norm(apart, axis=1)) < 1
     assert found.covariance.shape == (6, 6) and found.explained > 0.6
@@ -66,7 +72,9 @@ def test_a_pose_is_found_or_undecided(seed: int) -> None:
 
 def test_another_scene_is_undecided() -> None:
     true = pose_of(0)
-    other = photograph(rc.shapes.teapot().moved(scale=10), np.asarray(rc.look_at((3, 1, 2), (0, 0, 0))[0]), 0)
+    other = photograph(
+        rc.shapes.teapot().moved(scale=10), np.asarray(rc.look_at((3, 1, 2), (0, 0, 0))[0]), 0
+    )
     noise = np.random.default_rng(0).random((CAMERA.height, CAMERA.width))
     for photo in (other, noise, np.full_like(noise, 0.5)):
         found = rc.locate(MESH, CAMERA, photo, true)

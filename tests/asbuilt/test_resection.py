@@ -11,7 +11,9 @@ CAMERAS = {
     "distorted": rc.Camera(
         width=1280, height=960, fx=900, fy=910, model="opencv", distortion=(-0.2, 0.05, 1e-3, 0)
     ),
-    "fisheye": rc.Camera(width=1000, height=1000, fx=320, fy=320, model="opencv_fisheye", distortion=(0.01, 0, 0, 0)),
+    "fisheye": rc.Camera(
+        width=1000, height=1000, fx=320, fy=320, model="opencv_fisheye", distortion=(0.01, 0, 0, 0)
+    ),
 }
 
 
@@ -94,7 +96,10 @@ def test_a_plane_seen_from_afar_has_two_poses() -> None:
     square = 0.1 * np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)))
     pose = np.asarray(rc.look_at((100, 25, 150), (0, 0, 0))[0])
     pixels = resection.pixels_of(square, camera, pose)
-    found = located(camera, np.column_stack((pixels + 0.3 * np.random.default_rng(0).normal(size=(4, 2)), square)))
+    found = located(
+        camera,
+        np.column_stack((pixels + 0.3 * np.random.default_rng(0).normal(size=(4, 2)), square)),
+    )
     assert not found.accepted and len(found.poses) >= 2
     assert "explain the points as well" in found.why
 
