@@ -67,7 +67,8 @@ def test_a_pose_is_found_or_undecided(seed: int) -> None:
     )
     assert found.accepted, found.why
     assert np.nanmax(np.linalg.norm(apart, axis=1)) < 1
-    assert found.covariance.shape == (6, 6) and found.explained > 0.6
+    assert found.covariance.shape == (6, 6)
+    assert found.explained > 0.6
 
 
 def test_another_scene_is_undecided() -> None:
@@ -100,4 +101,6 @@ def test_what_moved_is_told_from_what_did_not() -> None:
         assert abs(moved.turned_deg - 1.5) < 0.1
     turned = resection.displaced(plan, np.array((0, np.radians(1), 0, 0, 0, 0)))  # to the right
     right, up, clockwise = rc.locate(MESH, CAMERA, photograph(MESH, turned, 1), plan).to_plan_deg()
-    assert abs(right + 1) < 0.1 and abs(up) < 0.1 and abs(clockwise) < 0.1
+    assert abs(right + 1) < 0.1
+    assert abs(up) < 0.1
+    assert abs(clockwise) < 0.1
