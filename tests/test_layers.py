@@ -24,6 +24,7 @@ SLICES = (
         "sensors",
         "tolerances",
         "survey",
+        "asbuilt",
         "building",
         "cluster",
         "gl",

@@ -20,10 +20,12 @@ from rastercov.base import (
     InOneLine,
     StrPath,
     UnreadableError,
+    finite_number,
     frozen_record,
     plural,
 )
-from rastercov.core.camera import Camera, valid_poses
+from rastercov.base.typed import typed
+from rastercov.core.camera import Camera, check_scene, valid_poses
 from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
 
@@ -172,6 +174,7 @@ def _length(metres: float) -> str:
     return f"{metres:.3g} m" if metres >= 1 else f"{metres * 1000:.3g} mm"
 
 
+@typed
 def locate(
     mesh: Mesh,
     camera: Camera,
@@ -221,6 +224,11 @@ def locate(
     >>> found.accepted, round(found.moved * 1000)
     (True, 5)
     """
+    check_scene(mesh, camera)
+    if not 0 < finite_number(pixel_error) < camera.width:
+        raise ConfigError(
+            f"expected pixel_error above 0 and below the width of the image, px, got {pixel_error}"
+        )
     start = None if near is None else valid_poses(np.asarray(near, dtype=np.float64))[0]
     pairs = None if points is None else read_points(points)
     is_path = isinstance(photo, (str, Path))
