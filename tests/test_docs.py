@@ -214,7 +214,7 @@ def test_pages_keep_to_the_time_of_their_reader():
     assert {page: count for page, count in prose.items() if count > 1000} == {}
     assert sum(everything.values()) <= 30_760
     appendix = (path.read_text(encoding="utf-8") for path in (DOCS / "appendix").glob("*.md"))
-    assert sum(everything.values()) + sum(map(words, appendix)) <= 48_500
+    assert sum(everything.values()) + sum(map(words, appendix)) <= 48_800
     assert words((ROOT / "CHANGELOG.md").read_text(encoding="utf-8")) <= 1_850
 
 
