@@ -150,7 +150,7 @@ def match_photographs(photo: Path, names: Sequence[str], camera: str | None) -> 
 def locate_rig(
     planned: Checked,
     photos: Mapping[int, Path],
-    points: Path | None,
+    points: FloatArray | None,
     tolerance: Callable[[Located], Tolerance],
     pixel_error: float = 1.0,
 ) -> AsBuilt:

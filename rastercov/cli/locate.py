@@ -12,7 +12,7 @@ from rastercov.cli.console import out_option, print_lines, say, warn
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import AsJson, CameraOptions, Pdf, expand_options
 from rastercov.cli.place import PlanFile
-from rastercov.core.camera import Conventions
+from rastercov.core.camera import Conventions, names_of_poses
 
 
 @expand_options
@@ -65,6 +65,7 @@ def locate(
 
     Example: rastercov locate photo.jpg plan.toml --poses rig.json --of 3 --out built/
     """
+    from rastercov.asbuilt.located import read_points
     from rastercov.asbuilt.rig import AsBuilt, locate_rig, match_photographs, tolerance_of
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan import outcome
@@ -78,11 +79,12 @@ def locate(
     eyes = read_rig(camera, Path(poses), conventions)
     asked = asked.without_cameras() if camera.camera and eyes.rig is not None else asked
     limits = plan_check.limits(asked, None, {}, may_be_none=True)
+    photos = match_photographs(photo, names_of_poses(eyes.poses, eyes.images), of)
+    pairs = None if points is None else read_points(points)
 
     def made() -> AsBuilt:
         planned = plan_check.check(asked, Path(poses), limits, poses=eyes)
-        photos = match_photographs(photo, planned.names, of)
-        return locate_rig(planned, photos, points, accepted, pixel_error)
+        return locate_rig(planned, photos, pairs, accepted, pixel_error)
 
     if out is None:
         result = made()

@@ -1,0 +1,91 @@
+"""The command `locate`: a page and the rig as built, verdicts as exit codes, refusals in a line."""
+
+import json
+
+import numpy as np
+import pytest
+from commands import call
+from PIL import Image
+from test_edges import CAMERA, MESH, off, photograph, pose_of
+
+import rastercov as rc
+
+PLAN = """meshes = [{ path = "cell.obj" }]
+[camera]
+width = 480
+height = 360
+hfov_deg = 50
+[selection]
+goal = "best_coverage"
+cameras = 2
+"""
+
+
+def save(path, photo):
+    """A photograph as a file."""
+    Image.fromarray((255 * photo).astype(np.uint8)).save(path)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A plan, its rig, and photographs: of "east" as planned, of "door" 1.5 degrees off."""
+    folder = tmp_path_factory.mktemp("built")
+    MESH.to_trimesh().export(folder / "cell.obj")
+    (folder / "plan.toml").write_text(PLAN)
+    poses = np.array([pose_of(1), pose_of(2)])
+    views = rc.Views(rc.Rig([CAMERA]), rc.Poses.of(poses), images=("east", "door"))
+    rc.write_views(folder / "rig.json", views)
+    (folder / "photos").mkdir()
+    save(folder / "photos/east.png", photograph(MESH, poses[0], 1))
+    save(folder / "photos/door.png", photograph(MESH, off(poses[1], 2, 1.5, 0), 2))
+    save(folder / "small.png", photograph(MESH, poses[0], 1)[::2, ::2])
+    (folder / "text.png").write_text("no picture")
+    (folder / "three.csv").write_text("u,v,x,y,z\n1,1,0,0,0\n2,2,1,0,0\n3,5,1,1,0\n")
+    (folder / "four.csv").write_text((folder / "three.csv").read_text() + "9,8,0,1,1\n")
+    (folder / "words.csv").write_text("u,v,x,y,z\n1,1,0,0,zero\n")
+    (folder / "empty").mkdir()
+    return folder
+
+
+def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    line = "locate photos plan.toml -p rig.json --out built --junit built.xml"
+    code, out, _ = call(capsys, line)
+    assert code == 1
+    assert "east: as planned;" in out
+    assert "door: moved;" in out
+    told = json.loads((folder / "built/locate.json").read_text())
+    assert [each["verdict"] for each in told["cameras"]] == ["moved", "as planned"]
+    assert abs(told["cameras"][0]["turned_deg"] - 1.5) < 0.1
+    page = (folder / "built/locate.html").read_text(encoding="utf-8")
+    assert page.count("<figure>") == 2
+    xml = (folder / "built.xml").read_text(encoding="utf-8")
+    assert 'name="pose of door"' in xml
+    assert call(capsys, "check plan.toml -p built/poses.json --min-coverage 0.05")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("small.png --of east", "scale the camera by 0.5"),
+        ("text.png --of east", "expected a picture in text.png"),
+        ("photos/east.png", "expected the camera of east.png among 2 cameras"),
+        ("photos/east.png --of roof", "roof"),
+        ("photos/east.png --of 3", "expected 1 to 2, got 3"),
+        ("photos/east.png --of 1 --points three.csv", "at least 4 points, got 3"),
+        ("photos/east.png --of 1 --points words.csv", "expected numbers in every row"),
+        ("photos/east.png --of 1 --points none.csv", "none.csv"),
+        ("photos --points four.csv", "expected one photograph for --points, got 2"),
+        ("empty", "expected photographs named as cameras"),
+        ("none.png --of east", "none.png"),
+        ("photos/east.png --of east --within near", "--within"),
+    ],
+)
+def test_wrong_input_is_refused_in_one_line(folder, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(folder)
+    code, out, err = call(capsys, f"locate {arguments} plan.toml -p rig.json --out refused")
+    assert code == 2
+    assert out == ""
+    (line,) = [each for each in err.splitlines() if each.startswith("error: ")]
+    assert words in line
+    assert not (folder / "refused").exists()
