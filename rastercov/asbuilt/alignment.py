@@ -198,7 +198,7 @@ class Aligner:
         points = self.points_at(level, pose, 2.0)
         rng = np.random.default_rng(1)
         channels = level.channels(0.8)
-        scores = []
+        scores: list[float] = []
         while len(scores) < DISPLACED:
             for step in Basin(np.radians(6), 0.08).steps(distance, DISPLACED, rng):
                 other = displaced(pose, step)
@@ -229,13 +229,13 @@ def agreement(
     if not len(points):
         return 0.0
     pixels, normals = directions_of(level, camera, points, pose)
-    usable = np.isfinite(normals).all(axis=1) & np.isfinite(pixels).all(axis=1)
+    usable = np.isfinite(np.hstack((normals, pixels))).all(axis=1)
     pixels, normals = pixels[usable], normals[usable]
     turn = np.arctan2(normals[:, 1], normals[:, 0]) / np.pi * DIRECTIONS
     direction = np.rint(turn).astype(np.int64) % DIRECTIONS
     h, w = channels.shape[1:]
     cell = np.floor(pixels).astype(np.int64)
-    inside = ((cell >= 0) & (cell < (w, h))).all(axis=1)
+    inside = np.all((cell >= 0) & (cell < (w, h)), axis=1)
     cell = np.where(inside[:, None], cell, 0)
     values = channels[direction, cell[:, 1], cell[:, 0]] * inside
     return float(values.sum() / len(points))
@@ -267,7 +267,7 @@ class Matches:
     ) -> "Matches":
         """The strongest edge within `reach` px of each point, nearer ones preferred."""
         pixels, normals = directions_of(level, camera, points, pose)
-        usable = np.isfinite(normals).all(axis=1) & np.isfinite(pixels).all(axis=1)
+        usable = np.isfinite(np.hstack((normals, pixels))).all(axis=1)
         pixels, normals = (
             np.where(usable[:, None], pixels, -9),
             np.where(usable[:, None], normals, 0),
@@ -313,7 +313,7 @@ def refine(
         square = jacobian.T @ (jacobian * weights[:, None])
         slope = jacobian.T @ (distance * weights)
         step = np.linalg.lstsq(square + 1e-6 * np.diag(np.diag(square)), slope, rcond=None)[0]
-        pose = displaced(pose, step)
+        pose = displaced(pose, np.asarray(step, np.float64))
         if np.abs(jacobian @ step).max(initial=0) < 0.02:
             break
         reach = max(reach * 0.8, 1.5)

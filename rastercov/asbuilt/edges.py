@@ -159,7 +159,7 @@ def _is_visible(points: FloatArray, rasterizer: Rasterizer, pose: FloatArray) ->
     farthest = np.max(around, axis=0)
     pixels = pixels_of(points, camera, pose)
     with np.errstate(invalid="ignore"):
-        inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
+        inside = np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
     cell = np.where(inside[:, None], pixels, 0).astype(np.int64)
     local = to_camera(points, pose)
     own = local[:, 2] if _has_planar_depth(camera) else np.linalg.norm(local, axis=1)

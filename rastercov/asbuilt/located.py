@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -231,8 +232,10 @@ def locate(
         )
     start = None if near is None else valid_poses(np.asarray(near, dtype=np.float64))[0]
     pairs = None if points is None else read_points(points)
-    is_path = isinstance(photo, (str, Path))
-    grey = read_photograph(photo, camera) if is_path else brightness(photo, camera)
+    if isinstance(photo, (str, Path)):
+        grey = read_photograph(photo, camera)
+    else:
+        grey = brightness(cast("ArrayLike", photo), camera)
     if pairs is not None:
         return _by_points(mesh, camera, pairs, start, pixel_error)
     if start is None:

@@ -89,7 +89,7 @@ class Level:
         around = box_mean(strength, n)
         floor = 0.25 * float(strength.mean()) + 1e-6
         level = np.maximum(around, floor)
-        return across / level, down / level
+        return np.asarray(across / level, np.float32), np.asarray(down / level, np.float32)
 
     def channels(self, reach: float) -> Float32Array:
         """Strength of edges of each direction, (DIRECTIONS, H, W), 0 to 1, blurred by `reach` px.
@@ -103,7 +103,7 @@ class Level:
             along = np.abs(across * np.float32(np.cos(angle)) + down * np.float32(np.sin(angle)))
             beside = np.abs(down * np.float32(np.cos(angle)) - across * np.float32(np.sin(angle)))
             clean = np.clip((along - beside) / 3, 0, 1)
-            out[k] = blur(clean, reach) if reach else clean
+            out[k] = blur(clean.astype(np.float32), reach)
         return out
 
 
@@ -143,7 +143,7 @@ def sample(image: Float32Array, pixels: FloatArray) -> FloatArray:
     h, w = image.shape
     place = pixels - 0.5
     with np.errstate(invalid="ignore"):
-        inside = ((place > -0.5) & (place < (w - 0.5, h - 0.5))).all(axis=1)
+        inside = np.all((place > -0.5) & (place < (w - 0.5, h - 0.5)), axis=1)
     place = np.where(inside[:, None], place, 0)
     cell = np.clip(np.floor(place).astype(np.int64), 0, (w - 2, h - 2))
     x, y = (place - cell).T
