@@ -267,7 +267,7 @@ class Matches:
     ) -> "Matches":
         """The strongest edge within `reach` px of each point, nearer ones preferred."""
         pixels, normals = directions_of(level, camera, points, pose)
-        usable = np.isfinite(np.hstack((normals, pixels))).all(axis=1)
+        usable = np.all(np.isfinite(np.hstack((normals, pixels))), axis=1)
         pixels, normals = (
             np.where(usable[:, None], pixels, -9),
             np.where(usable[:, None], normals, 0),

@@ -23,5 +23,6 @@ OF_LINES = {
     "points.csv": "\n".join(("u,v,x,y,z", *POINTS, "")),
 }
 LINES = {
-    "locate": "locate photo.pgm plan.toml -p poses.json --of 1 --points points.csv --pixel-error 0.05"
+    "locate": "locate photo.pgm plan.toml -p poses.json --of 1 --points points.csv "
+    "--pixel-error 0.05"
 }
