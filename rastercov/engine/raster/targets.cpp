@@ -26,14 +26,6 @@ void require_size(const Tile &tile) {
     for (const int64_t one : {tile.left, tile.top, tile.width, tile.height})
         require(one >= 0 && one <= MAX_SIDE, "tile must be of a canvas");
 }
-void require_tile(const Tile &tile, const Runs &runs, const Depth &depth) {
-    const auto &[left, top, width, height] = tile;
-    require_size(tile);
-    require(runs.first.rows() == runs.last.rows() && top + height <= runs.first.rows(),
-            "runs must have one row for each row of the canvas");
-    require(depth.size() == 0 || (depth.rows() == height && depth.extent(1) == width),
-            "depth must have one element for each sample of the tile, or none");
-}
 
 // Samples of a row.
 struct Run {
