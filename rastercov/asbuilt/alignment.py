@@ -30,14 +30,14 @@ FINEST = 1_600
 TRIED = 400
 """Poses compared at the coarsest level."""
 KEPT = (24, 10, 5, 4, 4, 4)
-"""Poses that go on from each level."""
+"""Poses that are kept from each level."""
 DISPLACED = 200
 """Displaced poses by which chance is measured."""
 
 
 @dataclass(frozen=True)
 class Basin:
-    """How far from the start a pose is looked for.
+    """Range around the start in which a pose is looked for.
 
     Attributes
     ----------

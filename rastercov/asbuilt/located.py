@@ -19,8 +19,8 @@ from rastercov.base import (
     ConfigError,
     FloatArray,
     InOneLine,
+    PoseError,
     StrPath,
-    UnreadableError,
     finite_number,
     frozen_record,
     plural,
@@ -31,7 +31,7 @@ from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
 
 BASIN = Basin(math.radians(4), 0.06)
-"""How far from the plan edges are looked for."""
+"""Range around the plan in which edges are looked for."""
 LEAST_RIGHT = 0.6
 """Share of the pairs that must agree."""
 RIVAL = 2.0
@@ -44,6 +44,8 @@ MOST_SPREAD = 0.4
 """Largest standard deviation of a pixel by edges alone, px."""
 MOST_SPREAD_OF_POINTS = 0.01
 """Largest standard deviation of a pixel by points, as a share of the image's width."""
+LEAST_ERROR = 1e-3
+"""Least expected standard deviation of a pixel, px."""
 POINTS = "u", "v", "x", "y", "z"
 """Columns of a file of points."""
 CLICK = "click at least four points of the model (--points), eight are better"
@@ -78,6 +80,17 @@ class Located(InOneLine):
         Pose of the plan.
     distance : float
         Typical distance of the surface from the camera, metres.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import rastercov as rc
+    >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=40)
+    >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0.5)]
+    >>> pairs = np.hstack(([(320, 240), (400, 250), (310, 320), (390, 330)], corners))
+    >>> located = rc.locate(rc.shapes.box(), camera, np.zeros((480, 640)), points=pairs)
+    >>> located.pose.shape, located.covariance.shape
+    ((4, 4), (6, 6))
     """
 
     pose: FloatArray
@@ -213,7 +226,8 @@ def locate(
 
     Examples
     --------
-    >>> import numpy as np, rastercov as rc
+    >>> import numpy as np
+    >>> import rastercov as rc
     >>> mesh = rc.shapes.box((0.2, 0.3, 0.1))
     >>> camera = rc.Camera.from_fov(640, 480, hfov_deg=40)
     >>> pose = rc.look_at((0.6, 0.5, 0.4), (0, 0, 0))[0]
@@ -226,11 +240,12 @@ def locate(
     (True, 5)
     """
     check_scene(mesh, camera)
-    if not 0 < finite_number(pixel_error) < camera.width:
+    if not LEAST_ERROR <= finite_number(pixel_error) < camera.width:
         raise ConfigError(
-            f"expected pixel_error above 0 and below the width of the image, px, got {pixel_error}"
+            f"expected pixel_error from {LEAST_ERROR} px to the width of the image, got "
+            f"{pixel_error}"
         )
-    start = None if near is None else valid_poses(np.asarray(near, dtype=np.float64))[0]
+    start = None if near is None else _only(valid_poses(near))
     pairs = None if points is None else read_points(points)
     if isinstance(photo, (str, Path)):
         grey = read_photograph(photo, camera)
@@ -243,6 +258,13 @@ def locate(
             "expected a pose to begin with, or points, got neither; give near= or points="
         )
     return _by_edges(Aligner(mesh, camera, grey), start)
+
+
+def _only(poses: FloatArray) -> FloatArray:
+    """The pose of an array of one; PoseError for another number."""
+    if len(poses) != 1:
+        raise PoseError(f"near: expected one pose, got {len(poses)}; give that of the plan")
+    return poses[0]
 
 
 def read_points(points: StrPath | ArrayLike) -> FloatArray:
@@ -268,16 +290,16 @@ def _read_csv(path: Path) -> FloatArray:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UnreadableError(f"expected points in {path}, got: {error}") from error
+        raise ConfigError(f"expected points in {path}, got: {error}") from error
     missing = [name for name in POINTS if rows and name not in rows[0]]
     if missing or not rows:
-        raise UnreadableError(
+        raise ConfigError(
             f"{path}: expected columns {', '.join(POINTS)} (px, m), got no {missing or 'rows'}"
         )
     try:
         return np.array([[float(row[name]) for name in POINTS] for row in rows])
     except (TypeError, ValueError) as error:
-        raise UnreadableError(f"{path}: expected numbers in every row, got: {error}") from error
+        raise ConfigError(f"{path}: expected numbers in every row, got: {error}") from error
 
 
 def _by_points(
@@ -320,7 +342,7 @@ def _nothing(n: int, near: FloatArray | None, why: str) -> Located:
 
 
 def _doubt_of_points(optima: Sequence[resection.Fit], camera: Camera, spread: float) -> str:
-    """Why a pose by points is not believed; "" if it is."""
+    """Reason why a pose by points is not believed; "" if it is."""
     best = optima[0]
     right, n = int(best.is_inlier.sum()), len(best.is_inlier)
     wrong = [str(row + 1) for row in np.flatnonzero(~best.is_inlier).tolist()]
@@ -361,7 +383,7 @@ def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
 
 
 def _doubt_of_edges(optima: Sequence[Optimum], chance: alignment.Chance) -> str:
-    """Why a pose by edges is not believed; "" if it is."""
+    """Reason why a pose by edges is not believed; "" if it is."""
     best = optima[0]
     z = chance.z(best.score)
     if z < LEAST_Z or best.score <= chance.largest:

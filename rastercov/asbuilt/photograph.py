@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base import ConfigError, Float32Array, FloatArray, StrPath, UnreadableError
+from rastercov.base import ConfigError, Float32Array, FloatArray, StrPath
 from rastercov.core.camera import Camera
 
 DIRECTIONS = 12
@@ -31,20 +31,22 @@ def read_photograph(path: StrPath, camera: Camera) -> Float32Array:
             check_size(str(path), size, camera)
             grey = np.asarray(picture.convert("F"), dtype=np.float32)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise UnreadableError(f"expected a picture in {path}, got: {error}") from error
+        raise ConfigError(f"expected a picture in {path}, got: {error}") from error
     return grey / max(float(grey.max()), 1e-6)
 
 
 def brightness(photo: ArrayLike, camera: Camera) -> Float32Array:
     """Brightness (H, W), 0 to 1, of an array (H, W) or (H, W, 3) of the size of its camera."""
-    image = np.asarray(photo, dtype=np.float32)
-    if image.ndim not in (2, 3) or not np.isfinite(image).all():
+    image = np.asarray(photo, dtype=np.float64)
+    most = np.abs(image).max(initial=0)
+    if image.ndim not in (2, 3) or not most <= np.finfo(np.float32).max:
         raise ConfigError(
             f"expected a photograph as finite numbers (H, W) or (H, W, 3), got {image.shape}"
         )
+    image = image.astype(np.float32)
     grey = image if image.ndim == 2 else image[..., :3].mean(axis=2)
     check_size("a photograph", (grey.shape[1], grey.shape[0]), camera)
-    return grey / max(float(grey.max()), 1e-6)
+    return np.asarray(grey / max(float(grey.max()), 1e-6), np.float32)
 
 
 def check_size(name: str, size: tuple[int, int], camera: Camera) -> None:
@@ -56,7 +58,7 @@ def check_size(name: str, size: tuple[int, int], camera: Camera) -> None:
         f"expected {name} of {wanted[0]} x {wanted[1]} px as its camera, got {size[0]} x {size[1]}"
     )
     scale = size[0] / wanted[0]
-    if abs(size[1] / wanted[1] - scale) <= 0.51 / wanted[1]:
+    if size[1] == round(scale * wanted[1]):
         raise ConfigError(
             f"{got}; resize it to {wanted[0]} x {wanted[1]}, or scale the camera by {scale:.6g}"
         )
