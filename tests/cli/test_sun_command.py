@@ -151,9 +151,10 @@ WINDOWS = "--of *IfcWindow* --latitude 50.1 --longitude 14.4 --step 30 -o rooms"
 @pytest.fixture(scope="module")
 def dwelling(folder):
     """An IFC file of two rooms; one has a window to the south and one to the north."""
-    pytest.importorskip("ifcopenshell")
     from bungalow import bungalow
+    from wheels import with_wheel
 
+    with_wheel("ifcopenshell")
     windows = {"S": ((2, -0.02, 1), (3, 0.02, 2)), "N": ((2, 5.98, 1), (3, 6.02, 2))}
     windows |= {"Dark": ((7, 5.98, 1), (8, 6.02, 2))}
     (folder / "dwelling.ifc").write_bytes(bungalow(windows=windows))
