@@ -413,6 +413,10 @@ class Tolerance:
     place: float
     turn_deg: float
 
+    def to_json(self) -> ByName:
+        """The record of a file."""
+        return {"place_m": _finite(self.place), "turn_deg": self.turn_deg}
+
     def verdict(self, found: Located) -> str:
         """Verdict "as planned", "moved" or "undecided", by two standard deviations of the pose."""
         if not found.accepted or found.near is None:

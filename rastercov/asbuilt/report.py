@@ -64,6 +64,7 @@ def _row(result: AsBuilt, row: int) -> list[object]:
     """A camera of the table."""
     found = result.found[row]
     place, turn = found.deviations
+    limit = result.tolerances[row]
     right, up, clockwise = found.to_plan_deg()
     known = found.accepted and found.near is not None
     return [
@@ -71,6 +72,7 @@ def _row(result: AsBuilt, row: int) -> list[object]:
         result.verdicts[row],
         f"{found.moved * 1000:.3g} ± {2 * place * 1000:.2g}" if known else "-",
         f"{found.turned_deg:.3g} ± {2 * turn:.2g}" if known else "-",
+        f"{limit.place * 1000:.3g}, {limit.turn_deg:g}" if known else "-",
         f"{right:+.2f}, {up:+.2f}, {clockwise:+.2f}" if known else "-",
     ]
 

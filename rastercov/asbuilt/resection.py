@@ -24,7 +24,7 @@ from itertools import combinations
 import numpy as np
 
 from rastercov.base import BoolArray, FloatArray, IntArray
-from rastercov.core.camera import Camera
+from rastercov.core.camera import Camera, from_vectors
 from rastercov.core.camera.projection import rays_of, to_camera, to_image
 
 HUBER = 1.345
@@ -72,24 +72,11 @@ class Fit:
 
 def displaced(pose: FloatArray, step: FloatArray) -> FloatArray:
     """Pose after a step (6,): rotation vector, radians, and translation, metres, in camera axes."""
-    out = pose.copy()
-    out[:3, :3] = pose[:3, :3] @ rotation(step[:3])
-    out[:3, 3] = pose[:3, 3] + pose[:3, :3] @ step[3:]
-    return out
-
-
-def rotation(vector: FloatArray) -> FloatArray:
-    """Rotation matrix of a rotation vector, (3,) -> (3, 3), by Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
+    return np.asarray(pose @ from_vectors(step[:3], step[3:])[0])
 
 
 def rotation_vector(matrix: FloatArray) -> FloatArray:
-    """Rotation vector of a rotation matrix, the inverse of `rotation`; of angles up to pi."""
+    """Rotation vector of a rotation matrix, the inverse of `from_vectors`."""
     axis = np.array(
         (matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1])
     )

@@ -44,6 +44,9 @@ def folder(tmp_path_factory):
     (folder / "four.csv").write_text((folder / "three.csv").read_text() + "9,8,0,1,1\n")
     (folder / "words.csv").write_text("u,v,x,y,z\n1,1,0,0,zero\n")
     (folder / "empty").mkdir()
+    (folder / "twice").mkdir()
+    for name in ("east.png", "east.jpg"):
+        save(folder / "twice" / name, photograph(MESH, poses[0], 1))
     return folder
 
 
@@ -57,6 +60,8 @@ def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsy
     told = json.loads((folder / "built/locate.json").read_text())
     assert [each["verdict"] for each in told["cameras"]] == ["moved", "as planned"]
     assert abs(told["cameras"][0]["turned_deg"] - 1.5) < 0.1
+    limits = [each["tolerance"]["place_m"] for each in told["cameras"]]
+    assert limits[0] != limits[1]  # each of its own distance
     page = (folder / "built/locate.html").read_text(encoding="utf-8")
     assert page.count("<figure>") == 2
     xml = (folder / "built.xml").read_text(encoding="utf-8")
@@ -77,6 +82,7 @@ def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsy
         ("photos/east.png --of 1 --points none.csv", "none.csv"),
         ("photos --points four.csv", "expected one photograph for --points, got 2"),
         ("empty", "expected photographs named as cameras"),
+        ("twice", "got east.jpg and east.png; remove one"),
         ("none.png --of east", "none.png"),
         ("photos/east.png --of east --within near", "--within"),
     ],
