@@ -1,6 +1,7 @@
 """Damaged files of every format: views, or one line of our own; never another error, nor long."""
 
 import json
+import re
 import struct
 from copy import deepcopy
 from functools import reduce
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nightly import amount
-from view_files import ANSWERS, good_files, refused
+from view_files import ALICEVISION, ANSWERS, METASHAPE, OPENMVG, good_files, refused
 
 import rastercov as rc
 from rastercov.formats.cameras import READERS, WRITERS, read_views, write_views
@@ -216,7 +217,7 @@ FAULTS = [
     ("rastercov", {"cameras": []}, "at least one camera"),
     ("rastercov", {"cameras": {"a": {"width": 3}}}, "cameras to be a list of tables"),
     ("rastercov", {"cameras": [{"name": "a", "width": 3}]}, "'a': expected image size"),
-    ("rastercov", {"cameras": [CAMERA] * 2}, "different names, got 'a' twice"),
+    ("rastercov", {"cameras": [CAMERA] * 2}, "each name of a camera once, got 'a' twice"),
     ("rastercov", {"camera": [0, 1]}, "camera to be 2 indices or names of 1 cameras"),
     ("rastercov", {"cameras": None, "camera": [0, 0]}, "camera to be 2 names of cameras"),
     ("rastercov", {"camera": None, "cameras": [CAMERA, CAMERA | {"name": "b"}]},
@@ -263,6 +264,34 @@ def test_each_fault_is_one_line_that_names_it(file, change, words):
         image_size=(640, 480), original_world=True, lens_model="brown", pixel_centre=0
     )
     refused(path, words, str(path.parent), conventions=answers)
+
+
+def twice(content, name):
+    """JSON of a table whose list has each entry twice."""
+    return json.dumps(content | {name: content[name] * 2})
+
+
+REPEATED_IDS = {
+    "openmvg intrinsics": ("a.json", twice(OPENMVG, "intrinsics")),
+    "openmvg extrinsics": ("a.json", twice(OPENMVG, "extrinsics")),
+    "alicevision intrinsics": ("a.sfm", twice(ALICEVISION, "intrinsics")),
+    "alicevision poses": ("a.sfm", twice(ALICEVISION, "poses")),
+    "metashape sensors": (
+        "m.xml",
+        re.sub(r"(<sensor .*</sensor>)", r"\1\1", METASHAPE, flags=re.S),
+    ),
+    "metashape cameras": (
+        "m.xml",
+        re.sub(r"(<camera .*</camera>)", r"\1\1", METASHAPE, flags=re.S),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REPEATED_IDS)
+def test_an_id_that_repeats_is_refused_for_the_first_would_be_lost(tmp_path, name):
+    path, content = REPEATED_IDS[name]
+    (tmp_path / path).write_text(content)
+    refused(tmp_path / path, " once, got ", str(tmp_path), conventions=rc.Conventions())
 
 
 @pytest.mark.slow

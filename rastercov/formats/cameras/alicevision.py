@@ -25,7 +25,14 @@ from rastercov.core.camera import (
     share_frames,
 )
 from rastercov.core.camera.conventions import motions
-from rastercov.formats.cameras.source import Entries, Source, check_array_of, keys_of, number_of
+from rastercov.formats.cameras.source import (
+    Entries,
+    Source,
+    check_array_of,
+    check_ids,
+    keys_of,
+    number_of,
+)
 
 MODELS = {
     "none": Foreign("opencv"),
@@ -58,8 +65,8 @@ def read(source: Source, border: Border) -> Views:
     """Cameras and poses of the views that have both."""
     entries = Entries(source.table, "the file")
     version = tuple(_numbers(entries, "version", (3,)).tolist())
-    cameras = {_id(each, "intrinsicId"): each for each in _list(entries, "intrinsics")}
-    poses = {_id(each, "poseId"): each for each in _list(entries, "poses")}
+    cameras = _by_id(entries, "intrinsics", "intrinsicId")
+    poses = _by_id(entries, "poses", "poseId")
     mounts = {
         (_id(rig, "rigId"), str(row)): mount
         for rig in _list(entries, "rigs")
@@ -101,6 +108,13 @@ def read(source: Source, border: Border) -> Views:
 def _list(entries: Entries, name: str) -> Iterable[Entries]:
     """Tables of a list, which may be missing or, if it is empty, a text."""
     return (each for _, each in entries.tables(name)) if entries.get(name, "") != "" else ()
+
+
+def _by_id(entries: Entries, name: str, key: str) -> dict[str, Entries]:
+    """Tables of a list by their ids."""
+    tables = list(_list(entries, name))
+    check_ids(key, [_id(each, key) for each in tables])
+    return {_id(each, key): each for each in tables}
 
 
 def _id(entries: Entries, name: str) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from rastercov.base import CameraError, FloatArray, Vocabulary, shown
 from rastercov.core.camera import PROGRAMS, Border, Camera, Views, lens_camera, share_frames
 from rastercov.core.camera.conventions import motions, panorama
-from rastercov.formats.cameras.source import Source, Words
+from rastercov.formats.cameras.source import Source, Words, check_ids
 from rastercov.formats.meshes.xml_tree import children, local_name, look_at_names
 
 MODELS = PROGRAMS["metashape"]
@@ -236,4 +236,5 @@ def _each(owner: Element, group: str, name: str) -> list[Element]:
             elements.append(element)
         else:
             stack += children(element, name, "group")[::-1]
+    check_ids(name, [each.get("id") for each in elements if "id" in each.attrib])
     return elements

@@ -10,7 +10,6 @@ calibration With OpenCV"; samples/cpp/tutorial_code/calib3d/camera_calibration.
 
 import math
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,7 +20,7 @@ import numpy as np
 from rastercov.base import ByName, CameraError, FloatArray, ReadByName, finite_number, shown
 from rastercov.core.camera import Border, Camera, Views, from_vectors, inverse_of, model_in
 from rastercov.core.camera.conventions import motions, yaml_matrix
-from rastercov.formats.cameras.source import Source, keys_of, number_of
+from rastercov.formats.cameras.source import Source, check_ids, keys_of, number_of
 from rastercov.formats.meshes.xml_tree import local_name
 
 SIDES = ("left", "right", "l", "r", "rgb", "color", "depth", "ir")
@@ -61,11 +60,7 @@ def _is_matrix(value: object) -> bool:
 
 def of_xml(root: Element) -> ByName:
     """Table of an XML storage, with its values as those of YAML."""
-    names = Counter(local_name(each) for each in root)
-    if twice := [name for name, n in names.items() if n > 1]:
-        raise CameraError(
-            f"expected each name once in a table, got {shown(twice[0])} twice; remove one"
-        )
+    check_ids("name in a table", [local_name(each) for each in root])
     return {local_name(each): _xml_value(each, 0) for each in root}
 
 

@@ -8,14 +8,14 @@ Source: OpenMVG, src/openMVG/sfm/sfm_data_io_cereal.cpp, cameras/*_io.hpp, geome
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from rastercov.base import CameraError, shown
 from rastercov.core.camera import Border, Camera, Foreign, Views, centre_camera, inverse_of
 from rastercov.core.camera.conventions import motions
-from rastercov.formats.cameras.source import Entries, Source, keys_of
+from rastercov.formats.cameras.source import Entries, Source, check_ids, keys_of
 
 MODELS = {
     "pinhole": Foreign("opencv"),
@@ -71,10 +71,11 @@ def read(source: Source, border: Border) -> Views:
     return border.views_of_images(used, images, world_from_camera=poses_of_views)
 
 
-def _pairs(entries: Entries, name: str) -> Iterator[tuple[int, Entries]]:
+def _pairs(entries: Entries, name: str) -> list[tuple[int, Entries]]:
     """Values of a map by their keys."""
-    for _, pair in entries.tables(name):
-        yield int(pair.number("key")), pair.table("value")
+    pairs = [(int(pair.number("key")), pair.table("value")) for _, pair in entries.tables(name)]
+    check_ids(f"key of {name}", [key for key, _ in pairs])
+    return pairs
 
 
 def _data(value: Entries) -> Entries:

@@ -15,7 +15,6 @@ lengths are metres.
 
 import io
 import json
-from collections import Counter
 from copy import copy
 from dataclasses import replace
 
@@ -34,7 +33,7 @@ from rastercov.base import (
 from rastercov.core.camera import Border, Camera, Views
 from rastercov.core.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.core.camera.rig import entries_of, entries_of_rig, rig_with
-from rastercov.formats.cameras.source import Entries, keys_of
+from rastercov.formats.cameras.source import Entries, check_ids, keys_of
 
 UNUSED = frozenset({"images", "origin", "candidate", "mount", "mounts"})
 UNUSED |= {"joint_names", "joints", "clearance_m", "clearance_pair", "hidden_by_arm_percent"}
@@ -98,11 +97,7 @@ def _cameras(entries: Entries) -> tuple[list[Camera], list[str]]:
             cameras.append(Camera.from_dict({k: v for k, v in table.items() if k != "name"}))
     if not cameras:
         raise CameraError("expected at least one camera, got none; add one")
-    [(name, count)] = Counter(names).most_common(1)
-    if count > 1:
-        raise CameraError(
-            f"expected cameras with different names, got {shown(name)} twice; rename one"
-        )
+    check_ids("name of a camera", names)
     return cameras, names
 
 

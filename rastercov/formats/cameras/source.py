@@ -1,6 +1,7 @@
 """Content of a file to be recognised and read: its bytes once, what they parse to, and look-ups."""
 
 import math
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from functools import cached_property
 from pathlib import Path
@@ -252,6 +253,12 @@ def _fits(value: object, shape: tuple[int, ...]) -> bool:
     if not isinstance(value, list) or len(value) != shape[0]:
         return False
     return all(_fits(each, shape[1:]) for each in value)
+
+
+def check_ids(what: str, keys: Sequence[object]) -> None:
+    """Raise `CameraError` for a key that comes twice: what has it first would be lost."""
+    if twice := [key for key, n in Counter(keys).items() if n > 1]:
+        raise CameraError(f"expected each {what} once, got {shown(twice[0])} twice; remove one")
 
 
 def keys_of(content: object) -> Set[object]:
