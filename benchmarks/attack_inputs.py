@@ -17,6 +17,7 @@ import sys
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -247,7 +248,7 @@ def altered_json(data: bytes, rng: np.random.Generator) -> bytes:
         elif kind < 0.3 and isinstance(owner, dict):
             owner[f"{key}x"] = owner.pop(key)
         else:
-            owner[key] = VALUES[int(rng.integers(len(VALUES)))]
+            owner[key] = deepcopy(VALUES[int(rng.integers(len(VALUES)))])
     return json.dumps(content).encode()
 
 
