@@ -66,6 +66,7 @@ if _TYPE_CHECKING:
     )
     from rastercov.core.coverage.task import Reason as Reason
     from rastercov.sun.sunlight import Sunlight as Sunlight, sunlit as sunlit
+    from rastercov.survey.viewshed import Viewshed as Viewshed, viewshed as viewshed
     from rastercov.core.coverage.task import Task as Task
     from rastercov.core.coverage.visibility import (
         Visibility as Visibility,
@@ -127,6 +128,7 @@ _NAMES = {
     "core.coverage.network": "Network",
     "core.coverage.observer": "Observer open_observer",
     "sun.sunlight": "Sunlight sunlit",
+    "survey.viewshed": "Viewshed viewshed",
     "core.coverage.task": "Reason Task",
     "core.coverage.visibility": "Visibility visibility",
     "core.mesh": "Group Mesh",

@@ -596,6 +596,8 @@ COMMANDS = {
     "sheet": "Draw a floor plan with cameras to scale: SVG, PDF or DXF.",
     "sun": "Compute sunlight hours and solar irradiation on faces, groups and storeys "
     "for a day or year.",
+    "viewshed": "Compute the visible part of each cell of a terrain, with the curvature of the "
+    "earth.",
     "doctor": "List and test graphics devices, and name missing packages.",
     "validate": "Validate the coverage model against marker detection in rendered images.",
 }
@@ -609,6 +611,7 @@ FAILED = {
     "check": "a requirement failed, or the result is worse than the baseline",
     "audit": "a pose crashed its worker",
     "sun": "a group gets less sunlight than --at-least",
+    "viewshed": "an observer sees less than --at-least",
     "doctor": "the default device failed its test",
     "markers": "fewer than 98 % of the predictions were right",
     "validate": "fewer than 98 % of the predictions were right",

@@ -75,6 +75,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Task.thesis": {"min_pixels": 1, "max_incidence_deg": 80, "min_coverage": 0.5, "views": 1},
     "Mesh, in groups": {"groups": [rc.Group("a"), rc.Group("b")], "face_group": np.arange(12) % 2},
     "Mesh.joined": {"parts": [MESH, MESH], "names": ["a", "b"]},
+    "Mesh.terrain": {"heights": [[1, 2], [3, 4]], "spacing": (2.0, 3.0), "origin": (1.0, 2.0)},
     "Mesh.load": {"path": FOLDER / "triangle.off", "max_bytes": 1000, "memory_budget": 1 << 20},
     "Mesh.load, built in": {"path": "box", "two_sided": ()},
     "audit": {"names": ["a", "b"], "by": "face"},

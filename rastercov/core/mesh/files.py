@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from rastercov.base import MeshError, StrPath, finite_number, hooks_of, members, shown
 from rastercov.core.mesh.site import Site
+from rastercov.core.mesh.terrain import Raster
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
@@ -33,6 +34,10 @@ class MeshFiles:
         self, paths: Sequence[StrPath], scales: Sequence[float], limits: Limits
     ) -> tuple[Any, list[tuple[str, str, int, Site]]]:
         """One scene, `Polygons` in metres; and name, SHA-256, faces and site of each file."""
+        raise NotImplementedError  # each feature has its own
+
+    def raster(self, path: StrPath) -> Raster:
+        """Heights of a GeoTIFF or an ESRI ASCII grid."""
         raise NotImplementedError  # each feature has its own
 
 

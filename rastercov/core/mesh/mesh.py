@@ -66,6 +66,7 @@ from rastercov.core.mesh.groups import (
     refuse_twice,
 )
 from rastercov.core.mesh.site import NOWHERE, Site
+from rastercov.core.mesh.terrain import REFRACTION, raster_of_array
 from rastercov.core.mesh.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
@@ -320,6 +321,58 @@ class Mesh(InNotebook):
         parts = np.split(mesh.faces, np.cumsum([file.n_faces for file in mesh.sources])[:-1])
         refuse_twice((str(p), mesh.vertices, own) for p, own in zip(paths, parts, strict=True))
         return mesh._with_flags(flag_groups(names, mesh.groups, occluders, two_sided, targets))
+
+    @classmethod
+    def terrain(
+        cls,
+        heights: StrPath | ArrayLike,
+        spacing: float | tuple[float, float] | None = None,
+        *,
+        origin: tuple[float, float] = (0.0, 0.0),
+        refraction: float = REFRACTION,
+        curvature: bool = True,
+    ) -> "Mesh":
+        """Surface of a raster of heights, on the round earth.
+
+        Parameters
+        ----------
+        heights : path or (H, W) array_like
+            GeoTIFF or ESRI ASCII grid in a projected CRS; or metres, north up, NaN where there
+            are none: holes, which hide nothing.
+        spacing : float or (float, float)
+            Distance of columns and of rows of an array, metres.
+        origin : (float, float)
+            Map coordinates of the north-west sample of an array, metres.
+        refraction : float
+            Coefficient k of refraction: rays are straight on an earth of radius R / (1 - k).
+        curvature : bool
+            False for a flat earth.
+
+        Returns
+        -------
+        Mesh
+            Vertices in map coordinates; heights fall with the curvature from the middle of the
+            raster. Each cell is divided from its north-west to its south-east corner, and is a
+            polygon of `source_face`.
+
+        Raises
+        ------
+        MeshError
+            For an unusable raster.
+
+        Examples
+        --------
+        >>> import rastercov as rc
+        >>> mesh = rc.Mesh.terrain([[3, 4, 3], [5, 9, 5], [3, 4, 3]], spacing=30.0)
+        >>> mesh.n_faces, mesh.bounds[1].round(3).tolist()
+        (8, [60.0, 0.0, 9.0])
+        """
+        if isinstance(heights, str | os.PathLike):
+            raster = mesh_files().raster(heights)
+        else:
+            raster = raster_of_array(heights, spacing, origin)
+        points, faces, cells, notes = raster.curved(refraction, curvature=curvature).surface()
+        return cls(points, faces, [Group("terrain")], source_face=cells, notes=notes)
 
     @classmethod
     def joined(cls, parts: Sequence["Mesh"], names: Sequence[str] | None = None) -> "Mesh":

@@ -33,8 +33,9 @@ from rastercov.core.mesh.arrays import check_coordinates, places_of, unusable_po
 from rastercov.core.mesh.files import LARGEST_FILE, Limits, MeshFiles
 from rastercov.core.mesh.groups import names_beside, stem_of
 from rastercov.core.mesh.site import Site
+from rastercov.core.mesh.terrain import Raster
 from rastercov.engine.solver_readers import cut_concave
-from rastercov.formats.meshes import dae, gltf, ifc, plain, step, threemf
+from rastercov.formats.meshes import dae, gltf, ifc, plain, step, terrain, threemf
 from rastercov.formats.meshes.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -51,6 +52,7 @@ Value = TypeVar("Value")
 PLAIN = {each: partial(plain.read, extension=each) for each in plain.FORMATS}
 READERS: dict[str, Reader] = {
     ".3mf": threemf.read,
+    ".asc": terrain.read_ascii,
     ".dae": dae.read,
     ".glb": gltf.read_glb,
     ".gltf": gltf.read_gltf,
@@ -61,6 +63,8 @@ READERS: dict[str, Reader] = {
     ".step": step.read_step,
     ".stl": PLAIN[".stl"],
     ".stp": step.read_step,
+    ".tif": terrain.read_geotiff,
+    ".tiff": terrain.read_geotiff,
 }
 MEMORY_BUDGET = 8 << 30
 SMALLER = "simplify the mesh, or raise max_bytes"
@@ -278,6 +282,18 @@ class _MeshFiles(MeshFiles):
     ) -> tuple[Polygons, list[tuple[str, str, int, Site]]]:
         """See `read_files`."""
         return read_files(paths, scales, limits)
+
+    def raster(self, path: StrPath) -> Raster:
+        """Heights of a .tif, .tiff or .asc file."""
+        try:
+            reader, data = _reader_and_bytes(path, LARGEST_FILE)
+            read = terrain.RASTERS.get(reader)
+            if read is None:
+                raise MeshError("expected a GeoTIFF or an ESRI ASCII grid, got a mesh; name one")
+            with refuse_broken_files():
+                return read(data)
+        except MeshError as error:
+            raise type(error)(f"{printable(str(path))}: {error}") from error
 
 
 HOOKS = _MeshFiles()

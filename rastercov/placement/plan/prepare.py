@@ -106,7 +106,7 @@ OF_A_MATRIX = (
     "sha256/*.sha256",
 )
 """Files of a matrix, see `matrix_folder`, in an order of removal that is safe to interrupt."""
-STATES_UNIT = {".3mf", ".step", ".stp", ".ifc"}
+STATES_UNIT = {".3mf", ".step", ".stp", ".ifc", ".asc", ".tif", ".tiff"}
 """Files that state their unit; most .dae do."""
 FALLBACK_SHARE = 0.99
 """Share of the reachable weight to cover where a plan requires more than is reachable."""

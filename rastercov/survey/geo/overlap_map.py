@@ -3,22 +3,16 @@
 Each side of a footprint that crosses a row of cells adds 1 or -1 to the cell behind the crossing,
 by its direction. The sums along the row are the number of footprints around the middle of each
 cell.
-
-OGC 19-008r4, GeoTIFF Standard 1.1.
 """
 
-import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from PIL import Image, TiffImagePlugin
 
 from rastercov.base import (
-    AnyArray,
     ConfigError,
     FloatArray,
     IntArray,
@@ -27,6 +21,7 @@ from rastercov.base import (
     write_bytes,
 )
 from rastercov.placement.georeference import GeoReference
+from rastercov.survey.geo import geotiff
 from rastercov.survey.geo.layer import Layer
 
 SUFFIXES = (".tif", ".tiff", ".png")
@@ -34,9 +29,6 @@ USUAL_SIDE, MOST_CELLS = 1000, 100_000_000
 """Cells along the longer side unless a size is given, and in all at most."""
 STEPS = (1.0, 2.0, 5.0, 10.0)
 """Sizes of cells: these times a power of ten."""
-PIXEL_SCALE, TIE_POINT, KEYS, ASCII_KEYS = 33550, 33922, 34735, 34737
-"""Tags of GeoTIFF."""
-USER_DEFINED, METRE = 32767, 9001
 
 
 class OverlapMap(NamedTuple):
@@ -115,41 +107,20 @@ def write(overlap_map: OverlapMap, place: GeoReference | None, path: Path) -> No
     if path.suffix.lower() == ".png":
         most = int(overlap_map.images.max(initial=0))
         pixels = overlap_map.images.astype(np.uint8) if most < 256 else overlap_map.images
-        write_bytes(path, _encode(pixels, "PNG"))
+        write_bytes(path, geotiff.encode(pixels, "PNG"))
         x, y = overlap_map.corner + np.array((0.5, -0.5)) * overlap_map.cell
         lines = [overlap_map.cell, 0.0, 0.0, -overlap_map.cell, x, y]
         world = path.with_suffix(".pgw")
         write_bytes(world, "".join(f"{line!r}\n" for line in map(float, lines)).encode())
         return
-    write_bytes(path, _encode(overlap_map.images, "TIFF", _tags(overlap_map, place)))
-
-
-def _encode(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
-    file, more = io.BytesIO(), {"compression": "tiff_adobe_deflate"} if kind == "TIFF" else {}
-    if tags is not None:
-        own = TiffImagePlugin.ImageFileDirectory_v2()
-        for tag, (type_of_tag, values) in tags.items():
-            own.tagtype[tag] = type_of_tag
-            own[tag] = values
-        more |= {"tiffinfo": own}  # type: ignore[dict-item] # of other values
-    Image.fromarray(pixels).save(file, kind, **more)
-    return file.getvalue()
+    write_bytes(path, geotiff.encode(overlap_map.images, "TIFF", _tags(overlap_map, place)))
 
 
 def _tags(overlap_map: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int, Any]]:
-    """Tags of GeoTIFF and their types, with the CRS by its EPSG code, or by its name alone."""
-    short, double, text = 3, 12, 2
+    """Tags of GeoTIFF, with the CRS by its EPSG code, or by its name alone."""
     x, y = overlap_map.corner.tolist()
-    code = USER_DEFINED if place is None or place.epsg is None else place.epsg
-    citation = f"{'local metres' if place is None else place.map_crs.name}|"
-    model = USER_DEFINED if place is None else 1
-    entries = [(1024, 0, 1, model), (1025, 0, 1, 1), (1026, ASCII_KEYS, len(citation), 0)]
-    entries += [] if place is None else [(3072, 0, 1, code)]
-    entries.append((3076, 0, 1, METRE))
-    keys = [1, 1, 1, len(entries), *(value for entry in entries for value in entry)]
-    return {
-        PIXEL_SCALE: (double, (overlap_map.cell, overlap_map.cell, 0.0)),
-        TIE_POINT: (double, (0.0, 0.0, 0.0, x, y, 0.0)),
-        KEYS: (short, tuple(keys)),
-        ASCII_KEYS: (text, citation),
-    }
+    cell = (overlap_map.cell, overlap_map.cell)
+    if place is None:
+        return geotiff.tags_of((x, y), cell, None, "local metres")
+    code = geotiff.USER_DEFINED if place.epsg is None else place.epsg
+    return geotiff.tags_of((x, y), cell, code, place.map_crs.name)

@@ -1,0 +1,112 @@
+"""The command `viewshed`: the visible part of a terrain from one place or several."""
+
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import typer
+from typer import Argument, Option
+
+from rastercov.base import ConfigError, check_place, json_text, shown
+from rastercov.cli.console import out_option, print_lines, progress_bar, say
+from rastercov.cli.options import AsJson, expand_options
+
+
+class EyeOptions(NamedTuple):
+    """Observers."""
+
+    at: Annotated[
+        str | None,
+        Option("--from", metavar="X,Y", help="Map coordinates of the observer, m."),
+    ] = None
+    observers: Annotated[
+        Path | None,
+        Option(help="CSV file of observers, instead: columns x, y and, if they differ, height."),
+    ] = None
+    height: Annotated[float, Option(help="Height of the eyes above the ground, m.")] = 1.7
+    target: Annotated[float, Option(help="Height of what is to be seen above the ground, m.")] = 0.0
+    radius: Annotated[
+        float | None, Option(help="Largest distance on the map, m.", show_default="no limit")
+    ] = None
+
+
+class EarthOptions(NamedTuple):
+    """Shape of the earth."""
+
+    refraction: Annotated[float, Option(help="Coefficient of refraction.")] = 0.13
+    flat: Annotated[bool, Option(help="No curvature of the earth.")] = False
+
+
+@expand_options
+def viewshed(
+    raster: Annotated[
+        Path,
+        Argument(metavar="RASTER", help="GeoTIFF or ESRI ASCII grid of heights, in metres."),
+    ],
+    eyes: EyeOptions,
+    earth: EarthOptions,
+    outlines: Annotated[
+        Path | None, Option(help="Write outlines of the visible ground: .geojson.")
+    ] = None,
+    at_least: Annotated[
+        float | None,
+        Option(
+            help="Minimum visible share of the ground, %, by each observer. Exits with 1 if not "
+            "reached."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, out_option("Output folder for viewshed.tif, viewshed.png, observers.csv.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute the visible part of each cell of a terrain, with the curvature of the earth.
+
+    Example: rastercov viewshed dem.tif --from 500100,5300200 --radius 5000 --out seen/
+    """
+    from rastercov.survey import viewshed_files as files
+    from rastercov.survey.viewshed import observers_of, raster_of, viewshed_of
+
+    if (eyes.at is None) == (eyes.observers is None):
+        both = "neither" if eyes.at is None else "both"
+        raise ConfigError(f"expected --from or --observers, got {both}; give one")
+    if outlines is not None and outlines.suffix.lower() not in (".geojson", ".json"):
+        raise ConfigError(f"--outlines: expected a .geojson file, got {shown(outlines.name)}")
+    if outlines is not None:
+        check_place(outlines)
+    observers = observers_of(
+        files.read_observers(eyes.observers) if eyes.observers else [_place(eyes.at or "")],
+        eyes.height,
+    )
+    surface = raster_of(raster, None).curved(earth.refraction, curvature=not earth.flat)
+    with progress_bar("observers") as progress:
+        result = viewshed_of(
+            surface,
+            observers,
+            target=eyes.target,
+            radius=eyes.radius,
+            each=lambda n: progress(n, len(observers)),
+        )
+    if out is not None:
+        files.write_files(result, out)
+    if outlines is not None:
+        files.write_outlines(result, eyes.target, eyes.radius, outlines)
+    if as_json:
+        print(json_text(files.summary_of(result)))
+    else:
+        print_lines(*files.lines_of(result))
+        if out is not None:
+            say(str(out / "viewshed.png"))
+    share = min(seen.area / max(seen.of_area, 1e-300) for seen in result.seen)
+    if at_least is not None and 100 * share < at_least:
+        raise typer.Exit(1)
+
+
+def _place(text: str) -> list[float]:
+    """Map coordinates of text such as "500100,5300200"."""
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        raise ConfigError(
+            f"--from: expected X,Y in metres, got {shown(text)}; give two numbers"
+        ) from None
+    return [x, y]

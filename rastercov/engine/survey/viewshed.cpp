@@ -1,0 +1,606 @@
+// Visible part of every cell of a grid of heights, from a point, front to back.
+//
+// The observer is the origin; a cell has two triangles. In an octant 0 <= b <= a of the plane, with
+//
+//     u = b / a,   v = z / a,   w = 1 / a,
+//
+// edges are straight lines in (u, v), w is affine on a triangle, and a point is visible if v is at
+// least the horizon, the greatest v at its u of all that is nearer. Strips along a, and in each the
+// cells along b, are in that order. Of a triangle, the part above the horizon between u0 and u1 is
+//
+//     (u1 - u0) / 2 |1 / (w0 w1) at the top - 1 / (w0 w1) at the bottom|.
+//
+// Heights are above a sphere of radius R, near the observer a paraboloid: z falls by (a^2 + b^2) /
+// 2 R. An error of z is 8 units of rounding of it; each line has that of its v, and the bound of an
+// area is its difference between horizons that are lower and higher by both errors.
+//
+// J. Wang, G. J. Robinson, K. White. Generating viewsheds without using sightlines. 2000, for the
+// horizon of what is nearer, here without its approximations. Twin:
+// tests/support/viewshed_by_fractions.py.
+#include "bind.hpp"
+#include "interrupt.hpp"
+#include <cmath>
+
+namespace rastercov {
+namespace survey {
+namespace {
+
+constexpr double ROUNDING = 0x1p-53;
+constexpr double BELOW_ALL = -1e300;
+
+struct Line { // in (u, v), from its left end
+    double u, v, slope;
+    double error; // of v
+
+    double at(double u1) const { return v + slope * (u1 - u); }
+    bool operator==(const Line &other) const {
+        return u == other.u && v == other.v && slope == other.slope;
+    }
+};
+
+struct Corner { // of a triangle in an octant
+    double a, b, z;
+    double size;        // of the numbers that z is the sum of
+    double level = 0.0; // z without the curvature of the earth
+};
+
+struct Projected {
+    double u, v, w;
+    double raised; // v of the target above it
+    double size;
+};
+
+Line line_of(const Projected &p, const Projected &q, bool is_raised) {
+    const double v0 = is_raised ? p.raised : p.v, v1 = is_raised ? q.raised : q.v;
+    const double slope = (v1 - v0) / (q.u - p.u);
+    const double size = std::max(p.size, q.size) + std::abs(slope) * q.u;
+    return {p.u, v0, slope, 8 * ROUNDING * size};
+}
+
+// The greatest v of all that is nearer, for u from 0 to 1: pieces of lines, before and after a
+// place that moves along with the cells.
+class Horizon {
+  public:
+    struct Piece {
+        double start;
+        Line line;
+    };
+
+    void clear() {
+        _before.clear();
+        _after.assign(1, {0.0, {0.0, BELOW_ALL, 0.0, 0.0}});
+    }
+
+    // Calls `each` with u0, u1 and the line of each piece of an interval.
+    template <class Each> void visit(double first, double last, Each each) {
+        move_to(first);
+        for (size_t i = _after.size(); i-- > 0 && _after[i].start < last;) {
+            const double u0 = std::max(first, _after[i].start);
+            const double u1 = std::min(last, end_of(i));
+            if (u1 > u0) each(u0, u1, _after[i].line);
+        }
+    }
+
+    // Raises it to a line between two u.
+    void raise(const Line &line, double first, double last) {
+        bool rises = false;
+        visit(first, last, [&](double u0, double u1, const Line &old) {
+            rises |= line.at(u0) > old.at(u0) || line.at(u1) > old.at(u1);
+        });
+        if (!rises) return;
+        _new.clear();
+        const double end = end_of_those_before(last);
+        if (_after.back().start < first) put(_after.back().start, _after.back().line);
+        visit(first, last, [&](double u0, double u1, const Line &old) {
+            const double d0 = line.at(u0) - old.at(u0), d1 = line.at(u1) - old.at(u1);
+            const bool crosses = (d0 > 0 && d1 < 0) || (d0 < 0 && d1 > 0);
+            const double u = crosses ? u0 + (u1 - u0) * (d0 / (d0 - d1)) : u0;
+            if (u > u0 && u < u1) {
+                put(u0, d0 > 0 ? line : old);
+                put(u, d1 > 0 ? line : old);
+            } else {
+                put(u0, d0 + d1 > 0 ? line : old);
+            }
+        });
+        Line rest = _after.back().line;
+        while (!_after.empty() && _after.back().start < last) {
+            rest = _after.back().line;
+            _after.pop_back();
+        }
+        if (last < end) put(last, rest);
+        while (!_after.empty() && !_new.empty() && _after.back().line == _new.back().line)
+            _after.pop_back();
+        _after.insert(_after.end(), _new.rbegin(), _new.rend());
+    }
+
+  private:
+    std::vector<Piece> _before, _after, _new; // `_after` from the last to the first
+
+    double end_of(size_t i) const { return i > 0 ? _after[i - 1].start : 1.0; }
+
+    // End of the last piece that starts before some u.
+    double end_of_those_before(double last) const {
+        for (size_t i = _after.size(); i-- > 0;)
+            if (_after[i].start >= last) return _after[i].start;
+        return 1.0;
+    }
+
+    void put(double start, const Line &line) {
+        if (_new.empty() || !(_new.back().line == line)) _new.push_back({start, line});
+    }
+
+    // Makes the piece that has u the first one after the place.
+    void move_to(double u) {
+        while (!_before.empty() && _after.back().start > u) {
+            _after.push_back(_before.back());
+            _before.pop_back();
+        }
+        while (_after.size() > 1 && _after[_after.size() - 2].start <= u) {
+            _before.push_back(_after.back());
+            _after.pop_back();
+        }
+    }
+};
+
+struct Area {
+    double value = 0.0, bound = 0.0;
+
+    void operator+=(const Area &other) {
+        value += other.value;
+        bound += other.bound;
+    }
+};
+
+struct Slab { // of a triangle between u0 and u1: v and w of its bottom and top at both
+    double u[2], low[2], high[2], w_low[2], w_high[2];
+
+    // Area above a horizon with values h at both; calls `each` with its parts: s0, s1, and w of the
+    // bottom and the top at both.
+    template <class Each> double above(double h0, double h1, Each each) const {
+        const double h[2] = {h0, h1};
+        double cuts[4] = {0.0, 1.0, 1.0, 1.0};
+        int n = 1;
+        for (const auto &side : {low, high}) {
+            const double d0 = h0 - side[0], d1 = h1 - side[1];
+            if ((d0 < 0 && d1 > 0) || (d0 > 0 && d1 < 0)) cuts[n++] = d0 / (d0 - d1);
+        }
+        if (n == 3 && cuts[1] > cuts[2]) std::swap(cuts[1], cuts[2]);
+        cuts[n] = 1.0;
+        double sum = 0.0;
+        for (int k = 0; k < n; k++) sum += between(cuts[k], cuts[k + 1], h, each);
+        return sum;
+    }
+    double above(double h0, double h1) const {
+        return above(h0, h1, [](double, double, const double (&)[4]) {});
+    }
+
+    static double mix(const double (&values)[2], double s) {
+        return values[0] + s * (values[1] - values[0]);
+    }
+
+  private:
+    // Between two parts of the interval, where the horizon crosses neither side.
+    template <class Each>
+    double between(double s0, double s1, const double (&h)[2], Each each) const {
+        const double middle = 0.5 * (s0 + s1);
+        const double at = mix(h, middle);
+        if (!(s1 > s0) || at >= mix(high, middle)) return 0.0;
+        const bool is_whole = at <= mix(low, middle);
+        const double low0 = is_whole ? mix(w_low, s0) : w_at(s0, h);
+        const double low1 = is_whole ? mix(w_low, s1) : w_at(s1, h);
+        const double high0 = mix(w_high, s0), high1 = mix(w_high, s1);
+        each(s0, s1, {low0, low1, high0, high1});
+        const double depth = std::abs(1 / (high0 * high1) - 1 / (low0 * low1));
+        return 0.5 * (s1 - s0) * (u[1] - u[0]) * depth;
+    }
+
+    double w_at(double s, const double (&h)[2]) const {
+        const double bottom = mix(low, s), height = mix(high, s) - bottom;
+        const double part = height > 0 ? (mix(h, s) - bottom) / height : 0.0;
+        const double w0 = mix(w_low, s), w1 = mix(w_high, s);
+        return w0 + std::min(std::max(part, 0.0), 1.0) * (w1 - w0);
+    }
+};
+
+// A convex polygon in (u, v), of at most five corners, as chains from its least to its greatest u.
+class Polygon {
+  public:
+    void add(const Projected &corner) { _corners[_n++] = corner; }
+
+    // Sets the chains by v, or by that of targets; false where it is empty.
+    bool divide(bool is_raised) {
+        _is_raised = is_raised;
+        int first = 0, last = 0;
+        for (int k = 1; k < _n; k++) {
+            if (is_left(k, first)) first = k;
+            if (is_left(last, k)) last = k;
+        }
+        if (!(_corners[last].u > _corners[first].u)) return false;
+        for (int side = 0; side < 2; side++) {
+            _length[side] = 0;
+            for (int k = first;; k = (k + (side == 0 ? 1 : _n - 1)) % _n) {
+                _chain[side][_length[side]++] = _corners[k];
+                if (k == last) break;
+            }
+        }
+        if (is_first_on_top()) {
+            std::swap(_chain[0], _chain[1]);
+            std::swap(_length[0], _length[1]);
+        }
+        return true;
+    }
+
+    double first() const { return _chain[0][0].u; }
+    double last() const { return _chain[0][_length[0] - 1].u; }
+
+    // Calls `each` with the bottom and top edges over each interval.
+    template <class Each> void visit(Each each) const {
+        int at[2] = {0, 0};
+        double u0 = first();
+        while (at[0] + 1 < _length[0] && at[1] + 1 < _length[1]) {
+            const Projected *ends[2] = {&_chain[0][at[0]], &_chain[1][at[1]]};
+            const double u1 = std::min(ends[0][1].u, ends[1][1].u);
+            if (u1 > u0) each(u0, u1, ends[0], ends[1]);
+            u0 = std::max(u0, u1);
+            for (int side = 0; side < 2; side++)
+                if (ends[side][1].u <= u1) at[side]++;
+        }
+    }
+
+    double v(const Projected &corner) const { return _is_raised ? corner.raised : corner.v; }
+    Line line(const Projected *ends) const { return line_of(ends[0], ends[1], _is_raised); }
+
+  private:
+    Projected _corners[7], _chain[2][7];
+    int _n = 0, _length[2] = {0, 0};
+    bool _is_raised = false;
+
+    bool is_left(int k, int other) const {
+        const Projected &p = _corners[k], &q = _corners[other];
+        return p.u < q.u || (p.u == q.u && v(p) < v(q));
+    }
+
+    // By the signed area of the polygon: its first chain runs above the other.
+    bool is_first_on_top() const {
+        double twice = 0.0;
+        for (int k = 1; k + 1 < _n; k++) {
+            const Projected &o = _corners[0], &p = _corners[k], &q = _corners[k + 1];
+            twice += (p.u - o.u) * (v(q) - v(o)) - (q.u - o.u) * (v(p) - v(o));
+        }
+        return twice < 0;
+    }
+};
+
+struct Axis { // of an octant: cells of the grid from that of the observer on
+    double origin, step;
+    int64_t sign, start, count;
+
+    double position(int64_t line) const { return double(sign) * (double(line) * step - origin); }
+    int64_t near(int64_t cell) const { return sign > 0 ? cell : cell + 1; }
+    int64_t far(int64_t cell) const { return sign > 0 ? cell + 1 : cell; }
+    bool has(int64_t cell) const { return cell >= 0 && cell < count; }
+};
+
+struct Ground {
+    Array<const double, Any, Any> heights; // NaN where there is none
+    Array<const double, 2> spacing;        // of columns and rows, metres
+    double inverse_radius;                 // 0 for a plane
+
+    int64_t rows() const { return heights.extent(0); }
+    int64_t columns() const { return heights.extent(1); }
+};
+
+struct View {
+    Array<const double, 3> eye; // from the first sample along columns and rows, and height
+    double target;              // height of what is seen above the surface
+    double reach;               // of cells that count, metres
+};
+
+struct Result {
+    Array<double, Any, Any> share, bound, surface; // of cells; the last in square metres
+    Array<double, Any, 8> pieces;                  // visible parts on the map: four corners
+};
+
+class Viewshed {
+  public:
+    Viewshed(const Ground &ground, const View &view, const Result &result)
+        : _ground(ground), _view(view), _result(result) {}
+
+    // Number of visible parts.
+    int64_t solve() {
+        Poll poll(64);
+        for (int octant = 0; octant < 8; octant++) {
+            set(octant);
+            _horizon.clear();
+            for (int64_t i = _major.start; _major.has(i); i += _major.sign) {
+                poll();
+                strip(i);
+            }
+        }
+        return _n_pieces;
+    }
+
+  private:
+    const Ground &_ground;
+    const View &_view;
+    const Result &_result;
+    Horizon _horizon;
+    Axis _major{}, _minor{};
+    bool _is_swapped = false;
+    int64_t _n_pieces = 0, _row = 0, _column = 0; // of the cell
+    std::vector<Corner> _inside, _clipped;        // of the triangle in the octant
+
+    void set(int octant) {
+        const auto axis = [&](int k, bool is_back) {
+            const double step = _ground.spacing[k], at = _view.eye[k];
+            const int64_t count = (k == 0 ? _ground.columns() : _ground.rows()) - 1;
+            const int64_t cell = std::min(int64_t(std::floor(at / step)), count - 1);
+            return Axis{at, step, is_back ? -1 : 1, std::max(cell, int64_t(0)), count};
+        };
+        _is_swapped = (octant & 1) != 0;
+        _major = axis(_is_swapped ? 1 : 0, (octant & 2) != 0);
+        _minor = axis(_is_swapped ? 0 : 1, (octant & 4) != 0);
+    }
+
+    Corner corner(int64_t major, int64_t minor) const {
+        const double a = _major.position(major), b = _minor.position(minor);
+        const double fall = 0.5 * _ground.inverse_radius * (a * a + b * b);
+        const double h =
+            _is_swapped ? _ground.heights(major, minor) : _ground.heights(minor, major);
+        const double above = h - _view.eye[2];
+        return {a, b, above - fall, std::abs(above) + fall + _view.target, above};
+    }
+
+    void strip(int64_t i) {
+        const double far = _major.position(_major.far(i));
+        const double near = std::max(0.0, _major.position(_major.near(i)));
+        if (!(far > 0) || near > _view.reach) return;
+        for (int64_t j = _minor.start; _minor.has(j); j += _minor.sign) {
+            const double side = std::max(0.0, _minor.position(_minor.near(j)));
+            if (side >= far || std::hypot(near, side) > _view.reach) break;
+            if (_minor.position(_minor.far(j)) > 0) cell(i, j);
+        }
+    }
+
+    void cell(int64_t i, int64_t j) {
+        const int64_t i0 = _major.near(i), i1 = _major.far(i);
+        const int64_t j0 = _minor.near(j), j1 = _minor.far(j);
+        const Corner nn = corner(i0, j0), fn = corner(i1, j0);
+        const Corner nf = corner(i0, j1), ff = corner(i1, j1);
+        const bool is_main = _major.sign == _minor.sign; // the diagonal is from nn to ff
+        const Corner &p = is_main ? nn : fn, &q = is_main ? ff : nf;
+        const Corner one[3] = {p, is_main ? fn : nn, q}, other[3] = {p, q, is_main ? nf : ff};
+        // The side of the diagonal on which the observer is goes first.
+        const double side = p.a * q.b - p.b * q.a;
+        const double of_one = (q.a - p.a) * (one[1].b - p.b) - (q.b - p.b) * (one[1].a - p.a);
+        const bool is_one_first = side * of_one >= 0;
+        triangle(is_one_first ? one : other, i, j);
+        triangle(is_one_first ? other : one, i, j);
+    }
+
+    // Has no observer below its edges or inside.
+    static bool is_beside(const Corner (&c)[3]) {
+        double least = INFINITY, most = -INFINITY;
+        for (int k = 0; k < 3; k++) {
+            const Corner &p = c[k], &q = c[(k + 1) % 3];
+            const double side = p.a * q.b - p.b * q.a;
+            least = std::min(least, side);
+            most = std::max(most, side);
+        }
+        return least < 0 && most > 0;
+    }
+
+    void triangle(const Corner (&corners)[3], int64_t i, int64_t j) {
+        if (std::isnan(corners[0].z + corners[1].z + corners[2].z)) return;
+        _inside.assign(corners, corners + 3);
+        for (int side = 0; side < 2; side++)
+            if (!is_inside(_inside, side)) clip(side);
+        if (_inside.size() < 3) return;
+        _row = _is_swapped ? i : j;
+        _column = _is_swapped ? j : i;
+        const double below = plane_below(corners);
+        if (!is_beside(corners)) {
+            raise_edges();
+            add_whole(_view.target > 0 || below < 0, corners);
+            return;
+        }
+        Polygon polygon;
+        for (const Corner &each : _inside) {
+            if (!(each.a > 0)) return;
+            polygon.add(projected(each));
+        }
+        if (_view.target > 0) {
+            if (polygon.divide(false)) raise_nearest(polygon);
+            if (polygon.divide(true)) add(visible(polygon), corners);
+        } else if (below < 0 && polygon.divide(false)) {
+            add(visible(polygon), corners);
+        } else if (below == 0) {
+            add_whole(false, corners);
+        }
+        if (polygon.divide(false)) raise_top(polygon);
+    }
+
+    Projected projected(const Corner &corner) const {
+        const double w = 1 / corner.a;
+        return {corner.b * w, corner.z * w, w, (corner.z + _view.target) * w, corner.size * w};
+    }
+
+    // Height of the plane of a triangle at the place of the observer, who sees its front where it
+    // is negative; 0 where rounding hides it.
+    static double plane_below(const Corner (&c)[3]) {
+        const double a1 = c[1].a - c[0].a, b1 = c[1].b - c[0].b, z1 = c[1].z - c[0].z;
+        const double a2 = c[2].a - c[0].a, b2 = c[2].b - c[0].b, z2 = c[2].z - c[0].z;
+        const double whole = a1 * b2 - a2 * b1;
+        const double x = (z1 * b2 - z2 * b1) / whole * c[0].a;
+        const double y = (a1 * z2 - a2 * z1) / whole * c[0].b;
+        const double size = c[0].size + c[1].size + c[2].size;
+        const double reach = 1 + (std::abs(c[0].a) + std::abs(c[0].b)) / std::sqrt(std::abs(whole));
+        const double below = c[0].z - x - y;
+        const double error = 16 * ROUNDING * (size * reach + std::abs(x) + std::abs(y));
+        return std::abs(below) <= error ? 0.0 : below;
+    }
+
+    static double outside(const Corner &corner, int side) {
+        return side == 0 ? -corner.b : corner.b - corner.a;
+    }
+
+    static bool is_inside(const std::vector<Corner> &corners, int side) {
+        return std::none_of(corners.begin(), corners.end(),
+                            [&](const Corner &each) { return outside(each, side) > 0; });
+    }
+
+    // Keeps what is in the octant.
+    void clip(int side) {
+        _clipped.clear();
+        for (size_t k = 0; k < _inside.size(); k++) {
+            const Corner &p = _inside[k], &q = _inside[(k + 1) % _inside.size()];
+            const double d = outside(p, side), e = outside(q, side);
+            if (d <= 0) _clipped.push_back(p);
+            if (d < 0 && e > 0) _clipped.push_back(on_border(p, q, d, e, side));
+            if (d > 0 && e < 0) _clipped.push_back(on_border(q, p, e, d, side));
+        }
+        _inside.swap(_clipped);
+    }
+
+    // Between a corner inside and one outside: the same for both triangles of an edge.
+    static Corner on_border(const Corner &p, const Corner &q, double d, double e, int side) {
+        const double part = d / (d - e);
+        const double a = p.a + part * (q.a - p.a);
+        return {a, side == 0 ? 0.0 : a, p.z + part * (q.z - p.z), std::max(p.size, q.size)};
+    }
+
+    // Adds all of the triangle in the octant, or nothing with all of it as the bound.
+    void add_whole(bool is_visible, const Corner (&corners)[3]) {
+        double twice = 0.0;
+        for (size_t k = 0; k < _inside.size(); k++) {
+            const Corner &p = _inside[k], &q = _inside[(k + 1) % _inside.size()];
+            twice += p.a * q.b - p.b * q.a;
+        }
+        const double area = 0.5 * std::abs(twice);
+        add(is_visible ? Area{area, 0.0} : Area{0.0, area}, corners);
+        for (size_t k = 2; is_visible && k < _inside.size(); k++)
+            put_piece({_inside[0], _inside[k - 1], _inside[k], _inside[0]});
+    }
+
+    void raise_edge(const Projected &p, const Projected &q) {
+        const Projected &left = p.u < q.u ? p : q, &right = p.u < q.u ? q : p;
+        if (right.u > left.u) _horizon.raise(line_of(left, right, false), left.u, right.u);
+    }
+
+    // Of a triangle that is below the observer.
+    void raise_edges() {
+        for (size_t k = 0; k < _inside.size(); k++) {
+            const Corner &p = _inside[k], &q = _inside[(k + 1) % _inside.size()];
+            if (p.a > 0 && q.a > 0) raise_edge(projected(p), projected(q));
+        }
+    }
+
+    void raise_top(const Polygon &polygon) {
+        polygon.visit([&](double u0, double u1, const Projected *, const Projected *top) {
+            _horizon.raise(polygon.line(top), u0, u1);
+        });
+    }
+
+    // Its side towards the observer, which hides targets above it where nothing is before it.
+    void raise_nearest(const Polygon &polygon) {
+        polygon.visit([&](double u0, double u1, const Projected *low, const Projected *top) {
+            const double middle = 0.5 * (u0 + u1);
+            const bool is_top = w_at(top, middle) > w_at(low, middle);
+            _horizon.raise(polygon.line(is_top ? top : low), u0, u1);
+        });
+    }
+
+    static double w_at(const Projected *ends, double u) {
+        return ends[0].w + (u - ends[0].u) / (ends[1].u - ends[0].u) * (ends[1].w - ends[0].w);
+    }
+
+    Area visible(const Polygon &polygon) {
+        Area sum;
+        polygon.visit([&](double first, double last, const Projected *low, const Projected *top) {
+            const Line bottom = polygon.line(low), upper = polygon.line(top);
+            _horizon.visit(first, last, [&](double u0, double u1, const Line &line) {
+                const double h0 = line.at(u0), h1 = line.at(u1);
+                const double error = line.error + bottom.error + upper.error;
+                const double m0 = upper.at(u0), m1 = upper.at(u1);
+                if (h0 - error > m0 && h1 - error > m1) return;
+                const Slab slab = {{u0, u1},
+                                   {bottom.at(u0), bottom.at(u1)},
+                                   {m0, m1},
+                                   {w_at(low, u0), w_at(low, u1)},
+                                   {w_at(top, u0), w_at(top, u1)}};
+                sum += area_of(slab, h0, h1, error);
+            });
+        });
+        return sum;
+    }
+
+    Area area_of(const Slab &slab, double h0, double h1, double error) {
+        const auto put = [&](double s0, double s1, const double (&w)[4]) {
+            const double u0 = Slab::mix(slab.u, s0), u1 = Slab::mix(slab.u, s1);
+            const auto at = [](double u, double of) { return Corner{1 / of, u / of, 0.0, 0.0}; };
+            put_piece({at(u0, w[0]), at(u1, w[1]), at(u1, w[3]), at(u0, w[2])});
+        };
+        const double value = slab.above(h0, h1, put);
+        const double most = slab.above(h0 - error, h1 - error);
+        const double least = slab.above(h0 + error, h1 + error);
+        return {value, std::max(most - value, value - least) + 16 * ROUNDING * most};
+    }
+
+    void put_piece(const std::array<Corner, 4> &corners) {
+        if (_n_pieces < _result.pieces.rows())
+            for (int k = 0; k < 4; k++) {
+                const double a = _major.origin + double(_major.sign) * corners[size_t(k)].a;
+                const double b = _minor.origin + double(_minor.sign) * corners[size_t(k)].b;
+                _result.pieces(_n_pieces, 2 * k) = _is_swapped ? b : a;
+                _result.pieces(_n_pieces, 2 * k + 1) = _is_swapped ? a : b;
+            }
+        _n_pieces++;
+    }
+
+    // Adds an area on the map to the cell.
+    void add(const Area &area, const Corner (&c)[3]) {
+        const double cell = _ground.spacing[0] * _ground.spacing[1];
+        const double a1 = c[1].a - c[0].a, b1 = c[1].b - c[0].b, z1 = c[1].level - c[0].level;
+        const double a2 = c[2].a - c[0].a, b2 = c[2].b - c[0].b, z2 = c[2].level - c[0].level;
+        const double slope_a = (z1 * b2 - z2 * b1) / cell, slope_b = (a1 * z2 - a2 * z1) / cell;
+        const double steepness = std::sqrt(1 + slope_a * slope_a + slope_b * slope_b);
+        _result.share(_row, _column) += area.value / cell;
+        _result.bound(_row, _column) += area.bound / cell;
+        _result.surface(_row, _column) += area.value * steepness;
+    }
+};
+
+int64_t viewshed(const Ground &ground, const View &view, const Result &result) {
+    const int64_t rows = ground.rows() - 1, columns = ground.columns() - 1;
+    require(rows > 0 && columns > 0, "heights must have two rows and columns or more");
+    for (const auto &each : {result.share, result.bound, result.surface})
+        require(each.extent(0) == rows && each.extent(1) == columns,
+                "share, bound and surface must have one row and column fewer than heights");
+    const auto is_inside = [&](int k, int64_t count) {
+        return view.eye[k] >= 0 && view.eye[k] <= ground.spacing[k] * double(count);
+    };
+    require(ground.spacing[0] > 0 && ground.spacing[1] > 0 && is_inside(0, columns) &&
+                is_inside(1, rows),
+            "eye must be on the grid, spacing must be positive");
+    return Viewshed(ground, view, result).solve();
+}
+
+} // namespace
+} // namespace survey
+
+RECORD(survey::Ground, heights, spacing, inverse_radius);
+RECORD(survey::View, eye, target, reach);
+RECORD(survey::Result, share, bound, surface, pieces);
+
+void register_survey_viewshed(nanobind::module_ &m) {
+    using namespace survey;
+    def(m, "viewshed", viewshed,
+        "Add the visible share of each cell, its bound and its area; the number of visible "
+        "pieces.\n\n"
+        "Heights, (H, W), are NaN where there is no ground. `pieces`, (N, 8), get the corners of "
+        "the\n"
+        "first N.",
+        "ground", "view", "result");
+}
+
+} // namespace rastercov

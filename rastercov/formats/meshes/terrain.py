@@ -1,0 +1,152 @@
+"""Rasters of heights: the first band of a GeoTIFF, and ESRI ASCII grids.
+
+OGC 19-008r4, GeoTIFF Standard 1.1.
+"""
+
+import io
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rastercov.base import MeshError, ResourceError, finite_number, shown
+from rastercov.core.mesh.terrain import Raster, raster_of_array
+from rastercov.formats.meshes.polygons import PEAK_BYTES_PER_FACE, Polygons, broken, check
+
+PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
+"""Tags of GeoTIFF, the last one of GDAL."""
+MODEL, RASTER_TYPE, PROJECTED_CRS, LINEAR_UNIT = 1024, 1025, 3072, 3076
+"""Keys of GeoTIFF."""
+UNITS = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
+"""Metres of a unit of length by its code."""
+LEAST_BUDGET = 2 << 30
+"""Bytes that a surface may need, however well its file is compressed."""
+
+
+def read_geotiff(data: bytes, budget: int) -> Polygons:
+    """Surface of a GeoTIFF, with curvature and refraction."""
+    return _polygons(raster_of_geotiff(data), budget)
+
+
+def read_ascii(data: bytes, budget: int) -> Polygons:
+    """Surface of an ESRI ASCII grid, with curvature and refraction."""
+    return _polygons(raster_of_ascii(data), budget)
+
+
+def _polygons(raster: Raster, budget: int) -> Polygons:
+    most = max(budget, LEAST_BUDGET) // (2 * PEAK_BYTES_PER_FACE)
+    if raster.heights.size > most:
+        raise ResourceError(
+            f"expected at most {most:,} heights, got {raster.heights.size:,}; raise "
+            "memory_budget, or cut the raster"
+        )
+    points, faces, cells, notes = raster.curved().surface()
+    group = np.zeros(len(faces), np.int64)
+    return Polygons(points, faces, cells, group, notes=notes, is_in_metres=True)
+
+
+def raster_of_geotiff(data: bytes) -> Raster:
+    """Heights of the first band of a GeoTIFF in a projected CRS."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with (
+            warnings.catch_warnings(action="ignore"),  # of tags that it skips
+            Image.open(io.BytesIO(data), formats=("TIFF",)) as image,
+        ):
+            tags: dict[int, Any] = dict(image.tag_v2)  # type: ignore[attr-defined] # of TIFF
+            mode = image.mode
+            heights = np.asarray(image, np.float64)
+    except (
+        UnidentifiedImageError,
+        Image.DecompressionBombError,
+        OSError,
+        SyntaxError,
+        ValueError,
+    ) as error:
+        raise MeshError(
+            f"expected a GeoTIFF that Pillow reads, got: {shown(str(error))}; convert it: "
+            "gdal_translate -co COMPRESS=DEFLATE -ot Float32"
+        ) from None
+    check(
+        heights.ndim == 2 and mode not in ("P", "1"),
+        f"expected one band of heights, got an image of mode {mode}",
+        "name the raster of heights",
+    )
+    keys = _keys(tags)
+    check(
+        keys.get(MODEL, 1) == 1,
+        "expected a projected raster in metres, got one in degrees",
+        "reproject it, such as gdalwarp -t_srs EPSG:32632",
+    )
+    unit = UNITS.get(keys.get(LINEAR_UNIT, 9001), 0.0)
+    check(unit > 0, f"expected metres or feet, got unit {keys.get(LINEAR_UNIT)}", "reproject it")
+    check(
+        TRANSFORM not in tags and PIXEL_SCALE in tags and TIE_POINT in tags,
+        "expected a scale and a tie point of GeoTIFF, got a rotated grid or none",
+        "write it again with gdalwarp",
+    )
+    nodata = str(tags.get(NODATA, "")).strip("\0 ")
+    if nodata:
+        heights[heights == float(nodata)] = np.nan
+    dx, dy = (float(each) * unit for each in tags[PIXEL_SCALE][:2])
+    column, row, _, x, y = (float(each) for each in tags[TIE_POINT][:5])
+    to_sample = 0.5 if keys.get(RASTER_TYPE, 1) == 1 else 0.0  # a pixel is an area: its middle
+    origin = x * unit + (to_sample - column) * dx, y * unit - (to_sample - row) * dy
+    code = keys.get(PROJECTED_CRS, 0)
+    return raster_of_array(heights, (dx, dy), origin, f"EPSG:{code}" if 0 < code < 32767 else "")
+
+
+def _keys(tags: dict[int, Any]) -> dict[int, int]:
+    """Short values of the keys of GeoTIFF."""
+    values = [int(each) for each in tags.get(KEYS, ())]
+    entries = zip(*(values[4 + k :: 4] for k in range(4)), strict=False)
+    return {key: value for key, location, _, value in entries if location == 0}
+
+
+def raster_of_ascii(data: bytes) -> Raster:
+    """Heights of an ESRI ASCII grid."""
+    text = data.decode("ascii", "replace")
+    header: dict[str, float] = {}
+    at = 0
+    while line := text[at : text.find("\n", at) + 1]:
+        words = line.split()
+        if len(words) != 2 or not words[0][0].isalpha():
+            break
+        header[words[0].lower()] = finite_number(_number(words[1]))
+        at += len(line)
+    missing = {"ncols", "nrows"} - set(header)
+    check(not missing, f"expected {' and '.join(sorted(missing))} in the header, got none")
+    check(np.isfinite(list(header.values())).all(), "expected numbers in the header, got a word")
+    columns, rows = int(header["ncols"]), int(header["nrows"])
+    cell = header.get("cellsize", 0.0)
+    dx, dy = header.get("dx", cell), header.get("dy", cell)
+    try:
+        with warnings.catch_warnings(action="ignore"):  # numpy 1 ends at what is no number
+            values = np.fromstring(text[at:], sep=" ")
+    except ValueError:
+        raise broken("expected numbers, got a word") from None
+    check(
+        len(values) == rows * columns > 0,
+        f"expected {rows} x {columns} heights, got {len(values)} numbers",
+    )
+    heights = values.reshape(rows, columns)
+    heights[heights == header.get("nodata_value", -9999.0)] = np.nan
+    x = header.get("xllcenter", header.get("xllcorner", 0.0) + dx / 2)
+    y = header.get("yllcenter", header.get("yllcorner", 0.0) + dy / 2)
+    return raster_of_array(heights, (dx, dy), (x, y + (rows - 1) * dy))
+
+
+def _number(word: str) -> object:
+    try:
+        return float(word)
+    except ValueError:
+        return word
+
+
+RASTERS: dict[object, Callable[[bytes], Raster]] = {
+    read_geotiff: raster_of_geotiff,
+    read_ascii: raster_of_ascii,
+}
+"""Heights alone, by the reader of a surface."""

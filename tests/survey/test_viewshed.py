@@ -1,0 +1,307 @@
+"""Viewsheds against fractions, the general engine, published cases; files and the command."""
+
+import json
+from contextlib import suppress
+from fractions import Fraction
+from math import sqrt
+
+import numpy as np
+import pytest
+import shapely
+from commands import call, refusal
+from nightly import amount
+from PIL import Image
+from viewshed_by_fractions import shares
+
+import rastercov as rc
+from rastercov.core.camera.conventions import panorama
+from rastercov.engine import survey_viewshed as kernels
+from rastercov.survey.geo import geotiff
+
+ORIGIN = (500000.0, 5300000.0)
+
+
+def random_grid(rng):
+    """Heights in quarters, many of them equal, some missing."""
+    shape = rng.integers(2, 5, 2)
+    heights = np.round(rng.normal(0, 1, shape) * rng.choice([0, 1, 3, 10, 40])) / rng.choice([1, 4])
+    if rng.random() < 0.2:
+        heights[tuple(rng.integers(0, shape))] = np.nan
+    return heights
+
+
+def ground_below(heights, spacing, eye, inverse_radius):
+    """Height of the surface at a place in fractions; None over a hole."""
+    x, y = eye[0] / spacing[0], eye[1] / spacing[1]
+    rows, columns = len(heights), len(heights[0])
+    j, i = min(int(x), columns - 2), min(int(y), rows - 2)
+    u, v = x - j, y - i
+
+    def z(row, column):
+        away = (column * spacing[0] - eye[0]) ** 2 + (row * spacing[1] - eye[1]) ** 2
+        height = heights[row][column]
+        return None if height is None else height - away * inverse_radius / 2
+
+    corners = [z(i, j), z(i, j + 1), z(i + 1, j), z(i + 1, j + 1)]
+    if None in corners:
+        return None
+    nw, ne, sw, se = corners
+    return nw + u * (ne - nw) + v * (se - ne) if u >= v else nw + v * (sw - nw) + u * (se - sw)
+
+
+@pytest.mark.parametrize("seed", range(amount(30, 400)))
+def test_shares_are_those_of_fractions(seed):
+    rng = np.random.default_rng(seed)
+    array = random_grid(rng)
+    rows, columns = array.shape
+    spacing = np.array([[1.0, 1.0], [2.0, 1.5]][rng.integers(2)])
+    parts = int(rng.choice([1, 2, 8, 1024]))  # on samples, on sides, anywhere
+    at = [rng.integers(0, parts * (n - 1) + 1) / parts for n in (columns, rows)] * spacing
+    heights = [[None if np.isnan(x) else Fraction(x) for x in row] for row in array.tolist()]
+    exact_spacing = tuple(map(Fraction, spacing.tolist()))
+    inverse_radius = Fraction(int(rng.integers(2)), 64)
+    eye = tuple(map(Fraction, at.tolist()))
+    ground = ground_below(heights, exact_spacing, eye, inverse_radius)
+    if ground is None:
+        pytest.skip("the observer is over a hole")
+    z = float(ground + Fraction(float(rng.choice([0.25, 1.5, 3, 20]))))
+    target = float(rng.choice([0, 0, 0.5, 2]))
+    wanted = shares(heights, exact_spacing, (*eye, Fraction(z)), Fraction(target), inverse_radius)
+    share, bound, surface = np.zeros((3, rows - 1, columns - 1))
+    n = kernels.viewshed(
+        (array, spacing, float(inverse_radius)),
+        (np.array([*at, z]), target, np.inf),
+        (share, bound, surface, np.empty((0, 8))),
+    )
+    pieces = np.zeros((n, 8))
+    result = (*np.zeros((3, rows - 1, columns - 1)), pieces)
+    ground = (array, spacing, float(inverse_radius))
+    kernels.viewshed(ground, (np.array([*at, z]), target, np.inf), result)
+    for cell, value in wanted.items():
+        error = abs(Fraction(share[cell]) - value)
+        assert error <= bound[cell] + 1e-14, (cell, share[cell], float(value), bound[cell])
+    assert bound.max() < 1e-9
+    area = shapely.area(shapely.make_valid(shapely.polygons(pieces.reshape(-1, 4, 2)))).sum()
+    assert area == pytest.approx(share.sum() * spacing.prod(), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(amount(3, 20)))
+def test_areas_are_those_of_the_general_engine(seed):
+    rng = np.random.default_rng(seed)
+    spacing = (10.0, 12.0)
+    heights = rng.normal(0, 3, (12, 14)).cumsum(axis=0)
+    mesh = rc.Mesh.terrain(heights, spacing, curvature=False)
+    observer = np.array((rng.uniform(5, 120), -rng.uniform(5, 120), 4.0))
+    seen = rc.viewshed(heights, observer, spacing=spacing, curvature=False)
+    corner = mesh.vertices[mesh.faces]
+    eye = observer + np.array((0, 0, surface_at(corner, observer[:2])))
+    pose = rc.look_at([eye], targets=eye + np.array((1, 0, 0)))
+    covered = rc.evaluate(mesh, panorama(2000, 1000), pose).covered
+    cells = heights[1:, 1:].size
+    by_cell = np.bincount(mesh.source_face, covered.area[0], cells)
+    bound = np.bincount(mesh.source_face, covered.bound, cells)
+    total = seen.seen[0]
+    assert abs(total.surface - by_cell.sum()) <= total.surface_bound + bound.sum() + 1e-9
+    hidden = seen.share.ravel() + seen.bound.ravel() < 1e-12
+    assert (by_cell[hidden] <= bound[hidden] + 1e-9).all()
+
+
+def surface_at(corners, place):
+    """Height of the triangles (F, 3, 3) at a place on the map."""
+    a, b, c = (corners[:, k, :2] - place for k in range(3))
+
+    def cross(p, q):
+        return p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+
+    parts = np.stack([cross(b, c), cross(c, a), cross(a, b)])
+    row = int(np.argmax(parts.min(axis=0) / parts.sum(axis=0)))
+    weights = parts[:, row] / parts[:, row].sum()
+    return float(weights @ corners[row, :, 2])
+
+
+REACH = sqrt(2 * 6371000 / 0.87)
+"""Square root of twice the radius with refraction."""
+CRITICAL = REACH * (sqrt(1.7) + sqrt(3.0))
+"""Distance on a plane at which 1.7 m and 3 m lose sight of one another, m."""
+LINES = {
+    "plane, 3 km": (100, {}, 3.0, True),
+    "wall of 50 m": (199, {100: 50}, 3.0, False),
+    "wall of 1 m, 3 km": (99, {50: 1}, 3.0, True),
+    "hollow": (99, dict.fromkeys(range(45, 55), -80), 3.0, True),
+    "wall of 2 m, 3 km": (99, {50: 2}, 3.0, True),
+    "wall of 2 m, 9 km": (299, {150: 2}, 3.0, False),
+    "wall of 80 m, 3 km": (99, {50: 80}, 3.0, False),
+    "ground behind a hill": (133, {67: 12}, 0.0, False),
+    "30 m behind a hill": (133, {67: 12}, 30.0, True),
+    "from a summit": (199, {0: 40}, 3.0, True),
+    "to a summit": (199, {199: 40}, 3.0, True),
+    "below the critical distance": (int(CRITICAL * 0.75 / 30), {}, 3.0, True),
+    "beyond the critical distance": (int(CRITICAL * 1.6 / 30), {}, 3.0, False),
+    "40 km": (int(40000 / 30), {}, 3.0, False),
+    "1 km": (33, {}, 3.0, True),
+}
+"""Lines of sight of 30 m cells: last column, heights by column, target, whether it is seen.
+
+V. L. Dimr. Silent failures of viewsheds. 2026, github.com/vl4dimr/silent-failures-viewshed.
+"""
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_published_lines_of_sight(name):
+    last, changes, target, is_seen = LINES[name]
+    heights = np.full((3, last + 2), 3800.0)
+    for column, height in changes.items():
+        heights[:, column] += height
+    if last in changes:  # a summit at the end of the raster
+        heights = heights[:, : last + 1]
+    seen = rc.viewshed(heights, (0.0, -30.0, 1.7), spacing=30.0, target=target)
+    assert (seen.share[:, last - 1 : last + 1] > 0).any() == is_seen
+
+
+def test_sums_of_several_observers_and_the_radius():
+    rng = np.random.default_rng(0)
+    heights = rng.normal(0, 4, (30, 40)).cumsum(axis=1)
+    observers = [(100.0, -80.0), (300.0, -200.0), (5.0, -5.0)]
+    alone = [rc.viewshed(heights, each, spacing=10.0, radius=150.0) for each in observers]
+    together = rc.viewshed(heights, observers, spacing=10.0, radius=150.0)
+    parts = [np.nan_to_num(each.share) for each in alone]
+    np.testing.assert_allclose(np.nan_to_num(together.share), sum(parts))
+    assert together.seen == tuple(each.seen[0] for each in alone)
+    whole = rc.viewshed(heights, observers[0], spacing=10.0)
+    within = np.isfinite(alone[0].share)
+    assert np.array_equal(whole.share[within], alone[0].share[within])
+    x, y = np.arange(39) * 10 + 5 - 100.0, np.arange(29) * 10 + 5 - 80.0
+    assert np.array_equal(within, np.hypot(x, y[:, None]) <= 150)
+
+
+def test_the_curvature_is_that_of_a_sphere_for_every_observer():
+    heights = np.zeros((3, 2002))
+    for x in (0.0, 20000.0):
+        seen = rc.viewshed(heights, (x, -30.0, 10.0), spacing=30.0, target=0.0)
+        ahead = seen.share[0, int(x / 30) :]
+        horizon = sqrt(2 * 10 * 6371000 / 0.87)
+        assert ahead.sum() * 30 == pytest.approx(horizon, abs=60)
+    flat = rc.viewshed(heights, (0.0, -30.0, 10.0), spacing=30.0, curvature=False)
+    np.testing.assert_allclose(flat.share, 1, rtol=1e-12)
+
+
+def write_raster(path, heights, more=None, nodata="-9999"):
+    """GeoTIFF of heights with tags changed."""
+    tags = geotiff.tags_of(ORIGIN, (25.0, 20.0), 32632, "UTM 32N") | {42113: (2, nodata)}
+    path.write_bytes(geotiff.encode(heights, "TIFF", tags | (more or {})))
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int16, np.uint8, np.int32])
+def test_rasters_of_files_are_those_of_arrays(tmp_path, dtype):
+    heights = np.arange(20).reshape(4, 5).astype(dtype)
+    heights[3, 4] = 99
+    path = write_raster(tmp_path / "a.tif", heights, nodata="99")
+    mesh = rc.Mesh.load(path)
+    with_hole = np.where(heights == 99, np.nan, heights.astype(float))
+    middle = (ORIGIN[0] + 12.5, ORIGIN[1] - 10.0)  # of the first pixel
+    same = rc.Mesh.terrain(with_hole, (25.0, 20.0), origin=middle)
+    assert np.array_equal(mesh.vertices, same.vertices)
+    assert np.array_equal(mesh.faces, same.faces)
+    assert mesh.n_faces == 2 * 12 - 2
+    text = "".join(" ".join(map(str, row)) + "\n" for row in heights.tolist())
+    head = f"ncols 5\nnrows 4\nxllcorner {ORIGIN[0]}\nyllcorner {ORIGIN[1] - 80}\ndx 25\ndy 20\n"
+    (tmp_path / "a.asc").write_text(f"{head}NODATA_value 99\n{text}")
+    assert np.array_equal(rc.Mesh.load(tmp_path / "a.asc").vertices, mesh.vertices)
+
+
+def test_a_pixel_that_is_a_point_and_feet(tmp_path):
+    heights = np.zeros((3, 3), np.float32)
+    keys = (1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 2, 3072, 0, 1, 32632, 3076, 0, 1, 9002)
+    mesh = rc.Mesh.load(write_raster(tmp_path / "a.tif", heights, {34735: (3, keys)}))
+    foot = 0.3048
+    assert mesh.bounds[0, 0] == pytest.approx(ORIGIN[0] * foot)
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(50 * foot)
+
+
+WRONG = {
+    "degrees": ({34735: (3, (1, 1, 0, 1, 1024, 0, 1, 2))}, "got one in degrees"),
+    "no scale": ({33550: (12, (0.0, 0.0, 0.0))}, "expected a spacing above 0"),
+    "rotated": ({34264: (12, (1.0,) * 16)}, "a rotated grid"),
+    "unit": ({34735: (3, (1, 1, 0, 1, 3076, 0, 1, 9999))}, "got unit 9999"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_raster_of_another_kind_is_refused(tmp_path, name):
+    tags, words = WRONG[name]
+    path = write_raster(tmp_path / "a.tif", np.zeros((3, 3), np.float32), tags)
+    with pytest.raises(rc.MeshError, match=words):
+        rc.Mesh.load(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("ncols 3\n1 2 3\n", "nrows"),
+        ("ncols 3\nnrows 2\ncellsize 1\n1 2 3 4 5", "2 x 3 heights, got 5"),
+        ("ncols 3\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "got (a word|2 numbers)"),
+        ("ncols x\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "got a word"),
+        ("ncols 3\nnrows 1\ncellsize 1\n1 2 3", "2 x 2 heights"),
+        ("ncols 2\nnrows 2\n1 2 3 4", "a spacing above 0"),
+    ],
+)
+def test_a_broken_grid_is_refused(tmp_path, content, words):
+    (tmp_path / "a.asc").write_text(content)
+    with pytest.raises(rc.MeshError, match=words):
+        rc.Mesh.load(tmp_path / "a.asc")
+
+
+def test_no_other_error_comes_of_a_damaged_raster(tmp_path):
+    path = write_raster(tmp_path / "a.tif", np.arange(42, dtype=np.float32).reshape(6, 7))
+    data = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(amount(300, 5000)):
+        damaged = bytearray(data[: rng.integers(1, len(data) + 1)] if rng.random() < 0.2 else data)
+        for _ in range(rng.integers(1, 4)):
+            damaged[rng.integers(len(damaged))] = rng.integers(256)
+        path.write_bytes(damaged)
+        with suppress(rc.MeshError, rc.ResourceError):
+            rc.Mesh.load(path)
+
+
+def test_the_command_writes_what_python_computes(tmp_path, capsys):
+    rng = np.random.default_rng(1)
+    heights = (rng.normal(0, 4, (40, 50)).cumsum(axis=1) + 400).astype(np.float32)
+    path = write_raster(tmp_path / "a.tif", heights)
+    place = (ORIGIN[0] + 600.0, ORIGIN[1] - 400.0)
+    line = ["viewshed", str(path), "--from", "{},{}".format(*place), "--height", "3"]
+    out = ["--out", str(tmp_path / "out"), "--outlines", str(tmp_path / "a.geojson"), "--json"]
+    code, text, _ = call(capsys, [*line, *out])
+    assert code == 0
+    told = json.loads(text)["observers"][0]
+    seen = rc.viewshed(path, (*place, 3.0))
+    assert told["area_m2"] == seen.seen[0].area
+    with Image.open(tmp_path / "out" / "viewshed.tif") as image:
+        np.testing.assert_array_equal(np.asarray(image), seen.share.astype(np.float32))
+    outline = json.loads((tmp_path / "a.geojson").read_text())["features"][0]["geometry"]
+    assert shapely.geometry.shape(outline).area == pytest.approx(seen.seen[0].area, rel=1e-6)
+    assert call(capsys, [*line, "--at-least", "100"])[0] == 1
+    (tmp_path / "o.csv").write_text("x,y,height\n{},{},3\n{},{},9\n".format(*place, *place))
+    code, text, _ = call(capsys, ["viewshed", str(path), "--observers", str(tmp_path / "o.csv")])
+    assert code == 0
+    assert "2: " in text
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "got neither"),
+        (["--from", "1"], "expected X,Y"),
+        (["--from", "1,2"], "an observer on the raster"),
+        (["--from", "500100,5299900", "--height", "-1"], "a height of 0 or more"),
+        (["--from", "500100,5299900", "--radius", "0"], "a radius above 0"),
+        (["--from", "500100,5299900", "--target", "-1"], "a target of 0 m or more"),
+        (["--from", "500100,5299900", "--refraction", "1"], "a number from -10 to below 1"),
+        (["--from", "500100,5299900", "--outlines", "a.shp"], "a .geojson file"),
+        (["--observers", "nothing.csv"], "a CSV file"),
+    ],
+)
+def test_wrong_options_are_one_line(tmp_path, capsys, options, words):
+    path = write_raster(tmp_path / "a.tif", np.zeros((9, 9), np.float32))
+    assert words in refusal(capsys, ["viewshed", str(path), *options])
