@@ -2,7 +2,7 @@
 
 from datetime import date, datetime, timedelta, timezone
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 import typer
@@ -19,6 +19,9 @@ from rastercov.core.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import Mesh, names_of
 
+if TYPE_CHECKING:
+    from rastercov.sun.weather import Weather
+
 MOST_LINES = 12
 """Pieces that are printed."""
 
@@ -28,6 +31,17 @@ class PeriodOptions(NamedTuple):
 
     day: Annotated[str | None, Option(help="Day: YYYY-MM-DD.")] = None
     year: Annotated[int | None, Option(help="Year, instead of a day.", min=1950, max=2050)] = None
+    weather: Annotated[
+        Path | None,
+        Option(
+            help="Radiation of a typical year, instead: EPW file, or CSV file of TMY3 or PVGIS, "
+            "with its place."
+        ),
+    ] = None
+    shade_factors: Annotated[
+        Path | None,
+        Option(help="Write hourly losses of beam radiation by shading, %, as SAM reads them: CSV."),
+    ] = None
     step: Annotated[
         int | None,
         Option(help="Time step, minutes.", show_default="10; 60 with --year"),
@@ -46,11 +60,19 @@ class PeriodOptions(NamedTuple):
         Option(help="Also compute hours lit by all of the solar disc, and by at least part."),
     ] = False
 
-    def times(self, longitude: float) -> tuple[str, int, list[datetime]]:
+    def entries(self) -> ByName:
+        """What is recorded of them."""
+        weather = None if self.weather is None else self.weather.name
+        return self._replace(weather=None, shade_factors=None)._asdict() | {"weather": weather}
+
+    def times(self, longitude: float, year: "Weather | None") -> tuple[str, int, list[datetime]]:
         """Period in words, minutes of a step, and the middles of its steps from solar midnight."""
-        if (self.day is None) == (self.year is None):
-            both = "neither" if self.day is None else "both"
-            raise ConfigError(f"expected --day or --year, got {both}; give one")
+        given = sum(each is not None for each in (self.day, self.year, self.weather))
+        if given != 1:
+            number = "none" if not given else f"{given} of them"
+            raise ConfigError(f"expected --day, --year or --weather, got {number}; give one")
+        if year is not None:
+            return f"the year of {year.name}", 60, year.times
         try:
             first = date.fromisoformat(self.day or f"{self.year}-01-01")
         except ValueError:
@@ -126,19 +148,24 @@ def sun(
     Windows: rastercov sun a.ifc --latitude 49 --longitude 8 --day 2026-03-21 --of '*IfcWindow*'
     """
     from rastercov.base import json_text
+    from rastercov.sun import weather
     from rastercov.sun.sun_report import Study, write
     from rastercov.sun.sunlight import LIT_BY, sunlit
 
-    period.times(0.0)  # errors before the mesh is read
+    weather.check_options(period.weather, period.shade_factors)
+    year = None if period.weather is None else weather.read_weather(period.weather)
+    period.times(0.0, year)  # errors before the mesh is read
     least, level = _hours(surface.at_least, period)
     mesh = scene.read(meshes)
     given = {"north_deg": period.north, **site._asdict()}
+    if year is not None:
+        given |= {"latitude": year.latitude, "longitude": year.longitude}
     north, latitude, longitude = mesh.site.known_values(given, "--north")
     if latitude is None or longitude is None:
         raise ConfigError(
             "expected --latitude and --longitude, got one or none, and none of a file; give both"
         )
-    words, step, times = period.times(longitude)
+    words, step, times = period.times(longitude, year)
     north = NORTH_DEG if north is None else north
     towards = sun_directions(latitude, longitude, times, north)
     mesh = _select_targets(mesh, surface.of, surface.resolution)
@@ -148,8 +175,9 @@ def sun(
         warn(f"the sun stays below {lowest:g} degrees of elevation ({words}): 0 h")
     towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
     hours, at = np.full(len(towards), step / 60), np.array([time.timestamp() for time in chosen])
-    starts = np.diff(at, prepend=-np.inf) > 90 * step  # after a night
-    how: ByName = {"irradiance": period.irradiance, "step": step / 60, "starts": starts}
+    starts = abs(np.diff(at, prepend=-np.inf)) > 90 * step  # after a night, or another year
+    power = period.irradiance if year is None else year.beam[is_up]
+    how: ByName = {"irradiance": power, "step": step / 60, "starts": starts}
     with progress_bar("sunlight", then="report") as progress:
 
         def make_study() -> Study:
@@ -158,12 +186,15 @@ def sun(
                 for way in (LIT_BY if period.penumbra else ["middle"])
             }
             is_fine = surface.resolution is not None
-            return Study(ways, chosen, starts, words, step, least, level, north, is_fine)
+            diffuse = None if year is None else weather.diffuse_of(ways["middle"], year)
+            return Study(ways, chosen, starts, words, step, least, level, north, is_fine, diffuse)
 
-        given = {"latitude": latitude, "longitude": longitude, **period._asdict()}
+        given = {"latitude": latitude, "longitude": longitude, **period.entries()}
         given |= {"north": north, **surface._asdict()}
         given["scene"] = scene.entries(out, meshes)
         study, summary = write(make_study, out, given, pdf=pdf)
+    if period.shade_factors is not None:
+        weather.write_shade_factors(study.ways["middle"], is_up, period.shade_factors)
     if len(mesh.groups) == 1 == len(study.ways["middle"].pieces.hours):
         warn(
             "one group in one piece cannot shade its silhouette: its hours are about those of the "
@@ -236,6 +267,12 @@ def _print(summary: ByName, out: Path) -> None:
         words += [f" shaded {own['hours']:.1f} h by {own['name']}" for own in each["shaded_by"]]
         line = f"{hours_text(each)} h, {energy} kWh: {shorten(each['name'], 60)}"
         print_lines(";".join([line, *words]))
+    for each in summary.get("diffuse", ()):
+        factor, error = each["sky_view_factor"], each["estimated_error"]
+        print_lines(
+            f"diffuse, isotropic sky: {each['energy_kwh']:.4g} kWh, sky view factor {factor:.3f} "
+            f"(estimated error {error:.3f}): {shorten(each['name'], 60)}"
+        )
     if pieces[MOST_LINES:]:
         print_lines(f"and {len(pieces) - MOST_LINES} more, which get as much sun or more")
     print_lines(out / "sun.html")

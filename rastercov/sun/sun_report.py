@@ -80,6 +80,8 @@ class Study(NamedTuple):
         Direction of north, degrees from +x towards +y.
     is_fine : bool
         True where faces are divided, and are shown by themselves.
+    diffuse : list of dict, optional
+        Diffuse energy on groups, of a year of weather.
     """
 
     ways: Mapping[str, Sunlight]
@@ -91,6 +93,7 @@ class Study(NamedTuple):
     level: str
     north: float
     is_fine: bool
+    diffuse: list[ByName] | None = None
 
     def parts(self) -> list[ByName]:
         """Figures of outermost parts, then of groups, the least hours first."""
@@ -244,7 +247,7 @@ class Study(NamedTuple):
             "parts": parts,
             "run": provenance_of(sunlit.mesh, camera, poses, options=options),
         }
-        return summary, openings
+        return summary | ({} if self.diffuse is None else {"diffuse": self.diffuse}), openings
 
 
 def hours_text(entry: ReadByName) -> str:

@@ -276,8 +276,8 @@ def test_a_polar_night_has_no_sun(capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("", "expected --day or --year, got neither; give one"),
-        ("--day 2026-03-21 --year 2026", "expected --day or --year, got both"),
+        ("", "expected --day, --year or --weather, got none; give one"),
+        ("--day 2026-03-21 --year 2026", "expected --day, --year or --weather, got 2 of them"),
         (
             "--day 21.3.2026",
             "--day: expected an existing date YYYY-MM-DD, got '21.3.2026'; correct it",

@@ -143,7 +143,8 @@ class Horizon {
 };
 
 struct Area {
-    double value = 0.0, bound = 0.0;
+    double value = 0.0;
+    double bound = 0.0;
 
     void operator+=(const Area &other) {
         value += other.value;
@@ -210,7 +211,8 @@ class Polygon {
     // Sets the chains by v, or by that of targets; false where it is empty.
     bool divide(bool is_raised) {
         _is_raised = is_raised;
-        int first = 0, last = 0;
+        int first = 0;
+        int last = 0;
         for (int k = 1; k < _n; k++) {
             if (is_left(k, first)) first = k;
             if (is_left(last, k)) last = k;
@@ -252,7 +254,8 @@ class Polygon {
 
   private:
     Projected _corners[7], _chain[2][7];
-    int _n = 0, _length[2] = {0, 0};
+    int _length[2] = {0, 0};
+    int _n = 0;
     bool _is_raised = false;
 
     bool is_left(int k, int other) const {
@@ -327,8 +330,10 @@ class Viewshed {
     Horizon _horizon;
     Axis _major{}, _minor{};
     bool _is_swapped = false;
-    int64_t _n_pieces = 0, _row = 0, _column = 0; // of the cell
-    std::vector<Corner> _inside, _clipped;        // of the triangle in the octant
+    int64_t _n_pieces = 0;
+    int64_t _row = 0; // of the cell
+    int64_t _column = 0;
+    std::vector<Corner> _inside, _clipped; // of the triangle in the octant
 
     void set(int octant) {
         const auto axis = [&](int k, bool is_back) {
@@ -380,7 +385,8 @@ class Viewshed {
 
     // Has no observer below its edges or inside.
     static bool is_beside(const Corner (&c)[3]) {
-        double least = INFINITY, most = -INFINITY;
+        double least = INFINITY;
+        double most = -INFINITY;
         for (int k = 0; k < 3; k++) {
             const Corner &p = c[k], &q = c[(k + 1) % 3];
             const double side = p.a * q.b - p.b * q.a;
