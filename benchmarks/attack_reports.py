@@ -323,7 +323,8 @@ def full(report: Report, command: Command, before: Path, base: Path, n_disks: in
             code = _ended(_started(command.new, folder, errors, limit))
             but = _but(state(folder, command, old), False)
             states[but] += 1
-            said = errors.read_text(encoding="utf-8").splitlines()
+            lines_said = errors.read_text(encoding="utf-8").splitlines()
+            said = [line for line in lines_said if not line.endswith((" left", " elapsed"))]
             is_named = len(said) == 1 and said[0].startswith(f"error: {folder}/")
             lines += code in (0, 1) if but == "new" else code == 2 and is_named
             left += (folder / STAGING).exists() or any(folder.rglob("*.part"))
