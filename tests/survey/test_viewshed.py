@@ -98,8 +98,8 @@ def test_areas_are_those_of_the_general_engine(seed):
     pose = rc.look_at([eye], targets=eye + np.array((1, 0, 0)))
     covered = rc.evaluate(mesh, panorama(2000, 1000), pose).covered
     cells = heights[1:, 1:].size
-    by_cell = np.bincount(mesh.source_face, covered.area[0], cells)
-    bound = np.bincount(mesh.source_face, covered.bound, cells)
+    by_cell = np.bincount(mesh.source_face // 2, covered.area[0], cells)
+    bound = np.bincount(mesh.source_face // 2, covered.bound, cells)
     total = seen.seen[0]
     assert abs(total.surface - by_cell.sum()) <= total.surface_bound + bound.sum() + 1e-9
     hidden = seen.share.ravel() + seen.bound.ravel() < 1e-12

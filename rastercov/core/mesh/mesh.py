@@ -352,8 +352,8 @@ class Mesh(InNotebook):
         -------
         Mesh
             Vertices in map coordinates; heights fall with the curvature from the middle of the
-            raster. Each cell is divided from its north-west to its south-east corner, and is a
-            polygon of `source_face`.
+            raster. Each cell is divided from its north-west to its south-east corner;
+            `source_face` counts two triangles a cell, also those of holes.
 
         Raises
         ------

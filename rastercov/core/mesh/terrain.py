@@ -96,7 +96,7 @@ class Raster:
         return replace(self, inverse_radius=(1 - k) / EARTH_RADIUS if curvature else 0.0)
 
     def surface(self) -> tuple[FloatArray, IntArray, IntArray, list[str]]:
-        """Vertices, (V, 3), faces, (F, 3), the cell of each face, (F,), and notes."""
+        """Vertices, (V, 3), faces, (F, 3), their numbers, (F,), two for each cell, and notes."""
         rows, columns = self.heights.shape
         x, y = self.xy
         fall = 0.5 * self.inverse_radius
@@ -109,13 +109,12 @@ class Raster:
         is_ground = self.is_ground.reshape(-1)
         faces, used = both[is_ground], np.zeros(rows * columns, np.bool_)
         used[faces] = True
-        cells = np.repeat(np.arange((rows - 1) * (columns - 1)), 2)[is_ground]
         holes = int((~is_ground).sum())
         notes = [f"{holes} triangles without heights are holes, which hide nothing"] * (holes > 0)
         if fall:
             middle = f"{(x[0] + x[-1]) / 2:.10g}, {(y[0] + y[-1]) / 2:.10g}"
             notes.append(f"heights fall with the earth's curvature from the middle, {middle}")
-        return points[used], (np.cumsum(used) - 1)[faces], cells, notes
+        return points[used], (np.cumsum(used) - 1)[faces], np.flatnonzero(is_ground), notes
 
 
 def raster_of_array(
