@@ -4,9 +4,10 @@ All are made of the summary of a network as commands print it, which has its dea
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
 
 from rastercov.base import ReadByName, percent, plural
-from rastercov.base.format import area
+from rastercov.base.format import area, points
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.feature import in_words
@@ -44,13 +45,18 @@ def noun_of(summary: Summary) -> str:
 
 
 def first_lines(
-    summary: Summary, goal: str = "", level: int | None = None, instead: Sequence[str] = ()
+    summary: Summary,
+    goal: str = "",
+    level: int | None = None,
+    instead: Sequence[str] = (),
+    best: "GoalChange | None" = None,
 ) -> list[str]:
-    """Answer, goal if any, the worst dead zone or reason, and advice for it, or lines `instead`.
+    """Answer, best change and goal if any, the worst dead zone or reason, and advice, or `instead`.
 
-    Zones are named by parts of a level, as `with_parts` has them.
+    Zones are named by parts of a level, as `with_parts` has them. Advice for the best change is
+    left out.
     """
-    lines = [answer(summary), goal]
+    lines = [answer(summary), "" if best is None else best.line, goal]
     zones = [with_parts(zone, level) for zone in _zones(summary)[:1]]
     reasons = {} if "covered_area" in summary else summary["not_covered_because"]
     if instead:
@@ -68,7 +74,47 @@ def first_lines(
         lines.append(f"not covered: {words}; {main}: {REASONS[worst].label}{most}")
         advice = general_advice(worst).replace("the camera", "a camera")
         lines.append(advice_line({"advice": advice}))
-    return [line for line in lines if line]
+    is_said = [
+        best is not None and line.startswith("advice: ") and best.advised in line for line in lines
+    ]
+    return [line for line, is_again in zip(lines, is_said, strict=True) if line and not is_again]
+
+
+class GoalChange(NamedTuple):
+    """A change that was tried, and what a goal gains by it.
+
+    Attributes
+    ----------
+    share : float
+        Gain, of the area of the goal.
+    line : str
+    advised : str
+        Words on it in advice.
+    """
+
+    share: float
+    line: str
+    advised: str
+
+    @classmethod
+    def of_zone(cls, zone: Summary, goal: str, whole: float) -> "GoalChange":
+        """The one that was tried for a zone of a goal with a whole area, m^2."""
+        tried, nearest = zone["tried"], zone.get("nearest")
+        words, share = tried["change"], tried["gain_m2"] / whole
+        if nearest is not None:
+            name = _nearest_name(nearest)
+            words = words.replace("at the same place", f"at the place of {name}")
+            words = words if tried["pose"] is None else words.replace("the camera", name)
+        return cls(share, gain_line(words, goal, f"about {points(share)} more"), tried["change"])
+
+
+NO_CHANGE = GoalChange(0.0, *["change that gains most: none of those that were tried"] * 2)
+"""Where no change covers half of a dead zone."""
+
+
+def gain_line(words: str, goal: str, gain: str) -> str:
+    """Line on the change that gains most of all goals that are not met."""
+    return f"change that gains most: {words}: {gain} of {goal}"
 
 
 def with_parts(zone: Summary, level: int | None) -> Summary:
@@ -84,10 +130,14 @@ def advice_line(zone: Summary, noun: str = "") -> str:
     """The advice for a zone, with the camera that comes closest; "" where there is none."""
     text, nearest = zone["advice"], zone.get("nearest")
     if text and nearest is not None:
-        noun = noun or ("head" if "head" in nearest else "camera")
-        number = nearest.get("head", nearest["pose"] + 1)
-        text = f"{noun} {number} comes closest to covering the zone's middle: {text}"
+        name = _nearest_name(nearest, noun)
+        text = f"{name} comes closest to covering the zone's middle: {text}"
     return f"advice: {text}" if text else ""
+
+
+def _nearest_name(nearest: Summary, noun: str = "") -> str:
+    noun = noun or ("head" if "head" in nearest else "camera")
+    return f"{noun} {nearest.get('head', nearest['pose'] + 1)}"
 
 
 def other_lines(

@@ -92,6 +92,11 @@ def percent(share: float) -> str:
     return "99.999999 %" if share > 0.5 else "0.000001 %"
 
 
+def points(share: float) -> str:
+    """A difference of shares in percentage points."""
+    return f"{percent(share).removesuffix(' %')} percentage points"
+
+
 def distinct_percents(*shares: float) -> list[str]:
     """Shares in percent, with the digits that tell shares apart that differ by 1e-8 or more."""
     percents, n = [percent(share) for share in shares], len({round(share, 8) for share in shares})

@@ -44,6 +44,7 @@ from rastercov.core.area.feature import in_words
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.zones import face_zones
 from rastercov.core.camera import (
+    KEPT,
     Cameras,
     Poses,
     cameras_of,
@@ -56,7 +57,8 @@ from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.sections import polygons_in, section, solid
-from rastercov.placement.plan.check import Checked
+from rastercov.placement.plan.check import Checked, best_change
+from rastercov.placement.plan.network import classify_areas
 from rastercov.report.drawing import (
     GAP,
     MARGIN,
@@ -96,6 +98,7 @@ MARKS = {
     "IR": ("#7a3db8", "range of infrared lamps, as stated by the maker"),
     "PRIVATE": ("#00798c", "must not be seen"),
     "GOALS": ("#b8172a", "goals: uncovered, or visible where it must not be seen"),
+    "KEPT": (INK, "camera that is kept"),
 }
 """Layers that the legend names where there is something in them, with their colours and words."""
 OF_DEVICES = "#946200"
@@ -134,12 +137,15 @@ class SheetSite:
         Volumes without cameras: name, and box, or centre and radius.
     north : float, optional
         Direction of north, degrees counter-clockwise from +x.
+    required : mapping of group name or None to share
+        Required shares of groups, and of the whole task.
     """
 
     rooms: Sequence[tuple[str, str, Any]] = ()
     spaces: FloatArray = field(default_factory=lambda: np.empty((0, 2, 3)))
     keep_out: Sequence[Mapping[str, Any]] = ()
     north: float | None = None
+    required: Mapping[str | None, float] = field(default_factory=dict)
 
 
 def frame_of(
@@ -246,12 +252,13 @@ def plan_sheet(
     paths["GOALS"] = frame.path(shapely.union_all([_goal_mark(own) for own in goals.values()]))
     private = _private(goals)
     paths["PRIVATE"] = frame.path(shapely.union_all([*private.values()]))
-    paths = {name: path or NOTHING for name, path in paths.items()}
     devices = list(islice(devices_of(*own), MOST_MEASURED))
-    marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
-    marks |= {kind.upper(): (OF_DEVICES, kind.removesuffix("s")) for kind, _ in devices}
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(shown, frame, walls)
     entries = _symbols(shown, names, frame, [*rooms, *dimensions])
+    paths["KEPT"] = "".join(each["symbol"] for each in entries if each["is_kept"])
+    paths = {name: path or NOTHING for name, path in paths.items()}
+    marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
+    marks |= {kind.upper(): (OF_DEVICES, kind.removesuffix("s")) for kind, _ in devices}
     turn = None if site.north is None else math.radians(site.north)
     return render(
         "plan_sheet.svg",
@@ -279,7 +286,9 @@ def plan_sheet(
         edition=DORI_EDITION,
         levels=[(level, DORI[level]) for level in LEVELS],
         bands=[(level.upper(), f"#{bytes(colour).hex()}") for level, colour in BANDS.items()],
-        title_rows=[*_title_rows(evaluation, frame, title, views), *_goal_rows(goals)],
+        title_rows=_title_rows(
+            evaluation, frame, title, views, _answer_rows(evaluation, site.required, views, goals)
+        ),
         project=shorten(title["project"], 44),
     )
 
@@ -345,8 +354,9 @@ def _title_rows(
     frame: SheetFrame,
     title: Mapping[str, str],
     views: Mapping[str, int] | None,
+    answers: Sequence[tuple[str, str]],
 ) -> list[tuple[str, str]]:
-    """Headings and words of the title block."""
+    """Headings and words of the title block, with rows of `_answer_rows`."""
     mesh = evaluation.mesh.opaque
     whole = percent(evaluation.network.summary()["covered"]["area_percent"] / 100)
     words = f"{whole} of the area, by whole faces"
@@ -369,6 +379,7 @@ def _title_rows(
             "Covered",
             words if evaluation.areas is None else in_words(evaluation.areas.summary(views)),
         ),
+        *answers,
         *(("" if row else "Task", line) for row, line in enumerate(task)),
         ("Heights", f"{storey}floor at z = {frame.floor:.2f} m, cut at z = {frame.cut:.2f} m"),
         ("Scale", f"{scale_text(frame.scale)} on {frame.paper}, lengths in metres"),
@@ -376,15 +387,36 @@ def _title_rows(
     ]
 
 
-def _goal_rows(goals: Mapping[str, Checked]) -> list[tuple[str, str]]:
-    """Rows of the title block on goals, and on who sees what must not be seen."""
-    rows = list[tuple[str, str]]()
-    for own in goals.values():
-        (each,) = own.requirements
-        more = *own.zone_lines(each)[:1], *own.lost_lines(each)
-        words = "; ".join([f"{each.status}: {each.words()}", *more])
-        rows += [("" if row else "Goal", line) for row, line in enumerate(wrap(words, LETTERS))]
-    return rows
+def _answer_rows(
+    evaluation: Evaluation,
+    limits: Mapping[str | None, float],
+    views: Mapping[str, int] | None,
+    goals: Mapping[str, Checked],
+) -> list[tuple[str, str]]:
+    """Rows of the title block on the change that gains most, and on what is required.
+
+    Of what must not be seen, with those who see it.
+    """
+    of_goals = {own.requirements[0]: own for own in goals.values()}
+    required, zones = [*of_goals], dict[str, Any]()
+    if (areas := evaluation.areas) is not None:
+        required = [*classify_areas(areas, limits, views or evaluation.task.views), *required]
+        if any(each.lack for each in required if not each.goal):
+            areas.allowed = areas.allowed._replace(adds_only=bool(goals))
+            zones = areas.dead_zones(evaluation.camera, evaluation.poses, views)
+    best = best_change(required, goals, evaluation.mesh, zones)
+    said = [] if best is None else [("Change", best.line.removeprefix("change "))]
+    for each in required:
+        words = [f"{each.status}: {each.words()}"]
+        if (own := of_goals.get(each)) is not None:
+            rule = task_in_words(asdict(own.task), own.views).partition(" is ")[2].rstrip(".")
+            words += [rule, *own.zone_lines(each)[:1], *own.lost_lines(each)]
+        said.append(("Goal", "; ".join(words)))
+    return [
+        ("" if row else head, line)
+        for head, words in said
+        for row, line in enumerate(wrap(words, LETTERS))
+    ]
 
 
 def _goal_mark(own: Checked) -> shapely.Geometry:
@@ -462,7 +494,11 @@ def _cross(shape: shapely.Geometry) -> shapely.Geometry:
 def _label(point: shapely.Point, text: str, frame: SheetFrame, above: float = 0.0) -> ByName:
     """A text in the middle of a point of the world, or above it, mm."""
     x, y = frame.on_paper(shapely.get_coordinates(point)[0]).tolist()
-    return {"x": x, "y": y - above, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
+    (left, _), (right, top) = frame.ends.tolist()
+    half = min(0.65 * len(text), (right - left) / 2)
+    x, y = min(max(x, left + half), right - half), y - above
+    y = y if y > top + 3 else top + 6  # below the border, and a thick line there
+    return {"x": x, "y": y, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
 
 
 def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> list[ByName]:
@@ -572,6 +608,7 @@ def _symbols(
         height = f"h {text_with_sign(pose[2, 3] - frame.floor)} m"
         symbol = frame.path(shapely.Polygon(outline))
         entry = {"symbol": symbol, "x": x, "y": y, "half": half, "name": text, "height": height}
+        entry["is_kept"] = name.endswith(KEPT)
         entries.append(entry)
     return entries
 

@@ -94,16 +94,19 @@ def sheet(
     if scene.plan_file:
         title["plan"] = scene.plan_file
     title |= {name: value for name, value in entries._asdict().items() if value is not None}
+    own, required = scene.goals, scene.required
+    if scene.result:
+        own, required = goals_of_place(Path(sources[0]))
     site = report.SheetSite(
         scene.rooms(frame.cut),
         np.array(scene.limits["boxes"], np.float64).reshape(-1, 2, 3),
         scene.limits["keep_out"],
         turn,
+        required,
     )
     names, rig = [each.name for each in start.on], start.rig(start.poses())
     with progress_bar(then="sheet") as progress:
         measures = _evaluate_rig(start, rig, mesh, progress)
-        own = scene.goals or goals_of_place(Path(sources[0]))
         goals = CheckedGoals(
             [replace(each, plan=each.plan.with_cameras(rig)) for each in own],
             start.poses(),

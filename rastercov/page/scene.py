@@ -60,6 +60,7 @@ from rastercov.placement.plan.entries import PlanSections
 from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan
 from rastercov.placement.plan.generator import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, separate_goals
+from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, name_scene
 from rastercov.placement.plan.sections import (
@@ -152,6 +153,8 @@ class Scene:
         Title block and limits of the plan, or of that of a result.
     task_mesh : Mesh or None
         The mesh without the groups of goals, where the plan has goals.
+    required : mapping of group name or None to share
+        Shares of the area that the plan requires.
     goals : tuple of OwnGoal
     by : {"area", "face"} or None
         Unit of results that was asked for.
@@ -171,6 +174,7 @@ class Scene:
     constraints: Constraints = field(default_factory=Constraints)
     task_mesh: Mesh | None = None
     goals: tuple[OwnGoal, ...] = ()
+    required: Mapping[str | None, float] = field(default_factory=dict)
     by: str | None = None
     plan_file: str = ""
 
@@ -509,6 +513,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     by = "face" if plan.task.weight_by == "count" else plan.task.by
     of_plan: ByName = {"task_mesh": task_mesh, "goals": goals, "by": by}
     of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints, "plan_file": plan.name}
+    of_plan["required"] = required_of(plan)
     return Scene(plan.name, mesh, start, plan, pool, notes=notes, phases=phases, **of_plan)
 
 
@@ -646,10 +651,18 @@ def scene_of_place(folder: Path) -> Shown | None:
         return None
 
 
-def goals_of_place(folder: Path) -> tuple[OwnGoal, ...]:
-    """Goals of the plan in a result of `place`; none elsewhere."""
-    placed = _plan_of_place(folder)
-    return () if placed is None else separate_goals(*placed)[1]
+def goals_of_place(folder: Path) -> tuple[tuple[OwnGoal, ...], Mapping[str | None, float]]:
+    """Goals of the plan in a result of `place`, and as of `required_of`; none elsewhere."""
+    if (placed := _plan_of_place(folder)) is None:
+        return (), {}
+    return separate_goals(*placed)[1], required_of(placed[0])
+
+
+def required_of(plan: "Plan") -> Mapping[str | None, float]:
+    """Shares of the area of a still scene that a plan requires."""
+    is_of_area = plan.task.weight_by == "area" and plan.is_still
+    is_of_whole = is_of_area and not getattr(plan.selection, "of_reachable", False)
+    return limits_of(plan.selection) if is_of_whole else {}
 
 
 def _plan_of_place(folder: Path) -> "tuple[Plan, Mesh] | None":
@@ -660,7 +673,7 @@ def _plan_of_place(folder: Path) -> "tuple[Plan, Mesh] | None":
     try:
         # Cameras and candidates may have files that are there no more.
         own = [name for each in hooks_of(PlanSections) for name in each.plan.model_fields]
-        own += ["goals", "selection", "task"] if told["plan"].get("goals") else []
+        own += ["goals", "selection", "task"]
         needed = told["plan"].keys() & {"meshes", "targets", "rooms", *own, *OF_DEVICES}
         for phased in hooks():
             if any(map(told["plan"].get, phased.sections[:1])):
@@ -670,8 +683,6 @@ def _plan_of_place(folder: Path) -> "tuple[Plan, Mesh] | None":
             for each in told["plan"].get("candidates", ())
             if any(map(each.get, BESIDE.model_fields))
         ]
-        if beside:
-            needed.add("task")
         entries = {name: told["plan"][name] for name in needed} | {"candidates": beside}
         plan = plan_of(entries, folder.resolve() / told["folder"] / "plan")
         mesh, plan, _ = name_scene(plan)

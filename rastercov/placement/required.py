@@ -1,6 +1,7 @@
 """Required shares: their status by a share with its bounds, and the line on it."""
 
 from rastercov.base import percent
+from rastercov.base.format import points
 
 HOLDS, FAILS, UNDECIDED = "holds", "fails", "undecided"
 SHARE_TOLERANCE = 1e-9
@@ -51,7 +52,7 @@ def outcome_line(
     text = f"{start}{percent(limits[0])} {asked}{of_plan}"
     if status == FAILS:
         end = "too much" if is_most else f"below the goal, {uncovered} uncovered"
-        return f"{text}, {percent(short).removesuffix(' %')} percentage points {end}"
+        return f"{text}, {points(short)} {end}"
     if status == UNDECIDED:
         return f"{text}, undecided: {ends}"
     return f"{text}: proved" if is_most else text

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from rastercov.base import percent, write_json, write_text
+from rastercov.base import write_json, write_text
+from rastercov.base.format import points
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.prepare import Step, quiet
@@ -17,7 +18,7 @@ from rastercov.placement.required import FAILS
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage
-from rastercov.report.placement import network_of, verdicts
+from rastercov.report.placement import change_of, network_of, verdicts
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress, silent
 
@@ -85,7 +86,7 @@ def page_of(
         answer = "Worse than the baseline"
     if len(short) == 1:
         answer += f" {short[0].name}".removesuffix(" whole task")
-        answer += f" by {percent(short[0].short_by).removesuffix(' %')} percentage points"
+        answer += f" by {points(short[0].short_by)}"
     return shown.page(
         "network.html",
         shown.draw(progress),
@@ -93,6 +94,7 @@ def page_of(
         passed=checked.is_met,
         title_block=plan.sheet.words(plan=plan.name),
         lines=[
+            *change_of(checked),
             *verdicts(judged),
             *((line, "fails") for line in losses),
         ],

@@ -4,7 +4,7 @@
 """
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
 from itertools import islice
@@ -133,14 +133,16 @@ class GoalPart(NamedTuple):
     page: "NetworkPage"
     areas_m2: FloatArray | None
 
+    @property
+    def is_short(self) -> bool:
+        """True for a goal with dead zones to show."""
+        return self.status != HOLDS and not self.is_most and bool(self.page.dead[0])
+
     def picture(self) -> Image.Image | None:
         """Dead zones of a goal, or the cameras that see what must not be seen; None for none."""
-        zones, said = self.page.dead
-        if self.status == HOLDS or not (self.is_most or zones):
-            return None
-        if self.is_most:
-            return self.page.overview()
-        return zones_picture(zones, said, self.page.poses.world_from_camera)
+        if self.is_short:
+            return zones_picture(*self.page.dead, self.page.poses.world_from_camera)
+        return self.page.overview() if self.is_most and self.status != HOLDS else None
 
 
 @frozen_record
@@ -175,8 +177,6 @@ class NetworkPage:
         True where cameras serve goals that are not shown: none is said to be spare.
     volumes : sequence of Volume
         Limits of places of cameras.
-    kept : set of int
-        Rows of cameras that were there before.
     goals : sequence of GoalPart
     asked : Asked or None
         What a page computes; recorded figures for None.
@@ -205,7 +205,6 @@ class NetworkPage:
     volumes: Sequence[Volume] = ()
     asked: Asked | None = None
     allowed: Allowed = ANY
-    kept: Collection[int] = ()
     goals: Sequence[GoalPart] = ()
 
     @property
@@ -347,7 +346,6 @@ class NetworkPage:
                 said=said["dead_zones"],
                 noun=self.noun,
                 volumes=[*self.volumes, *self._lamps()],
-                kept=self.kept,
                 most=f"{self._covers} it{self._long}",
                 left=f"not covered{self._long}"
                 if self._covers == "covers"
@@ -371,8 +369,9 @@ class NetworkPage:
         tasks: dict[str, Callable[[], Image.Image | None]] = {"overview": self.overview}
         if zones:
             tasks["zones"] = partial(zones_picture, zones, said, poses)
-        for row in range(len(number_cameras(said)[:MOST_CLOSE_UPS])):
-            tasks[f"zone_{row + 1}"] = partial(zone_close_up, zones, said, row, poses)
+        tasks |= self._close_ups()
+        for each in self.goals[:MOST_CLOSE_UPS]:
+            tasks |= each.page._close_ups(f"goal_{each.name}_") if each.is_short else {}
         for name in (each for each in OF_SENSORS if each in self.values):
             tasks[name] = partial(
                 mode_picture, name, self.mesh, self.values[name], poses, left=self.zones
@@ -391,6 +390,21 @@ class NetworkPage:
         share_poses(len(tasks), [work] * thread_count(None))
         images = ((name, table[name]) for name in names)
         return {name: image for name, image in images if image is not None}
+
+    @cached_property
+    def shown_zones(self) -> list[tuple[ReadByName, Sequence[str], str]]:
+        """The worst dead zones, with their rows of a table and the nearest camera."""
+        entries = number_cameras(self.dead[1])[:MOST_CLOSE_UPS]
+        rows = zone_rows(self.dead[1])
+        return [(e, row, self._nearest_of(e)) for e, row in zip(entries, rows, strict=False)]
+
+    def _close_ups(self, prefix: str = "") -> dict[str, Callable[[], Image.Image | None]]:
+        """Pictures of `shown_zones` by their names."""
+        own = *self.dead, self.poses.world_from_camera
+        return {
+            f"{prefix}zone_{row + 1}": partial(zone_close_up, *own[:2], row, own[2])
+            for row in range(len(self.shown_zones))
+        }
 
     @cached_property
     def why_recorded(self) -> str:
@@ -448,7 +462,6 @@ class NetworkPage:
         """
         title_block = (values["run"]["options"] or {}).get("sheet") or {}
         rows, more = self.camera_table(values.pop("columns", {}))
-        zones = number_cameras(self.dead[1])[:MOST_CLOSE_UPS]
         drawn = {name: Picture.draw("", image) for name, image in images.items()}
         by_area = "covered_area" in self.figures
         return render(
@@ -468,7 +481,7 @@ class NetworkPage:
             }
             | values.pop("more", {}),
             close_ups=drawn,
-            zones=[(each, self._nearest_of(each)) for each in zones],
+            zones=self.shown_zones,
             has_groups=len(self.mesh.groups) > 1,
             shown_goals=self.goals,
             zone_rows=zone_rows(self.dead[1]),

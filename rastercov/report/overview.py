@@ -13,7 +13,7 @@ each point, else each face as a whole.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -46,7 +46,7 @@ from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.stages import first_failures
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
-from rastercov.core.camera import Camera, Cameras, Poses, apparent, cameras_of
+from rastercov.core.camera import KEPT, Camera, Cameras, Poses, apparent, cameras_of
 from rastercov.core.camera.projection import view_frame
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import NAMES, REASONS, Reason, Task, fails, leads
@@ -298,7 +298,7 @@ class Overview:
     `zones`, with their entries `said`, those for which a camera of a rig with a rule fails have the
     hatch of that camera. `most` says which camera gives a face its colour, `about` is a title in
     place of that, and `left` a word for -1. `volumes` are limits of the places of cameras. The
-    pyramids of cameras `kept`, by their rows, are dashed.
+    pyramids of cameras that were kept are dashed.
     """
 
     mesh: Mesh
@@ -315,7 +315,6 @@ class Overview:
     about: str = ""
     left: str = "not covered"
     volumes: Sequence[Volume] = ()
-    kept: Collection[int] = ()
 
     @property
     def devices(self) -> dict[str, int]:
@@ -382,7 +381,7 @@ class Overview:
         near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
         images = [self.draw(scenes[0], near), self.draw(scenes[1], pyramids, self.volumes)]
         keys = [
-            Key.of(f"{f'{self.noun} ' * (row == 0)}{name}{', kept' * (row in self.kept)}", colour)
+            Key.of(f"{f'{self.noun} ' * (row == 0)}{name}", colour)
             for row, (name, colour) in enumerate(zip(self.names, self.colours, strict=True))
         ]
         keys.append(Key.of(self.left, theme.UNCOVERED))
@@ -408,9 +407,8 @@ class Overview:
         rows, places = in_picture(scene, self.eyes[: len(pyramids)])
         for row in rows:
             lines = _edges(pyramids[row])
-            lines = (
-                [dash for line in lines for dash in _dashes(line)] if row in self.kept else lines
-            )
+            if self.names[row].endswith(KEPT):
+                lines = [dash for line in lines for dash in _dashes(line)]
             draw_in_space(image, scene, lines, colours[row])
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
         names = [self.names[row] for row in rows]

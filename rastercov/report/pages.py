@@ -138,7 +138,7 @@ def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> lis
 
 def image_name(name: str, noun: str = "image") -> str:
     """Name of an image for an audit: "image 1" of a file that calls it "camera 1"; or of a pose."""
-    return re.sub(r"^camera (?=\d+(/|$))", f"{noun} ", name)
+    return re.sub(r"^camera (?=\d+(/| \(|$))", f"{noun} ", name)
 
 
 def _srcdoc(page: str) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from rastercov.base import ReadByName, percent
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.zones import ZONES
-from rastercov.core.camera import heads_of, led_by, names_of_poses
+from rastercov.core.camera import heads_of, led_by
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.mesh.groups import body_of
 from rastercov.placement.candidates.cavities import Access, Openings
@@ -83,7 +83,7 @@ def pages_of(
         answer=shown.answer,
         passed=placement.is_met if placement.requirements else None,
         title_block=plan.sheet.words(plan=plan.name),
-        lines=verdicts(placement.requirements),
+        lines=[*change_of(placement), *verdicts(placement.requirements)],
         log=notes,
         notes=[*summary["warnings"], *summary["result_warnings"]],
         columns=columns,
@@ -121,6 +121,11 @@ def _out_of_reach(openings: Openings | None) -> list[str]:
     return sentences + ([f"And {more:,} more."] if more > 0 else [])
 
 
+def change_of(placement: Placement | Checked) -> list[str]:
+    """Line on the change that gains most of a goal that is not met, if any."""
+    return [] if placement.best_change is None else [placement.best_change.line]
+
+
 def verdicts(requirements: Sequence[Judged]) -> list[tuple[str, str | None]]:
     """Lines on requirements for `report.html`: what was wanted, and the status."""
     return [(each.words(), each.status) for each in requirements]
@@ -151,7 +156,6 @@ def network_of(
         placement.cameras.areas,
     )
     title = f"Camera placement: {plan.name}"
-    names = placement.names if isinstance(placement, Checked) else ()
     if isinstance(placement, Checked):
         title = f"Check of {placement.poses_file.name} against {plan.name}"
     figures = {name: content[name] for name in ("covered_area", *ZONES) if name in content}
@@ -159,8 +163,7 @@ def network_of(
     if areas is not None and has_parts:
         scene = of.mesh, plan.rig, placed, of.task
         parts = areas.parts(partial(regions, *scene, method=plan.task.method))
-    every = names_of_poses(placed, names)
-    rows, shown, noun = heads_of(plan.rig, placed, every)
+    rows, shown, noun = heads_of(plan.rig, placed, placement.names)
     return NetworkPage(
         title,
         of.mesh,
@@ -184,20 +187,14 @@ def network_of(
             plan.task.method,
             views_by_group(plan, asked),
             _limits(placement) if plan.task.weight_by == "area" else {},
-            placed=(placed, every),
+            placed=(placed, placement.names),
             goals=Goals(of.scene, *separate_goals(plan, of.scene))
             if plan.goals and of.scene
             else None,
         ),
         allowed=Allowed(places_of(plan, of.mesh), free=partial(free_places, plan)),
-        kept={row for row, at in enumerate(cameras.owner[rows]) if _is_kept(placement, at)},
         goals=_goal_parts(placement),
     )
-
-
-def _is_kept(placement: Placement | Checked, row: int) -> bool:
-    """True for a camera that a plan has kept."""
-    return isinstance(placement, Placement) and placement.origin[row].startswith("existing")
 
 
 def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:

@@ -16,6 +16,7 @@ in it.
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
 from time import monotonic
@@ -44,7 +45,12 @@ from rastercov.core.area.feature import in_words
 from rastercov.core.area.zones import ZONES
 from rastercov.core.coverage.provenance import name_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo
-from rastercov.placement.plan.check import explain_goals, reasons_of_goal, zone_of_goal
+from rastercov.placement.plan.check import (
+    explain_goals,
+    lines_of_goals,
+    reasons_of_goal,
+    zone_of_goal,
+)
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import has_goals
 from rastercov.placement.plan.network import OF, goal_lines, goal_of, summary_of, views_by_group
@@ -223,6 +229,7 @@ def summary(placement: Placement) -> ByName:
         "size_m": np.ptp(prepared.mesh.bounds, axis=0),
         "requirements": [asdict(each) for each in placement.requirements],
         "goals": explain_goals(placement.requirements, placement.goals),
+        "best_change": placement.best_change and placement.best_change._asdict(),
         "share": cameras.share,
         **{name: network[name] for name in ("covered_area",) if name in network},
         **_certified(placement),
@@ -360,7 +367,7 @@ def cameras_table(placement: Placement) -> Table:
 
 
 def head_lines(placement: Placement, level: int | None = None) -> list[str]:
-    """Up to four lines: covered area, goal, worst dead zone, and advice for it.
+    """Up to four lines: covered area, best change, goal, and worst dead zone.
 
     `level` is that of the parts that are named.
     """
@@ -378,7 +385,8 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
             most.append(f"a cost of at most {asked.budget:g}")
         goal = f"goal: best coverage with {' and '.join(most)}"
     zone = zone_of_goal(placement.requirements, placement.goals, level)
-    return first_lines(summary_of(prepared.plan, cameras), goal, level, zone)
+    own = summary_of(prepared.plan, cameras)
+    return first_lines(own, goal, level, zone, placement.best_change)
 
 
 def lines(
@@ -390,15 +398,10 @@ def lines(
     """
     prepared, selection = placement.prepared, placement.selection
     what = prepared.noun
-    first, others = goal_lines(placement.requirements)
-    worst = max(placement.requirements, key=lambda each: each.lack, default=None)
-    ranked = sorted(placement.requirements, key=lambda each: each is not worst)
-    said, before = list[str](), zone_of_goal(placement.requirements, placement.goals, level)
-    for line, required in zip((first, *others), ranked, strict=False):
-        reasons = reasons_of_goal(required, placement.goals, level)
-        said += [line] * (required is not worst)
-        said += [f"  {text}" for text in reasons if text not in before]
-    named = () if before else named
+    of_goals, goals = placement.requirements, placement.goals
+    reasons = partial(reasons_of_goal, goals=goals, level=level)
+    said = lines_of_goals(of_goals, reasons, head_lines(placement, level))
+    named = () if zone_of_goal(of_goals, goals) else named
     if prepared.plan.chooses_cameras:
         said += [*prepared.pool.lines(), *prepared.notes, *_cell_questions(prepared)]
         said.append(_selection_note(placement))

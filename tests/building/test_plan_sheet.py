@@ -1,6 +1,7 @@
 """Plan sheets: to scale, bands by density, lines of sight by rays, and files that read back."""
 
 import datetime
+import json
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -335,6 +336,35 @@ def test_goals_are_on_the_sheet_with_what_they_lack_and_who_sees_the_private(
     wanted = [shapely.LineString(((0, 0), (0, 4)))]
     wanted += [shapely.LineString(((1, 3.99), (2, 3.99)))] * sees_window
     assert shapely.hausdorff_distance(drawn, shapely.union_all(wanted)) < 2e-3
+
+
+def test_kept_cameras_are_outlines_on_the_sheet_and_what_is_required_heads_it(
+    capsys, tmp_path, monkeypatch
+):
+    """Cameras that were there are in a layer of their own; new ones in that of cameras."""
+    monkeypatch.chdir(tmp_path)
+    plan_in(tmp_path)
+    poses = rc.look_at([(2.0, 1.5, 1.5), (3.0, 1.0, 2.0)], [(1.5, 4, 1.5)] * 2)
+    rc.write_poses("rig.json", poses)
+    written = json.loads(Path("rig.json").read_text())
+    counts = {}
+    for origin in (["existing 0", "walls 3"], ["walls 1", "walls 3"]):
+        Path("rig.json").write_text(json.dumps(written | {"origin": origin}))
+        assert call(capsys, "sheet plan.toml -p rig.json --out s.svg")[0] == 0
+        assert call(capsys, "sheet plan.toml -p rig.json --out s.dxf")[0] == 0
+        lines = ezdxf.readfile("s.dxf").modelspace()
+        counts[origin[0]] = [
+            len(lines.query(f"LWPOLYLINE[layer=='{layer}']")) for layer in ("KEPT", "CAMERAS")
+        ]
+        texts = [text.text for text in ElementTree.parse("s.svg").getroot().iter() if text.text]
+        assert texts.count("camera 1 (kept)") == 2 * (origin[0] == "existing 0")
+        words = " ".join(texts)
+        checked = rc.check("plan.toml", "rig.json")
+        for each in checked.requirements:
+            assert f"{each.status}: {each.words()}" in words
+        assert checked.best_change.line.removeprefix("change ") in words
+        assert "with 250 px/m or more" in words  # of the goal of the doors
+    assert counts == {"existing 0": [1, 1], "walls 1": [0, 2]}
 
 
 def test_what_a_plan_says_is_on_the_sheet(capsys, tmp_path, monkeypatch):

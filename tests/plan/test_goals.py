@@ -1,5 +1,6 @@
 """Goals of a plan with groups, thresholds and views of their own, and cameras that stay."""
 
+import html
 import json
 from dataclasses import replace
 from itertools import combinations
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from nightly import amount, examples
 
 import rastercov as rc
+from rastercov.base import json_text
 from rastercov.base.errors import ConfigError
 from rastercov.core.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
 from rastercov.core.camera import Poses
@@ -23,6 +25,7 @@ from rastercov.placement.plan.check import (
     _check_rig,
     explain_goals,
     record,
+    to_json,
 )
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.goals import (
@@ -48,7 +51,7 @@ from rastercov.placement.select.problem import (
 )
 from rastercov.report.check import html_of
 from rastercov.report.placement import network_of, pages_of
-from rastercov.report.plan import head_lines, summary
+from rastercov.report.plan import head_lines, poses_of, summary
 from rastercov.shards import silent
 
 QUADS = {
@@ -478,12 +481,15 @@ def test_the_goal_that_lacks_most_has_its_zone_in_the_first_lines_and_on_the_pag
     asked = plan(room, goals={"doors": DOORS, "window": PRIVATE})
     checked = rc.check(asked, poses, min_coverage=0.01)
     first, others = checked.first_lines(), checked.other_lines()
-    assert first[2].startswith("seen by camera 1 (")
-    assert first[3] == "advice: turn, move or mask camera 1: 0.0 % of it would be seen"
-    assert first[2] not in "\n".join(others)
+    assert first[1] == checked.best_change.line
+    assert first[1].startswith("change that gains most: ")
+    assert first[3].startswith("seen by camera 1 (")
+    assert first[3] not in "\n".join(others)
+    said = "advice: turn, move or mask camera 1: 0.0 % of it would be seen"
+    assert ([said] == first[4:]) != (f"  {said}" in others)
     assert any(line.startswith("  dead zone ") and "west" in line for line in others)
     junit = {case.name: case.lines for case in cases(checked)}
-    assert junit["coverage of goal window"][-2:] == first[2:]
+    assert junit["coverage of goal window"][-2:] == [first[3], said]
     page = html_of(checked)
     assert page.index("<h2>Goals</h2>") < page.index("Seen by camera 1 (")
     assert "doors: lost without it" in page
@@ -497,11 +503,68 @@ def test_a_camera_that_is_kept_is_drawn_and_named_as_kept(room, tmp_path):
     selection = {"goal": "best_coverage", "cameras": 1}
     placed = rc.place(plan(room, existing=str(path), selection=selection))
     shown = network_of(placed, summary(placed))
-    (row,) = shown.kept
+    (row,) = [row for row, name in enumerate(shown.names) if name.endswith(" (kept)")]
     assert placed.origin[placed.cameras.owner[row]] == "existing 0"
-    dashed, full = shown.overview(), replace(shown, kept=()).overview()
-    assert np.any(np.asarray(dashed) != np.asarray(full))
+    full = replace(shown, names=[name.replace("(kept)", "(here)") for name in shown.names])
+    dashed, full = np.asarray(shown.overview()), np.asarray(full.overview())
+    drawn = slice(60, -150)  # without title and legend
+    assert np.any(dashed[drawn] != full[drawn])
     assert "kept: existing 0" in pages_of(placed, summary(placed), [], silent)["page.html"]
+    rc.write_poses(tmp_path / "new.json", placed.cameras.placed.world_from_camera)
+    written = json.loads(json_text(poses_of(placed)))
+    (tmp_path / "placed.json").write_text(json.dumps(written))
+    views = rc.read_views(tmp_path / "placed.json")
+    kept = [each.startswith("existing") for each in written["origin"]]
+    assert [name.endswith(" (kept)") for name in views.images] == kept
+    assert not any("kept" in name for name in rc.read_views(tmp_path / "new.json").images)
+    checked = rc.check(plan(room), tmp_path / "placed.json", min_coverage=0.5)
+    assert checked.names == placed.names == tuple(views.images)
+    assert f"{checked.names[row]}" in html_of(checked)
+
+
+def gains_of(checked):
+    """Gains by each change that was tried for a goal that is not met: zone, share and goal."""
+    told = {
+        each["goal"]: each["dead_zones"]
+        for each in to_json(checked)["goals"]
+        if "dead_zones" in each
+    }
+    told[""] = checked.summary()["dead_zones"]
+    return [
+        (zone["tried"], zone["tried"]["gain_m2"] / each.of_m2, each)
+        for each in checked.requirements
+        for zone in (told[each.goal] if each.lack and not each.is_most else ())
+        if zone["tried"]
+    ]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_change_that_gains_most_comes_second_and_gains_what_it_says(room, seed):
+    """Of any cameras: no change that was tried gains more; made, it gains at least about that."""
+    rng = np.random.default_rng(seed)
+    eyes = rng.uniform((0.5, 0.5, 0.5), (3.5, 3.5, 2.5), (rng.integers(1, 4), 3))
+    poses = rc.look_at(eyes, rng.uniform(0, (4, 4, 2), eyes.shape))
+    asked = plan(room, goals={"doors": DOORS, "window": PRIVATE} if seed % 2 else {"doors": DOORS})
+    checked = rc.check(asked, poses, min_coverage=0.99)
+    best, tried = checked.best_change, gains_of(checked)
+    window = [each.share for each in checked.requirements if each.is_most and each.lack]
+    assert checked.is_met == (best is None)
+    assert checked.first_lines()[1:2] == [best.line]
+    assert to_json(checked)["best_change"]["line"] == best.line
+    assert best.line in html.unescape(html_of(checked)).replace("Change that", "change that")
+    assert best.share >= max([share for _, share, _ in tried] + [0.0]) - 1e-12
+    assert f"{100 * best.share:.1f} percentage points" in best.line
+    for change, share, required in tried:
+        if "focal_length_times" in change or share < best.share or max(window, default=0) >= share:
+            continue
+        added = rc.look_at([change["position"]], [change["looking_at"]])
+        row = change["pose"]
+        with_it = np.concatenate((poses if row is None else np.delete(poses, row, 0), added))
+        after = rc.check(asked, with_it, min_coverage=0.99)
+        (own,) = [
+            e for e in after.requirements if (e.goal, e.group) == (required.goal, required.group)
+        ]
+        assert own.share - required.share >= 0.75 * share
 
 
 MIXED = (

@@ -403,6 +403,7 @@ class Remedies:
                 (room,) = rooms_at(self.mesh, change.eye[None])
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
+                entries["change"] = words
                 gain = "be covered" if spot.views == 1 else f"gain a view, {spot.views} required"
                 return f"{words}: about {100 * share:.0f} % of the zone would {gain}", entries
         if not count:

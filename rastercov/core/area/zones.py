@@ -601,6 +601,9 @@ def _reasons(
         own = mesh.groups[mesh.face_group[spot.face[spot.middle]]].name
         before = blocker(hider, own)
         entry |= remedies.say(spot, winner, failing, before, is_tried=row < n_tried)
+        if entry["tried"] and spot.views == 1:
+            share = entry["tried"]["covers_percent"] / 100
+            entry["tried"]["gain_m2"] = share * float(zones.area[row])
         if row < n_tried and len(failing):
             lead = poses[failing[:1]]
             words, figures = measure_at((mesh, camera, task), spot.points, spot.face, lead, winner)

@@ -18,6 +18,7 @@ from rastercov.core.camera.near_plane import near_limit, near_limits
 from rastercov.core.camera.pose import Poses, renumber, valid_poses
 from rastercov.core.camera.projection import box_corners, to_camera, to_image
 from rastercov.core.camera.rig import (
+    KEPT,
     Cameras,
     EquipmentKind,
     Rig,
@@ -34,6 +35,7 @@ from rastercov.core.camera.rig import (
     heads_of,
     is_joint,
     led_by,
+    names_by_origin,
     names_of,
     names_of_poses,
     rows_of_result,
@@ -41,6 +43,7 @@ from rastercov.core.camera.rig import (
 from rastercov.core.camera.viewpoints import distance_to_keep, fibonacci_sphere, look_at, upwards
 
 __all__ = [
+    "KEPT",
     "MODELS",
     "PROGRAMS",
     "Border",
@@ -74,6 +77,7 @@ __all__ = [
     "lens_camera",
     "look_at",
     "model_in",
+    "names_by_origin",
     "names_of",
     "names_of_poses",
     "near_limit",

@@ -626,9 +626,20 @@ def names_of_poses(poses: Poses, images: Sequence[str] = ()) -> tuple[str, ...]:
     return tuple(f"camera {row + 1}" for row in poses.ids.tolist())
 
 
+KEPT = " (kept)"
+"""End of the name of a camera that a plan has kept."""
+
+
+def names_by_origin(origins: Sequence[str]) -> tuple[str, ...]:
+    """Names of placed cameras where some were there before; none elsewhere."""
+    kept = [origin.startswith("existing") for origin in origins]
+    names = (f"camera {row + 1}{KEPT * each}" for row, each in enumerate(kept))
+    return tuple(names) if any(kept) else ()
+
+
 def short_names(names: Sequence[str]) -> list[str]:
     """Names for a column or a legend of cameras or heads: the number alone of "camera 1"."""
-    return [re.sub(r"^(camera|head) (?=\d+$)", "", name) for name in names]
+    return [re.sub(r"^(camera|head) (?=\d+( \(kept\))?$)", "", name) for name in names]
 
 
 def heads_of(

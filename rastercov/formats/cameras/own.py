@@ -30,7 +30,7 @@ from rastercov.base import (
     plural,
     shown,
 )
-from rastercov.core.camera import Border, Camera, Views
+from rastercov.core.camera import Border, Camera, Views, names_by_origin
 from rastercov.core.camera.pose import DRIFT_TOLERANCE, as_matrices, real_numbers
 from rastercov.core.camera.rig import entries_of, entries_of_rig, rig_with
 from rastercov.formats.cameras.source import Entries, check_ids, keys_of
@@ -121,7 +121,7 @@ def _views(
         names,
         world_from_camera=border.of_convention(poses),
         camera=_indices(entries, len(poses), names, has_cameras=cameras is not None),
-        images=images,
+        images=images or names_by_origin(_texts(entries, "origin", len(poses)) or ()) or None,
         frames=frames or (),
         rig_from_camera=places,
         metres=border.metres(1.0 if entries.get("has_unit", True) else None),

@@ -142,9 +142,16 @@ export class Frusta {
     sketch.path(this.#ends(station), colour, 2.5, true);
   }
 
+  /** View pyramid, with dashed edges where the camera was kept. */
   #frustum(sketch, station, colour, isChosen) {
     const pose = this.session.poseOf(station);
     const ends = this.#ends(station);
+    const parts = station.name.endsWith("(kept)") ? [0, 2, 4, 6] : [null];
+    const line = (from, to, tint, wide) => {
+      for (const at of parts)
+        if (at === null) sketch.line(from, to, tint, wide);
+        else sketch.line(mix(from, to, at / 8), mix(from, to, (at + 1) / 8), tint, wide);
+    };
     const width = isChosen ? 2.5 : 1.4;
     const starts = borderAt(this.session.cameraOf(station), pose, 0);
     const quarter = ends.length / 4;
@@ -155,7 +162,7 @@ export class Frusta {
     ]) {
       sketch.path(ends, tint, wide, true);
       for (const corner of [0, 1, 2, 3].map((side) => side * quarter))
-        sketch.line(starts[corner], ends[corner], tint, wide);
+        line(starts[corner], ends[corner], tint, wide);
       if (distance(starts[0], starts[quarter]) > 0) sketch.path(starts, tint, wide, true);
     }
     // A mark above the upper border says which way is up in the image.

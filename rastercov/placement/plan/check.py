@@ -5,7 +5,7 @@ fails when the possibly covered share does not, and is undecided, which does not
 Shares are of the exact area where the plan counts that, and of whole faces otherwise.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, field, replace
 from functools import cached_property, partial
@@ -15,7 +15,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.advice.headline import by_reason, first_lines, gain_in_faces, other_lines
+from rastercov.advice.headline import (
+    NO_CHANGE,
+    GoalChange,
+    by_reason,
+    first_lines,
+    gain_in_faces,
+    gain_line,
+    other_lines,
+)
 from rastercov.base import (
     ByName,
     ConfigError,
@@ -35,7 +43,7 @@ from rastercov.base import (
     plural,
 )
 from rastercov.base.arguments import is_number, share_meant
-from rastercov.base.format import area
+from rastercov.base.format import area, points
 from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.regions import RegionPass
@@ -69,6 +77,7 @@ from rastercov.placement.plan.goals import (
     separate_goals,
 )
 from rastercov.placement.plan.network import (
+    AreaRequirement,
     Measured,
     Requirement,
     Rows,
@@ -177,34 +186,32 @@ class Checked(InOneLine, InNotebook):
         return [*self.first_lines(level), *self.other_lines(level)]
 
     def first_lines(self, level: int | None = None) -> list[str]:
-        """Up to four lines: covered area, goal, worst dead zone, and advice for it.
+        """Up to four lines: covered area, best change, goal, and worst dead zone.
 
         Where only the baseline fails, its verdict, and the zone that grew most; where only
         installation errors are not withstood, the verdict under them.
         """
-        goal, _ = self._goal_lines
+        goal, _ = goal_lines(self.requirements, self._where)
         if (lost := self._lost_alone) is None:
             if self.assured is not None and self.unmet == [self.assured.word]:
                 goal = self.assured.lines()[0]
             zone = zone_of_goal(self.requirements, self.goals, level)
-            return first_lines(self.summary(), goal, level, zone)
+            return first_lines(self.summary(), goal, level, zone, self.best_change)
         lines = first_lines(self.summary(), lost.lines()[0], level)
         return [*lines[:2], *lost.words_of_zone(lost.zones[0], level)] if lost.zones else lines
 
+    @cached_property
+    def best_change(self) -> GoalChange | None:
+        """As of `best_change` of all goals."""
+        return best_change(self.requirements, self.goals, self.mesh, self.summary())
+
     def other_lines(self, level: int | None = None) -> list[str]:
         """The rest: other goals, each with reasons why it fails, losses, and other dead zones."""
-        goal, others = self._goal_lines
-        before, lines = set(self.first_lines(level)), list[str]()
+        before = set(self.first_lines(level))
         rows = set() if zone_of_goal(self.requirements, self.goals) else {0}
-        worst = max(self.requirements, key=lambda each: each.lack, default=None)
-        ranked = sorted(self.requirements, key=lambda each: each is not worst)
-        for line, each in zip([goal, *others], ranked, strict=False):
-            reasons = [f"  {why}" for why in self.reasons(each, level) if why not in before]
-            again = [
-                why if why not in lines else f"{why.partition(':')[0]}: as above" for why in reasons
-            ]
-            is_apart = line in before and reasons
-            lines += [f"why the {line.partition(':')[0]}:" if is_apart else line, *again]
+        lines = lines_of_goals(
+            self.requirements, partial(self.reasons, level=level), before, self._where
+        )
         if (of_plan := self.plan.task.views) != self.views:
             planned = f" ({of_plan} in the plan)"
             if not isinstance(of_plan, int):
@@ -254,14 +261,16 @@ class Checked(InOneLine, InNotebook):
         wanted = sorted(parts, key=lambda name: -by_group[parts[name]].sum())
         for name in wanted[:MOST_GROUPS]:
             if by_group[parts[name]].any():
-                kind = "group" if len(parts[name]) == 1 else "part"
+                is_one = len(parts[name]) == 1
+                kind = "group" if is_one else "part"
+                own_name = groups[parts[name][0]].name if is_one else name
                 entry = self.leftover.of_groups(name, parts[name], below)
                 why, label = self._why(parts[name], entry), REASONS["occluded"].label
                 hiders = [
                     f"the {kind} itself" if each == name else each for each in entry["hidden_by"]
                 ][:3]
                 by = f"{label} (by {', '.join(hiders)})" if hiders else label
-                lines.append(f"{kind} {name}: {why.replace(label, by)}")
+                lines.append(f"{kind} {own_name}: {why.replace(label, by)}")
         if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]
@@ -322,10 +331,9 @@ class Checked(InOneLine, InNotebook):
         return items
 
     @property
-    def _goal_lines(self) -> tuple[str, list[str]]:
-        """Lines on goals, which are of the rig as planned."""
-        where = "" if self.assured is None else self.assured.as_planned
-        return goal_lines(self.requirements, where)
+    def _where(self) -> str:
+        """Words on the goals, which are of the rig as planned."""
+        return "" if self.assured is None else self.assured.as_planned
 
     @property
     def _lost_alone(self) -> Against | None:
@@ -397,25 +405,41 @@ class Checked(InOneLine, InNotebook):
         """The worst dead zone of a goal, and advice; of what must not be seen, who sees it."""
         if not requirement.is_most:
             return first_lines(self.summary(), level=level)[1:] if requirement.lack else []
-        rows = np.flatnonzero((self.cameras.covers & self.mesh.task_mask).any(axis=1))
-        own, lost = list(self.names), np.zeros(len(self.names))
-        names = np.array(own, object)
-        if self.by_camera is not None:
-            (covers, lost), own = self.by_camera, self.heads[1]
-            rows = np.flatnonzero(covers)
-            names = np.array([f"{n} ({area(m)})" for n, m in zip(own, covers, strict=True)], object)
-        if not len(rows):
+        if not self._seeing:
             most = f"at most {percent(requirement.high)}, by the error bound"
-            return [f"no camera sees any of it ({'proved' if requirement.high <= 0 else most})"]
-        lines = [f"seen by {first_of(names[rows].tolist())}"]
+            is_proved = requirement.high <= SHARE_TOLERANCE
+            return [f"no camera sees any of it ({'proved' if is_proved else most})"]
+        lines = [f"seen by {first_of([said for _, said in self._seeing])}"]
         if requirement.status == HOLDS:
             return lines
-        best = int(lost.argmax())
-        left = requirement.share - lost[best] / getattr(requirement, "of_m2", 1.0)
-        is_one = left <= requirement.limit + SHARE_TOLERANCE
-        named = [own[best]] if is_one else [own[row] for row in rows]
-        rest = percent(max(left, 0.0)) if is_one else "0.0 %"
-        return [*lines, f"advice: turn, move or mask {first_of(named)}: {rest} of it would be seen"]
+        words, left = self._turned(requirement)
+        return [*lines, f"advice: {words}: {percent(left)} of it would be seen"]
+
+    @cached_property
+    def _seeing(self) -> list[tuple[str, str]]:
+        """Names of cameras that see any of the task, and the same with the area of each."""
+        if self.by_camera is None:
+            rows = np.flatnonzero((self.cameras.covers & self.mesh.task_mask).any(axis=1))
+            return [(self.names[row],) * 2 for row in rows.tolist()]
+        pairs = zip(self.heads[1], self.by_camera[0].tolist(), strict=True)
+        return [(name, f"{name} ({area(m2)})") for name, m2 in pairs if m2]
+
+    def _turned(self, requirement: Requirement) -> tuple[str, float]:
+        """Words on cameras to turn away from what must not be seen, and the share seen then."""
+        named, left = [name for name, _ in self._seeing], 0.0
+        if self.by_camera is not None:
+            lost = self.by_camera[1]
+            rest = requirement.share - float(lost.max()) / getattr(requirement, "of_m2", 1.0)
+            if rest <= requirement.limit + SHARE_TOLERANCE:
+                named, left = [self.heads[1][int(lost.argmax())]], max(rest, 0.0)
+        return f"turn, move or mask {first_of(named)}", left
+
+    def turn_away(self, requirement: Requirement) -> GoalChange:
+        """Cameras that see what must not be seen, turned away."""
+        words, left = self._turned(requirement)
+        share = requirement.share - left
+        line = gain_line(words, requirement.name, f"{points(share)} less")
+        return GoalChange(share, line, words)
 
 
 def limits(
@@ -617,6 +641,33 @@ def zone_of_goal(
     return goals[worst.goal].zone_lines(worst, level)
 
 
+def best_change(
+    requirements: Sequence[Requirement],
+    goals: Mapping[str, Checked],
+    mesh: Mesh,
+    summary: ReadByName,
+) -> GoalChange | None:
+    """The change that gains most of a goal that is not met by area; None where all are met.
+
+    `mesh` and `summary` are those of the task without its named goals.
+    """
+    names, found = [group.name for group in mesh.groups], list[GoalChange]()
+    short = [each for each in requirements if each.lack and isinstance(each, AreaRequirement)]
+    for each in sorted(short, key=lambda each: -each.lack)[:MOST_GOALS]:
+        own = goals.get(each.goal)
+        if each.is_most and own is not None:
+            found.append(own.turn_away(each))
+            continue
+        of, name = summary if own is None else own.summary(), each.name
+        groups = {*names} if each.group is None else {names[r] for r in rows_of(names, each.group)}
+        found += [
+            GoalChange.of_zone(zone, name if each.group or own else f"the {name}", each.of_m2)
+            for zone in of.get("dead_zones", ())
+            if (zone["tried"] or {}).get("gain_m2") and (own or groups.intersection(zone["groups"]))
+        ]
+    return max(found, key=lambda change: change.share, default=NO_CHANGE if short else None)
+
+
 def reasons_of_goal(
     requirement: Requirement, goals: Mapping[str, Checked], level: int | None = None
 ) -> list[str]:
@@ -624,6 +675,23 @@ def reasons_of_goal(
     if requirement.goal not in goals or (requirement.status == HOLDS and not requirement.is_most):
         return []
     return goals[requirement.goal].explain(requirement, level)
+
+
+def lines_of_goals(
+    requirements: Sequence[Requirement],
+    reasons: Callable[[Requirement], list[str]],
+    before: Collection[str],
+    where: str = "",
+) -> list[str]:
+    """Lines on all requirements as of `goal_lines`, with reasons, without those `before`."""
+    first, others = goal_lines(requirements, where)
+    worst, lines = max(requirements, key=lambda each: each.lack, default=None), list[str]()
+    ranked = sorted(requirements, key=lambda each: each is not worst)
+    for line, each in zip([first, *others], ranked, strict=False):
+        own = [f"  {why}" for why in reasons(each) if why not in before]
+        again = [why if why not in lines else f"{why.partition(':')[0]}: as above" for why in own]
+        lines += [f"why the {line.partition(':')[0]}:" if line in before and own else line, *again]
+    return [line for line in lines if line not in before]
 
 
 def explain_goals(
@@ -637,7 +705,10 @@ def explain_goals(
             items.append(
                 {"goal": each.goal, "status": each.status, "lines": own.explain(each)}
                 | {name: told[name] for name in ("not_covered_because", *ZONES) if name in told}
-                | {"is_unseen": each.is_most and each.high <= 0, "cameras": own.cameras_of_goal()}
+                | {
+                    "is_unseen": each.is_most and each.high <= SHARE_TOLERANCE,
+                    "cameras": own.cameras_of_goal(),
+                }
             )
     return items
 
@@ -797,6 +868,7 @@ def to_json(checked: Checked) -> ByName:
         "groups": [asdict(each) for each in checked.groups],
         "parts": checked.parts(),
         "goals": explain_goals(checked.requirements, checked.goals),
+        "best_change": checked.best_change and checked.best_change._asdict(),
         "task": _task_of(checked.plan, checked.asked_views),
         **{name: network[name] for name in ("covered_area",) if name in network},
         **zones,

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.advice.headline import GoalChange
 from rastercov.base import (
     ByName,
     ConfigError,
@@ -32,7 +33,15 @@ from rastercov.base import (
 from rastercov.base.output import own_place
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera import Poses, is_joint, led_by, names_of_poses, renumber, unit_warnings
+from rastercov.core.camera import (
+    Poses,
+    is_joint,
+    led_by,
+    names_by_origin,
+    names_of_poses,
+    renumber,
+    unit_warnings,
+)
 from rastercov.core.coverage.engine import Engine
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
@@ -41,7 +50,7 @@ from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Optimised, Refined, optimise, refine
-from rastercov.placement.plan.check import Checked, CheckedGoals, plan_of_cameras
+from rastercov.placement.plan.check import Checked, CheckedGoals, best_change, plan_of_cameras
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generators import PoseFile
@@ -66,6 +75,7 @@ from rastercov.placement.plan.network import (
     most_views,
     of_plan,
     seeable_areas,
+    summary_of,
     views_by_group,
     warnings_of,
     whole_faces,
@@ -230,8 +240,19 @@ class Placement(InOneLine, InNotebook):
         plan, scene = self.prepared.plan, self.prepared.scene
         if not plan.goals or self.interrupted or scene is None:
             return {}
-        placed = self.cameras.placed
-        return CheckedGoals(separate_goals(plan, scene)[1], placed, names_of_poses(placed, ()))
+        return CheckedGoals(separate_goals(plan, scene)[1], self.cameras.placed, self.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the placed cameras."""
+        of_rows = names_by_origin([self.origin[row] for row in self.cameras.owner])
+        return names_of_poses(self.cameras.placed, of_rows)
+
+    @cached_property
+    def best_change(self) -> GoalChange | None:
+        """As of `check.best_change`."""
+        own = summary_of(self.prepared.plan, self.cameras)
+        return best_change(self.requirements, self.goals, self.prepared.mesh, own)
 
     @property
     def chosen(self) -> IntArray:
