@@ -126,7 +126,8 @@ def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> l
         rig = names_of(camera)[poses.camera[own[0, 0]]].rpartition("/")[0] or "with a rule"
         needs = f": half of the area in view needs {'; or '.join(remedies)}" if remedies else ""
         if remedies and not any("baseline" in each for each in remedies):
-            needs += f"; no baseline up to {WIDER[-1]:g} times as wide is enough"
+            most = _metres(WIDER[-1] * _baseline(placed.world_from_camera))
+            needs += f"; no baseline up to {most} is enough"
         lines.append(f"rig {rig}: {words}{needs}")
     return lines
 
@@ -225,8 +226,12 @@ class _Head:
         placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
         target = self.points[row_lengths(off).argmin()]
         away = float(np.linalg.norm(target - placed[:, :3, 3].mean(axis=0)))
+        base = _baseline(placed)
         wider = [
-            (f"a baseline {factor:g} times as wide{words}", _wider(placed, factor, at))
+            (
+                f"a baseline of {_metres(factor * base)} instead of {_metres(base)}{words}",
+                _wider(placed, factor, at),
+            )
             for factor in WIDER
             for words, at in (("", None), (", its sensors aimed at it", target))
         ]
@@ -276,6 +281,12 @@ def _missed_limit(
     )
     limit = f"{gate.least_deg:g} required" if is_less else f"{gate.most_deg:g} allowed"
     return float(lack.min()), f"rays to its sensors are {degrees} apart, {limit}"
+
+
+def _baseline(placed: FloatArray) -> float:
+    """Largest distance between devices (n, 4, 4)."""
+    eyes = placed[:, :3, 3]
+    return float(np.linalg.norm(eyes[:, None] - eyes, axis=2).max())
 
 
 def _metres(value: float) -> str:

@@ -55,16 +55,18 @@ def carried_out(remedy, rig, placed, points, limits):
     eyes, middle = placed[:, :3, 3], placed[:, :3, 3].mean(axis=0)
     target = points[np.linalg.norm(points - points.mean(axis=0), axis=1).argmin()]
     moved = placed.copy()
-    if wider := re.match(r"a baseline ([\d.]+) times as wide(, its sensors aimed at it)?$", remedy):
-        moved[:, :3, 3] = middle + float(wider[1]) * (eyes - middle)
-        for row in range(2 if wider[2] else 0):
+    size = r"([\d.]+) (µm|mm|m)"
+    aimed = "(, its sensors aimed at it)?$"
+    if wider := re.match(f"a baseline of {size} instead of {size}{aimed}", remedy):
+        to, before = (float(wider[k]) * FACTORS[wider[k + 1]] for k in (1, 3))
+        assert before == pytest.approx(np.linalg.norm(eyes[1] - eyes[0]), rel=0.01)
+        moved[:, :3, 3] = middle + to / np.linalg.norm(eyes[1] - eyes[0]) * (eyes - middle)
+        for row in range(2 if wider[5] else 0):
             before, after = target - eyes[row], target - moved[row, :3, 3]
             turn = Rotation.align_vectors([after], [before])[0].as_matrix()
             moved[row, :3, :3] = turn @ placed[row, :3, :3]
         return rig, moved
-    if nearer := re.match(
-        r"a distance of ([\d.]+) (µm|mm|m) instead of ([\d.]+) (µm|mm|m)$", remedy
-    ):
+    if nearer := re.match(f"a distance of {size} instead of {size}$", remedy):
         to, before = (float(nearer[k]) * FACTORS[nearer[k + 1]] for k in (1, 3))
         assert before == pytest.approx(np.linalg.norm(target - middle), rel=0.01)
         moved[:, :3, 3] += (1 - to / before) * (target - middle)
