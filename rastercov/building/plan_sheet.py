@@ -409,7 +409,8 @@ def _answer_rows(
     for each in required:
         words = [f"{each.status}: {each.words()}"]
         if (own := of_goals.get(each)) is not None:
-            rule = task_in_words(asdict(own.task), own.views).partition(" is ")[2].rstrip(".")
+            by_group = own.views if isinstance(own.views, Mapping) else None
+            rule = task_in_words(asdict(own.task), by_group).partition(" is ")[2].rstrip(".")
             words += [rule, *own.zone_lines(each)[:1], *own.lost_lines(each)]
         said.append(("Goal", "; ".join(words)))
     return [

@@ -129,7 +129,9 @@ def place(
     prepared = placed.prepared
     warn(*prepared.mesh.warnings, *placed.doubts)
     if as_json:
-        print(json_text(report.summary(placed)))
+        from rastercov.report.placement import with_features
+
+        print(json_text(with_features(placed, report.summary(placed))))
     else:
         _print_placement(placed, folder, level)
     if placed.interrupted:
@@ -279,7 +281,9 @@ def check(
     told = plan_check.to_json(result)
     warn(*eyes.notes, *told["warnings"], *told["result_warnings"])
     if as_json:
-        print(json.dumps(told, indent=2))
+        from rastercov.report.placement import with_features
+
+        print(json.dumps(with_features(result, told), indent=2))
     else:
         _print_check(result, level, out)
     if not result.is_met:

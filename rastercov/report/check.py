@@ -18,7 +18,7 @@ from rastercov.placement.required import FAILS
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage
-from rastercov.report.placement import change_of, network_of, verdicts
+from rastercov.report.placement import change_of, network_of, verdicts, with_features
 from rastercov.report.printing import browser, write_page
 from rastercov.shards import Progress, silent
 
@@ -52,7 +52,7 @@ def write(
                 write_text(folder.file("view.html"), shown.view)
         if result.assured is not None and (worst := result.assured.worst()) is not None:
             write_json(folder.file(WORST), worst)
-        write_json(folder.file("check.json"), record(result))
+        write_json(folder.file("check.json"), with_features(result, record(result)))
         folder.publish()
     return result
 

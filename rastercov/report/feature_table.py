@@ -64,14 +64,13 @@ class FeatureRow:
 def feature_rows(
     mesh: Mesh, camera: Cameras, poses: Poses, task: Task, names: Sequence[str], summary: ReadByName
 ) -> list[FeatureRow]:
-    """Rows of the evaluated groups, those with the largest missing share first.
+    """Rows of the evaluated groups, those with the largest missing share, and the largest, first.
 
-    `names` are those of the poses, and `summary` is that of their network. None for one group, and
-    for very many.
+    `names` are those of the poses, and `summary` is that of their network. None for very many.
     """
     groups = [each for each in summary["groups"] if "covered" in each]
     rows = {group.name: row for row, group in enumerate(mesh.groups)}
-    if len(groups) < 2 or len(groups) * len(poses) > MOST_PAIRS:
+    if len(groups) * len(poses) > MOST_PAIRS:
         return []
     face = np.array([_middle(mesh, rows[each["name"]]) for each in groups], np.int64)
     points, known = mesh.centroids[face], PartRow.of
@@ -96,7 +95,7 @@ def feature_rows(
         density, angle = figures["pixel_density"], math.degrees(figures["incidence"])
         lit = not any(dark) if dark else None
         made.append(FeatureRow(*own, names[row], density, angle, focus, lit))
-    return sorted(made, key=lambda each: each.covered_percent)
+    return sorted(made, key=lambda each: (each.covered_percent, -each.area_m2))
 
 
 def _middle(mesh: Mesh, group: int) -> int:

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
-from itertools import islice
+from itertools import chain, islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +28,7 @@ from rastercov.base import (
     thread_count,
     with_bound,
 )
-from rastercov.base.format import area, length, text_with_sign, verb
+from rastercov.base.format import area, coordinates, length, text_with_sign, verb
 from rastercov.core.area.advice import focus_in_words
 from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.feature import in_words
@@ -503,7 +503,14 @@ class NetworkPage:
 
     @cached_property
     def features(self) -> list[FeatureRow]:
-        """Rows of the table of features; none of a scene of several phases."""
+        """Rows of features, with those of goals; none for one, or a scene of several phases."""
+        rows = sorted(
+            chain(self._features(), *(goal.page._features() for goal in self.goals)),
+            key=lambda each: (each.covered_percent, -each.area_m2),
+        )
+        return rows if len(rows) > 1 else []
+
+    def _features(self) -> list[FeatureRow]:
         if self.part is not None:
             return []
         poses, names = self._placed
@@ -522,7 +529,12 @@ class NetworkPage:
             said.append(f"It must be in focus, at a depth of {focus.popitem()[1]}.")
         said += [f"{name} is in focus at a depth of {text}." for name, text in focus.items()]
         for word, own in equipment_on(self.camera).items():
-            words = (f"{name} ({own._words(at, vars(task))})" for at, name in enumerate(own.names))
+            words = (
+                f"{name} ({own._words(at, vars(task))})"
+                + f" at ({coordinates(own.places[at][:3, 3], 3)}) m"
+                * bool(own._has_position(at) and not own.rides[at])
+                for at, name in enumerate(own.names)
+            )
             said.append(f"{word.capitalize()}: {first_of([*words])}.")
         return said
 

@@ -6,12 +6,12 @@ headings and words.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
 
-from rastercov.base import ReadByName, percent
+from rastercov.base import ByName, ReadByName, percent
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.zones import ZONES
 from rastercov.core.camera import heads_of, led_by
@@ -97,7 +97,7 @@ def pages_of(
         stops=placement.carried and placement.carried.table(),
         choices={word: each.table() for word, each in placement.choices.items()},
         sections={name: each.section() for name, each in placement.made.items()},
-        products=[each.figure() for each in placement.products],
+        products=[(each.figure(), each.lines()) for each in placement.products],
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
 
@@ -119,6 +119,12 @@ def _out_of_reach(openings: Openings | None) -> list[str]:
     sentences = [openings.words(row) for row in shut[:MAX_SENTENCES].tolist()]
     more = len(shut) - MAX_SENTENCES
     return sentences + ([f"And {more:,} more."] if more > 0 else [])
+
+
+def with_features(placement: Placement | Checked, content: ReadByName) -> ByName:
+    """The content of `plan.json` or `check.json` with the table of features."""
+    rows = network_of(placement, content, has_parts=False).features
+    return {**content, "features": list(map(asdict, rows))}
 
 
 def change_of(placement: Placement | Checked) -> list[str]:

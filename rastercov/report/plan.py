@@ -168,7 +168,12 @@ def save(
             write_page(folder, Path(name).stem, text, pdf=pdf and name == "page.html")
         plan = placement.prepared.plan
         at = {"folder": path_from(folder.path, plan.folder), "file": plan.name}
-        write_json(folder.file("plan.json"), summary(placement) | at)
+        told = summary(placement) | at
+        if pages:
+            from rastercov.report.placement import with_features
+
+            told = with_features(placement, told)
+        write_json(folder.file("plan.json"), told)
         folder.publish()
 
 

@@ -126,3 +126,78 @@ def test_features_are_a_file_of_the_result(tmp_path, monkeypatch, capsys):
     assert told == json.loads((tmp_path / "o/summary.json").read_text())["features"]
     cells = [{k: "" if v is None else str(v) for k, v in each.items()} for each in told]
     assert cells == rows
+
+
+GOALS = """
+[[meshes]]
+path = "box.obj"
+[camera]
+width = 640
+height = 480
+hfov_deg = 60.0
+[task]
+max_incidence_deg = 60.0
+[[candidates]]
+generator = "on_sphere"
+count = 8
+distances = [3.0]
+[selection]
+goal = "fewest_cameras"
+coverage = 0.3
+[goals.top]
+groups = ["{}"]
+coverage = 0.5
+"""
+
+
+@pytest.mark.parametrize("goal", ["z_high", "x_low"])
+def test_answers_of_plans_and_checks_have_all_features_those_of_goals_too(
+    capsys, tmp_path, monkeypatch, goal
+):
+    """In JSON of place and check as on their pages, in one table, the least covered first."""
+    monkeypatch.chdir(tmp_path)
+    lines, n = [], 0
+    box = box_of_sides((1.0, 1.2, 0.8))
+    names = [f"{side[1]}_{'low' if side[0] == '-' else 'high'}" for side in SIDES]
+    lines += [f"v {x} {y} {z}" for x, y, z in box.vertices]
+    for row, name in enumerate(names):
+        faces = box.faces[box.face_group == row] + 1
+        lines += [f"g {name}", *(f"f {a} {b} {c}" for a, b, c in faces)]
+        n += len(faces)
+    (tmp_path / "box.obj").write_text("\n".join(lines))
+    (tmp_path / "plan.toml").write_text(GOALS.replace("{}", goal))
+    for line, page in (
+        ("place plan.toml --out placed", "placed/page.html"),
+        ("check plan.toml -p placed/poses.json --out checked", "checked/check.html"),
+    ):
+        code, out, err = call(capsys, f"{line} --json")
+        assert code in (0, 1), err
+        told = json.loads(out)["features"]
+        file = "plan.json" if "place" in line.split()[0] else "check.json"
+        assert json.loads((tmp_path / page).with_name(file).read_text())["features"] == told
+        assert {each["name"] for each in told} == set(names)
+        shares = [each["covered_percent"] for each in told]
+        assert shares == sorted(shares)
+        text = (tmp_path / page).read_text()
+        assert text.count("<h2>Features</h2>") == 1
+        assert "<h2>Parts</h2>" not in text
+        table = text[text.index("<h2>Features</h2>") :]
+        places = [table.index(f">{each['name']}</td>") for each in told]
+        assert places == sorted(places)
+
+
+def test_parts_and_their_features_are_one_table(tmp_path):
+    """Parts, whose groups are CAD faces of several bodies, stand before their features."""
+    parts = ("bolt", "nut", "plate")
+    sizes = (0.4, 0.4, 0.4), (0.2, 0.2, 0.3), (0.3, 0.5, 0.4)
+    boxes = [box_of_sides(s).moved(translation=(k, 0, 0)) for k, s in enumerate(sizes)]
+    names = [f"{part}/face {k}" for part in parts for k in range(6)]
+    mesh = rc.Mesh.joined(boxes, names)
+    camera = rc.Camera.from_fov(640, 480, hfov_deg=70)
+    result = rc.evaluate(mesh, camera, rc.look_at([(2, 2, 2), (-2, 1, 1)], (0.5, 0, 0)))
+    text = html_of(result)
+    table = text[text.index("<h2>Parts and features</h2>") :]
+    at = {name: table.index(f">{name}</td>") for name in (*parts, *names)}
+    assert max(at[part] for part in parts) < min(at[name] for name in names)
+    assert text.count("<h2>Parts") == 1
+    assert "<h2>Features</h2>" not in text
