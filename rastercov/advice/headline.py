@@ -109,7 +109,7 @@ class GoalChange(NamedTuple):
 
 
 NO_CHANGE = GoalChange(0.0, *["change that gains most: none of those that were tried"] * 2)
-"""Where no change covers half of a dead zone."""
+"""No change of those that were tried covers half of a dead zone."""
 
 
 def gain_line(words: str, goal: str, gain: str) -> str:

@@ -107,13 +107,19 @@ def distinct_percents(*shares: float) -> list[str]:
 
 
 def with_bound(value: float, bound: float) -> str:
-    """A percentage with its bound, such as "97.138 ± 0.001 %": up to three digits after the point.
+    """A percentage in three digits, with its bound where these are not certain: "97.1 ± 0.3 %".
 
-    The bound is that of the figure as it is shown, rounded up; neither 0 nor 100 is rounded to,
-    which have no bound beside them where it is below that of doubles.
+    Without a bound the last digit is certain to one. A bound is that of the figure as it is shown,
+    rounded up. Neither 0 nor 100 is rounded to.
     """
     if value in (0, 100) and bound <= 1e-9:
         return f"{value:.0f} %"
+    places = 1 if value >= 10 else 2 if value >= 1 else 3
+    if bound < 0.5 * float(f"1e-{places}"):
+        for more in (places, max(places, 2), 3, 6):
+            text = f"{value:.{more}f}"
+            if (float(text) < 100 or value >= 100) and float(text) > 0:
+                return f"{text} %"
     digits = min(max(1, -exponent(max(bound, 1e-9))), 3)
     unit = float(f"1e-{digits}")
     shown = round(value, digits)

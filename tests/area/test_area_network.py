@@ -145,6 +145,6 @@ def test_occluders_have_no_rest():
 
 def test_words_have_the_digits_that_are_known():
     figures = {"percent": 12.3456789, "bound_percent": 3e-4, "views": 1, "by_views": []}
-    assert in_words(figures) == "12.346 ± 0.001 % of the area"
+    assert in_words(figures) == "12.3 % of the area"
     figures |= {"bound_percent": 0.0, "views": 2, "by_views": [{"percent": 50.0, "views": 1}, {}]}
     assert "by at least 2 cameras; 50.0 % by at least 1" in in_words(figures)

@@ -276,10 +276,16 @@ def test_a_percentage_is_within_the_bound_beside_it():
     rng = np.random.default_rng(3)
     values, bounds = rng.uniform(0, 100, 500), 10.0 ** rng.uniform(-9, 1, 500)
     for value, bound in zip([*values, 99.99999, 1e-7], [*bounds, 1e-9, 1e-9], strict=True):
-        shown, beside = map(float, with_bound(value, bound).removesuffix(" %").split(" ± "))
-        assert abs(shown - value) + bound <= beside + 1e-9
-        assert 0 < shown < 100
+        shown, *beside = with_bound(value, bound).removesuffix(" %").split(" ± ")
+        last = 10.0 ** -len(shown.partition(".")[2])
+        assert abs(float(shown) - value) + bound <= float(beside[0] if beside else last) + 1e-9
+        assert 0 < float(shown) < 100
+        unit = 0.1 if value >= 10 else 0.01 if value >= 1 else 0.001
+        is_near = min(value, 100 - value) < 1e-3
+        assert is_near or bool(beside) == (bound >= unit / 2), "three digits are certain, or not"
     assert with_bound(100.0, 1e-12) == "100 %"
+    assert with_bound(29.1801, 1e-6) == "29.2 %"
+    assert with_bound(99.99996, 1e-9) == "99.999960 %"
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from rastercov.core.camera.rig import short_names
 def test_edges_of_a_kept_camera_are_dashes_of_half_their_length(node):
     """Edges from the camera to its image: four dashes each in place of a line."""
     kept, other = names_by_origin(["existing 0", "walls 2"])
-    seen = {each["name"]: each for each in node("frusta.mjs", json.dumps([kept, other]))}
+    seen = {each["name"]: each for each in node("pyramids.mjs", json.dumps([kept, other]))}
     assert kept.endswith(KEPT)
     np.testing.assert_allclose(2 * seen[kept]["length"], seen[other]["length"], rtol=1e-9)
     # Each edge is drawn twice, in a colour and in one around it.

@@ -1,4 +1,4 @@
-// Numbers of lines of the view pyramid of cameras by their names: node frusta.mjs NAMES prints {name, lines}, and
+// Numbers of lines of the view pyramid of cameras by their names: node pyramids.mjs NAMES prints {name, lines}, and
 // {name, length} of all edges. See tests/viewer/test_kept_cameras.py.
 const made = () => ({ classList: { toggle() {} }, style: {}, append() {}, addEventListener() {}, setAttribute() {} });
 globalThis.document = { createElement: made };
