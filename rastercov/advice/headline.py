@@ -108,7 +108,9 @@ class GoalChange(NamedTuple):
         return cls(share, gain_line(words, goal, f"about {points(share)} more"), tried["change"])
 
 
-NO_CHANGE = GoalChange(0.0, *["change that gains most: none of those that were tried"] * 2)
+NO_CHANGE = GoalChange(
+    0.0, *["change that gains most: none is known to cover half of a dead zone"] * 2
+)
 """No change of those that were tried covers half of a dead zone."""
 
 
