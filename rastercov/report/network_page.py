@@ -36,7 +36,7 @@ from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import ANY, SURE, Allowed, Change, Remedies, ZoneSpot
 from rastercov.core.area.table import Regions
-from rastercov.core.area.zones import DeadZones, face_zones, zone_place, zone_reason
+from rastercov.core.area.zones import DeadZones, face_zones
 from rastercov.core.camera import (
     Cameras,
     Poses,
@@ -598,7 +598,7 @@ class NetworkPage:
         return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     def sentences(self) -> list[str]:
-        """Sentences on what is covered, by area with its bound, on dead zones, and on cameras."""
+        """Sentences on what is covered, by area with its bound, and on cameras."""
         figures, lost = self.figures, self.lost_m2
         whole, exact = figures["covered"], figures.get("covered_area")
         by_face = (
@@ -606,22 +606,13 @@ class NetworkPage:
             f"({percent(whole['percent'] / 100)}) are covered"
         )
         said = [f"{self.covered_words or by_face}."]
-        zones, result = self.dead
-        entries, reasons = result["dead_zones"], figures["not_covered_because"]
+        reasons = figures["not_covered_because"]
         if reasons and exact is None:
             parts = [
                 f"{each['faces']:,} {verb(each['faces'], REASONS[name].sentence)}"
                 for name, each in reasons.items()
             ]
             said[0] += f" Of the others, {', '.join(parts)}."
-        if entries:
-            total = area(float(zones.area.sum()))
-            largest = f", {total} in all. The largest" if len(entries) > 1 else ""
-            where = f" of {zone_place(entries[0])}" if len(self.mesh.groups) > 1 else ""
-            said.append(
-                f"{plural(zones.count(), 'dead zone', 'remain')}{largest}: "
-                f"{area(entries[0]['area_m2'])}{where}, {zone_reason(entries[0])}."
-            )
         if hidden := figures["unseeable_m2"]:
             never = "is not visible from anywhere (proved)"
             said.append(f"Of the uncovered area, {area(hidden)} {never}.")
