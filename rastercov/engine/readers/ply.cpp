@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cmath>
 #include <cstring>
 
 namespace rastercov::readers {
@@ -17,14 +18,18 @@ struct Type {
     int size;
     char kind; // i, u, f
 };
-constexpr std::array<Type, 8> TYPES = {{{"char", "int8", 1, 'i'},
-                                        {"uchar", "uint8", 1, 'u'},
-                                        {"short", "int16", 2, 'i'},
-                                        {"ushort", "uint16", 2, 'u'},
-                                        {"int", "int32", 4, 'i'},
-                                        {"uint", "uint32", 4, 'u'},
-                                        {"float", "float32", 4, 'f'},
-                                        {"double", "float64", 8, 'f'}}};
+// Those of 1994, and what trimesh and meshio write beside them.
+constexpr std::array<Type, 11> TYPES = {{{"char", "int8", 1, 'i'},
+                                         {"uchar", "uint8", 1, 'u'},
+                                         {"short", "int16", 2, 'i'},
+                                         {"ushort", "uint16", 2, 'u'},
+                                         {"int", "int32", 4, 'i'},
+                                         {"uint", "uint32", 4, 'u'},
+                                         {"float", "float32", 4, 'f'},
+                                         {"double", "float64", 8, 'f'},
+                                         {"int64", "", 8, 'i'},
+                                         {"uint64", "", 8, 'u'},
+                                         {"float16", "", 2, 'f'}}};
 
 const Type *type_of(Text word) {
     const auto *const at = std::find_if(TYPES.begin(), TYPES.end(), [&](const Type &each) {
@@ -154,13 +159,14 @@ class Body {
         for (int64_t k = 0; k < element.count && !element.properties.empty(); k++, poll())
             for (Property &each : element.properties) {
                 const int64_t n = each.count_type ? count_of(each, is_big) : 1;
-                const int64_t size = n * each.type->size, begin = int64_t(_at);
-                if (n < 0 || begin + size > int64_t(_data.size()))
+                const int64_t begin = int64_t(_at);
+                const Wide size = Wide(n) * each.type->size;
+                if (n < 0 || begin + size > Wide(_data.size()))
                     refuse_again("expected ", n, " values of ", quote(each.name), " of element ",
                                  quote(element.name), " up to byte ", begin + size, ", got ",
                                  _data.size(), " bytes; truncated");
                 if (each.kept) add_values(each, n, is_big);
-                _at = size_t(begin + size);
+                _at = size_t(begin + int64_t(size));
             }
     }
 
@@ -192,30 +198,46 @@ class Body {
         check_budget(std::max<int64_t>(0, more), _limits);
     }
 
-    double value_at(const Type &type, size_t at, bool is_big) const {
+    // The bytes of a value, from the highest on, as bits.
+    uint64_t bits_at(const Type &type, size_t at, bool is_big) const {
         uint64_t bits = 0;
         if (at + 8 <= _data.size()) std::memcpy(&bits, _data.data() + at, 8);
         else std::memcpy(&bits, _data.data() + at, type.size);
+        return is_big ? __builtin_bswap64(bits) : bits << (64 - 8 * type.size);
+    }
+
+    // A whole number; the greatest one for what is beyond it.
+    int64_t whole_at(const Type &type, size_t at, bool is_big) const {
+        const uint64_t bits = bits_at(type, at, is_big);
         const int unused = 64 - 8 * type.size;
-        bits = is_big ? __builtin_bswap64(bits) : bits << unused; // its own are the highest
+        if (type.kind == 'i') return int64_t(bits) >> unused;
+        return int64_t(std::min(bits >> unused, uint64_t(INT64_MAX)));
+    }
+
+    double value_at(const Type &type, size_t at, bool is_big) const {
+        if (type.kind != 'f') return double(whole_at(type, at, is_big));
+        const uint64_t bits = bits_at(type, at, is_big);
         if (type.size == 8) return std::bit_cast<double>(bits);
-        if (type.kind == 'f') return std::bit_cast<float>(uint32_t(bits >> unused));
-        return type.kind == 'u' ? double(bits >> unused) : double(int64_t(bits) >> unused);
+        if (type.size == 4) return std::bit_cast<float>(uint32_t(bits >> 32));
+        // Of 16 bits: with the exponent of 32.
+        const auto half = uint32_t(bits >> 48 & 0x7fff);
+        const double size = half < 0x7c00 ? std::bit_cast<float>(half << 13) * 0x1p112 : NAN;
+        return bits >> 63 ? -size : size;
     }
 
     // The number of values of a list, 1 where the file ends before it.
     int64_t count_of(const Property &list, bool is_big) {
         const size_t at = _at;
         _at += list.count_type->size;
-        return _at <= _data.size() ? int64_t(value_at(*list.count_type, at, is_big)) : 1;
+        return _at <= _data.size() ? whole_at(*list.count_type, at, is_big) : 1;
     }
 
     void add_values(const Property &from, int64_t n, bool is_big) {
         Column &to = *from.kept;
         for (int64_t k = 0; k < n; k++) {
-            const double value = value_at(*from.type, _at + k * from.type->size, is_big);
-            if (from.count_type) to.wholes.push_back(int64_t(value));
-            else to.reals.push_back(value);
+            const size_t at = _at + k * from.type->size;
+            if (from.count_type) to.wholes.push_back(whole_at(*from.type, at, is_big));
+            else to.reals.push_back(value_at(*from.type, at, is_big));
         }
         if (from.count_type) add_count(to, n);
     }
