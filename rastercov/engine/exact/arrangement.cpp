@@ -100,7 +100,7 @@ Sight covers(int64_t m, double u, double v, const View &view) {
     for (int64_t s = 0; s < n_lines; s++) {
         const Line line = side_of(m, s, projected);
         const double value = line.value(u, v);
-        const double margin = SURE * error * (std::abs(line.du) + std::abs(line.dv));
+        const double margin = slack_of(line, SURE * error);
         if (value < -margin) return VISIBLE;
         if (value < margin && !is_joined(m, s, n_lines, view)) result = UNSURE;
     }
@@ -111,7 +111,7 @@ Sight covers(int64_t m, double u, double v, const View &view) {
 Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const View &view) {
     const auto &[camera, projected, grid] = std::tie(view.camera, view.projected, view.grid);
     const auto &[box, state] = std::tie(projected.box, projected.state);
-    const double w = plane.w + plane.a * (u - plane.u) + plane.b * (v - plane.v);
+    const double w = plane.at(u, v).w;
     const double farthest = w - plane.error - 4 * DEPTH_TIE_REL * w;
     const int64_t at = cell_at(u, v, grid);
     lay_bounds(at, view);
@@ -142,7 +142,7 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
         const Sight covered = covers(m, u, v, view);
         if (covered == VISIBLE) continue;
         const Plane its = plane_of(m, camera, projected);
-        const double nearer = its.w + its.a * (u - its.u) + its.b * (v - its.v) - w;
+        const double nearer = its.at(u, v).w - w;
         const double margin = plane.error + its.error + 2 * DEPTH_TIE_REL * (w + std::abs(nearer));
         if (nearer < -margin) continue;
         if (nearer <= margin || covered == UNSURE) {

@@ -258,7 +258,7 @@ void mark_uncertifiable(Int32Array events, const Edges &edges, const Projected &
         lay_boxes_of_block(b, projected);
         for (int64_t f = b * BLOCK; f < end_of_block(b, projected); f++) {
             if (state[f] & LIVE) {
-                const double extent = box(f, U_MAX) - box(f, U_MIN) + box(f, V_MAX) - box(f, V_MIN);
+                const double extent = bounds_in(box, f).around();
                 bool is_unfit = state[f] & CLIPPED || area[f] < thinnest * extent;
                 if (state[f] & PARTLY && !is_unfit)
                     is_unfit = is_at_event[faces(f, 0)] || is_at_event[faces(f, 1)] ||

@@ -32,6 +32,8 @@ constexpr double UNDERFLOW_ERROR = 0x1p-1000; // more than products of numbers u
 // and of rounding: (u1 - u0)(v2 - v0) - (u2 - u0)(v1 - v0) is twice the area, each difference is
 // off by 2 roundings, and each side of the image is at most its extent.
 constexpr double EDGE_ON_FACTOR = 4;
+// Distance from an edge, in roundings of a position, that makes a point lie on one side of it.
+constexpr double SURE = 16;
 constexpr double W_ARITHMETIC_ERROR_REL = 1e-14; // of 1/z evaluated at the corner of a clipped face
 
 // Corners of a face in camera axes, in pairs of doubles; or, of parallel rays, the points
@@ -294,13 +296,10 @@ inline Box bounds_of_clipped(ClippedFace &face, int64_t n) {
     double w_min = INF;
     double w_max = -INF;
     const Points polygon = face.corners();
-    const auto &plane = face.plane;
+    const Plane plane = plane_in(face.plane);
     for (int64_t p = 0; p < n; p++) {
-        const double along_u = plane[SLOPE_U] * (polygon(p, U) - plane[U]);
-        const double along_v = plane[SLOPE_V] * (polygon(p, V) - plane[V]);
-        const double w = plane[W] + along_u + along_v;
-        const double size = std::abs(plane[W]) + std::abs(along_u) + std::abs(along_v);
-        const double error = plane[W_ERROR] + W_ARITHMETIC_ERROR_REL * size;
+        const auto [w, size] = plane.at(polygon(p, U), polygon(p, V));
+        const double error = plane.error + W_ARITHMETIC_ERROR_REL * size;
         w_min = std::min(w_min, w - error);
         w_max = std::max(w_max, w + error);
     }

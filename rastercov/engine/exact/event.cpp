@@ -443,19 +443,17 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
               const Segment &segment) {
     if (p >= clipped.n_corners[s]) return false;
     const auto polygon = clipped.polygons[s];
-    const auto plane = clipped.planes[s];
+    const Plane plane = plane_in(clipped.planes[s]);
     const int64_t q = p + 1 < clipped.n_corners[s] ? p + 1 : 0;
     const auto &its = segment.uvw;
     for (const int end : {START, END}) {
         const int64_t corner = end == START ? p : q;
         const double u = polygon(corner, U), v = polygon(corner, V);
-        const double w =
-            plane[W] + plane[SLOPE_U] * (u - plane[U]) + plane[SLOPE_V] * (v - plane[V]);
         // As near as it may be: 1/z of a face that almost contains the camera centre is known to
         // few digits.
         its(end, U) = u;
         its(end, V) = v;
-        its(end, W) = std::min(w + plane[W_ERROR], 1 / camera.near_depth());
+        its(end, W) = std::min(plane.at(u, v).w + plane.error, 1 / camera.near_depth());
         its(end, POSITION_ERROR) = camera.pixel_error;
         segment.ends[end] = NO_VERTEX;
     }

@@ -179,6 +179,40 @@ inline bool has_own_corners(int64_t f, const Projected &projected) {
     return !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
 }
 
+// Lays three parts of the corners of the image of a clipped face, those near one another together,
+// with what they may be off: bounds of each.
+inline void lay_clipped_corners(int64_t f, const View &view, CornerOfMany (&corners)[3]) {
+    const Clipped &clipped = view.projected.clipped;
+    const int64_t s = view.projected.clipped_index[f];
+    const Plane plane = plane_of(f, view.camera, view.projected);
+    const double off = SURE * outline_error(f, view.camera, view.projected);
+    CornerOfMany parts[CORNERS];
+    int n = 0;
+    for (; n < clipped.n_corners[s]; n++) {
+        const double u = clipped.polygons(s, n, U), v = clipped.polygons(s, n, V);
+        const auto [w, size] = plane.at(u, v);
+        const double error = plane.error + W_ARITHMETIC_ERROR_REL * size;
+        parts[n] = {{{u - off, u + off}, {v - off, v + off}, {w - error, w + error}}, -1};
+    }
+    const auto extent = [&](int k) {
+        const auto &at = parts[k].at, &next = parts[(k + 1) % n].at;
+        double total = 0.0;
+        for (const int axis : {U, V})
+            total += std::max(at[axis].most, next[axis].most) -
+                     std::min(at[axis].least, next[axis].least);
+        return total;
+    };
+    while (n > 3) {
+        int best = 0;
+        for (int k = 1; k < n; k++)
+            if (extent(k) < extent(best)) best = k;
+        std::rotate(parts, parts + (best + 2) % n, parts + n); // the two are the last
+        n--;
+        for (const int axis : {U, V, W}) parts[n - 1].at[axis].add(parts[n].at[axis]);
+    }
+    std::copy_n(parts, 3, corners);
+}
+
 // A group of one face.
 inline Group group_of(int64_t f, const View &view) {
     const Projected &projected = view.projected;
@@ -195,6 +229,8 @@ inline Group group_of(int64_t f, const View &view) {
                 corner.at[axis].add(projected.uvw(corner.common, axis));
             else corner.at[axis] = {-INF, INF};
     }
+    if ((projected.state[f] & (CLIPPED | DOUBTFUL | THIN)) == CLIPPED)
+        lay_clipped_corners(f, view, group.corners);
     return group;
 }
 

@@ -111,12 +111,6 @@ struct Left {
     Scratch &scratch;
 };
 
-// Extent of the box of a face, pixels.
-double extent_of_box(int64_t t, const View &view) {
-    const auto &box = view.projected.box;
-    return box(t, U_MAX) - box(t, U_MIN) + box(t, V_MAX) - box(t, V_MIN);
-}
-
 // Lines that have faces on their outer side which hide nothing more of a part: for each of its
 // pieces some, or, of more than FEW_PIECES, three sides of its face; and a box around them.
 struct Separators {
@@ -126,11 +120,11 @@ struct Separators {
     Bounds box;
 
     // Sides of slivers may have a part of them beyond, by rounding: these are no such lines. The
-    // others are moved inwards by the rounding of a corner that many faces have, so that they pass
-    // through it no more.
+    // others are moved inwards by rounding; long ones by that of a corner that many faces have, so
+    // that they pass through it no more.
     void lay(const PartOfFace &part, const Left &left) {
         const double rounding = part.view.camera.pixel_error,
-                     reach = rounding * extent_of_box(part.t, part.view);
+                     reach = rounding * bounds_in(part.view.projected.box, part.t).around();
         n_pieces = left.count > FEW_PIECES ? 1 : left.count;
         int64_t n = 0;
         box = {INF, -INF, INF, -INF};
@@ -142,11 +136,12 @@ struct Separators {
                    std::min(box.v_min, its.v_min), std::max(box.v_max, its.v_max)};
             for (int64_t s = 0; s < k; s++) {
                 Line line = side_at(corners, k, s);
-                const double slack = rounding * (std::abs(line.du) + std::abs(line.dv));
+                const double slack = slack_of(line, rounding);
                 const double least =
                     values_on_line(corners, k, line, slack, part.view.work.values).least;
-                if (least < 0) continue;
-                line.offset -= std::max(slack, reach);
+                if (least < 0 || slack == 0) continue; // a side without length has all beyond it
+                const bool is_long = 2 * slack >= rounding * its.around();
+                line.offset -= is_long ? std::max(slack, reach) : slack;
                 lines[n++] = line;
             }
             stops[p] = n;
@@ -176,19 +171,24 @@ struct Separators {
 bool is_behind(const PartOfFace &part, const Group &group) {
     const auto &[t, plane, view] = std::tie(part.t, part.plane, part.view);
     const auto &faces = view.projected.faces;
-    if (part.n_own != 3) return false;
+    const bool is_clipped = part.n_own != 3;
     const auto &own = view.work.own;
-    double twice = std::abs(line_at(own, 0).value(own(2, U), own(2, V)));
+    const double twice = is_clipped ? 1.0 : std::abs(line_at(own, 0).value(own(2, U), own(2, V)));
     for (const auto &[at, common] : group.corners) {
-        if (common == faces(t, 0) || common == faces(t, 1) || common == faces(t, 2)) continue;
+        if (!is_clipped &&
+            (common == faces(t, 0) || common == faces(t, 1) || common == faces(t, 2)))
+            continue;
         for (const double u : {at[U].least, at[U].most})
             for (const double v : {at[V].least, at[V].most}) {
-                double shares = 0.0; // of the corners of the face, from which the plane is known
-                for (int s = 0; s < 3; s++) shares += std::abs(line_at(own, s).value(u, v));
-                const double along_u = plane.a * (u - plane.u), along_v = plane.b * (v - plane.v);
-                const double size = std::abs(plane.w) + std::abs(along_u) + std::abs(along_v);
+                const auto [w, size] = plane.at(u, v);
+                // Of the corners of the face, from which the plane is known; where it is clipped,
+                // that is off in proportion to 1/z beyond the nearest.
+                double shares =
+                    is_clipped ? std::max(1.0, size / view.projected.box(t, W_MAX)) : 0.0;
+                for (int s = 0; s < 3 && !is_clipped; s++)
+                    shares += std::abs(line_at(own, s).value(u, v));
                 const double error = plane.error * shares + 4 * DEPTH_TIE_REL * size * twice;
-                if (!((plane.w + along_u + along_v - at[W].most) * twice > error)) return false;
+                if (!((w - at[W].most) * twice > error)) return false;
             }
     }
     return true;
@@ -219,6 +219,7 @@ bool any_of_many(const PartOfFace &part, int64_t at, double farthest, const Left
         const int64_t before = left.last;
         const bool leaves = separators.leave(
             [&](const Line &line) { return values_at_corners(entry, line, grid).most; });
+        view.work.n_compared[0] += leaves;
         if (leaves && take(grid.entries[entry])) return true;
         if (left.last != before) separators.lay(part, left);
         return false;
@@ -291,11 +292,8 @@ bool is_before(const PartOfFace &part, int64_t m) {
         plane.a > 0 ? std::max(box(m, U_MIN), extent.u_min) : std::min(box(m, U_MAX), extent.u_max);
     const double v =
         plane.b > 0 ? std::max(box(m, V_MIN), extent.v_min) : std::min(box(m, V_MAX), extent.v_max);
-    const double along_u = plane.a * (u - plane.u), along_v = plane.b * (v - plane.v);
-    const double rounding =
-        plane.error +
-        4 * DEPTH_TIE_REL * (std::abs(plane.w) + std::abs(along_u) + std::abs(along_v));
-    return box(m, W_MAX) < plane.w + along_u + along_v - rounding;
+    const auto [w, size] = plane.at(u, v);
+    return box(m, W_MAX) < w - (plane.error + 4 * DEPTH_TIE_REL * size);
 }
 
 // Memory for the image of a face and what is beside it.
@@ -348,8 +346,7 @@ bool coincides(const Group &group, const Plane &plane, double tie) {
         for (const double u : {corner.at[U].least, corner.at[U].most})
             for (const double v : {corner.at[V].least, corner.at[V].most})
                 for (const double w : {corner.at[W].least, corner.at[W].most})
-                    is_close &= std::abs(plane.w + plane.a * (u - plane.u) +
-                                         plane.b * (v - plane.v) - w) <= tie / 2;
+                    is_close &= std::abs(plane.at(u, v).w - w) <= tie / 2;
     return is_close;
 }
 
@@ -512,7 +509,7 @@ Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, const
         in_doubt = common;
     } else if (all.least <= error && all.most >= -error) {
         const Bounds box = extent_of(work.spare, gap_n);
-        const double extent = length(box.u_max - box.u_min, box.v_max - box.v_min, 0.0);
+        const double extent = box.across();
         in_doubt = std::min(2 * error / length(slope_u, slope_v, 0.0) * extent, common);
     } else {
         in_doubt = 0.0;
@@ -650,8 +647,8 @@ double keep_pieces(const PartOfFace &part, const Left &left) {
         // Faces that were passed over hide at most what is within rounding of its border.
         if (left.has_many) {
             const Bounds b = extent_of(corners, pieces.n_corners[p]);
-            const double around = b.u_max - b.u_min + b.v_max - b.v_min,
-                         reach = extent_of_box(part.t, part.view);
+            const double around = b.around(),
+                         reach = bounds_in(part.view.projected.box, part.t).around();
             part.view.area_error[part.t] +=
                 part.view.camera.pixel_error * (8 * around + double(pieces.n_corners[p]) * reach);
         }

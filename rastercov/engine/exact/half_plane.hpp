@@ -48,8 +48,8 @@ Gap gap_between(const Plane &of_t, const Plane &of_m, Points overlap, int64_t n,
     Gap gap = {n, 0.0, INF, -INF, -INF};
     for (int64_t p = 0; p < n; p++) {
         const double u = overlap(p, U), v = overlap(p, V);
-        const double mine = of_t.w + of_t.a * (u - of_t.u) + of_t.b * (v - of_t.v);
-        const double its = of_m.w + of_m.a * (u - of_m.u) + of_m.b * (v - of_m.v);
+        const double mine = of_t.at(u, v).w;
+        const double its = of_m.at(u, v).w;
         const double nearer = its - mine, tie = DEPTH_TIE_REL * std::max(mine, its);
         if (p == 0) gap.first = nearer;
         gap.apart = std::max(gap.apart, std::abs(nearer) - tie);
@@ -116,7 +116,7 @@ inline Order depth_order(int64_t t, int64_t m, int64_t n, int64_t n_sides, const
         area_error += common;
     } else if (apart > 0 && shared < 2 && gap.least <= error && gap.most >= -error) {
         const Bounds b = extent_of(spare, gap.n);
-        const double extent = length(b.u_max - b.u_min, b.v_max - b.v_min, 0.0);
+        const double extent = b.across();
         const double strip = error / length(of_m.a - of_t.a, of_m.b - of_t.b, 0.0) * extent;
         area_error += std::min(strip, common);
     }
@@ -176,8 +176,7 @@ inline void settle_area(int64_t t, double seen, const View &view, int64_t n_kept
                         int64_t n_kept_corners) {
     const auto &[box, area, visible] =
         std::tie(view.projected.box, view.projected.area, view.visible);
-    const double tolerance =
-        view.camera.pixel_error * (box(t, U_MAX) - box(t, U_MIN) + box(t, V_MAX) - box(t, V_MIN));
+    const double tolerance = view.camera.pixel_error * bounds_in(box, t).around();
     visible[t] = 0.0;
     if (seen > tolerance) visible[t] = seen >= area[t] - tolerance ? area[t] : seen;
     if (visible[t] == 0 || visible[t] == area[t])

@@ -14,8 +14,6 @@ namespace rastercov::exact {
 constexpr int64_t MOST_INTERSECTIONS = 24;
 // Error of the image of an intersection, pixels, beyond which the face is left to them, too.
 constexpr double MOST_ERROR = 1e-6;
-// Distance from an edge, in roundings of a position, that makes a point lie on one side of it.
-constexpr double SURE = 16;
 // Width of a face, in the same, below which rounding may decide what is beside it.
 constexpr double THINNEST = 1 << 24;
 // Number of lines where the visibility may change elsewhere, or rounding decides.
@@ -35,7 +33,7 @@ inline Overlap overlap_of(int64_t t, int64_t m, const Outline &image, const View
     // Of a clipped needle rounding may leave a short piece.
     const bool is_clipped = projected.state[m] & CLIPPED;
     double extent = camera.width + camera.height;
-    if (!is_clipped) extent = box(m, U_MAX) - box(m, U_MIN) + box(m, V_MAX) - box(m, V_MIN);
+    if (!is_clipped) extent = bounds_in(box, m).around();
     const bool is_thin =
         twice_area(corners, k) < THINNEST * outline_error(m, camera, projected) * extent;
     if (is_clipped && is_thin) return {-1.0, n_sides};
@@ -67,7 +65,7 @@ inline int64_t take_intersection(int64_t t, int64_t m, int64_t n_sides, int64_t 
     if (count == MOST_INTERSECTIONS || !(error <= MOST_ERROR * slope)) return NOT_KNOWN;
     const double du = line.du / slope, dv = line.dv / slope, offset = line.offset / slope;
     const double u = line.u0 + offset * dv, v = line.v0 - offset * du;
-    const double reach = box(t, U_MAX) - box(t, U_MIN) + box(t, V_MAX) - box(t, V_MIN);
+    const double reach = bounds_in(box, t).around();
     Part part = narrow(u, u + du, box(t, U_MIN) - reach, box(t, U_MAX) + reach, {-INF, INF});
     part = narrow(v, v + dv, box(t, V_MIN) - reach, box(t, V_MAX) + reach, part);
     error = std::max(error / slope, camera.pixel_error);
@@ -76,7 +74,7 @@ inline int64_t take_intersection(int64_t t, int64_t m, int64_t n_sides, int64_t 
         const Line side = line_at(lines, s);
         const double along = side.du * dv - side.dv * du;
         double at = side.du * (v - side.v0) - side.dv * (u - side.u0) + side.offset;
-        at += slack * (std::abs(side.du) + std::abs(side.dv));
+        at += slack_of(side, slack);
         if (along > 0) part.first = std::max(part.first, -at / along);
         else if (along < 0) part.last = std::min(part.last, -at / along);
     }

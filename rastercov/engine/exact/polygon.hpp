@@ -154,6 +154,8 @@ template <class Source> double twice_area(const Source &polygon, int64_t n) {
 
 struct Bounds {
     double u_min, u_max, v_min, v_max;
+    double around() const { return u_max - u_min + v_max - v_min; } // half of it
+    double across() const { return length(u_max - u_min, v_max - v_min, 0.0); }
 };
 inline bool are_apart(const Bounds &a, const Bounds &b) {
     return a.u_min >= b.u_max || a.u_max <= b.u_min || a.v_min >= b.v_max || a.v_max <= b.v_min;
@@ -451,14 +453,26 @@ inline double outline_error(int64_t f, const Pinhole &camera, const Projected &p
 // 1/z of a face: a point (u, v, w), the slopes of w along u and v, and the error of w.
 struct Plane {
     double u, v, w, a, b, error;
+
+    // 1/z at a point, and the size of the numbers that it is the sum of.
+    struct Value {
+        double w, size;
+    };
+    Value at(double at_u, double at_v) const {
+        const double along_u = a * (at_u - u), along_v = b * (at_v - v);
+        return {w + along_u + along_v, std::abs(w) + std::abs(along_u) + std::abs(along_v)};
+    }
 };
+
+// That in a row of Clipped.planes.
+template <class Row> Plane plane_in(const Row &row) {
+    return {row[U], row[V], row[W], row[SLOPE_U], row[SLOPE_V], row[W_ERROR]};
+}
 
 // The error includes that of the corners and of the arithmetic here, anywhere in the face.
 inline Plane plane_of(int64_t f, const Pinhole &camera, const Projected &projected) {
-    if (projected.state[f] & CLIPPED) {
-        const auto plane = projected.clipped.planes[projected.clipped_index[f]];
-        return {plane[U], plane[V], plane[W], plane[SLOPE_U], plane[SLOPE_V], plane[W_ERROR]};
-    }
+    if (projected.state[f] & CLIPPED)
+        return plane_in(projected.clipped.planes[projected.clipped_index[f]]);
     const auto &[faces, uvw] = std::tie(projected.faces, projected.uvw);
     const int64_t i = faces(f, 0), j = faces(f, 1), k = faces(f, 2);
     const double u = uvw(i, U), v = uvw(i, V), w = uvw(i, W);

@@ -147,8 +147,8 @@ inline Part hidden_range(int64_t m, const Ends &s, Part part, double tolerance, 
     const Plane of = plane_of(m, camera, projected);
     const auto &box = projected.box;
     const double margin = 2 * of.error + 4 * DEPTH_TIE_REL * box(m, W_MAX);
-    const double start = of.w + of.a * (s.u0 - of.u) + of.b * (s.v0 - of.v) - s.w0 - margin;
-    const double end = of.w + of.a * (s.u1 - of.u) + of.b * (s.v1 - of.v) - s.w1 - margin;
+    const double start = of.at(s.u0, s.v0).w - s.w0 - margin;
+    const double end = of.at(s.u1, s.v1).w - s.w1 - margin;
     part = narrow_to_inside(start, end, part);
     // The sides of a needle that is grown meet far beyond its tip.
     part = narrow(s.u0, s.u1, box(m, U_MIN) - 2 * error, box(m, U_MAX) + 2 * error, part);
