@@ -134,8 +134,7 @@ class Aligner:
         steps = basin.steps(distance, TRIED, rng)
         steps[0] = 0
         poses = [displaced(start, step) for step in steps]
-        channels = coarse.channels(1.5)
-        scores = self._scores(channels, coarse, seen, poses)
+        scores = self._scores(coarse, seen, poses)
         order = np.argsort(-scores, kind="stable")[: KEPT[0]]
         poses = [poses[row] for row in order.tolist()]
         for number, level in enumerate(self.levels):
@@ -144,7 +143,6 @@ class Aligner:
 
     def _refine_level(self, level: Level, poses: list[FloatArray], kept: int) -> list[FloatArray]:
         """Poses refined at a level, the best of those that differ, best first."""
-        channels = level.channels(0.8)
         refined = []
         for pose in poses:
             points = self.points_at(level, pose, 2.0)
@@ -152,7 +150,7 @@ class Aligner:
             points = self.points_at(level, moved, 2.0)
             moved = refine(level, self.camera, points, moved, 3.0)
             refined.append(
-                (float(self._scores(channels, level, points, [moved])[0]), moved, points)
+                (float(self._scores(level, points, [moved])[0]), moved, points)
             )
         refined.sort(key=lambda each: -each[0])
         best: list[FloatArray] = []
@@ -170,16 +168,16 @@ class Aligner:
         return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else np.inf
 
     def _scores(
-        self, channels: Float32Array, level: Level, points: EdgePoints, poses: list[FloatArray]
+        self, level: Level, points: EdgePoints, poses: list[FloatArray]
     ) -> FloatArray:
         """Mean agreement of the same points of edges in several poses."""
-        return np.array([agreement(channels, level, self.camera, points, pose) for pose in poses])
+        return np.array([agreement(level, self.camera, points, pose) for pose in poses])
 
     def _judge(self, level: Level, pose: FloatArray) -> Optimum:
         """Agreement and covariance of a pose at the finest level."""
         points = self.points_at(level, pose, 2.0)
         matches = Matches.of(level, self.camera, points, pose, 3.0)
-        score = agreement(level.channels(0.8), level, self.camera, points, pose)
+        score = agreement(level, self.camera, points, pose)
         good = matches.is_found & (np.abs(matches.distance) < 1.5)
         residual = float(np.median(np.abs(matches.distance[good]))) if good.any() else np.inf
         covariance = covariance_of(level, self.camera, points, pose, matches)
@@ -197,13 +195,12 @@ class Aligner:
         level = self.levels[-1]
         points = self.points_at(level, pose, 2.0)
         rng = np.random.default_rng(1)
-        channels = level.channels(0.8)
         scores: list[float] = []
         while len(scores) < DISPLACED:
             for step in Basin(np.radians(6), 0.08).steps(distance, DISPLACED, rng):
                 other = displaced(pose, step)
                 if self._apart(points, pose, other) * level.scale > 8:
-                    scores.append(agreement(channels, level, self.camera, points, other))
+                    scores.append(agreement(level, self.camera, points, other))
         values = np.array(scores[:DISPLACED])
         return Chance(float(values.mean()), float(values.std()), float(values.max()))
 
@@ -223,7 +220,7 @@ def directions_of(
 
 
 def agreement(
-    channels: Float32Array, level: Level, camera: Camera, points: EdgePoints, pose: FloatArray
+    level: Level, camera: Camera, points: EdgePoints, pose: FloatArray
 ) -> float:
     """Mean strength of the photograph's edges under predicted ones, in their directions."""
     if not len(points):
@@ -233,11 +230,11 @@ def agreement(
     pixels, normals = pixels[usable], normals[usable]
     turn = np.arctan2(normals[:, 1], normals[:, 0]) / np.pi * DIRECTIONS
     direction = np.rint(turn).astype(np.int64) % DIRECTIONS
-    h, w = channels.shape[1:]
+    h, w = level.grey.shape
     cell = np.floor(pixels).astype(np.int64)
     inside = np.all((cell >= 0) & (cell < (w, h)), axis=1)
     cell = np.where(inside[:, None], cell, 0)
-    values = channels[direction, cell[:, 1], cell[:, 0]] * inside
+    values = level.channels[direction, cell[:, 1], cell[:, 0]] * inside
     return float(values.sum() / len(points))
 
 
@@ -274,14 +271,10 @@ class Matches:
         )
         n = int(np.ceil(reach * 2)) + 1
         offsets = np.arange(-n, n + 1) / 2
-        across, down = level.gradient
-        places = pixels[:, None] + normals[:, None] * offsets[:, None]
-        flat = places.reshape(-1, 2)
-        shape = places.shape[:2]
-        gx, gy = sample(across, flat).reshape(shape), sample(down, flat).reshape(shape)
-        along = np.abs(gx * normals[:, :1] + gy * normals[:, 1:])
-        beside = np.abs(gy * normals[:, :1] - gx * normals[:, 1:])
-        profile = np.where(beside < 0.7 * along, along, 0)
+        found = sample(level.gradient, pixels[:, None] + normals[:, None] * offsets[:, None])
+        turned = found * (normals @ (1, -1j))[:, None]
+        along = np.abs(turned.real)
+        profile = np.where(np.abs(turned.imag) < 0.7 * along, along, 0)
         is_peak = (profile[:, 1:-1] >= profile[:, :-2]) & (profile[:, 1:-1] > profile[:, 2:])
         value = np.where(is_peak & (profile[:, 1:-1] > 1.2), profile[:, 1:-1], 0)
         preferred = value * (1 - 0.5 * np.abs(offsets[1:-1]) / offsets[-2])
@@ -333,14 +326,16 @@ def _jacobian(
     level: Level, camera: Camera, points: EdgePoints, pose: FloatArray, normals: FloatArray
 ) -> FloatArray:
     """Derivatives (N, 6) of places across edges, px of the level, by steps of `displaced`."""
-    columns = []
-    for k in range(6):
-        step = np.zeros(6)
-        step[k] = 1e-6
-        ahead = pixels_of(points.points, camera, displaced(pose, step))
-        back = pixels_of(points.points, camera, displaced(pose, -step))
-        columns.append(((ahead - back) * normals).sum(axis=1) * level.scale / 2e-6)
-    return np.stack(columns, axis=1)
+    local = to_camera(points.points, pose)
+    size = 1e-6 * np.linalg.norm(local, axis=1, keepdims=True)
+    slopes = []
+    for axis in np.eye(3):
+        ahead, back = [
+            pixels_of(local + sign * size * axis, camera, np.eye(4)) for sign in (1, -1)
+        ]
+        slopes.append(((ahead - back) * normals).sum(axis=1))
+    slope = np.stack(slopes, axis=1) * level.scale / (2 * size)
+    return np.hstack((np.cross(slope, local), -slope))
 
 
 def covariance_of(

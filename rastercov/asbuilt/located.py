@@ -192,9 +192,9 @@ def _length(metres: float) -> str:
 def locate(
     mesh: Mesh,
     camera: Camera,
-    photo: StrPath | ArrayLike,
+    photo: Path | ArrayLike,
     near: ArrayLike | None = None,
-    points: StrPath | ArrayLike | None = None,
+    points: Path | ArrayLike | None = None,
     *,
     pixel_error: float = 1.0,
 ) -> Located:
@@ -267,7 +267,7 @@ def _only(poses: FloatArray) -> FloatArray:
     return poses[0]
 
 
-def read_points(points: StrPath | ArrayLike) -> FloatArray:
+def read_points(points: Path | ArrayLike) -> FloatArray:
     """Pairs (N, 5) of pixels and points, of an array or a CSV file with columns u, v, x, y, z."""
     if isinstance(points, (str, Path)):
         pairs = _read_csv(Path(points))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base import ConfigError, Float32Array, FloatArray, StrPath
@@ -18,6 +18,9 @@ DIRECTIONS = 12
 """Directions, over half a turn, in which gradients are stored."""
 NEIGHBOURHOOD = 12
 """Half the side, px, of the square in which the strength of gradients is compared."""
+SMOOTH = np.array((1, 3, 6, 7, 6, 3, 1), np.float32) / 27
+"""Weights of a blur: three means of three."""
+Gradients = NDArray[np.complex64]
 
 
 def read_photograph(path: StrPath, camera: Camera) -> Float32Array:
@@ -82,30 +85,24 @@ class Level:
     scale: float
 
     @cached_property
-    def gradient(self) -> tuple[Float32Array, Float32Array]:
-        """Derivatives by x and y, each (H, W), divided by the strength of those around."""
-        smooth = blur(self.grey, 1.0)
-        down, across = np.gradient(smooth)
+    def gradient(self) -> Gradients:
+        """Derivative by x + i derivative by y, (H, W), divided by the strength of those around."""
+        down, across = np.gradient(smooth(self.grey))
         strength = np.hypot(across, down)
-        n = NEIGHBOURHOOD
-        around = box_mean(strength, n)
         floor = 0.25 * float(strength.mean()) + 1e-6
-        level = np.maximum(around, floor)
-        return np.asarray(across / level, np.float32), np.asarray(down / level, np.float32)
+        level = np.maximum(box_mean(strength, NEIGHBOURHOOD), floor)
+        return np.asarray((across + 1j * down) / level, np.complex64)
 
-    def channels(self, reach: float) -> Float32Array:
-        """Strength of edges of each direction, (DIRECTIONS, H, W), 0 to 1, blurred by `reach` px.
+    @cached_property
+    def channels(self) -> Float32Array:
+        """Strength of edges of each direction, (DIRECTIONS, H, W), 0 to 1, smooth.
 
         Direction k has its normal at pi k / DIRECTIONS from +x.
         """
-        across, down = self.gradient
         out = np.empty((DIRECTIONS, *self.grey.shape), np.float32)
         for k in range(DIRECTIONS):
-            angle = np.pi * k / DIRECTIONS
-            along = np.abs(across * np.float32(np.cos(angle)) + down * np.float32(np.sin(angle)))
-            beside = np.abs(down * np.float32(np.cos(angle)) - across * np.float32(np.sin(angle)))
-            clean = np.clip((along - beside) / 3, 0, 1)
-            out[k] = blur(clean.astype(np.float32), reach)
+            turned = self.gradient * np.complex64(np.exp(-1j * np.pi * k / DIRECTIONS))
+            out[k] = smooth(np.clip((np.abs(turned.real) - np.abs(turned.imag)) / 3, 0, 1))
         return out
 
 
@@ -132,24 +129,26 @@ def box_mean(image: Float32Array, n: int) -> Float32Array:
     return image
 
 
-def blur(image: Float32Array, sigma: float) -> Float32Array:
-    """Image blurred by three boxes, which together are nearly a Gaussian of that deviation, px."""
-    n = max(1, round((np.sqrt(4 * sigma**2 + 1) - 1) / 2))
-    for _ in range(3):
-        image = box_mean(image, n)
+def smooth(image: Float32Array) -> Float32Array:
+    """Image (H, W) blurred by nearly a Gaussian of 1.4 px, at borders as if it went on."""
+    for _ in range(2):
+        padded = np.pad(image, ((3, 3), (0, 0)), mode="edge")
+        image = sum(part * padded[k : k + len(image)] for k, part in enumerate(SMOOTH)).T
     return image
 
 
-def sample(image: Float32Array, pixels: FloatArray) -> FloatArray:
-    """Values of an image (H, W) at places (N, 2) px from its top-left corner; 0 outside."""
+def sample(image: Gradients, pixels: FloatArray) -> Gradients:
+    """Values of an image (H, W) at places (..., 2) px from its top-left corner; 0 outside."""
     h, w = image.shape
-    place = pixels - 0.5
+    x, y = np.moveaxis(pixels - 0.5, -1, 0)
     with np.errstate(invalid="ignore"):
-        inside = np.all((place > -0.5) & (place < (w - 0.5, h - 0.5)), axis=1)
-    place = np.where(inside[:, None], place, 0)
-    cell = np.clip(np.floor(place).astype(np.int64), 0, (w - 2, h - 2))
-    x, y = (place - cell).T
-    column, row = cell.T
-    top = image[row, column] * (1 - x) + image[row, column + 1] * x
-    bottom = image[row + 1, column] * (1 - x) + image[row + 1, column + 1] * x
-    return np.asarray(np.where(inside, top * (1 - y) + bottom * y, 0.0))
+        inside = (x > -0.5) & (x < w - 0.5) & (y > -0.5) & (y < h - 0.5)
+    x, y = np.where(inside, x, 0), np.where(inside, y, 0)
+    column = np.clip(x.astype(np.int64), 0, w - 2)
+    row = np.clip(y.astype(np.int64), 0, h - 2)
+    first = row * w + column
+    flat = image.ravel()
+    x, y = x - column, y - row
+    top = flat[first] * (1 - x) + flat[first + 1] * x
+    bottom = flat[first + w] * (1 - x) + flat[first + w + 1] * x
+    return np.asarray(inside * (top * (1 - y) + bottom * y))
