@@ -1,23 +1,20 @@
 """Photographs of the scenes of `installed_scenes`, rendered by Mitsuba (PyPI: mitsuba).
 
-Lamps that throw shadows, materials and textures that the meshes do not have, about 10 % of the scene
-changed (a part gone or moved, one to four things added), defocus, noise, JPEG of quality 80.
+Lamps that throw shadows, materials and textures that the meshes do not have, about 10 % of the
+scene changed (a part gone or moved, one to four things added), defocus, noise, JPEG 80.
 
     python benchmarks/as_built_photos.py build/photos --seeds 0 30    # five a seed, 3 CPU-s each
 
 It needs `mitsuba` and a libLLVM, found by itself or by the variable DRJIT_LIBLLVM_PATH.
 """
 
-import argparse
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "support"))
-
-from installed_scenes import CAMERA, SCENES, pose_in  # noqa_later
+import rows
+from installed_scenes import CAMERA, SCENES, pose_in
 from PIL import Image, ImageFilter
 
 import rastercov as rc
@@ -29,15 +26,20 @@ MATERIALS = 8
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = rows.arguments(__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 30), metavar=("FIRST", "END"))
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
     args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
-    for seed in range(*args.seeds):
-        for name in args.scenes:
-            path = args.out / f"{name}_{seed}.jpg"
+    render(args.out, range(*args.seeds), args.scenes)
+
+
+def render(out: Path, seeds: Sequence[int], scenes: Sequence[str]) -> None:
+    """Photographs NAME_SEED.jpg and true poses NAME_SEED.npy in a folder; those there are kept."""
+    out.mkdir(parents=True, exist_ok=True)
+    for seed in seeds:
+        for name in scenes:
+            path = out / f"{name}_{seed}.jpg"
             if not path.exists():
                 pose, picture = photograph(name, seed)
                 np.save(path.with_suffix(".npy"), pose)
@@ -99,9 +101,9 @@ def _changed(mi: Any, mesh: rc.Mesh, rng: np.random.Generator) -> dict[str, Any]
     group = rng.integers(0, MATERIALS, labels.max() + 1)[parts]
     shapes = {}
     for number in range(MATERIALS):
-        rows = np.flatnonzero((group == number) & kept)
-        if len(rows):
-            shapes[f"mesh{number}"] = _shape(mi, vertices[mesh.faces[rows]], mesh.diagonal, rng)
+        own = np.flatnonzero((group == number) & kept)
+        if len(own):
+            shapes[f"mesh{number}"] = _shape(mi, vertices[mesh.faces[own]], mesh.diagonal, rng)
     return shapes
 
 

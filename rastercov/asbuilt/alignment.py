@@ -5,7 +5,8 @@ photograph, coarse to fine; the best are refined by distances to edges of the ph
 across each predicted edge, with weights that leave out what the mesh does not explain.
 
 A pose is believed where three things hold: its edges agree better than the same edges displaced
-(200 poses), no other optimum agrees nearly as well, and its covariance is small.
+(200 poses), every other optimum agrees worse by more than chance, of these poses or edge by edge,
+and its covariance is small.
 
 T. Drummond, R. Cipolla. Real-Time Visual Tracking of Complex Structures. 2002.
 """
@@ -133,9 +134,10 @@ class Aligner:
         rng = np.random.default_rng(0)
         steps = basin.steps(distance, TRIED, rng)
         steps[0] = 0
+        steps[:, _free(self.camera) :] = 0
         poses = [displaced(start, step) for step in steps]
-        scores = self._scores(coarse, seen, poses)
-        order = np.argsort(-scores, kind="stable")[: KEPT[0]]
+        scores = [agreement(coarse, self.camera, seen, pose) for pose in poses]
+        order = np.argsort(scores, kind="stable")[::-1][: KEPT[0]]
         poses = [poses[row] for row in order.tolist()]
         for number, level in enumerate(self.levels):
             poses = self._refine_level(level, poses, KEPT[min(number, len(KEPT) - 1)])
@@ -149,9 +151,7 @@ class Aligner:
             moved = refine(level, self.camera, points, pose, 5.0)
             points = self.points_at(level, moved, 2.0)
             moved = refine(level, self.camera, points, moved, 3.0)
-            refined.append(
-                (float(self._scores(level, points, [moved])[0]), moved, points)
-            )
+            refined.append((agreement(level, self.camera, points, moved), moved, points))
         refined.sort(key=lambda each: -each[0])
         best: list[FloatArray] = []
         for _, pose, points in refined:
@@ -166,12 +166,6 @@ class Aligner:
         first = pixels_of(points.points, self.camera, pose)
         moved = np.linalg.norm(first - pixels_of(points.points, self.camera, other), axis=1)
         return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else np.inf
-
-    def _scores(
-        self, level: Level, points: EdgePoints, poses: list[FloatArray]
-    ) -> FloatArray:
-        """Mean agreement of the same points of edges in several poses."""
-        return np.array([agreement(level, self.camera, points, pose) for pose in poses])
 
     def _judge(self, level: Level, pose: FloatArray) -> Optimum:
         """Agreement and covariance of a pose at the finest level."""
@@ -204,6 +198,30 @@ class Aligner:
         values = np.array(scores[:DISPLACED])
         return Chance(float(values.mean()), float(values.std()), float(values.max()))
 
+    def lead(self, pose: FloatArray, rival: FloatArray) -> float:
+        """Standard deviations by which the edges of two poses agree better with the first."""
+        level, gains, edges = self.levels[-1], [], []
+        for seen in (pose, rival):
+            points = self.points_at(level, seen, 2.0)
+            first, other = [strengths(level, self.camera, points, at) for at in (pose, rival)]
+            gains.append((first - other) / max(len(points), 1))
+            edges.append(points.edge)
+        sums = _sums(np.concatenate(gains)[:, None], np.concatenate(edges))
+        return float(sums.sum() / np.sqrt((sums**2).sum() + 1e-300))
+
+
+def _free(camera: Camera) -> int:
+    """Parameters of a pose that change the picture: five of parallel rays, the last is distance."""
+    return 5 if camera.is_parallel else 6
+
+
+def _sums(values: FloatArray, group: IntArray) -> FloatArray:
+    """Sums of the rows of values (N, K) by group."""
+    _, number = np.unique(group, return_inverse=True)
+    sums = np.zeros((int(number.max(initial=-1)) + 1, values.shape[1]))
+    np.add.at(sums, number, values)
+    return sums
+
 
 def directions_of(
     level: Level, camera: Camera, points: EdgePoints, pose: FloatArray
@@ -219,23 +237,21 @@ def directions_of(
     return pixels * level.scale, np.stack((-along[:, 1], along[:, 0]), axis=1)
 
 
-def agreement(
-    level: Level, camera: Camera, points: EdgePoints, pose: FloatArray
-) -> float:
-    """Mean strength of the photograph's edges under predicted ones, in their directions."""
-    if not len(points):
-        return 0.0
+def agreement(level: Level, camera: Camera, points: EdgePoints, pose: FloatArray) -> float:
+    """Mean of `strengths`; 0 without points."""
+    return float(strengths(level, camera, points, pose).sum()) / max(len(points), 1)
+
+
+def strengths(level: Level, camera: Camera, points: EdgePoints, pose: FloatArray) -> FloatArray:
+    """Strengths (N,) of the photograph's edges under predicted ones, in their directions."""
     pixels, normals = directions_of(level, camera, points, pose)
-    usable = np.isfinite(np.hstack((normals, pixels))).all(axis=1)
-    pixels, normals = pixels[usable], normals[usable]
-    turn = np.arctan2(normals[:, 1], normals[:, 0]) / np.pi * DIRECTIONS
-    direction = np.rint(turn).astype(np.int64) % DIRECTIONS
     h, w = level.grey.shape
-    cell = np.floor(pixels).astype(np.int64)
-    inside = np.all((cell >= 0) & (cell < (w, h)), axis=1)
-    cell = np.where(inside[:, None], cell, 0)
-    values = level.channels[direction, cell[:, 1], cell[:, 0]] * inside
-    return float(values.sum() / len(points))
+    with np.errstate(invalid="ignore"):
+        inside = np.all((pixels >= 0) & (pixels < (w, h)), axis=1) & np.isfinite(normals[:, 0])
+    column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
+    x, y = np.where(inside[:, None], normals, 0).T
+    direction = np.rint(np.arctan2(y, x) / np.pi * DIRECTIONS).astype(np.int64) % DIRECTIONS
+    return np.asarray(level.channels[direction, row, column] * inside, np.float64)
 
 
 @dataclass(frozen=True)
@@ -330,9 +346,7 @@ def _jacobian(
     size = 1e-6 * np.linalg.norm(local, axis=1, keepdims=True)
     slopes = []
     for axis in np.eye(3):
-        ahead, back = [
-            pixels_of(local + sign * size * axis, camera, np.eye(4)) for sign in (1, -1)
-        ]
+        ahead, back = [pixels_of(local + sign * size * axis, camera, np.eye(4)) for sign in (1, -1)]
         slopes.append(((ahead - back) * normals).sum(axis=1))
     slope = np.stack(slopes, axis=1) * level.scale / (2 * size)
     return np.hstack((np.cross(slope, local), -slope))
@@ -341,17 +355,21 @@ def _jacobian(
 def covariance_of(
     level: Level, camera: Camera, points: EdgePoints, pose: FloatArray, matches: Matches
 ) -> FloatArray:
-    """Covariance (6, 6) of a refined pose; the errors along one edge are one, not many.
+    """Covariance (6, 6) of a refined pose; errors of one direction in one place count as one.
 
-    H^-1 (sum over edges of g g^T) H^-1, where g is the sum of the weighted residuals of an edge.
+    H^-1 (sum over places of g g^T) H^-1, where g is the sum of the weighted residuals of a place,
+    an eighth of the photograph. Of parallel rays the distance is open: its variance is inf.
     """
     rows, weights = _weighted(matches, 3.0)
-    out = np.full((6, 6), np.inf)
+    free = _free(camera)
+    out = np.diag(np.full(6, np.inf))
     if len(rows) < 12:
         return out
-    jacobian = _jacobian(level, camera, points.take(rows), pose, matches.normals[rows])
+    normals = matches.normals[rows]
+    jacobian = _jacobian(level, camera, points.take(rows), pose, normals)[:, :free]
     usable = np.isfinite(jacobian).all(axis=1)
-    jacobian, weights, rows = jacobian[usable], weights[usable], rows[usable]
+    jacobian, weights = jacobian[usable], weights[usable]
+    rows, normals = rows[usable], normals[usable]
     square = jacobian.T @ (jacobian * weights[:, None])
     scale = np.sqrt(np.diag(square))
     if not (scale > 0).all():
@@ -360,8 +378,9 @@ def covariance_of(
     if np.linalg.cond(scaled) > 1e10:
         return out
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    pulls = jacobian * (weights * matches.distance[rows])[:, None]
-    _, edge = np.unique(points.edge[rows], return_inverse=True)
-    sums = np.zeros((int(edge.max()) + 1, 6))
-    np.add.at(sums, edge, pulls)
-    return np.asarray(inverse @ (sums.T @ sums) @ inverse)
+    pixels = pixels_of(points.points[rows], camera, pose)
+    place = (pixels * (8 / max(camera.width, camera.height))).astype(np.int64)
+    turn = np.rint(np.arctan2(normals[:, 1], normals[:, 0]) / np.pi * 4).astype(np.int64) % 4
+    sums = _sums(jacobian * (weights * matches.distance[rows])[:, None], place @ (32, 4) + turn)
+    out[:free, :free] = inverse @ (sums.T @ sums) @ inverse
+    return out

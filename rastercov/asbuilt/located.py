@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.asbuilt import alignment, resection
+from rastercov.asbuilt import resection
 from rastercov.asbuilt.alignment import Aligner, Basin, Optimum
 from rastercov.asbuilt.photograph import brightness, read_photograph
 from rastercov.base import (
@@ -20,7 +20,6 @@ from rastercov.base import (
     FloatArray,
     InOneLine,
     PoseError,
-    StrPath,
     finite_number,
     frozen_record,
     plural,
@@ -35,12 +34,12 @@ BASIN = Basin(math.radians(4), 0.06)
 LEAST_RIGHT = 0.6
 """Share of the pairs that must agree."""
 RIVAL = 2.0
-"""Standard deviations by which the second best optimum must be worse."""
+"""Deviations, of chance or edge by edge, by which any other optimum must be worse."""
 LEAST_Z = 8.0
 """Deviations above chance that edges must agree."""
 LEAST_EXPLAINED = 0.4
 """Share of the predicted edges that the photograph must show."""
-MOST_SPREAD = 0.4
+MOST_SPREAD = 0.5
 """Largest standard deviation of a pixel by edges alone, px."""
 MOST_SPREAD_OF_POINTS = 0.01
 """Largest standard deviation of a pixel by points, as a share of the image's width."""
@@ -106,11 +105,20 @@ class Located(InOneLine):
     distance: float
 
     @property
+    def is_distance_open(self) -> bool:
+        """True of parallel rays: no picture depends on the distance, which is that of the plan."""
+        return np.isinf(np.diag(self.covariance)).tolist() == [False] * 5 + [True]
+
+    @property
     def moved(self) -> float:
-        """Distance of the camera from that of the plan, metres; NaN without one."""
+        """Distance of the camera from that of the plan, metres; NaN without one.
+
+        Across the axis, where the distance along it is open.
+        """
         if self.near is None:
             return math.nan
-        return float(np.linalg.norm(self.pose[:3, 3] - self.near[:3, 3]))
+        step = self.pose[:3, :3].T @ (self.pose[:3, 3] - self.near[:3, 3])
+        return float(np.linalg.norm(step[: 2 if self.is_distance_open else 3]))
 
     @property
     def turned_deg(self) -> float:
@@ -123,7 +131,7 @@ class Located(InOneLine):
     @property
     def deviations(self) -> tuple[float, float]:
         """Standard deviations of the place, metres, and of the direction, degrees."""
-        variances = np.diag(self.covariance)
+        variances = np.diag(self.covariance)[: 5 if self.is_distance_open else 6]
         place, turn = float(variances[3:].sum()), float(variances[:3].sum())
         return math.sqrt(place), math.degrees(math.sqrt(turn))
 
@@ -144,6 +152,8 @@ class Located(InOneLine):
             return f"undecided: {self.why}"
         place, turn = self.deviations
         found = f"± {_length(place)}, ± {turn:.2g} deg"
+        if self.is_distance_open:
+            found += "; the distance along parallel rays is open, that of the plan is kept"
         if self.near is None:
             return f"found ({found})"
         named = zip(
@@ -366,7 +376,7 @@ def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
     if not optima:
         return _nothing(0, near, f"the plan's pose shows too few edges of the model; {CLICK}")
     best = optima[0]
-    why = _doubt_of_edges(optima, aligner.chance(best.pose, distance))
+    why = _doubt_of_edges(aligner, optima, distance)
     return Located(
         best.pose,
         best.covariance,
@@ -382,19 +392,24 @@ def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
     )
 
 
-def _doubt_of_edges(optima: Sequence[Optimum], chance: alignment.Chance) -> str:
+def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float) -> str:
     """Reason why a pose by edges is not believed; "" if it is."""
     best = optima[0]
+    if best.explained < LEAST_EXPLAINED:
+        return f"the photograph shows {best.explained:.0%} of its edges; {CLICK}"
+    if not best.spread <= MOST_SPREAD:
+        return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
+    chance = aligner.chance(best.pose, distance)
     z = chance.z(best.score)
     if z < LEAST_Z or best.score <= chance.largest:
         return f"its edges agree with the photograph hardly better than displaced ones; {CLICK}"
-    if best.explained < LEAST_EXPLAINED:
-        return f"the photograph shows {best.explained:.0%} of its edges; {CLICK}"
-    rivals = [each for each in optima[1:] if z - chance.z(each.score) < RIVAL]
+    rivals = [
+        each
+        for each in optima[1:]
+        if z - chance.z(each.score) < RIVAL and aligner.lead(best.pose, each.pose) < RIVAL
+    ]
     if rivals:
         return f"{plural(len(rivals) + 1, 'pose')} agree as well; {CLICK}"
-    if not best.spread <= MOST_SPREAD:
-        return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
     return ""
 
 

@@ -194,7 +194,7 @@ def _check_built(
         poses=poses,
         baseline=before,
     )
-    if (errors := _errors_of(found)) is None:
+    if (errors := errors_of(found)) is None:
         return made(), ()
     try:
         return made(demand=demand_of("tolerance", errors)), ()
@@ -202,10 +202,10 @@ def _check_built(
         return made(), (f"coverage is that of the poses found, without their uncertainty: {error}",)
 
 
-def _errors_of(found: Mapping[int, Located]) -> str | None:
+def errors_of(found: Mapping[int, Located]) -> str | None:
     """Largest standard deviations of poses along and about any axis, as a text on tolerances."""
     known = [each.covariance for each in found.values() if each.accepted]
-    known = [each for each in known if np.isfinite(each).all()]
+    known = [np.where(np.isinf(each), 0, each) for each in known]  # distances of parallel rays
     if not known:
         return None
     turn, place = [

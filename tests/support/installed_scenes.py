@@ -12,9 +12,7 @@ SECTIONS = 32
 
 def box(size: tuple[float, ...], centre: tuple[float, ...], turned_deg: float = 0.0) -> rc.Mesh:
     """Box, turned about its vertical axis."""
-    return rc.shapes.box(size).moved(
-        axis=(0, 0, 1), angle_deg=turned_deg, translation=centre
-    )
+    return rc.shapes.box(size).moved(axis=(0, 0, 1), angle_deg=turned_deg, translation=centre)
 
 
 def extruded(points: np.ndarray, faces: np.ndarray, height: float) -> rc.Mesh:
