@@ -61,6 +61,11 @@ def measure(found: Rows, name: str, mesh: rc.Mesh, path: Path, seed: int) -> Non
     true = np.load(path.with_suffix(".npy"))
     aligner = Aligner(mesh, CAMERA, read_photograph(path, CAMERA))
     seen = aligner.points_at(aligner.levels[-1], true, 2.0).points
+    if len(seen) < 12:
+        found["accepted"].append(False)
+        found[f"accepted {name}"].append(False)
+        print(json.dumps([name, seed, False, "sees no edges"]), flush=True)
+        return
     distance = float(np.median(np.linalg.norm(seen - true[:3, 3], axis=1)))
     rng = np.random.default_rng((seed, 1))
 

@@ -57,6 +57,7 @@ FEATURES: dict[str, dict[str, str]] = {
         "CarriedGenerators": "robots.generators",
         "page": "joints",
     },
+    "asbuilt": {"page": "photograph"},
 }
 """Modules of each feature, by the class of their hooks; "page" is one of the viewer's page."""
 

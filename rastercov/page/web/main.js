@@ -71,7 +71,7 @@ async function open() {
     ],
     1,
   );
-  const left = side("left", "Panels", ...session.features.map((each) => each.side?.()), panels.root);
+  const left = side("left", "Panels", ...session.features.map((each) => each.side?.({ view, tools })), panels.root);
   panels.onShow(left.unfold);
   isImageShown = () => panels.isShown("One camera");
 

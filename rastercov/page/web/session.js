@@ -22,7 +22,7 @@ const KEPT_KEY = "rastercov-kept";
 const KEY_IS_OLD = "rastercov was restarted with a new key; open the address that it printed";
 
 /**
- * Features are functions of a session that is open: what each adds there, or null. That may be `side()`,
+ * Features are functions of a session that is open: what each adds there, or null. That may be `side({view, tools})`,
  * a panel above all others; `network()`, one of the panel "Network"; `key(event)`, true for a key that it
  * used; and `help`, sections on keys. One may set `phases` for a scene of several: `at`, numbers that name
  * the one that is shown, and `show(at, bodies)`, by poses of bodies if they are sent.

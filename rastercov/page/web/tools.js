@@ -103,7 +103,7 @@ export class Tools {
     const { face } = this.session;
     for (const each of this.zone?.faces ?? []) this.#mark(sketch, each, 0.45, null);
     if (face !== null) this.#mark(sketch, face, 0.35, look);
-    for (const point of this.points) this.#cross(sketch, point, look);
+    for (const point of this.points) drawCross(sketch, point, look, MEASURE);
     if (this.points.length === 2) sketch.line(...this.points, MEASURE, 2.5);
   }
 
@@ -112,14 +112,6 @@ export class Tools {
     const corners = this.view.corners(face);
     sketch.triangle(...corners, [...PICKED.slice(0, 3), opacity]);
     if (look) sketch.path(corners, PICKED, 2.5, true);
-  }
-
-  #cross(sketch, point, look) {
-    const size = 6 * look.pixelAt(point);
-    for (const at of [0, 1]) {
-      const arm = scale(column(look.pose, at), size);
-      sketch.line(subtract(point, arm), add(point, arm), MEASURE, 2.5);
-    }
   }
 
   #label(look) {
@@ -133,6 +125,15 @@ export class Tools {
     this.figure.textContent = `${metres(distance(a, b))} (horizontal ${metres(level)}, vertical ${metres(rise)})`;
     const left = Math.min(at[0] + 10, this.view.canvas.clientWidth - this.figure.offsetWidth - 6);
     this.figure.style.transform = `translate(${Math.round(left)}px, ${Math.round(at[1] - 10)}px)`;
+  }
+}
+
+/** Cross of 12 px at a point. */
+export function drawCross(sketch, point, look, colour) {
+  const size = 6 * look.pixelAt(point);
+  for (const at of [0, 1]) {
+    const arm = scale(column(look.pose, at), size);
+    sketch.line(subtract(point, arm), add(point, arm), colour, 2.5);
   }
 }
 
