@@ -7,7 +7,6 @@
 
 import { button, element, fileButton, fill, section, toggle } from "rastercov/dom.js";
 import { offerFile } from "rastercov/status.js";
-import { drawCross } from "rastercov/tools.js";
 
 const LEAST = 4;
 const MARK = [0.95, 0.25, 0.85, 1];
@@ -76,7 +75,7 @@ function panel(session, { view, tools }) {
     return true;
   });
   view.onSketch((sketch, look) => {
-    for (const { corner } of whole()) drawCross(sketch, corner, look, MARK);
+    for (const { corner } of whole()) sketch.cross(corner, look, MARK);
   }, { isOnTop: true });
   return section(
     "Photograph",

@@ -5,6 +5,7 @@
  * are [r, g, b, opacity], each from 0 to 1; widths are pixels of the page.
  */
 
+import { add, column, scale, subtract } from "rastercov/maths.js";
 import { program } from "rastercov/shaders.js";
 
 export const SKETCH_STAGES = ["viewer_line.vert", "viewer_fill.vert", "viewer_colour.frag"];
@@ -34,6 +35,15 @@ export class Sketch {
   path(points, colour, width = 1.5, isClosed = false) {
     for (let at = 1; at < points.length; at++) this.line(points[at - 1], points[at], colour, width);
     if (isClosed && points.length > 2) this.line(points.at(-1), points[0], colour, width);
+  }
+
+  /** Cross of 12 px at a point. */
+  cross(point, look, colour) {
+    const size = 6 * look.pixelAt(point);
+    for (const at of [0, 1]) {
+      const arm = scale(column(look.pose, at), size);
+      this.line(subtract(point, arm), add(point, arm), colour, 2.5);
+    }
   }
 
   triangle(a, b, c, colour) {

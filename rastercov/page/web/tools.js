@@ -4,7 +4,7 @@
  * Also the section that cuts the scene open, and the marks of the picked face and of a dead zone.
  */
 
-import { add, centroid, column, distance, dot, mix, scale, subtract, cross, unit } from "rastercov/maths.js";
+import { centroid, distance, dot, mix, subtract, cross, unit } from "rastercov/maths.js";
 import { element, metres } from "rastercov/dom.js";
 import { keyOf } from "rastercov/session.js";
 
@@ -103,7 +103,7 @@ export class Tools {
     const { face } = this.session;
     for (const each of this.zone?.faces ?? []) this.#mark(sketch, each, 0.45, null);
     if (face !== null) this.#mark(sketch, face, 0.35, look);
-    for (const point of this.points) drawCross(sketch, point, look, MEASURE);
+    for (const point of this.points) sketch.cross(point, look, MEASURE);
     if (this.points.length === 2) sketch.line(...this.points, MEASURE, 2.5);
   }
 
@@ -125,15 +125,6 @@ export class Tools {
     this.figure.textContent = `${metres(distance(a, b))} (horizontal ${metres(level)}, vertical ${metres(rise)})`;
     const left = Math.min(at[0] + 10, this.view.canvas.clientWidth - this.figure.offsetWidth - 6);
     this.figure.style.transform = `translate(${Math.round(left)}px, ${Math.round(at[1] - 10)}px)`;
-  }
-}
-
-/** Cross of 12 px at a point. */
-export function drawCross(sketch, point, look, colour) {
-  const size = 6 * look.pixelAt(point);
-  for (const at of [0, 1]) {
-    const arm = scale(column(look.pose, at), size);
-    sketch.line(subtract(point, arm), add(point, arm), colour, 2.5);
   }
 }
 
