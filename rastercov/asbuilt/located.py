@@ -117,7 +117,7 @@ class Located(InOneLine):
         """
         if self.near is None:
             return math.nan
-        step = self.pose[:3, :3].T @ (self.pose[:3, 3] - self.near[:3, 3])
+        step = resection.difference(self.pose, self.near)[3:]
         return float(np.linalg.norm(step[: 2 if self.is_distance_open else 3]))
 
     @property
@@ -125,7 +125,7 @@ class Located(InOneLine):
         """Angle between the axes of the camera and of the plan's, degrees; NaN without a plan."""
         if self.near is None:
             return math.nan
-        turn = resection.rotation_vector(self.near[:3, :3].T @ self.pose[:3, :3])
+        turn = resection.difference(self.near, self.pose)[:3]
         return math.degrees(float(np.linalg.norm(turn)))
 
     @property

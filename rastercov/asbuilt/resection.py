@@ -91,6 +91,14 @@ def rotation_vector(matrix: FloatArray) -> FloatArray:
     return np.asarray(column * (angle / np.linalg.norm(column)))
 
 
+def difference(pose: FloatArray, other: FloatArray) -> FloatArray:
+    """Step (6,) from a pose to another one near it, the inverse of `displaced`."""
+    back = pose[:3, :3].T
+    return np.concatenate(
+        (rotation_vector(back @ other[:3, :3]), back @ (other[:3, 3] - pose[:3, 3]))
+    )
+
+
 def pixels_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatArray:
     """Pixels (..., 2) of world points (..., 3); NaN behind a pinhole and outside a lens."""
     local = to_camera(points, pose)

@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from rastercov.asbuilt.located import Located, Tolerance, locate
+from rastercov.asbuilt.resection import difference, displaced
 from rastercov.base import ByName, ConfigError, FloatArray, check_choice, plural, shown
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.mesh import Mesh
@@ -21,8 +22,10 @@ from rastercov.placement.plan.product import demand_of
 
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Suffixes of photographs in a folder."""
-
-
+APART = 3.0
+"""Deviations by which poses of a rigid rig may differ from one displacement."""
+OPEN = 1e6
+"""Variance of a distance that is open, m^2."""
 METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 WITHIN = re.compile(r"(\d+\.?\d*) *(mm|cm|m) *, *(\d+\.?\d*) *(?:deg|degrees|°)")
 """A length and an angle."""
@@ -159,10 +162,13 @@ def locate_rig(
     points: FloatArray | None,
     tolerance: Callable[[Located], Tolerance],
     pixel_error: float = 1.0,
+    *,
+    is_rigid: bool = False,
 ) -> AsBuilt:
     """Poses as built of the cameras of a checked rig, and the rig checked with them.
 
-    Cameras whose pose is undecided stay as planned.
+    Cameras whose pose is undecided stay as planned. Those of a rigid rig move together, by the
+    displacement that the decided ones have in common.
     """
     if points is not None and len(photos) > 1:
         raise ConfigError(f"expected one photograph for --points, got {len(photos)}")
@@ -173,11 +179,64 @@ def locate_rig(
     for row, photo in photos.items():
         camera = planned.plan.rig.cameras[int(placed.camera[row])]
         found[row] = locate(mesh, camera, photo, poses[row], points, pixel_error=pixel_error)
-        if found[row].accepted:
-            poses[row] = found[row].pose
+    if is_rigid:
+        found, poses = _move_together(found, poses)
+    for row, each in found.items():
+        if each.accepted:
+            poses[row] = each.pose
     built, notes = _check_built(planned, Poses.of(poses, camera=placed.camera), found)
     tolerances = {row: tolerance(each) for row, each in found.items()}
     return AsBuilt(planned, built, found, photos, tolerances, notes)
+
+
+def _move_together(
+    found: Mapping[int, Located], planned: FloatArray
+) -> tuple[dict[int, Located], FloatArray]:
+    """Cameras of a rigid rig, and all of its poses (P, 4, 4), by one displacement.
+
+    It minimises the sum of the squares of the differences to the poses found, in standard
+    deviations; their covariances grow where they disagree by more than one.
+    """
+    rows = [row for row, each in found.items() if each.accepted]
+    if not rows:
+        return dict(found), planned
+    known = [np.where(np.isinf(found[row].covariance), OPEN, found[row].covariance) for row in rows]
+    scales = [np.linalg.inv(np.linalg.cholesky(each)) for each in known]
+    about = np.eye(4)
+    about[:3, 3] = planned[rows, :3, 3].mean(axis=0)
+
+    def moved(step: FloatArray) -> FloatArray:
+        """All poses after a displacement (6,) about the middle of the decided ones."""
+        return np.asarray(displaced(about, step) @ np.linalg.inv(about) @ planned)
+
+    def differences(step: FloatArray) -> FloatArray:
+        """Differences of poses in standard deviations."""
+        poses = moved(step)
+        parts = [
+            scale @ difference(found[row].pose, poses[row])
+            for row, scale in zip(rows, scales, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    step, around = np.zeros(6), 1e-6 * np.eye(6)
+    for _ in range(10):
+        slopes = [(differences(step + one) - differences(step - one)) / 2e-6 for one in around]
+        jacobian = np.stack(slopes, axis=1)
+        step = step - np.linalg.lstsq(jacobian, differences(step), rcond=None)[0]
+    excess = float((differences(step) ** 2).sum()) / max(6 * len(rows) - 6, 1)
+    if excess > APART**2:
+        why = f"the cameras did not move as one: they differ by {excess**0.5:.2g} deviations"
+        return {row: replace(each, accepted=False, why=why) for row, each in found.items()}, planned
+    covariance = np.linalg.pinv(jacobian.T @ jacobian) * max(excess, 1.0)
+    poses = moved(step)
+    together = {}
+    for row, each in found.items():
+        shifts = [difference(moved(step - one)[row], moved(step + one)[row]) for one in around]
+        turn = np.stack(shifts, axis=1) / 2e-6
+        together[row] = replace(
+            each, pose=poses[row], covariance=turn @ covariance @ turn.T, accepted=True, why=""
+        )
+    return together, poses
 
 
 def _check_built(

@@ -42,6 +42,9 @@ def locate(
     pixel_error: Annotated[
         float, Option(min=0.01, help="Standard deviation of the pixels of --points, px.")
     ] = 1.0,
+    rigid: Annotated[
+        bool, Option("--rigid", help="The cameras moved as one; those undecided follow.")
+    ] = False,
     within: Annotated[
         str | None,
         Option(
@@ -84,7 +87,7 @@ def locate(
 
     def made() -> AsBuilt:
         planned = plan_check.check(asked, Path(poses), limits, poses=eyes)
-        return locate_rig(planned, photos, pairs, accepted, pixel_error)
+        return locate_rig(planned, photos, pairs, accepted, pixel_error, is_rigid=rigid)
 
     if out is None:
         result = made()
