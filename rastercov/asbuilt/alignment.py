@@ -32,6 +32,8 @@ TRIED = 400
 """Poses compared at the coarsest level."""
 KEPT = (24, 10, 5, 4, 4, 4)
 """Poses that are kept from each level."""
+BESIDE = (-12, -5, 5, 12)
+"""Displacements of the best pose in the direction that it fixes least, px."""
 DISPLACED = 200
 """Displaced poses by which chance is measured."""
 
@@ -140,8 +142,20 @@ class Aligner:
         order = np.argsort(scores, kind="stable")[::-1][: KEPT[0]]
         poses = [poses[row] for row in order.tolist()]
         for number, level in enumerate(self.levels):
+            if number == len(self.levels) - 1:
+                poses += self._beside(level, poses[0])
             poses = self._refine_level(level, poses, KEPT[min(number, len(KEPT) - 1)])
         return [self._judge(self.levels[-1], pose) for pose in poses], distance
+
+    def _beside(self, level: Level, pose: FloatArray) -> list[FloatArray]:
+        """Poses beside one in the direction that it fixes least, where a better one may hide."""
+        found = self._judge(level, pose)
+        if not np.isfinite(found.covariance).all():
+            return []
+        scale = np.sqrt(np.diag(found.covariance))
+        values, axes = np.linalg.eigh(found.covariance / np.outer(scale, scale))
+        weakest = axes[:, -1] * np.sqrt(values[-1]) * scale / found.spread
+        return [displaced(pose, away * weakest) for away in BESIDE]
 
     def _refine_level(self, level: Level, poses: list[FloatArray], kept: int) -> list[FloatArray]:
         """Poses refined at a level, the best of those that differ, best first."""

@@ -327,8 +327,12 @@ def _by_points(
         return _nothing(len(pairs), near, "the points have no pose from which they are seen so")
     best = optima[0]
     spread = resection.spread_of(best.covariance, points, camera, best.pose)
+    pose = best.pose
+    if near is not None and camera.is_parallel:
+        along = resection.difference(pose, near)[5]
+        pose = resection.displaced(pose, np.array((0, 0, 0, 0, 0, along)))
     return Located(
-        best.pose,
+        pose,
         best.covariance,
         best.residuals,
         best.is_inlier,

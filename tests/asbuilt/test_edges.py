@@ -28,12 +28,14 @@ def cell() -> rc.Mesh:
 MESH = cell()
 
 
-def photograph(mesh: rc.Mesh, pose: np.ndarray, seed: int) -> np.ndarray:
+def photograph(
+    mesh: rc.Mesh, pose: np.ndarray, seed: int, camera: rc.Camera = CAMERA
+) -> np.ndarray:
     """Faces shaded by their normals, with noise."""
     rng = np.random.default_rng(seed)
     light = rng.normal(size=3)
     shade = 0.55 + 0.4 * mesh.normals @ (light / np.linalg.norm(light))
-    with rc.open_rasterizer(mesh, CAMERA, "cpu", supersample=1) as rasterizer:
+    with rc.open_rasterizer(mesh, camera, "cpu", supersample=1) as rasterizer:
         face = rasterizer.render(pose).face
     grey = np.append(shade, 0.5)[face]
     return np.clip(grey + rng.normal(size=grey.shape) * 0.03, 0, 1)
