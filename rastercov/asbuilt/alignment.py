@@ -17,7 +17,7 @@ import numpy as np
 
 from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
 from rastercov.asbuilt.photograph import DIRECTIONS, Level, pyramid, sample
-from rastercov.asbuilt.resection import displaced, pixels_of, spread_of
+from rastercov.asbuilt.resection import displaced, jacobian_of, pixels_of, spread_of
 from rastercov.base import BoolArray, Float32Array, FloatArray, IntArray
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import to_camera
@@ -356,14 +356,8 @@ def _jacobian(
     level: Level, camera: Camera, points: EdgePoints, pose: FloatArray, normals: FloatArray
 ) -> FloatArray:
     """Derivatives (N, 6) of places across edges, px of the level, by steps of `displaced`."""
-    local = to_camera(points.points, pose)
-    size = 1e-6 * np.linalg.norm(local, axis=1, keepdims=True)
-    slopes = []
-    for axis in np.eye(3):
-        ahead, back = [pixels_of(local + sign * size * axis, camera, np.eye(4)) for sign in (1, -1)]
-        slopes.append(((ahead - back) * normals).sum(axis=1))
-    slope = np.stack(slopes, axis=1) * level.scale / (2 * size)
-    return np.hstack((np.cross(slope, local), -slope))
+    moved = jacobian_of(points.points, camera, pose)
+    return np.asarray((moved * normals[:, :, None]).sum(axis=1) * level.scale)
 
 
 def covariance_of(

@@ -17,7 +17,7 @@ P. J. Huber. Robust Estimation of a Location Parameter. 1964.
 M. A. Fischler, R. C. Bolles. Random Sample Consensus. 1981.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -39,8 +39,6 @@ LEAST_PAIRS = 4
 """Pairs of a pixel and a point below which there is no pose: one more than determine it."""
 VARIANCE_QUANTILE = 2.326
 """Of the normal distribution at 1 %, for the test of the variance."""
-
-Residuals = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ def _fit_from(
     pose = start
     for _ in range(4):
         kept = np.flatnonzero(is_inlier)
-        pose = minimise(_residuals(points[kept], pixels[kept], camera), pose, sigma)
+        pose = minimise(points[kept], pixels[kept], camera, pose, sigma)
         errors = pixels_of(points, camera, pose) - pixels
         lengths = np.linalg.norm(errors, axis=1)
         if not np.isfinite(lengths[kept]).all():
@@ -174,7 +172,7 @@ def _finish(
     """Fit at an optimum, with its covariance."""
     errors = pixels_of(points, camera, pose) - pixels
     scaled = np.linalg.norm(errors, axis=1) / sigma
-    jacobian = jacobian_of(_residuals(points[is_inlier], pixels[is_inlier], camera), pose)
+    jacobian = jacobian_of(points[is_inlier], camera, pose).reshape(-1, 6)
     parameters = 5 if camera.is_parallel else 6
     freedom = 2 * int(is_inlier.sum()) - parameters
     variance = float((errors[is_inlier] ** 2).sum()) / max(freedom, 1)
@@ -221,15 +219,11 @@ def spread_of(
     covariance: FloatArray, points: FloatArray, camera: Camera, pose: FloatArray
 ) -> float:
     """Largest standard deviation of the pixels of points (N, 3) by the covariance of a pose, px."""
-    if not np.isfinite(covariance).all():
-        unknown = ~np.isfinite(np.diag(covariance))
-        covariance = np.where(np.isfinite(covariance), covariance, 0)
-        jacobian = jacobian_of(lambda at: pixels_of(points, camera, at), pose)
-        if np.abs(jacobian[:, unknown]).max(initial=0) > 1e-6:
-            return np.inf
-    else:
-        jacobian = jacobian_of(lambda at: pixels_of(points, camera, at), pose)
-    parts = jacobian.reshape(-1, 2, 6)
+    parts = jacobian_of(points, camera, pose)
+    unknown = ~np.isfinite(np.diag(covariance))
+    covariance = np.where(np.isfinite(covariance), covariance, 0)
+    if np.abs(parts[..., unknown]).max(initial=0) > 1e-6:
+        return np.inf
     parts = parts[np.isfinite(parts).all(axis=(1, 2))]
     squares = parts @ covariance @ parts.transpose(0, 2, 1)
     return float(np.sqrt(max(np.linalg.eigvalsh(squares).max(initial=0), 0)))
@@ -240,31 +234,29 @@ def huber(scaled: FloatArray) -> FloatArray:
     return np.where(scaled <= HUBER, scaled**2, HUBER * (2 * scaled - HUBER))
 
 
-def _residuals(points: FloatArray, pixels: FloatArray, camera: Camera) -> Residuals:
-    """Reprojection errors (N, 2) as a function of the pose."""
-    return lambda pose: pixels_of(points, camera, pose) - pixels
+def jacobian_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatArray:
+    """Derivatives (N, 2, 6) of the pixels of points by steps of `displaced`, by differences."""
+    local = to_camera(points, pose)
+    size = 1e-6 * np.linalg.norm(local, axis=1, keepdims=True)
+    ends = [
+        pixels_of(local + size * axis, camera, np.eye(4))
+        for axis in np.vstack((np.eye(3), -np.eye(3)))
+    ]
+    slopes = np.stack([(ends[k] - ends[k + 3]) / (2 * size) for k in range(3)], axis=-1)
+    return np.concatenate((np.cross(slopes, local[:, None]), -slopes), axis=-1)
 
 
-def jacobian_of(residuals: Residuals, pose: FloatArray) -> FloatArray:
-    """Derivatives (N * 2, 6) of residuals by steps of `displaced`, by central differences."""
-    columns = []
-    for k in range(6):
-        step = np.zeros(6)
-        step[k] = 1e-6
-        ahead, back = residuals(displaced(pose, step)), residuals(displaced(pose, -step))
-        columns.append((ahead - back).ravel() / 2e-6)
-    return np.stack(columns, axis=1)
-
-
-def minimise(residuals: Residuals, start: FloatArray, sigma: float) -> FloatArray:
+def minimise(
+    points: FloatArray, pixels: FloatArray, camera: Camera, start: FloatArray, sigma: float
+) -> FloatArray:
     """Pose at which the sum of Huber's function has a minimum, by weighted, damped steps."""
     pose, damping = start, 1e-3
-    errors = residuals(pose)
+    errors = pixels_of(points, camera, pose) - pixels
     cost = _cost(errors, sigma)
     for _ in range(STEPS):
         lengths = np.linalg.norm(errors, axis=1) / sigma
         weights = np.repeat(np.minimum(1, HUBER / np.maximum(lengths, 1e-12)), 2)
-        jacobian = jacobian_of(residuals, pose)
+        jacobian = jacobian_of(points, camera, pose).reshape(-1, 6)
         if not np.isfinite(jacobian).all() or not np.isfinite(cost):
             return pose
         square = jacobian.T @ (jacobian * weights[:, None])
@@ -273,7 +265,7 @@ def minimise(residuals: Residuals, start: FloatArray, sigma: float) -> FloatArra
         while damping < 1e12:
             step = np.linalg.lstsq(square + damping * np.diag(diagonal), -slope, rcond=None)[0]
             next_pose = displaced(pose, step)
-            next_errors = residuals(next_pose)
+            next_errors = pixels_of(points, camera, next_pose) - pixels
             next_cost = _cost(next_errors, sigma)
             if next_cost < cost:
                 break
