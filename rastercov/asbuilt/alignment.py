@@ -73,8 +73,6 @@ class Optimum:
         Mean agreement of the edges, 0 to 1.
     explained : float
         Share of the points of edges that lie on an edge of the photograph.
-    residual : float
-        Median distance of those, px of the photograph.
     spread : float
         Largest standard deviation of a pixel of the edges, by the covariance, px.
     """
@@ -83,7 +81,6 @@ class Optimum:
     covariance: FloatArray
     score: float
     explained: float
-    residual: float
     spread: float
 
 
@@ -187,14 +184,12 @@ class Aligner:
         matches = Matches.of(level, self.camera, points, pose, 3.0)
         score = agreement(level, self.camera, points, pose)
         good = matches.is_found & (np.abs(matches.distance) < 1.5)
-        residual = float(np.median(np.abs(matches.distance[good]))) if good.any() else np.inf
         covariance = covariance_of(level, self.camera, points, pose, matches)
         return Optimum(
             pose,
             covariance,
             score,
             float(good.mean()) if len(good) else 0.0,
-            residual / level.scale,
             spread_of(covariance, points.points, self.camera, pose),
         )
 

@@ -12,6 +12,7 @@ from rastercov.asbuilt.located import Located, Tolerance, locate
 from rastercov.asbuilt.resection import difference, displaced
 from rastercov.base import ByName, ConfigError, FloatArray, check_choice, plural, shown
 from rastercov.core.camera import Camera, Poses
+from rastercov.core.camera.conventions import metres_per
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan import check as plan_check
 from rastercov.placement.plan.baseline import NOTHING
@@ -26,7 +27,6 @@ APART = 3.0
 """Deviations by which poses of a rigid rig may differ from one displacement."""
 OPEN = 1e6
 """Variance of a distance that is open, m^2."""
-METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 WITHIN = re.compile(r"(\d+\.?\d*) *(mm|cm|m) *, *(\d+\.?\d*) *(?:deg|degrees|°)")
 """A length and an angle."""
 
@@ -294,7 +294,7 @@ def _read_tolerance(text: str) -> Tolerance:
         raise ConfigError(
             f'--within: expected a length and an angle, such as "10 mm, 0.5 deg", got {shown(text)}'
         )
-    return Tolerance(float(match[1]) * METRES[match[2]], float(match[3]))
+    return Tolerance(float(match[1]) * metres_per(match[2]), float(match[3]))
 
 
 def scene_of(checked: Checked) -> tuple[Mesh, FloatArray, list[Camera]]:

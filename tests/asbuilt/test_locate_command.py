@@ -69,6 +69,13 @@ def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsy
     assert call(capsys, "check plan.toml -p built/poses.json --min-coverage 0.05")[0] == 0
 
 
+def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    code, out, _ = call(capsys, "locate photos plan.toml -p rig.json --rigid")
+    assert code == 2
+    assert out.count("the cameras did not move as one") == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
