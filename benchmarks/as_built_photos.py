@@ -32,6 +32,9 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(SCENES))
     args = parser.parse_args()
     render(args.out, range(*args.seeds), args.scenes)
+    report = rows.Report()
+    report.add("photographs", len(list(args.out.glob("*.jpg"))), "")
+    report.finish(args.json)
 
 
 def render(out: Path, seeds: Sequence[int], scenes: Sequence[str]) -> None:
