@@ -40,7 +40,7 @@ def errors(name: str) -> tuple[rc.Located, float]:
     turn *= np.radians(1) / np.linalg.norm(turn)
     step *= 0.01 * distance / np.linalg.norm(step)
     near = displaced(true, np.concatenate((turn, step)))
-    found = rc.locate(mesh, HALF, PHOTOS / f"{name}.jpg", near)
+    found = rc.locate(mesh, HALF, str(PHOTOS / f"{name}.jpg"), near)
     apart = pixels_of(seen, HALF, found.pose) - pixels_of(seen, HALF, true)
     return found, float(np.nanmax(np.linalg.norm(apart, axis=1)))
 
