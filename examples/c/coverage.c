@@ -31,7 +31,7 @@ static double total(const double *areas) {
 }
 
 int main(void) {
-    const rc_camera camera = {640, 480, 800, 800, 320, 240, 0, NULL};
+    const rc_camera camera = {sizeof camera, 640, 480, 800, 800, 320, 240, 0, NULL};
     const rc_task task = rc_task_default();
     double areas[FACES], bounds[FACES];
     rc_surface *surface;
@@ -42,7 +42,7 @@ int main(void) {
     check(rc_solver_create(surface, RC_CERTIFIED, 1, &solver));
     check(rc_find_regions(solver, &camera, &task, poses[0], POSES, NULL, NULL, &regions));
     for (int pose = 0; pose < POSES; pose++) {
-        check(rc_regions_areas(regions, pose, FACES, areas, bounds));
+        check(rc_regions_areas(regions, pose, 1, FACES, areas, bounds));
         printf("camera %d covers %.9f m2\n", pose, total(areas));
     }
     check(rc_union_create(surface, 1, &both));

@@ -48,7 +48,8 @@ FIGURES = ("visible", "area", "area_error", "is_certified")
 
 
 class Camera(ctypes.Structure):
-    _fields_ = [*((name, ctypes.c_double) for name in CAMERA_FIELDS), ("lens", ctypes.c_void_p)]
+    _fields_ = [("size", ctypes.c_int32), *((name, ctypes.c_double) for name in CAMERA_FIELDS),
+                ("lens", ctypes.c_void_p)]  # fmt: skip
 
 
 OPTICS = ("width", "height", "fx", "fy", "cx", "cy", "skew", "max_angle_deg")
@@ -131,7 +132,8 @@ def library():
 
 
 def c_camera(camera):
-    return Camera(*(getattr(camera, name) for name in CAMERA_FIELDS))
+    fields = (getattr(camera, name) for name in CAMERA_FIELDS)
+    return Camera(ctypes.sizeof(Camera), *fields)
 
 
 CAMERA = rc.Camera(width=640, height=480, fx=800, fy=800, cx=320, cy=240)
@@ -274,7 +276,7 @@ def test_what_devices_of_a_rule_measure_together_is_that_of_python(library, seed
     handles = (ctypes.c_void_p * n)(*(each.value for each in own))
     together = library.make("rc_regions_together", ctypes.byref(gate), handles, world, n)
     areas, bounds = np.empty((2, mesh.n_faces))
-    library.call("rc_regions_areas", together, 0, mesh.n_faces, areas, bounds)
+    library.call("rc_regions_areas", together, 0, 1, mesh.n_faces, areas, bounds)
     limits = rc.Task(max_incidence_deg=task.max_incidence_deg)
     expected = rc.regions(mesh, rig, rc.Poses.of(world, camera=list(range(n))), limits)
     np.testing.assert_array_equal(areas, expected.areas()[0])
@@ -508,6 +510,67 @@ def test_lenses_of_models_are_those_of_python(library, name):
     library.call("rc_lens_border", lens, 8, border)
     np.testing.assert_allclose(border, view_border(camera, 8), atol=1e-14)
     library.call("rc_lens_free", lens)
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_a_camera_that_is_not_that_of_its_lens_is_refused(library, name):
+    """Each field, one step of rounding or more away; none where it is that of the lens."""
+    camera, mesh = LENSES[name], rc.shapes.by_name("box")
+    numbers, own = pack_lens(camera), c_camera(camera)
+    own.lens = library.make("rc_lens_create", numbers, len(numbers))
+    network = library.make("rc_network_create", library.surface(mesh), 1)
+    task, pose = library.task(), np.ascontiguousarray(rc.look_at((0, 0, 3), (0, 0, 0))[0])
+    library.call("rc_network_add", network, ctypes.byref(own), ctypes.byref(task), pose)
+    for field in CAMERA_FIELDS[:6]:
+        kept = getattr(own, field)
+        for other in (np.nextafter(kept, 0), kept + 1):
+            setattr(own, field, other)
+            with pytest.raises(RuntimeError, match=r"expected width, height, fx.* of its lens"):
+                library.call("rc_network_add", network, ctypes.byref(own), ctypes.byref(task), pose)
+        setattr(own, field, kept)
+
+
+NUMBERS = st.floats(-1, 1).filter(lambda x: x == 0 or abs(x) > 1e-100) | st.sampled_from(
+    [0.0, 1.0, -1.0, 1e-8, 1e-100, 1e25]
+)
+TRIPLE = st.tuples(NUMBERS, NUMBERS, NUMBERS).map(np.array)
+
+
+@given(eye=TRIPLE, way=TRIPLE, up=TRIPLE, is_along=st.booleans(), has_up=st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_poses_of_c_look_as_those_of_python(library, eye, way, up, is_along, has_up):
+    target, pose = eye + way, np.full((4, 4), 7.0)
+    up = way.copy() if is_along else up
+    given_up = (up,) if has_up else ()
+    words = "rc_look_at", eye, target, up if has_up else None, pose
+    try:
+        wanted = rc.look_at(eye, target, *given_up)[0]
+    except rc.PoseError:
+        with pytest.raises(RuntimeError, match="expected eye and target at different points"):
+            library.call(*words)
+        assert (pose == 7).all()
+        return
+    library.call(*words)
+    np.testing.assert_array_equal(pose[:, 3], wanted[:, 3])
+    np.testing.assert_allclose(pose, wanted, rtol=0, atol=1e-12)
+    turned = pose[:3, :3]
+    np.testing.assert_allclose(turned.T @ turned, np.eye(3), atol=1e-14)
+
+
+@pytest.mark.parametrize("row", range(3))
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -2e30])
+def test_what_no_pose_can_look_from_is_refused(library, row, bad):
+    points = [np.zeros(3), np.ones(3), np.array([0.0, 0, 1])]
+    points[row][1] = bad
+    with pytest.raises(RuntimeError, match="expected eye, target and up within 1e30 m"):
+        library.call("rc_look_at", *points, np.empty((4, 4)))
+    points[row] = np.ones(3) * (row == 1)
+    for missing in range(2):
+        given_points = [None if k == missing else each for k, each in enumerate(points)]
+        with pytest.raises(
+            RuntimeError, match="expected a pointer to eye, target and pose, got null"
+        ):
+            library.call("rc_look_at", *given_points, np.empty((4, 4)))
 
 
 def test_the_header_says_what_the_library_has(library):

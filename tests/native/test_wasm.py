@@ -122,7 +122,7 @@ def native_hashes(library, case):
     regions.append(library.make("rc_network_regions", rig, 0))
     areas = np.zeros((n_poses + 1, 2, n))
     for own, area in zip(regions, areas, strict=True):
-        library.call("rc_regions_areas", own, 0, n, *area)
+        library.call("rc_regions_areas", own, 0, 1, n, *area)
     union = library.make("rc_network_unite", network, 2)
     views = np.zeros((2, 2, n))
     for level in (1, 2):

@@ -21,7 +21,7 @@ from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.pose import Poses, error_of, real_numbers
 from rastercov.core.camera.projection import rays_of, to_image
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.arrays import matrices_of
+from rastercov.engine import camera_pose
 
 WIDEST_DEG = 60.0
 """Angle from the axis of a lens without an ideal plane up to which targets are framed."""
@@ -103,24 +103,11 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
         f"expected eye and target within ±{LARGEST_COORDINATE:g} m, got larger coordinates",
     )
 
-    forward = target - eye
-    _refuse(~forward.any(axis=1), "expected eye and target at different points, got the same")
-    forward, upward = _scale(forward), _scale(upward)  # no square of them can vanish or overflow
-    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-
-    right = np.cross(forward, upward)
-    parallel = row_lengths(right) <= 1e-9 * row_lengths(upward)
-    # The axis furthest from the view; among equals the later one, so that z stays up if it can.
-    # Rounded, so that noise does not decide between equals.
-    spare = np.eye(3)[2 - np.argmin(np.abs(forward).round(6)[:, ::-1], axis=1)]
-    right = np.where(parallel[:, None], np.cross(forward, spare), right)
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    # A product of nearly parallel vectors is short and its rounding great: take out what is along
-    # the view.
-    right -= (right * forward).sum(axis=1, keepdims=True) * forward
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-
-    return matrices_of(np.stack([right, np.cross(forward, right), forward], axis=-1), eye)
+    same = (eye == target).all(axis=1)
+    _refuse(same, "expected eye and target at different points, got the same")
+    poses = np.empty((len(eye), 4, 4))
+    camera_pose.look_at(*map(np.ascontiguousarray, (eye, target, upward)), poses)
+    return poses
 
 
 def cone_of_directions(axes: FloatArray, count: int, radius_deg: float) -> FloatArray:
@@ -347,12 +334,6 @@ def _triples(name: str, value: ArrayLike) -> FloatArray:
     if array.ndim != 2 or array.shape[1] != 3:
         raise PoseError(f"expected {name} of shape (3,) or (P, 3), got {array.shape}")
     return own_array(name, array, np.float64)
-
-
-def _scale(vectors: FloatArray) -> FloatArray:
-    """(P, 3) vectors over the power of two above their largest component, which rounds nothing."""
-    _, exponent = np.frexp(np.abs(vectors).max(axis=1, keepdims=True))
-    return np.ldexp(vectors, -exponent)
 
 
 def _refuse(mask: ArrayLike, text: str) -> None:

@@ -7,7 +7,7 @@ namespace rastercov::c {
 namespace {
 constexpr int64_t PARTS = lens::CELLS * lens::PARTS;
 constexpr double MOST_NUMBERS = 1e8;
-constexpr auto WANTED = "expected numbers of rastercov.page.packed_lens; pack the lens anew";
+constexpr auto WANTED = "expected numbers of rc_lens_read; read them anew";
 
 // Reads numbers one after another; refuses what is not there.
 class Reader {

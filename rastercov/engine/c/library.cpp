@@ -3,11 +3,14 @@
 //
 // Twin: tests/native/test_c_border.py, by Python.
 #include "c/partition.hpp"
+#include "camera/look_at.hpp"
 #include <bit>
 
 namespace rastercov::c {
 void check_camera(const rc_camera *camera) {
     expect_array(camera, "camera");
+    expect(camera->size == sizeof(rc_camera), "size of sizeof(rc_camera) bytes",
+           double(camera->size), "set it, and compile against the header of the library");
     for (const double each : {camera->width, camera->height, camera->fx, camera->fy})
         expect(each >= 1e-6 && each <= 1e9, "width, height, fx and fy of 1e-6 to 1e9 px", each,
                "convert them to pixels");
@@ -15,6 +18,13 @@ void check_camera(const rc_camera *camera) {
         expect(std::abs(each) <= 1e9, "cx and cy within 1e9 px", each, "convert them to pixels");
     expect(camera->near >= 0.0 && camera->near <= engine::LARGEST_COORDINATE, "near of 0 to 1e30 m",
            camera->near, "pass 0 for the default");
+    if (!camera->lens) return;
+    const CurvedLens &of_lens = object_of(camera->lens)->curved;
+    const double proved[] = {of_lens.width, of_lens.height};
+    const auto is_proved = std::equal(proved, proved + 2, &camera->width) &&
+                           std::equal(&camera->fx, &camera->fx + 4, of_lens.params.begin());
+    expect(is_proved, "width, height, fx, fy, cx and cy of its lens", camera->fx,
+           "make a lens of this camera");
 }
 
 void check_pose(const double *pose) {
@@ -278,6 +288,23 @@ std::shared_ptr<RegionsObject> c::found_by(SolverObject &solver, const rc_camera
     return made;
 }
 
+rc_status rc_look_at(const double *eye, const double *target, const double *up, double *pose) {
+    return guard("looking at a point", [&] {
+        constexpr double Z[] = {0.0, 0.0, 1.0};
+        if (!up) up = Z;
+        for (const void *each : {static_cast<const void *>(eye), static_cast<const void *>(target),
+                                 static_cast<const void *>(pose)})
+            expect_array(each, "eye, target and pose");
+        for (const double *each : {eye, target, up})
+            for (int k = 0; k < 3; k++)
+                expect(std::abs(each[k]) <= engine::LARGEST_COORDINATE,
+                       "eye, target and up within 1e30 m", each[k], "convert them to metres");
+        expect(!std::equal(eye, eye + 3, target), "eye and target at different points", *eye,
+               "move one of them");
+        write_pose(eye, target, up, pose);
+    });
+}
+
 rc_task rc_task_default(void) { return {0.0, INFINITY, 90.0, 0.0, 0.0, 0.0}; }
 
 rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_task *task,
@@ -296,19 +323,25 @@ rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_t
 }
 rc_status rc_regions_free(rc_regions *regions) { return free_handle(regions); }
 
-rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_faces, double *areas,
-                           double *bounds) {
+rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_poses,
+                           int64_t n_faces, double *areas, double *bounds) {
     return guard("reading areas", [&] {
         const auto object = object_of(regions);
-        const engine::Regions &own = pose_of(*object, pose);
+        const auto all = int64_t(object->poses.size());
+        expect(n_poses >= 1 && n_poses <= all, "1 to all poses", n_poses, "pass 1 for one");
+        pose_of(*object, pose);
+        pose_of(*object, pose + (n_poses - 1));
         check_faces(*object->surface, n_faces);
         expect_array(areas, "areas");
         expect_array(bounds, "bounds");
-        std::fill_n(areas, n_faces, 0.0);
-        std::fill_n(bounds, n_faces, 0.0);
-        for (size_t k = 0; k < own.listed.size(); k++) {
-            areas[own.listed[k]] = own.area[k];
-            bounds[own.listed[k]] = own.bound[k];
+        std::fill_n(areas, n_poses * n_faces, 0.0);
+        std::fill_n(bounds, n_poses * n_faces, 0.0);
+        for (; n_poses-- > 0; areas += n_faces, bounds += n_faces) {
+            const engine::Regions &own = object->poses[size_t(pose++)];
+            for (size_t k = 0; k < own.listed.size(); k++) {
+                areas[own.listed[k]] = own.area[k];
+                bounds[own.listed[k]] = own.bound[k];
+            }
         }
     });
 }

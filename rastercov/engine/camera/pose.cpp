@@ -1,9 +1,11 @@
-// Faults of poses: what is no rigid motion, and what has drifted from one; and their near planes.
+// Poses by where cameras look; faults of poses: what is no rigid motion, and what has drifted from
+// one; and their near planes.
 //
 // The rotation R of a pose has drifted by the largest entry of |R^T R - 1|.
 //
 // Twins: tests/test_pose.py, tests/test_projection.py.
 #include "bind.hpp"
+#include "camera/look_at.hpp"
 #include "camera/near.hpp"
 #include <algorithm>
 #include <cmath>
@@ -61,6 +63,13 @@ void find_near_limits(FloatRows<4, 4> poses, Array<const double, 2, 3> bounds,
     }
 }
 
+void look_at(FloatRows<3> eyes, FloatRows<3> targets, FloatRows<3> ups,
+             Array<double, Any, 4, 4> out) {
+    require(have_rows(out.rows(), eyes, targets, ups), "there must be one row for each pose");
+    for (int64_t i = 0; i < out.rows(); i++)
+        write_pose(eyes[i].data, targets[i].data, ups[i].data, out[i].data);
+}
+
 } // namespace
 
 RECORD(PoseLimits, farthest, tolerance, rounding);
@@ -73,6 +82,9 @@ void register_camera_pose(nanobind::module_ &m) {
     def(m, "find_near_limits", find_near_limits,
         "Set `out`, (P,), to the depth of the near plane of each pose, metres.", "poses", "bounds",
         "of_cameras", "out");
+    def(m, "look_at", look_at,
+        "Set `out`, (P, 4, 4), to the pose at each eye that looks at its target.", "eyes",
+        "targets", "ups", "out");
 }
 
 } // namespace rastercov

@@ -20,7 +20,7 @@
 extern "C" {
 #endif
 
-#define RC_API_VERSION 4 /* of this header; rc_version says that of the library */
+#define RC_API_VERSION 5 /* of this header; rc_version says that of the library */
 
 typedef enum rc_status {
     RC_OK = 0,
@@ -88,7 +88,8 @@ typedef struct rc_network rc_network;
 typedef struct rc_zones rc_zones;
 
 typedef struct rc_camera { /* pixels */
-    double width, height, fx, fy, cx, cy;
+    int32_t size;          /* sizeof(rc_camera), bytes: a later version may add fields at the end */
+    double width, height, fx, fy, cx, cy; /* of a lens: those that it was proved for */
     double near;         /* least depth that is seen, metres; 0 for a millionth of the farthest */
     const rc_lens *lens; /* null for a pinhole */
 } rc_camera;
@@ -197,6 +198,9 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
                      int64_t n_poses, rc_go_on go_on, void *context, const rc_figures *figures);
 
 rc_task rc_task_default(void);
+/* The pose of a camera at a point that looks at another, with `up` upwards in the image, each 3
+ * numbers, metres: z where it is null; the axis furthest from the view where that is along it. */
+rc_status rc_look_at(const double *eye, const double *target, const double *up, double *pose);
 /* Whole faces in one pose, as colours of a picture show them: one counts as covered where half of
  * what is in view is seen. */
 rc_status rc_judge_faces(rc_solver *solver, const rc_camera *camera, const rc_task *task,
@@ -206,9 +210,10 @@ rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_t
                           const double *poses, int64_t n_poses, rc_go_on go_on, void *context,
                           rc_regions **regions);
 rc_status rc_regions_free(rc_regions *regions);
-/* Covered area of each face in one of the poses, and its bound, m^2. */
-rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_faces, double *areas,
-                           double *bounds);
+/* Covered area of each face in n_poses of the poses, from `pose` on, n_poses x F, m^2, and its
+ * bound: of what may be classified wrongly, before the rounding of sums. */
+rc_status rc_regions_areas(const rc_regions *regions, int64_t pose, int64_t n_poses,
+                           int64_t n_faces, double *areas, double *bounds);
 /* The same as convex polygons in space: their number, and that of all their corners; then the face
  * and the number of corners of each, and the corners, C x 3 metres, one polygon after another. */
 rc_status rc_regions_size(const rc_regions *regions, int64_t pose, int64_t *n_polygons,

@@ -3,7 +3,7 @@
  *
  * The table has kinds of results and arguments, offsets of records, and constants of rastercov.h. An
  * argument is a number, an array, an object with the fields of a record, or a handle; null is none. What a
- * function makes or counts (`handle&`, `i64&`) is no argument but its result, and so is a record it gives.
+ * function makes or counts (`handle&`, `i64&`) is no argument but its result.
  * Arrays that it writes are given, and filled.
  *
  * A call that fails throws an `EngineError`, and the module has no way back: make another one.
@@ -56,12 +56,10 @@ export class Engine {
 
   /** Calls a function of rastercov.h, such as "rc_surface_create". */
   call(name, ...given) {
-    const [result, ...kinds] = this.table.functions[name];
+    const [, ...kinds] = this.table.functions[name];
     const made = []; // [pointer, kind] of what the function makes
     const written = []; // [pointer, array]
     try {
-      const record = this.table.records[result];
-      const before = record ? [this.#take(record.size)] : [];
       const rest = given[Symbol.iterator]();
       const args = kinds.map((kind) => {
         if (kind === "handle&" || kind === "i64&") {
@@ -73,9 +71,8 @@ export class Engine {
         return this.#lowered(kind, value ?? null, written);
       });
       if (!rest.next().done) throw new TypeError(`${name} expects ${kinds}`);
-      const answer = this.#exports[name](...before, ...args);
+      const answer = this.#exports[name](...args);
       for (const [at, array] of written) array.set(this.#view(array.constructor, at, array.length));
-      if (record) return this.#record(record, before[0]);
       if (!made.length) return answer;
       const values = made.map(([at, kind]) => this.#made(at, kind));
       return values.length > 1 ? values : values[0];
@@ -111,8 +108,9 @@ export class Engine {
     return at;
   }
 
-  /** A record in memory. */
-  #put(record, values, written) {
+  /** A record in memory; one that can grow begins with its size. */
+  #put(record, given, written) {
+    const values = { size: record.size, ...given };
     const at = this.#take(record.size);
     new Uint8Array(this.#exports.memory.buffer, at, record.size).fill(0);
     for (const [field, [kind, offset]] of Object.entries(record.fields)) {
@@ -122,13 +120,6 @@ export class Engine {
       else view.setUint32(at + offset, value, true);
     }
     return at;
-  }
-
-  #record({ fields }, at) {
-    const view = new DataView(this.#exports.memory.buffer);
-    const value = ([kind, offset]) =>
-      kind === "f64" ? view.getFloat64(at + offset, true) : view.getInt32(at + offset, true);
-    return Object.fromEntries(Object.entries(fields).map(([name, field]) => [name, value(field)]));
   }
 
   #take(size) {

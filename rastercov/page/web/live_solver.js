@@ -110,7 +110,7 @@ export class Solver {
   #areasOf(network, row, use = () => null) {
     const regions = this.call("rc_network_regions", network, row);
     const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
-    this.call("rc_regions_areas", regions, 0, this.n, areas, bounds);
+    this.call("rc_regions_areas", regions, 0, 1, this.n, areas, bounds);
     use(regions);
     this.call("rc_regions_free", regions);
     let m2 = 0; // in the order of faces, as np.bincount

@@ -238,7 +238,6 @@ class LazyCover(Cover):
         self.large, views = large, large.problem.views
         self._step, self._bonus = worth_of_progress(large.integer_weights, views)
         self.count = np.zeros(len(views), np.int64)
-        self.n_gains = 0
         self.first = self._gains(np.arange(large.n_candidates))
         # The last of several steps may be worth a few units of rounding more than those before.
         rounding = np.where(views > 1, self._bonus, 0)
@@ -247,7 +246,6 @@ class LazyCover(Cover):
 
     def _gains(self, rows: IntArray) -> IntArray:
         """(N, G) gains of some candidates."""
-        self.n_gains += len(rows)
         missing = self.large.problem.views - self.count
         now = self._step + np.where(missing == 1, self._bonus, 0)
         return self.large.sums(now, missing > 0, rows)

@@ -33,6 +33,9 @@ TEST_CASE("a box from above shows its lid, by area and by pixels, in any number 
                                &out) == RC_OK);
             REQUIRE(rc_find_regions(solver, &scene.camera, &scene.task, poses.data(), n_poses,
                                     nullptr, nullptr, &regions) == RC_OK);
+            std::vector<double> all(size_t(n_poses * n)), all_bounds(all);
+            REQUIRE(rc_regions_areas(regions, 0, n_poses, n, all.data(), all_bounds.data()) ==
+                    RC_OK);
             for (int64_t p = 0; p < n_poses; p++) {
                 const double side = 800.0 / (3.0 + double(p)); // px
                 double seen = 0.0, error = 0.0;
@@ -42,7 +45,9 @@ TEST_CASE("a box from above shows its lid, by area and by pixels, in any number 
                 }
                 CHECK(std::abs(seen - side * side) <= error + 1e-6);
                 std::vector<double> areas(static_cast<size_t>(n)), bounds(areas);
-                REQUIRE(rc_regions_areas(regions, p, n, areas.data(), bounds.data()) == RC_OK);
+                REQUIRE(rc_regions_areas(regions, p, 1, n, areas.data(), bounds.data()) == RC_OK);
+                CHECK(std::equal(areas.begin(), areas.end(), all.begin() + p * n));
+                CHECK(std::equal(bounds.begin(), bounds.end(), all_bounds.begin() + p * n));
                 CHECK(std::abs(total(areas) - 1.0) <= total(bounds) + 1e-12);
             }
             CHECK(rc_regions_free(regions) == RC_OK);
@@ -175,6 +180,12 @@ TEST_CASE("what is asked for in vain has a code and a line") {
     rc_camera camera = scene.camera;
     camera.fx = NAN;
     refused(find(camera, scene.task), "fx and fy");
+    for (const int32_t size :
+         {0, int32_t(sizeof(rc_camera)) - 8, int32_t(sizeof(rc_camera)) + 8, -1}) {
+        camera = scene.camera;
+        camera.size = size;
+        refused(find(camera, scene.task), "size of sizeof(rc_camera) bytes");
+    }
     rc_task task = scene.task;
     task.max_incidence_deg = 91;
     refused(find(scene.camera, task), "max_incidence_deg");
@@ -243,8 +254,8 @@ TEST_CASE("each null, and each size that is none, has a code and writes nothing"
     refused(rc_union_add(nullptr, regions));
     refused(rc_regions_size(regions, 0, nullptr, &other));
     refused(rc_regions_size(regions, 0, &other, nullptr));
-    refused(rc_regions_areas(regions, 0, 12, nullptr, b.data()));
-    refused(rc_regions_areas(regions, 0, 12, a.data(), nullptr));
+    refused(rc_regions_areas(regions, 0, 1, 12, nullptr, b.data()));
+    refused(rc_regions_areas(regions, 0, 1, 12, a.data(), nullptr));
     refused(rc_union_areas(all, 1, 12, nullptr, b.data()));
     refused(rc_union_areas(all, 1, 12, a.data(), nullptr));
     refused(rc_surface_areas(surface, 12, nullptr));
@@ -261,8 +272,9 @@ TEST_CASE("each null, and each size that is none, has a code and writes nothing"
         refused(rc_surface_areas(surface, n, a.data()));
         refused(rc_observe(solver, by, at, n, nullptr, nullptr, &out));
         refused(rc_find_regions(solver, by, task, at, n, nullptr, nullptr, &none));
-        refused(rc_regions_areas(regions, n, 12, a.data(), b.data()));
-        refused(rc_regions_areas(regions, 0, n, a.data(), b.data()));
+        refused(rc_regions_areas(regions, n, 1, 12, a.data(), b.data()));
+        refused(rc_regions_areas(regions, 0, 1, n, a.data(), b.data()));
+        refused(rc_regions_areas(regions, 0, n, 12, a.data(), b.data()));
         refused(rc_regions_size(regions, n, &other, &other));
         refused(rc_regions_read(regions, 0, n, n_corners, counts.data(), counts.data(), a.data()));
         refused(rc_regions_read(regions, 0, n_polygons, n, counts.data(), counts.data(), a.data()));

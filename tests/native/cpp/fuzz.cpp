@@ -76,8 +76,10 @@ std::vector<double> poses_of(int64_t n) {
 }
 
 rc_camera camera() {
-    rc_camera made = {
-        64, 48, 30 + double(below(3)), 30, 32, 24, 0, below(5) ? nullptr : lenses.any()};
+    rc_lens *const lens = below(5) ? nullptr : lenses.any();
+    rc_camera made = {sizeof(rc_camera), 64, 48, 30, 30, 32, 24, 0, lens};
+    if (below(4) == 0) made.fx += double(below(3));
+    if (rarely()) made.size = int32_t(below(200));
     if (rarely()) (&made.width)[below(7)] = real();
     return made;
 }
@@ -123,13 +125,14 @@ rc_status find() {
 }
 
 rc_status read() {
-    double areas[64], bounds[64];
+    double areas[64], bounds[64]; // of the most faces of a surface, 20, in three poses
     const int64_t n = 1 + below(21), pose = below(5) - 1;
     switch (below(4)) {
     case 0:
         return rc_surface_areas(surfaces.any(), n, areas);
     case 1:
-        return rc_regions_areas(results.any(), pose, n, areas, rarely() ? nullptr : bounds);
+        return rc_regions_areas(results.any(), pose, below(3), n, areas,
+                                rarely() ? nullptr : bounds);
     case 2:
         return rc_union_areas(unions.any(), int32_t(below(5)), n, areas, bounds);
     default:
@@ -145,7 +148,7 @@ rc_status read() {
                            counts.data(), corners.data());
 }
 
-// Numbers of a lens of one plane as rastercov.page.packed_lens lays them out.
+// Numbers of a lens of one plane as rc_lens_read lays them out.
 std::vector<double> lens_numbers() {
     namespace lens = rastercov::lens;
     std::vector<double> all = {

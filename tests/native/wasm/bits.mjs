@@ -30,7 +30,7 @@ for (const { vertices, faces, roles, poses, camera, lens, task, gate, isRig, poi
   const regions = [...each.map((_, pose) => call("rc_network_regions", network, pose)), call("rc_network_regions", rig, 0)];
   const areas = regions.map((of) => {
     const [area, bound] = [own(), own()];
-    call("rc_regions_areas", of, 0, n, area, bound);
+    call("rc_regions_areas", of, 0, 1, n, area, bound);
     return [area, bound];
   });
   const measured = areas.pop();
