@@ -6,7 +6,10 @@
 # make weight  tokens of what ships, by folder, and what makes code hard to change
 # make native  compile what has changed of the loops in C++, as all of the above do
 # make dist    dist/: the sdist, and a wheel with the loops for every processor of this kind; one
-#              commit gives the same bytes in any folder
+#              commit gives the same bytes in any folder. ARCHS='x86_64 aarch64 win_amd64 macos_arm64'
+#              makes wheels for other machines, too, from this one
+# make trial   make dist for all machines; Wine and qemu-user run demo, evaluate, place and check by
+#              the wheels for Windows and aarch64, and areas equal those of this machine
 # make lib     build/lib and build/include: librastercov for C, without Python; docs/c.md
 # make wasm    rastercov/page/web/{engine,lens,readers}.wasm: the engine of pages that compute, by Zig's compiler;
 #              a wheel has it. A checkout without it writes pages with recorded figures
@@ -65,7 +68,7 @@ CPP := $(wildcard tests/native/cpp/*.?pp tests/native/kernels/*.cpp rastercov/en
 WERROR ?= OFF
 # The target of CMake: the processor's own level, all that it can run, or all known ones.
 LEVELS ?= own
-# Of `make dist`: kinds of processors, ARCHS='x86_64 aarch64'.
+# Of `make dist`: kinds of machines, those of .ci/cross.
 ARCHS ?= $(shell uname -m)
 # Of `make sanitize`.
 TESTS ?= tests
@@ -86,7 +89,7 @@ INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint weight native lib wasm dist sanitize stubs docs site bench opengl osmesa node chromium clean
+.PHONY: demo test quick lint weight native lib wasm dist trial sanitize stubs docs site bench opengl osmesa node chromium clean
 
 test quick: LEVELS := runnable
 
@@ -168,18 +171,17 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 $(VENV)/binaryen:
 	@$(STEP) "installing Binaryen by npm, some seconds" npm install --prefix $@ --no-audit --no-fund binaryen@132.0.0
 
-# A wheel is compiled from the sdist by one pinned compiler for any glibc from 2.28 on (2018). Debian's
-# headers of Python include those of the processor, which on Linux of 64 bits are equal.
+# A wheel is compiled from the sdist by one pinned compiler, whatever this machine is.
 dist: $(VENV)/tools $(VENV)/compiler-dist wasm
-	@rm -rf dist; for arch in $(ARCHS); do ln -sfn /usr/include/$$(uname -m)-linux-gnu $(VENV)/include/$$arch-linux-gnu; \
-	$(STEP) "compiling the loops for all processors of $$arch, some minutes" \
-	env PATH="$(CURDIR)/$(BIN):$$PATH" CXXFLAGS="-idirafter $(CURDIR)/$(VENV)/include" CMAKE_ARGS="$$(cat $(VENV)/compiler-dist) \
-	-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=$$arch -DCMAKE_CXX_COMPILER_TARGET=$$arch-linux-gnu.2.28" \
-	SOURCE_DATE_EPOCH="$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)}" \
-	_PYTHON_HOST_PLATFORM=manylinux_2_28_$$arch \
-	python -m build --no-isolation -C wheel.tags=$$($(BIN)/python .ci/fits)-manylinux_2_28_$$arch || exit 2; done
+	@rm -rf dist; for arch in $(ARCHS); do $(STEP) "compiling the loops for all processors of $$arch, some minutes" \
+	$(BIN)/python .ci/cross $$arch build/cross/$$arch $$(cat $(VENV)/compiler-dist) || exit 2; done
 	@$(BIN)/python .ci/fused dist/*.whl && $(BIN)/twine check --strict dist/* && sha256sum dist/* && \
 	$(BIN)/python .ci/fits dist/*.whl
+
+trial: ARCHS := x86_64 aarch64 win_amd64 macos_arm64
+trial: dist
+	@$(STEP) "installing the wheel of this machine, some seconds" $(PIP_INSTALL) dist/*manylinux_2_28_$$(uname -m).whl
+	@for kind in aarch64 win_amd64; do $(BIN)/python .ci/trial $$kind dist/*$$kind.whl build/trial/$$kind || exit 2; done
 
 sanitize: $(VENV)/installed-dev $(VENV)/compiler
 	@for kind in address,undefined thread; do \

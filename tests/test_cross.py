@@ -1,5 +1,6 @@
-"""What `.ci/cross` makes for another kind of machine: options, and Python's library for Windows."""
+"""What `.ci/cross` makes for another kind of machine, and what `.ci/trial` says of its figures."""
 
+import math
 import subprocess
 import sys
 import zipfile
@@ -20,12 +21,17 @@ SOURCE = "__declspec(dllexport) int {}(void) {{ return 3; }}\n"
 EXPORTS = ["PyLong_AsLong", "PyModule_Create2", "_Py_Dealloc"]
 
 
-@pytest.fixture
-def cross():
-    loader = SourceFileLoader("cross", str(CROSS))
-    module = module_from_spec(spec_from_loader("cross", loader))
+def script(name):
+    """A program of .ci as a module."""
+    loader = SourceFileLoader(name, str(CROSS.parent / name))
+    module = module_from_spec(spec_from_loader(name, loader))
     loader.exec_module(module)
     return module
+
+
+@pytest.fixture
+def cross():
+    return script("cross")
 
 
 def said(*words):
@@ -87,3 +93,40 @@ def test_other_words_are_refused_in_a_line(words):
     done = said(*words)
     assert done.returncode == 1
     assert done.stderr.startswith("expected one of x86_64, aarch64, win_amd64, macos_arm64 and a")
+
+
+EXACT = ("/covered_area/m2", "/zones/0/area_m2", "/goals/wall/share", "/covered_percent")
+CLOSE = ("/zones/0/centroid", "/covered_area/bound_m2", "/cameras/0/down_deg")
+LEFT_OUT = ("/seconds/steps/area", "/run/versions/numpy", "/poses_per_second")
+
+
+def document(path, value):
+    """A document with one value at a path."""
+    for key in reversed(path.split("/")[1:]):
+        value = [value] if key == "0" else {key: value}
+    return value
+
+
+@pytest.mark.parametrize("value", [0.3, 12345.678, 1e-7])
+@pytest.mark.parametrize("path", [*EXACT, *CLOSE, *LEFT_OUT])
+def test_a_trial_names_areas_that_differ_by_a_bit_and_other_figures_by_more(path, value):
+    differences = script("trial").differences
+    here = document(path, value)
+    assert differences(here, document(path, value)) == []
+    next_one = document(path, math.nextafter(value, math.inf))
+    assert len(differences(here, next_one)) == (path in EXACT)
+    for other in (document(path, 1.001 * value + 1e-6), document(path, None), {}):
+        found = differences(here, other)
+        assert [line.partition(":")[0] for line in found] == [path] * (path not in LEFT_OUT)
+
+
+@pytest.mark.parametrize("words", [(), ("x86_64", "w", "f"), ("aarch64", "w"), ("win_amd64",)])
+def test_a_trial_of_other_words_is_refused_in_a_line(words):
+    done = subprocess.run(
+        [sys.executable, CROSS.parent / "trial", *words],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("expected aarch64 or win_amd64, a wheel and a folder, got ")
