@@ -100,7 +100,7 @@ def native_hashes(library, case):
         np.array(case["faces"], np.int32), n, np.array(case["roles"], np.uint8),
     )  # fmt: skip
     solver = library.make("rc_solver_create", surface, 0, 1)
-    camera = Camera(*case["camera"].values())
+    camera = Camera(ctypes.sizeof(Camera), *case["camera"].values())
     if case["lens"]:
         numbers = np.frombuffer(base64.b64decode(case["lens"]))
         camera.lens = library.make("rc_lens_create", numbers, len(numbers))
