@@ -74,7 +74,8 @@ def test_the_library_of_windows_names_what_its_python_exports(cross, tmp_path, m
     monkeypatch.setattr(cross, "embedded", lambda folder: python)
     monkeypatch.setattr(cross, "from_pypi", lambda folder, *words: wheel)
     assert set(EXPORTS) <= set(cross.exports(python / "python3.dll"))
-    options = dict(each.split("=", 1) for each in cross.for_windows(tmp_path / "made"))
+    made = [*cross.for_windows(tmp_path / "made"), cross.numpy_of(tmp_path / "made", "win_amd64")]
+    options = dict(each.split("=", 1) for each in made)
     assert (Path(options["-DRASTERCOV_NUMPY"]) / "numpy/arrayobject.h").is_file()
     assert "MS_WIN64" in (Path(options["-DPython_INCLUDE_DIR"]) / "pyconfig.h").read_text()
     user, made = tmp_path / "user.c", tmp_path / "user.dll"

@@ -82,6 +82,17 @@ def test_pkg_config_names_what_a_static_program_needs(tmp_path):
     assert not [name for name in needed(tmp_path / "coverage") if "rastercov" in name]
 
 
+@pytest.mark.skipif(None in map(shutil.which, ("mcs", "mono")), reason="no C# to compile with")
+def test_c_sharp_calls_the_library(tmp_path):
+    source = EXAMPLE.with_name("Coverage.cs")
+    made = ran("mcs", source, f"-out:{tmp_path / 'coverage.exe'}")
+    assert made.returncode == 0, made.stdout
+    path = f"LD_LIBRARY_PATH={BUILD / 'lib'}"
+    assert ran("env", path, "mono", tmp_path / "coverage.exe").stdout == (
+        "the camera covers 1.000000000 m2\n"
+    )
+
+
 def test_the_library_exports_its_functions_and_nothing_else():
     table = ran("nm", "-D", "--defined-only", BUILD / "lib/librastercov.so").stdout
     names = {line.split()[-1] for line in table.splitlines()}
