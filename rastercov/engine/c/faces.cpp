@@ -46,7 +46,6 @@ struct Keeper {
     const rc_judged &out;
 
     template <class N> bool leaves_out(int64_t) const { return false; }
-    template <class N> bool asks_bound(const coverage::Face<N> &) const { return false; }
     template <class N> INLINE void take(int64_t f, const coverage::Face<N> &face) const {
         if (out.reasons) write(out.reasons + f, face.decision.reason);
         if (out.coverage) write(out.coverage + f, face.decision.coverage);

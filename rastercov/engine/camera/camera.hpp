@@ -33,7 +33,8 @@ RECORD(ParallelLens, scale);
 
 constexpr int64_t MOST_SIDES = 132; // of a region: 128 around a cone, cut by a square
 
-// A lens for the loops over faces, one row for each of its planes. Of parallel rays it has one, in
+// A lens for the loops over faces, one row for each of its planes. All rays are in the image that
+// are within `core` times z of the axis, 0 for none. Of parallel rays it has one plane, in
 // units of `unit` metres across the rays: the point (x, y, z) is at the ray (x, y, unit), whatever
 // its depth. `unit` is 0 for rays that meet in a point.
 struct CurvedLens {
@@ -52,14 +53,14 @@ struct CurvedLens {
     BoolArray is_graded;
     FloatArray bends, arc_halves, arc_bends;
     double tolerance;
-    double unit = 0.0;
+    double unit = 0.0, core = 0.0;
     bool is_parallel() const { return unit > 0; }
     // Third coordinate of the ray to a point at a depth.
     double ahead_at(double z) const { return is_parallel() ? unit : z; }
 };
 RECORD(CurvedLens, code, params, width, height, by_distance, frames, own_params, regions,
        region_sides, holes, hole_sides, longest, parts_of, is_graded, bends, arc_halves, arc_bends,
-       tolerance, unit);
+       tolerance, unit, core);
 
 inline void require_lens(const Lens &) {}
 inline void require_lens(const ParallelLens &) {}

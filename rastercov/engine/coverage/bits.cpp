@@ -23,7 +23,6 @@ template <class View> struct Setter {
         return !any((read<W>(view.seen.visible.begin() + f) > W(0)) &
                     (read<W>(view.scene.own.begin() + f) == W(COVERED)));
     }
-    template <class N> INLINE bool asks_bound(const Face<N> &) const { return false; }
     // Faces from f on share a byte.
     template <class N> INLINE void take(int64_t f, const Face<N> &face) {
         using W = Whole<N>;

@@ -68,9 +68,9 @@ INLINE Steepness<N> steepness_of(const Corners<N> &corners, N cosine, const Came
 }
 
 // Of parallel rays both are relative.
-inline Steepness<double> steepness_of(const Corners<double> &, double cosine,
-                                      const ParallelLens &) {
-    return {std::abs(cosine), 4.0};
+template <class N>
+INLINE Steepness<N> steepness_of(const Corners<N> &, N cosine, const ParallelLens &) {
+    return {abs(cosine), 4.0};
 }
 inline Steepness<double> steepness_of(const Corners<double> &corners, double cosine,
                                       const CurvedLens &lens) {

@@ -45,6 +45,11 @@ template <class N> INLINE Triple<N> to_axes(const Triple<N> &vertex, Pose pose) 
     return rotate(way, pose);
 }
 
+template <class N> INLINE N state_of(Mask<N> is_ahead, N u, N v, const Lens &lens) {
+    const Mask<N> is_inside =
+        is_ahead & (u >= N(0.0)) & (u <= N(lens.width)) & (v >= N(0.0)) & (v <= N(lens.height));
+    return select(is_inside, N(INSIDE), select(is_ahead, N(AHEAD), N(BEHIND)));
+}
 // Columns of projected vertices. Those before the near plane have the image of a point on the
 // optical axis, which nothing uses.
 template <class N>
@@ -54,16 +59,31 @@ INLINE Vertex<N> projected(const Triple<N> &vertex, Pose pose, double near, cons
     const N depth = select(is_ahead, z, N(1.0));
     const N right = select(is_ahead, x, N(0.0)) / depth, down = select(is_ahead, y, N(0.0)) / depth;
     const N u = right * N(lens.fx) + N(lens.cx), v = down * N(lens.fy) + N(lens.cy);
-    const Mask<N> is_inside =
-        is_ahead & (u >= N(0.0)) & (u <= N(lens.width)) & (v >= N(0.0)) & (v <= N(lens.height));
-    const N state = select(is_inside, N(INSIDE), select(is_ahead, N(AHEAD), N(BEHIND)));
-    return {x, y, z, right, down, u, v, state};
+    return {x, y, z, right, down, u, v, state_of(is_ahead, u, v, lens)};
+}
+template <class N>
+INLINE Vertex<N> projected(const Triple<N> &vertex, Pose pose, double near,
+                           const ParallelLens &lens) {
+    const Lens &of = lens.scale;
+    const auto [x, y, z] = to_axes(vertex, pose);
+    const N u = N(of.fx) * x + N(of.cx), v = N(of.fy) * y + N(of.cy), none = NAN;
+    return {x, y, z, none, none, u, v, state_of(z >= N(near), u, v, of)};
+}
+
+// Those of another lens have no state yet: many are only of faces that are never measured.
+template <class N>
+INLINE Vertex<N> projected(const Triple<N> &vertex, Pose pose, double, const CurvedLens &) {
+    const auto [x, y, z] = to_axes(vertex, pose);
+    const N none = NAN;
+    return {x, y, z, none, none, none, none, none};
 }
 
 // Transforms the vertices to camera axes and projects those beyond the near plane.
-inline void project(FloatRows<3> vertices, Pose pose, double near, const Lens &lens,
-                    VertexRows<Lens> points) {
+template <class Camera>
+void project(FloatRows<3> vertices, Pose pose, double near, const Camera &lens,
+             VertexRows<Camera> points) {
     constexpr int W = AT_A_TIME<Doubles>;
+    constexpr int64_t C = COLUMNS_OF<Camera>;
     const int64_t n = vertices.rows(), whole = n / W * W;
     const double *from = vertices.begin();
     double *to = points.begin();
@@ -73,29 +93,18 @@ inline void project(FloatRows<3> vertices, Pose pose, double near, const Lens &l
             Register<double> rows[AT_A_TIME<Doubles>];
             unroll<W>(EACH(k) { rows[k] = columns[part * W + k].r[0]; });
             transpose<double>(rows);
-            unroll<W>(EACH(k) {
-                std::memcpy(to + (i + k) * COLUMNS + part * W, &rows[k], sizeof rows[k]);
-            });
+            unroll<W>(
+                EACH(k) { std::memcpy(to + (i + k) * C + part * W, &rows[k], sizeof rows[k]); });
         });
     }
     for (int64_t i = whole; i < n; i++) {
         const auto columns = projected(read_triple<double>(from + 3 * i), pose, near, lens);
-        std::copy(columns.begin(), columns.end(), to + i * COLUMNS);
+        std::copy(columns.begin(), columns.end(), to + i * C);
     }
 }
 
-// The same of parallel rays.
-inline void project(FloatRows<3> vertices, Pose pose, double near, const ParallelLens &lens,
-                    VertexRows<ParallelLens> points) {
-    const Lens &of = lens.scale;
-    for (int64_t i = 0; i < vertices.rows(); i++) {
-        const auto [x, y, z] = to_axes(read_triple<double>(vertices[i].data), pose);
-        const double u = of.fx * x + of.cx, v = of.fy * y + of.cy;
-        const double ahead = is_in_image(of, u, v) ? INSIDE : AHEAD;
-        const double columns[COLUMNS] = {x, y, z, NAN, NAN, u, v, z >= near ? ahead : BEHIND};
-        std::copy(columns, columns + COLUMNS, points[i].begin());
-    }
-}
+// What the vertices of a face need before it is measured, alone: nothing but of other lenses.
+template <class Camera> void finish(const uint64_t *, double, const Camera &, VertexRows<Camera>) {}
 
 // Columns of the vertices of faces, by rows of three indices.
 template <class N, int64_t C>
@@ -151,12 +160,14 @@ INLINE N incidence_cosine(const Corners<N> &corners, const Triple<N> &normal, Ma
     return select(is_two_sided, abs(cosine), cosine);
 }
 
-inline double incidence_cosine(const Corners<double> &, const Triple<double> &normal,
-                               Mask<double> is_two_sided, const ParallelLens &) {
-    return is_two_sided ? std::abs(normal.z) : -normal.z;
+template <class N>
+INLINE N incidence_cosine(const Corners<N> &, const Triple<N> &normal, Mask<N> is_two_sided,
+                          const ParallelLens &) {
+    return select(is_two_sided, abs(normal.z), -normal.z);
 }
-inline double incidence_cosine(const Corners<double> &corners, const Triple<double> &normal,
-                               Mask<double> is_two_sided, const CurvedLens &lens) {
+template <class N>
+INLINE N incidence_cosine(const Corners<N> &corners, const Triple<N> &normal, Mask<N> is_two_sided,
+                          const CurvedLens &lens) {
     if (lens.is_parallel()) return incidence_cosine(corners, normal, is_two_sided, ParallelLens{});
     return incidence_cosine(corners, normal, is_two_sided, Lens{});
 }
@@ -279,8 +290,9 @@ template <class N> INLINE Mask<N> is_beside(const Corners<N> &corners, const Len
            (min3(v) >= N(lens.height) + margin);
 }
 
-template <class N>
-INLINE FieldOfView<N> quick_field_of_view(const Corners<N> &corners, const Lens &lens) {
+template <class N, class Camera>
+INLINE FieldOfView<N> quick_field_of_view(const Corners<N> &corners, double, const Camera &camera) {
+    const Lens &lens = image_of(camera);
     const auto states = column(corners, STATE);
     const N worst = min3(states), area = area_ahead(corners);
     const Mask<N> is_ahead = worst > N(BEHIND), is_inside = worst == N(INSIDE);
@@ -297,7 +309,7 @@ template <class Camera>
 FieldOfView<double> field_of_view(const Corners<double> &corners, double near, const Camera &camera,
                                   Memory<Camera> &, double) {
     const Lens &lens = image_of(camera);
-    FieldOfView<double> field = quick_field_of_view(corners, lens);
+    FieldOfView<double> field = quick_field_of_view(corners, near, camera);
     if (!field.is_cut) return field;
     Polygon memory;
     const exact::Points polygon = memory.view();
@@ -313,14 +325,11 @@ FieldOfView<double> field_of_view(const Corners<double> &corners, double near, c
 }
 
 // Depth of vertices that their sharpness depends on, metres.
-template <class N> INLINE N focus_depth_of(const Vertex<N> &vertex, const Lens &) {
+template <class N, class Camera> INLINE N focus_depth_of(const Vertex<N> &vertex, const Camera &) {
     return vertex[Z];
 }
-inline double focus_depth_of(const Vertex<double> &vertex, const ParallelLens &) {
-    return vertex[Z];
-}
-inline double focus_depth_of(const Vertex<double> &vertex, const CurvedLens &lens) {
-    return focus_depth(lens, vertex[X], vertex[Y], vertex[Z]);
+template <class N> INLINE N focus_depth_of(const Vertex<N> &vertex, const CurvedLens &lens) {
+    return lens.by_distance ? length(Triple<N>{vertex[X], vertex[Y], vertex[Z]}) : vertex[Z];
 }
 
 // True if faces are within the depth of field, (3.12), by the rule of the task.

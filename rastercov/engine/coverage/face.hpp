@@ -130,11 +130,20 @@ template <class N, class View> INLINE N error_at(int64_t f, const View &view) {
     return error.size() ? read<N>(error.begin() + view.at(f)) : N(0.0);
 }
 
+template <class View>
+constexpr bool IS_PINHOLE = std::is_same_v<std::remove_cvref_t<decltype(View::camera)>, Lens>;
+template <class View>
+constexpr bool IS_CURVED = std::is_same_v<std::remove_cvref_t<decltype(View::camera)>, CurvedLens>;
+template <class Consumer>
+constexpr bool ASKS_BOUNDS = requires(Consumer consumer) { consumer.asks_bound(Face<double>()); };
+
 // Measures faces from f on; false, and nothing, for lanes of which one is cut.
 // The bound is 1, see put_bound. A face is seen, by definition, not from behind or outside the
 // image.
 template <class N, class View> INLINE bool measure(int64_t f, const View &view, Face<N> &face) {
     const auto &[scene, camera, seen, rules, points, memory, asked, row] = view;
+    if constexpr (std::is_same_v<N, double>)
+        finish(scene.faces.begin() + 3 * f, view.near(), camera, points);
     face.corners = corners_of<N>(scene.faces.begin() + 3 * f, points);
     const Corners<N> &corners = face.corners;
     auto &is = face.measures;
@@ -146,7 +155,7 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
         const double known = seen.kind.size() || !asked.area ? is.drawn : -1.0;
         field = field_of_view(corners, view.near(), camera, memory, known);
     } else {
-        field = quick_field_of_view(corners, camera);
+        field = quick_field_of_view(corners, view.near(), camera);
         if (any(field.is_cut)) return false;
     }
     face.state = field.state;
@@ -164,19 +173,19 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
     std::array<N, 3> depth;
     for (int s = 0; s < 3; s++) depth[s] = focus_depth_of(corners[s], camera);
     is.is_focused = in_focus(depth, rules);
-    put_densities(f, normal, view, face);
+    is.density = is.facing = is.per_m2 = 0.0;
+    if constexpr (std::is_same_v<N, double> || IS_PINHOLE<View>) // others ask for none in lanes
+        put_densities(f, normal, view, face);
     face.bound = 1.0;
     face.kind = select(is.is_front & is.has_part, kind_at<N>(f, view), Whole<N>(EXACT));
     return true;
 }
 
-template <class Camera> constexpr bool IS_PINHOLE = std::is_same_v<Camera, Lens>;
-
 // Derivative of the image at vertex s of faces from f on.
 template <class N, class View>
 INLINE auto slopes_of(int64_t f, int s, const View &view, const Face<N> &face) {
     const auto &lens = view.camera;
-    if constexpr (IS_PINHOLE<std::remove_cvref_t<decltype(lens)>>) {
+    if constexpr (IS_PINHOLE<View>) {
         const Vertex<N> &at = face.corners[s];
         return Slopes<N>{N(lens.fx), N(lens.fy), at[RIGHT], at[DOWN], at[Z]};
     } else if constexpr (std::is_same_v<std::remove_cvref_t<decltype(lens)>, ParallelLens>) {
@@ -190,7 +199,6 @@ INLINE auto slopes_of(int64_t f, int s, const View &view, const Face<N> &face) {
 template <class N, class View>
 INLINE void put_densities(int64_t f, const Triple<N> &normal, const View &view, Face<N> &face) {
     auto &is = face.measures;
-    is.density = is.facing = is.per_m2 = 0.0;
     const Mask<N> is_ahead = face.state > N(BEHIND);
     const Mask<N> has_density = is.is_front & is_ahead & (face.part > N(0.0));
     Asked asked = view.asked;
@@ -264,7 +272,8 @@ template <class N, class View> INLINE bool put_bound(int64_t f, const View &view
             const Mask<N> faces_camera = face.cosine > N(0.0);
             const Mask<N> is_drawn = is.drawn > N(0.0), is_in = is.has_part | is_drawn;
             const Mask<N> is_sure = read_mask<N>(scene.two_sided.begin() + f) | !is.has_part;
-            const Mask<N> is_out = is_far_off(face.corners, face.state, view.near(), camera);
+            const Mask<N> is_out =
+                is_far_off(face.corners, face.state, view.near(), image_of(camera));
             const Mask<N> is_clear =
                 select(is_in, (is_drawn & (is_computed | (faces_camera & is_sure))) | is_known,
                        is_out | (is_known & !faces_camera));
@@ -287,21 +296,29 @@ INLINE bool judge(int64_t f, const View &view, Consumer &consumer) {
     Face<N> face;
     if (!measure(f, view, face)) return false;
     face.decision = decide(view.rules, face.measures, view.camera);
-    if (consumer.asks_bound(face) && !put_bound(f, view, face)) return false;
+    if constexpr (ASKS_BOUNDS<Consumer>)
+        if (consumer.asks_bound(face) && !put_bound(f, view, face)) return false;
     consumer.take(f, face);
     return true;
 }
 
-// Judges all faces in a pose. Lanes begin at multiples of their number behind `skew`.
+constexpr int64_t LATER = 64; // faces whose counts are on their way from memory meanwhile
+
+// Judges all faces in a pose. Lanes begin at multiples of their number behind `skew`; densities of
+// other cameras than pinholes and bounds of other lenses are those of one face after another.
 template <class View, class Consumer>
 void judge_pose(const View &view, int64_t skew, Consumer &consumer) {
     constexpr int W = AT_A_TIME<Doubles>;
     const int64_t n = view.scene.faces.rows();
+    const bool in_lanes =
+        IS_PINHOLE<View> || !(view.asked.density || view.asked.facing || view.asked.per_m2);
     project(view.scene.vertices, view.pose(), view.near(), view.camera, view.points);
     for (int64_t f = 0; f < n;) {
-        const int64_t some = std::min(W - (skew + f) % W, n - f);
-        if constexpr (IS_PINHOLE<std::remove_cvref_t<decltype(view.camera)>>) {
-            if (some == W && judge<Doubles>(f, view, consumer)) {
+        const int64_t some = std::min(W - (skew + f) % W, n - f), later = view.at(f) + LATER;
+        __builtin_prefetch(view.seen.visible.begin() + later);
+        __builtin_prefetch(view.seen.drawn.begin() + later);
+        if constexpr (!(IS_CURVED<View> && ASKS_BOUNDS<Consumer>)) {
+            if (in_lanes && some == W && judge<Doubles>(f, view, consumer)) {
                 f += W;
                 continue;
             }

@@ -57,11 +57,13 @@ inline lens::PlaneRecord plane_at(const CurvedLens &lens, int64_t n) {
             lens.arc_bends[n]};
 }
 
-// Transforms the vertices to camera axes and projects those in the valid region of the lens.
-inline void project(FloatRows<3> vertices, Pose pose, double near, const CurvedLens &lens,
-                    VertexRows<CurvedLens> points) {
-    for (int64_t i = 0; i < vertices.rows(); i++) {
-        const auto [x, y, z] = to_axes(read_triple<double>(vertices[i].data), pose);
+// Projects the vertices of a face that have no state yet and are in the valid region of the lens.
+inline void finish(const uint64_t *face, double near, const CurvedLens &lens,
+                   VertexRows<CurvedLens> points) {
+    for (int s = 0; s < 3; s++) {
+        const auto row = points[int64_t(face[s])];
+        if (!std::isnan(row[STATE])) continue;
+        const double x = row[X], y = row[Y], z = row[Z];
         double state = BEHIND;
         double u = NAN;
         double v = NAN;
@@ -72,11 +74,6 @@ inline void project(FloatRows<3> vertices, Pose pose, double near, const CurvedL
             v = pixel.v;
             state = is_in_image(lens, u, v) ? INSIDE : AHEAD;
         }
-        const auto row = points[i];
-        row[X] = x;
-        row[Y] = y;
-        row[Z] = z;
-        row[RIGHT] = row[DOWN] = NAN;
         row[U] = u;
         row[V] = v;
         row[STATE] = state;
@@ -266,6 +263,20 @@ inline FieldOfView<double> field_of_view(const Corners<double> &corners, double 
         return {worst, 1.0, whole, false};
     const double part = std::min(1.0, std::max(0.0, inside / whole));
     return {worst == INSIDE ? AHEAD : worst, part, whole, false};
+}
+
+// Faces within the core of a lens are inside the image; all others may be cut. The area is any
+// number: it is for those that ask for none.
+template <class N>
+INLINE FieldOfView<N> quick_field_of_view(const Corners<N> &corners, double near,
+                                          const CurvedLens &lens) {
+    N room = INFINITY;
+    for (const auto &at : corners) {
+        const N edge = N(lens.core) * (lens.is_parallel() ? N(lens.unit) : at[Z]);
+        room = min(room, edge * edge - (at[X] * at[X] + at[Y] * at[Y]));
+    }
+    const Mask<N> is_inside = (min3(column(corners, Z)) >= N(near)) & (room > N(0.0));
+    return {INSIDE, 1.0, 1.0, !is_inside};
 }
 
 // Derivative of the lens at vertex p in its valid region; six faces share a vertex.

@@ -18,9 +18,13 @@ from rastercov.base import CameraError, FloatArray, check_array, read_only, show
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.lenses.planes import Proved, planes_in
 from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord
-from rastercov.core.camera.models import MODELS, coefficients_by_name
+from rastercov.core.camera.models import BASES, MODELS, coefficients_by_name
 from rastercov.core.camera.parallel import MODEL
 from rastercov.engine import lens_rays, solver_lens
+
+CORE_RAYS, CORE_SLOPES, CORE_MARGIN = 64, (1e-3, 8.0, 80), 0.01
+"""Rays around a cone, slopes of cones (least, greatest, number), and the part of the image that
+they stay away from its border: pixels between those of two rays are a hundredth as far off."""
 
 
 @contextmanager
@@ -99,6 +103,23 @@ class LensModel:
         NaN for a pixel that no ray of the valid region meets.
         """
         return self._each(lens_rays.unproject_many, "pixels", pixels, 2, (3,))
+
+    @cached_property
+    def core(self) -> float:
+        """Slope of a cone around the axis of which the image shows all rays; 0 for none.
+
+        The lens is continuous and one-to-one: pixels of the cone are within those of its border,
+        and so in the image, which is convex, where these are.
+        """
+        if self.code == BASES.index("equirectangular"):
+            return 0.0  # not continuous on one side of the axis
+        turn = np.linspace(0, 2 * math.pi, CORE_RAYS)
+        slope = np.geomspace(*CORE_SLOPES)[:, None]
+        rays = np.stack([slope * np.cos(turn), slope * np.sin(turn), np.ones_like(slope * turn)], 2)
+        share = self.project(rays) / (self.width, self.height)
+        is_beyond = ~(np.abs(share - 0.5) < 0.5 - CORE_MARGIN).all(axis=(1, 2))
+        n_shown = int(np.append(is_beyond, True).argmax())
+        return float(slope[n_shown - 1, 0]) if n_shown else 0.0
 
     @cached_property
     def row(self) -> FloatArray:
@@ -295,6 +316,7 @@ def curved_lens(camera: Camera) -> CurvedLens:
         stack("arc_bend"),
         records[0].tolerance,
         unit_of(camera),
+        lens.core,
     )
 
 

@@ -100,6 +100,8 @@ class CurvedLens(NamedTuple):
     bends, arc_halves, arc_bends : (N,) float64
     unit : float
         Length of a unit of the plane of parallel rays, metres; 0 of rays through a point.
+    core : float
+        Rays within it times their third coordinate of the axis all have pixels in the image.
     """
 
     code: int
@@ -121,6 +123,7 @@ class CurvedLens(NamedTuple):
     arc_bends: FloatArray
     tolerance: float
     unit: float
+    core: float
 
 
 class Slopes(NamedTuple):
