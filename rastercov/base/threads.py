@@ -164,6 +164,10 @@ def once_each(
     return value
 
 
+DEVICE = "RASTERCOV_DEVICE"
+"""Variable of the environment of a worker with the device of its run, "" for any."""
+
+
 def child_environment() -> dict[str, str]:
     """Environment of a process that finds the modules of this one, and none in the working folder.
 

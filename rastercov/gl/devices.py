@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rastercov.base import ByName, DeviceError, shown
+from rastercov.base.threads import DEVICE
 from rastercov.gl.libraries import (
     EGL_EXTENSIONS,
     INSTALL_EGL,
@@ -183,6 +184,8 @@ def list_devices() -> list[DeviceInfo]:
 def candidates(device: str | int) -> tuple[list[DeviceInfo], list[str]]:
     """Devices to try for a request of `open_context`, best first, and reasons for missing ones."""
     wanted = device if isinstance(device, str) else ""
+    if wanted in ("auto", "egl"):  # without a number, as in the folder of a run
+        wanted = os.environ.get(DEVICE) or wanted
     if not isinstance(device, str | bool):
         with suppress(TypeError):  # a whole number of any type
             wanted = f"egl:{operator.index(device)}"

@@ -45,7 +45,7 @@ from rastercov.core.area.cells import Cells
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Cameras, Poses, renumber
 from rastercov.core.coverage.observer import Observer, open_observer
-from rastercov.core.coverage.shards import LOG
+from rastercov.core.coverage.shards import LOG, device_of
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import CoveredBits
@@ -357,7 +357,7 @@ def build_matrix(
                 remove_halves(place)
             is_given = poses_a_shard is not None
             matrix = claim(place, header, observer, placed, is_given, note)
-            whole = matrix.fill(pairs, staff)
+            whole = matrix.fill(pairs, staff, device_of(observer))
             if workers is not None and bounds is not None:
                 add_bounds(matrix, bounds)
             return VisibilityMatrix(placed=placed, header=matrix.header, parts=(whole,))

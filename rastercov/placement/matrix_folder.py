@@ -514,8 +514,11 @@ class MatrixFolder:
             arrays["camera_on_rig"] = pairs.on_rig
         return memoryview(npz_bytes(arrays, level=LEVEL))
 
-    def fill(self, measure: Measure, staff: Staff) -> Self:
-        """The folder with all shards; those that are missing have the pairs that are measured."""
+    def fill(self, measure: Measure, staff: Staff, device: str = "") -> Self:
+        """The folder with all shards; those that are missing have the pairs that are measured.
+
+        Workers of this machine open the `device` of that label, if one is given.
+        """
         sizes = dict[int, int]()
 
         def check(number: int) -> None:
@@ -525,7 +528,7 @@ class MatrixFolder:
             rows = self.store.rows(number)
             return self.shard_bytes(number, measure(rows, did), np.arange(rows.start, rows.stop))
 
-        for number in fill(self.store, make, check, staff):
+        for number in fill(replace(self.store, device=device), make, check, staff):
             if number not in sizes:
                 check(number)
         return replace(self, n_pairs=sum(sizes.values()))

@@ -177,7 +177,7 @@ def make_shards(
             return
         asked |= shards
         try:
-            with workers.pool() as pool:
+            with workers.pool(store.device) as pool:
                 _Run(pool, store, heard_of, note, workers._address).make(sorted(shards))
         except PoolLostError:
             until = time.monotonic() + PATIENCE

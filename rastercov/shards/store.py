@@ -146,6 +146,8 @@ class ShardStore:
         Poses are numbers of poses. Without a number they are only tried out.
     version : str
         Version of rastercov that the shards are made with.
+    device : str
+        Device that processes of this machine open, by its label; "" for their own choice.
     """
 
     folder: Path
@@ -154,6 +156,7 @@ class ShardStore:
     poses_a_shard: int
     function: str
     version: str = rastercov.__version__
+    device: str = ""
 
     def __len__(self) -> int:
         """Number of shards, at least one."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rastercov.base import ConfigError, hooks_of, shown
+from rastercov.base.threads import DEVICE
 from rastercov.shards.process import Processes
 
 PART = re.compile("([0-9]{1,9})/([0-9]{1,9})")
@@ -140,8 +141,8 @@ class Workers:
         return self._address and elsewhere().risk(self._address)
 
     @contextmanager
-    def pool(self) -> Iterator[Pool]:
-        """Processes; local ones start and end here.
+    def pool(self, device: str = "") -> Iterator[Pool]:
+        """Processes; local ones start and end here, and open the device of that label if any.
 
         Raises
         ------
@@ -152,5 +153,5 @@ class Workers:
             with elsewhere().pool(self.scheduler) as others:
                 yield others
             return
-        with Processes(self.number or 1, ENVIRONMENT) as processes:
+        with Processes(self.number or 1, {**ENVIRONMENT, DEVICE: device}) as processes:
             yield processes

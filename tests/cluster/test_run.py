@@ -244,7 +244,7 @@ class NoWorkers:
     scheduler = "nowhere"
     _address = _risk = ""
 
-    def pool(self):
+    def pool(self, device):
         return nullcontext()
 
 

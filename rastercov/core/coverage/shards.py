@@ -136,7 +136,8 @@ class EvaluationShards:
         self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
         header = header_of(observer, poses, task, wanted)
         scene = observer.mesh, observer.camera, poses
-        self.store = store_in(folder, header, len(poses), FUNCTION, scene)
+        store = store_in(folder, header, len(poses), FUNCTION, scene)
+        self.store = replace(store, device=device_of(observer))
 
     @property
     def quarantined(self) -> dict[int, str]:
@@ -302,6 +303,11 @@ def info_of(observer: Observer) -> ByName:
     """Method and device of shards, ready for JSON; of OpenGL without the number of the device."""
     info = observer.info
     return asdict(replace(info, device="") if info.backend == "gl" else info)
+
+
+def device_of(observer: Observer) -> str:
+    """Label of the device of OpenGL that an observer counts on, "" for none."""
+    return observer.info.device.split()[0] if observer.info.backend == "gl" else ""
 
 
 def inputs_of(
