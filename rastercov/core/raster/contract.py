@@ -15,7 +15,6 @@ thread that opened it, and raises `DeviceError` in any other.
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from numpy.typing import ArrayLike
 
@@ -38,7 +37,6 @@ from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import Criteria, Judged
 from rastercov.core.raster.targets import CountArray, TargetFaces
-from rastercov.core.raster.tie_order import corners_of
 
 MAX_SUPERSAMPLE = 64
 """Largest S: beyond it the exact methods are both cheaper and better."""
@@ -311,11 +309,6 @@ class Rasterizer(Closing):
         merged, alone = self._targets.merge, counts.drawn
         all_drawn = None if alone is None else merged(alone, drawn)
         return replace(counts, visible=merged(counts.visible, visible), drawn=all_drawn)
-
-    @cached_property
-    def _corners(self) -> tuple[FloatArray, FloatArray]:
-        """Corners (F, 3, 3) of the opaque faces from their centre, and the centre."""
-        return corners_of(self.mesh.opaque)
 
     def _check_open(self) -> None:
         if not self._is_open:

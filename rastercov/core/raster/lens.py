@@ -40,6 +40,7 @@ from rastercov.core.mesh.arrays import matrices_of
 from rastercov.core.raster import self_test
 from rastercov.core.raster.cpu import CPURasterizer, Drawn, InLoops, canvas_of
 from rastercov.core.raster.sample_grid import SampleGrid
+from rastercov.core.raster.tie_order import corners_of
 from rastercov.engine.solver_raster import FINE_STEP_BITS, LANES, SIDE, STRIP_BITS, Canvas
 
 DENSEST = 0.98
@@ -305,6 +306,10 @@ class LensRasterizer(InLoops):
         self._n_parts = -(-views.grid.height // views.rows)
         self.info = CPURasterizer(mesh, self_test.CAMERA, threads=1).info
 
+    @cached_property
+    def _corners(self) -> FloatArray:
+        return corners_of(self.mesh.opaque)
+
     def _draw(self, poses: FloatArray, near: FloatArray, cull: BoolArray) -> Iterator[Drawn]:
         for views in self._views.bands(self._threads):
             yield _draw_views(views, poses, near, cull)
@@ -314,7 +319,7 @@ class LensRasterizer(InLoops):
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         pictures = views_of(self.camera, 1, 0.0, keeps_places=True)
         near, cull = picture_limits(self.mesh, self.camera, poses)
-        of_faces = self._corners[0], len(pictures.frames) > 1
+        of_faces = self._corners, len(pictures.frames) > 1
         for views in pictures.bands(self._threads):
             seen, image = _draw_views(views, poses, near, cull), (face.ravel(), depth.ravel())
             self._drawing.render_lanes(*seen, *of_faces, *image, self._threads)

@@ -26,14 +26,11 @@ class TargetFaces:
     corners : (N, 3, 3) float64
         Points of the targets from the centre of the opaque faces, metres: as in the CPU rasteriser,
         so that they are rounded alike.
-    centre : (3,) float64
-        That centre.
     """
 
     rows: IntArray
     opaque: IntArray
     corners: FloatArray
-    centre: FloatArray
 
     @classmethod
     def of(cls, mesh: Mesh) -> "TargetFaces | None":
@@ -46,7 +43,7 @@ class TargetFaces:
         # As in `tie_order`: the order decides how a clipped face is cut into triangles.
         order = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)
         corners = np.take_along_axis(corners, order[:, :, None], axis=1) - centre
-        return cls(rows, np.flatnonzero(~mesh.target_mask), corners, centre)
+        return cls(rows, np.flatnonzero(~mesh.target_mask), corners)
 
     def face_of(self, face: Int32Array) -> Int32Array:
         """Faces of the mesh for faces of its opaque part; -1 stays."""

@@ -22,7 +22,6 @@ def in_one_order(mesh: Mesh) -> IntArray:
     return np.take_along_axis(mesh.faces, order, axis=1)
 
 
-def corners_of(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
-    """Corners (F, 3, 3) of the faces in that order, from the centre of the mesh, and the centre."""
-    centre: FloatArray = mesh.centre
-    return (mesh.vertices - centre)[in_one_order(mesh)], centre
+def corners_of(mesh: Mesh) -> FloatArray:
+    """Corners (F, 3, 3) of the faces in that order, from the centre of the mesh."""
+    return (mesh.vertices - mesh.centre)[in_one_order(mesh)]

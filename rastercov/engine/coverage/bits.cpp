@@ -18,6 +18,7 @@ template <class View> struct Setter {
     Column<int64_t> views;
     std::tuple<int64_t, Whole<Doubles>> areas = {};
 
+    static constexpr bool DECISIONS = true;
     template <class N> INLINE bool leaves_out(int64_t f) const {
         using W = Whole<N>;
         return !any((read<W>(view.seen.visible.begin() + f) > W(0)) &

@@ -136,6 +136,7 @@ template <class View>
 constexpr bool IS_CURVED = std::is_same_v<std::remove_cvref_t<decltype(View::camera)>, CurvedLens>;
 template <class Consumer>
 constexpr bool ASKS_BOUNDS = requires(Consumer consumer) { consumer.asks_bound(Face<double>()); };
+template <class Consumer> constexpr bool ASKS_DECISIONS_ALONE = requires { Consumer::DECISIONS; };
 
 // Measures faces from f on; false, and nothing, for lanes of which one is cut.
 // The bound is 1, see put_bound. A face is seen, by definition, not from behind or outside the
@@ -305,7 +306,7 @@ INLINE bool judge(int64_t f, const View &view, Consumer &consumer) {
 constexpr int64_t LATER = 64; // faces whose counts are on their way from memory meanwhile
 
 // Judges all faces in a pose. Lanes begin at multiples of their number behind `skew`; densities of
-// other cameras than pinholes and bounds of other lenses are those of one face after another.
+// other cameras than pinholes, and all but decisions of curved lenses, one face after another.
 template <class View, class Consumer>
 void judge_pose(const View &view, int64_t skew, Consumer &consumer) {
     constexpr int W = AT_A_TIME<Doubles>;
@@ -317,7 +318,7 @@ void judge_pose(const View &view, int64_t skew, Consumer &consumer) {
         const int64_t some = std::min(W - (skew + f) % W, n - f), later = view.at(f) + LATER;
         __builtin_prefetch(view.seen.visible.begin() + later);
         __builtin_prefetch(view.seen.drawn.begin() + later);
-        if constexpr (!(IS_CURVED<View> && ASKS_BOUNDS<Consumer>)) {
+        if constexpr (!IS_CURVED<View> || ASKS_DECISIONS_ALONE<Consumer>) {
             if (in_lanes && some == W && judge<Doubles>(f, view, consumer)) {
                 f += W;
                 continue;
