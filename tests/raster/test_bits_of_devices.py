@@ -85,6 +85,16 @@ def test_shards_keep_the_bits_that_a_device_judged(judged, tmp_path):
     check_same(again, theirs)
 
 
+def test_two_processes_use_a_device_at_a_time(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluation_shards, "PAIRS_OF_COUNTS", 3 * MESH.n_faces)
+    camera = replace(CAMERA, model="telecentric", fx=20, fy=20)  # by shaders that compute
+    run, made = (MESH, camera, POSES, TASK), {"fields": ("covered",)}
+    ours = evaluate(*run, DEVICE, shards=(tmp_path, Workers(2)), **made)
+    assert ours.info.plan == "compute"
+    assert ours.bits.views.any()
+    check_same(ours, evaluate(*run, "cpu", **made))
+
+
 @pytest.mark.skipif(not IN_SOFTWARE, reason="the devices are Mesa's")
 def test_two_devices_share_a_folder_by_a_process_each(judged, tmp_path, monkeypatch):
     devices = Egl.devices

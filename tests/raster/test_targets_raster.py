@@ -210,15 +210,16 @@ def test_targets_that_no_surface_is_before_count_in_full_and_are_in_no_image(ope
 def test_samples_of_a_triangle_are_those_of_the_twin(seed):
     rng = np.random.default_rng(seed)
     width, height = (int(side) for side in rng.integers(1, rng.choice((40, 120)), 2))
-    corner = tuple(int(place) for place in rng.integers(0, 30, 2))
-    size = 256 * (corner[0] + width + 1)
+    top, below = 4 * int(rng.integers(0, 8)), int(rng.choice((0, 7)))
+    height += -height % 4 if below else 0  # bands end with a row of blocks, or the image
+    size = 256 * (max(width, top + height) + 1)
     x, y = rng.integers(-size // 2, size, (2, 3))
     if rng.random() < 0.3:  # corners and edges on samples
         x, y = x // 128 * 128, y // 128 * 128
-    first = rng.integers(0, corner[0] + 5, corner[1] + height).astype(np.int32)
-    last = np.maximum(first, rng.integers(0, corner[0] + width + 9, len(first)).astype(np.int32))
+    first = rng.integers(0, min(5, width), top + height + below)
+    last = np.maximum(first, width - rng.integers(0, 9, len(first)).clip(0, width))
     plane = 1.0, *rng.uniform(-0.05, 0.05, 2)
-    depth = rng.choice((0.5, 0.9, 1.0, 1.1, np.inf), (height, width)).astype(np.float32)
-    depth = depth if rng.random() < 0.7 else depth[:0, :0]
-    arguments = x, y, plane, 0.8, 1.2, (*corner, width, height), (first, last), depth
+    inverse = rng.choice((2, 1.1, 1, 0.9, 0), (height, width)).astype(np.float32)
+    runs = np.stack((first, last)).astype(np.int32)
+    arguments = x, y, plane, 0.8, 1.2, runs, top, inverse
     assert count_triangle(*arguments) == twin.count_triangle(*arguments)

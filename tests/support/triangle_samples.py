@@ -34,18 +34,20 @@ def count_triangle(
     plane: tuple[float, float, float],
     least: float,
     greatest: float,
-    tile: tuple[int, int, int, int],
-    runs: tuple[IntArray, IntArray],
-    depth: Float32Array,
+    runs: IntArray,
+    top: int,
+    inverse: Float32Array,
 ) -> tuple[int, int]:
     """Samples that a part of a face covers, and those of them with no surface in front of it.
 
     Arguments as of `rastercov.engine.raster_parts.count_triangle`.
     """
-    left, top, width, height = tile
-    rows, columns = np.mgrid[top : top + height, left : left + width]
+    height, width = inverse.shape
+    rows, columns = np.mgrid[top : top + height, :width]
     covered = covers(np.stack((x, y), axis=-1), columns, rows)
     covered &= (columns >= runs[0][rows]) & (columns < runs[1][rows])
-    inverse = np.clip(plane[0] + plane[2] * rows + plane[1] * columns, least, greatest)
-    seen = covered & (inverse * depth * (1 + TIE_REL) >= 1) if depth.size else np.False_
+    own = np.clip(plane[0] + plane[2] * rows + plane[1] * columns, least, greatest)
+    with np.errstate(divide="ignore"):
+        depth = (1 / inverse.astype(np.float64)).astype(np.float32)
+    seen = covered & (own * depth * (1 + TIE_REL) >= 1)
     return int(covered.sum()), int(seen.sum())

@@ -11,6 +11,7 @@ import numpy as np
 
 from rastercov.base import FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.core.mesh import Mesh
+from rastercov.core.raster.tie_order import by_position
 
 CountArray = Int32Array | IntArray
 
@@ -38,11 +39,8 @@ class TargetFaces:
         if not mesh.has_targets:
             return None
         rows = np.flatnonzero(mesh.target_mask)
-        centre = mesh.opaque.centre
-        corners = mesh.vertices[mesh.faces[rows]]
-        # As in `tie_order`: the order decides how a clipped face is cut into triangles.
-        order = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)
-        corners = np.take_along_axis(corners, order[:, :, None], axis=1) - centre
+        # The order decides how a clipped face is cut into triangles.
+        corners = mesh.vertices[by_position(mesh)[rows]] - mesh.opaque.centre
         return cls(rows, np.flatnonzero(~mesh.target_mask), corners)
 
     def face_of(self, face: Int32Array) -> Int32Array:

@@ -13,8 +13,11 @@ def in_one_order(mesh: Mesh) -> IntArray:
     at bitwise equal depth, where the lowest index wins. Winding is lost, so a mesh whose back faces
     may be culled keeps its order; being closed and manifold, it has no coincident faces.
     """
-    if mesh.can_cull_back_faces:
-        return mesh.faces
+    return mesh.faces if mesh.can_cull_back_faces else by_position(mesh)
+
+
+def by_position(mesh: Mesh) -> IntArray:
+    """Faces with their corners in the order of x, then y, then z."""
     x, y, z = mesh.vertices.T
     rank = np.empty(mesh.n_vertices, np.int64)
     rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)

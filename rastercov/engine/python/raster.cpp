@@ -10,9 +10,6 @@
 
 namespace rastercov {
 
-RECORD(raster::View, corners, axes, eye, lens, near);
-RECORD(raster::Tile, left, top, width, height);
-RECORD(raster::Runs, first, last);
 RECORD(raster::Scattered, offsets, used, cell_bounds, lanes, samples, places);
 RECORD(raster::Grid, width, height, lens, mix, runs, is_rolled, is_parallel);
 RECORD(raster::Looks, world_from_camera, near, cull);

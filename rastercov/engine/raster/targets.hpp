@@ -1,4 +1,4 @@
-// Samples of faces one by one against an image that is drawn; see targets.cpp.
+// Samples of faces one by one against a band that is drawn; see targets.cpp.
 //
 // Twin: tests/support/triangle_samples.py.
 #pragma once
@@ -12,24 +12,12 @@ namespace rastercov::raster {
 constexpr double TIE_REL = 0x1p-20;
 constexpr int64_t MAX_SIDE = GUARD_BAND / STEPS;
 
-// Part of a canvas, in samples.
-struct Tile {
-    int64_t left, top, width, height;
-};
-// First sample of each row of the canvas that counts, and the one after the last.
-struct Runs {
-    Int32Array first, last;
-};
-// Depth of the nearest surface at each sample of the tile, metres, inf for none; empty where what
-// is in front does not matter: then none is counted as seen.
-using Depth = Array<const float, Any, Any>;
-// Scattered samples of a canvas: the lanes of each of its blocks, and those that count, see Window
-// and Counts; their depths as above, and blocks in a row.
+// Lanes of the blocks of a band: those that count, where samples are scattered; 1/z of the nearest
+// surface, 0 for none; and marks of strips, 0 where none was drawn.
 struct Lanes {
-    Int32Array offsets;
     Column<const uint16_t> used;
-    Column<const float> depth;
-    int64_t columns;
+    Column<const float> inverse;
+    Column<const uint8_t> marks;
 };
 
 struct Corner {
@@ -43,17 +31,12 @@ struct Triangle {
     double least, greatest;
 };
 using Counted = std::pair<int64_t, int64_t>;
-// Samples of a tile that a triangle covers, and those of them that no surface is in front of.
-Counted count_samples(Triangle triangle, const Tile &tile, const Runs &runs, const Depth &depth);
-// Adds the samples of targets in a tile of one pose to their counts. `rows` are those of
-// rows_of_targets.
-void count_targets(const View &view, Array<const int64_t, Any, 2> rows, const Tile &tile,
-                   const Runs &runs, Depth depth, Column<int64_t> visible, Column<int64_t> drawn);
-// Adds the scattered samples of targets in one pose to their counts; the tile is the whole canvas.
-void count_scattered(const View &view, const Tile &tile, const Lanes &lanes,
-                     Column<int64_t> visible, Column<int64_t> drawn);
-// Finds the rows of samples that each target may reach in one pose: the first one and the one
-// after the last; both 0 for none.
-void rows_of_targets(const View &view, int64_t height, Array<int64_t, Any, 2> rows);
+// Samples of a band that a triangle covers, and those of them that no surface is in front of.
+Counted count_samples(Triangle triangle, const Window &window, const Lanes &lanes);
+// Adds the samples of targets in a band of one pose to their counts.
+void count_targets(const View &view, const Window &window, const Lanes &lanes,
+                   Column<int64_t> visible, Column<int64_t> drawn);
+// True if some target may have samples in a band.
+bool reach_band(const View &view, const Window &window);
 
 } // namespace rastercov::raster

@@ -200,10 +200,7 @@ class Worker {
     // Copies the band that was drawn last to the rows of an image; w = farthest - depth, or for 0
     // the inverse of the depth.
     void read(const Canvas &canvas, const Band &band, float near, double farthest,
-              const Array<float, Any, Any> &depth, const Array<int32_t, Any, Any> &face,
-              int64_t first_row) const;
-    // The depths of its lanes, in the order of memory.
-    void read_depths(const Canvas &canvas, const Band &band, Column<float> depth) const;
+              const Array<float, Any, Any> &depth, const Array<int32_t, Any, Any> &face) const;
     // Its samples in lanes `from` up to `to` of a canvas.
     void read_lanes(const Canvas &canvas, const Band &band, const View &view, bool by_distance,
                     const Column<int32_t> &face, const Column<float> &depth);
@@ -249,18 +246,15 @@ class Worker {
     Memory _memory;
     double _radius; // of a sphere around the centre of the scene that has all that is drawn
     Room<int32_t> _counts[2];
-    Room<float> _depths;
-    Room<int64_t> _rows;
     std::vector<FacePlane> _planes;
 };
 
 void Worker::read(const Canvas &canvas, const Band &band, float near, double farthest,
-                  const Array<float, Any, Any> &depth, const Array<int32_t, Any, Any> &face,
-                  int64_t first_row) const {
+                  const Array<float, Any, Any> &depth, const Array<int32_t, Any, Any> &face) const {
     for (int64_t row = band.top; row < band.bottom; row++) {
         const int64_t first = ((row - band.top) >> SIDE_BITS) * canvas.columns;
-        const auto depths = depth[row - first_row];
-        const auto faces = row_of(face, row - first_row);
+        const auto depths = depth[row];
+        const auto faces = face[row];
         for (int64_t column = 0; column < canvas.width; column++) {
             const int64_t in_block = (row & (SIDE - 1)) << SIDE_BITS | (column & (SIDE - 1));
             const int64_t sample = (first + (column >> SIDE_BITS)) << 2 * SIDE_BITS | in_block;
@@ -268,15 +262,9 @@ void Worker::read(const Canvas &canvas, const Band &band, float near, double far
             const double depth =
                 farthest > 0 && inverse > 0 ? farthest - double(inverse) : 1.0 / double(inverse);
             depths[column] = std::max(float(depth), near); // inf of none
-            if (face.rows()) faces[column] = inverse > 0 ? _memory.face.all[sample] : -1;
+            faces[column] = inverse > 0 ? _memory.face.all[sample] : -1;
         }
     }
-}
-
-void Worker::read_depths(const Canvas &canvas, const Band &band, Column<float> depth) const {
-    const int64_t first = (band.top >> SIDE_BITS) * canvas.columns * LANES;
-    const int64_t n = ((band.bottom - band.top + SIDE - 1) >> SIDE_BITS) * canvas.columns * LANES;
-    for (int64_t k = 0; k < n; k++) depth[first + k] = float(1.0 / double(inverse_of(k)));
 }
 
 void Worker::read_lanes(const Canvas &canvas, const Band &band, const View &view, bool by_distance,
@@ -323,36 +311,18 @@ void Worker::count_targets(const Canvas &canvas, const Look &look, const FloatRo
         }
     set_camera(canvas, look);
     const View seen = view(canvas, corners);
-    if (canvas.is_scattered()) {
-        const Scattered &scattered = canvas.scattered;
-        if (_depths.size() < scattered.offsets.rows()) _depths.take(scattered.offsets.rows());
-        const Column<float> depths = _depths.first(scattered.offsets.rows());
-        draw(canvas, look, canvas.part(0, 1), unwanted, ALL,
-             [&](const Band &band) { read_depths(canvas, band, depths); });
-        const Tile tile = {0, 0, canvas.width, canvas.height};
-        count_scattered(seen, tile, {scattered.offsets, scattered.used, depths, canvas.columns},
-                        visible, drawn);
-        return;
-    }
-    if (_rows.size() < 2 * n) _rows.take(2 * n);
-    const auto rows = _rows.rows<2>(n);
-    rows_of_targets(seen, canvas.height, rows);
-    int64_t least = canvas.height;
-    int64_t most = 0;
-    for (int64_t k = 0; k < n; k++)
-        if (rows(k, 0) < rows(k, 1)) {
-            least = std::min(least, rows(k, 0));
-            most = std::max(most, rows(k, 1));
-        }
-    if (least >= most) return;
-    const auto wants = [&](const Band &band) { return band.top < most && band.bottom > least; };
+    const auto window = [&](const Band &band) {
+        return canvas.window(band.top, band.bottom, false);
+    };
+    const auto wants = [&](const Band &band) { return reach_band(seen, window(band)); };
     draw(canvas, look, canvas.part(0, 1), unwanted, wants, [&](const Band &band) {
-        const int64_t height = band.bottom - band.top;
-        if (_depths.size() < height * canvas.width) _depths.take(height * canvas.width);
-        const Array<float, Any, Any> depths = {_depths.data(), {height, canvas.width}};
-        read(canvas, band, 0.0f, 0.0, depths, {}, band.top);
-        raster::count_targets(seen, rows, {0, band.top, canvas.width, height}, canvas.runs(),
-                              depths, visible, drawn);
+        Lanes lanes = {{}, _memory.depth.all, _memory.marks.all};
+        if (canvas.is_scattered()) {
+            const int64_t row = band.top >> SIDE_BITS;
+            lanes.used = part(canvas.scattered.used, row * canvas.columns,
+                              (canvas.n_rows() - row) * canvas.columns);
+        }
+        raster::count_targets(seen, window(band), lanes, visible, drawn);
     });
 }
 
@@ -491,7 +461,7 @@ void Rasterizer::render(const Canvas &canvas, const Looks &looks,
         worker.draw(canvas, look, canvas.part(0, 1), {worker.counts(0), {}, {}, false}, ALL,
                     [&](const Band &band) {
                         worker.read(canvas, band, float(look.near), worker.farthest(), depth[pose],
-                                    face[pose], 0);
+                                    face[pose]);
                     });
     });
 }

@@ -89,7 +89,6 @@ class Canvas {
     int64_t n_cells() const {
         return ((block_rows + SIDE - 1) >> SIDE_BITS) * (columns >> SIDE_BITS);
     }
-    Runs runs() const { return {_first.all(), _last.all()}; }
     // What is drawn of the rows of samples `top` up to `bottom`.
     Window window(int64_t top, int64_t bottom, bool hides_back) const;
 
