@@ -53,7 +53,8 @@ struct CurvedLens {
     BoolArray is_graded;
     FloatArray bends, arc_halves, arc_bends;
     double tolerance;
-    double unit = 0.0, core = 0.0;
+    double unit = 0.0;
+    double core = 0.0;
     bool is_parallel() const { return unit > 0; }
     // Third coordinate of the ray to a point at a depth.
     double ahead_at(double z) const { return is_parallel() ? unit : z; }
