@@ -16,7 +16,7 @@ from rastercov.core.camera.near_plane import (
     near_limit,
     nearest_depth_in_view,
 )
-from rastercov.core.camera.projection import to_camera, to_image
+from rastercov.core.camera.projection import box_corners, image_boxes, to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.reference.criteria import clip_near, clip_polygons, clip_to_image, polygon_area
 
@@ -251,6 +251,20 @@ def test_a_surface_in_view_that_is_wholly_nearer_than_near_is_cut():
     assert near_cuts(vertices, faces, bounds_of(vertices), views).all()
 
 
+def test_image_boxes_are_tight_empty_or_whole():
+    bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
+    poses = look_at(
+        [(0, -11, 0), (0, -11, 0), (0, 0, 0), (0, -11, 0)],
+        [(0, 0, 0), (-90, 0, 0), (0, 1, 0), (0, -90, 0)],
+    )
+    boxes = image_boxes(box_corners(bounds), CAMERA, poses)
+    # The front of the box, 10 m ahead, reaches 10 px from the middle; one more is slack.
+    assert np.abs(boxes[0] - (90, 90, 110, 110)).max() <= 2
+    left, top, right, bottom = boxes[1]
+    assert (right - left) * (bottom - top) == 0
+    assert np.array_equal(boxes[2:], [(0, 0, 200, 200)] * 2)
+
+
 def test_near_limit_is_the_greater_of_the_camera_s_and_a_part_of_the_farthest():
     bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
     poses = look_at([(0, 0, 3), (0, 0, 0)], [(0, 1, 3), (0, 1, 0)])
@@ -273,6 +287,7 @@ def test_no_faces_and_no_poses_give_nothing():
     assert not near_cuts(vertices, none, bounds, [(CAMERA, poses)]).any()
     assert near_cuts(vertices, none, bounds, [(CAMERA, poses[:0])]).shape == (0,)
     assert near_limit(CAMERA, bounds, poses[:0]).shape == (0,)
+    assert image_boxes(box_corners(bounds), CAMERA, poses[:0]).shape == (0, 4)
 
 
 def test_faces_without_area_have_depths_and_no_area():
