@@ -162,7 +162,7 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 	for module in $(MODULES); do \
 	[ $$module = engine ] && more= || more="--flatten --rereloop -Os --code-folding"; \
 	$(STEP) "shrinking $$module.wasm, some seconds" \
-	$(VENV)/binaryen/node_modules/.bin/wasm-opt $$more --low-memory-unused --merge-similar-functions -Os --const-hoisting --reorder-locals --reorder-functions $(WASM) build/wasm/$$module.wasm \
+	$(VENV)/binaryen/node_modules/.bin/wasm-opt $$more --low-memory-unused --merge-similar-functions -Os --const-hoisting -Os --const-hoisting --reorder-locals --reorder-functions $(WASM) build/wasm/$$module.wasm \
 	-o rastercov/page/web/$$module.wasm || exit 2; done; } || \
 	echo "note: the engine for pages is 14 % larger without wasm-opt, which needs npm"
 	@sha256sum $(MODULES:%=rastercov/page/web/%.wasm)

@@ -305,4 +305,4 @@ def test_lenses_that_are_none_are_a_line(node, tmp_path):
 @pytest.mark.skipif(not SHRUNK.exists(), reason="no Binaryen; run with npm: make wasm")
 def test_modules_have_at_most_these_bytes():
     sizes = [each.stat().st_size for each in (ENGINE, PROVER, READERS)]
-    assert np.less_equal(sizes, (400_000, 125_000, 55_097)).all(), sizes
+    assert np.less_equal(sizes, (400_000, 125_000, 55_400)).all(), sizes

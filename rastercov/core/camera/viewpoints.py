@@ -106,7 +106,8 @@ def look_at(eyes: ArrayLike, targets: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)
     same = (eye == target).all(axis=1)
     _refuse(same, "expected eye and target at different points, got the same")
     poses = np.empty((len(eye), 4, 4))
-    camera_pose.look_at(*map(np.ascontiguousarray, (eye, target, upward)), poses)
+    eye, target, upward = map(np.ascontiguousarray, (eye, target, upward))
+    camera_pose.look_at(eye, target, upward, poses)
     return poses
 
 
