@@ -23,7 +23,9 @@ from rastercov.base import (
     finite_number,
     frozen_record,
     plural,
+    shown,
 )
+from rastercov.base.files import reason_of
 from rastercov.base.typed import typed
 from rastercov.core.camera import Camera, check_scene, valid_poses
 from rastercov.core.camera.projection import to_camera
@@ -300,7 +302,8 @@ def _read_csv(path: Path) -> FloatArray:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"expected points in {path}, got: {error}") from error
+        wanted = f"expected points in {shown(str(path))}"
+        raise ConfigError(f"{wanted}, got: {reason_of(error)}") from error
     missing = [name for name in POINTS if rows and name not in rows[0]]
     if missing or not rows:
         raise ConfigError(

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from rastercov.base import ConfigError, Float32Array, FloatArray, StrPath
+from rastercov.base import ConfigError, Float32Array, FloatArray, StrPath, shown
+from rastercov.base.files import reason_of
 from rastercov.core.camera import Camera
 
 DIRECTIONS = 12
@@ -34,7 +35,9 @@ def read_photograph(path: StrPath, camera: Camera) -> Float32Array:
             check_size(str(path), size, camera)
             grey = np.asarray(picture.convert("F"), dtype=np.float32)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ConfigError(f"expected a picture in {path}, got: {error}") from error
+        raise ConfigError(
+            f"expected a picture in {shown(str(path))}, got: {reason_of(error)}"
+        ) from error
     return grey / max(float(grey.max()), 1e-6)
 
 
@@ -130,7 +133,7 @@ def box_mean(image: Float32Array, n: int) -> Float32Array:
 
 
 def smooth(image: Float32Array) -> Float32Array:
-    """Image (H, W) blurred by nearly a Gaussian of 1.4 px, at borders as if it went on."""
+    """Image (H, W) blurred by nearly a Gaussian of 1.4 px, with its borders repeated."""
     for _ in range(2):
         padded = np.pad(image, ((3, 3), (0, 0)), mode="edge")
         image = sum(part * padded[k : k + len(image)] for k, part in enumerate(SMOOTH)).T

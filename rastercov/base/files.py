@@ -271,7 +271,7 @@ def _check_size(wanted: int, got: int) -> None:
         )
 
 
-def reason_of(error: OSError | ValueError) -> str:
+def reason_of(error: Exception) -> str:
     """Words of the system for an error, such as "no such file or directory"."""
     reason = getattr(error, "strerror", None) or one_line(error)
     reason = reason[:1].lower() + reason[1:]

@@ -611,7 +611,7 @@ FAILED = {
     "check": "a requirement failed, or the result is worse than the baseline",
     "audit": "a pose crashed its worker",
     "sun": "a group gets less sunlight than --at-least",
-    "viewshed": "an observer sees less than --at-least",
+    "viewshed": "an observer sees too little of the ground",
     "doctor": "the default device failed its test",
     "markers": "fewer than 98 % of the predictions were right",
     "validate": "fewer than 98 % of the predictions were right",

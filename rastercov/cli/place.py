@@ -131,7 +131,9 @@ def place(
     if as_json:
         from rastercov.report.placement import with_features
 
-        print(json_text(with_features(placed, report.summary(placed))))
+        told = report.summary(placed)
+        has_page = prepared.plan.outputs.page and not placed.interrupted
+        print(json_text(with_features(placed, told) if has_page else told))
     else:
         _print_placement(placed, folder, level)
     if placed.interrupted:

@@ -61,7 +61,7 @@ class PeriodOptions(NamedTuple):
     ] = False
 
     def entries(self) -> ByName:
-        """What is recorded of them."""
+        """Entries of the record of a run."""
         weather = None if self.weather is None else self.weather.name
         return self._replace(weather=None, shade_factors=None)._asdict() | {"weather": weather}
 

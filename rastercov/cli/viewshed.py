@@ -97,7 +97,7 @@ def viewshed(
         if out is not None:
             say(str(out / "viewshed.png"))
     share = min(seen.area / max(seen.of_area, 1e-300) for seen in result.seen)
-    if at_least is not None and 100 * share < at_least:
+    if at_least is not None and not 100 * share >= at_least:
         raise typer.Exit(1)
 
 

@@ -51,7 +51,7 @@ class Seen(NamedTuple):
 
 @frozen_record(repr=False)
 class Viewshed(InOneLine):
-    """What N observers see of a terrain.
+    """Parts of a terrain that N observers see.
 
     Attributes
     ----------
@@ -65,6 +65,12 @@ class Viewshed(InOneLine):
         of its error. NaN without ground, and beyond the radius of all.
     seen : tuple of Seen
         Areas of each observer.
+
+    Examples
+    --------
+    >>> import rastercov as rc
+    >>> print(rc.viewshed([[0, 0, 9, 0, 0]] * 3, (0, -30), spacing=30.0))
+    Viewshed(50 % of 7200 m2 visible)
     """
 
     raster: Raster
@@ -146,7 +152,7 @@ def observers_of(points: ArrayLike, height: float) -> FloatArray:
         raise ConfigError(f"expected observers (N, 2) or (N, 3), got shape {array.shape}")
     if array.shape[1] == 2:
         array = np.column_stack((array, np.full(len(array), finite_number(height))))
-    if not np.isfinite(array).all() or (array[:, 2] < 0).any():
+    if not np.isfinite(array).all() or not (array[:, 2] >= 0).all():
         raise ConfigError(
             "expected finite observers with a height of 0 or more above the ground, got "
             f"{shown(array.tolist())}; correct them"

@@ -80,7 +80,7 @@ def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monk
     ("arguments", "words"),
     [
         ("small.png --of east", "scale the camera by 0.5"),
-        ("text.png --of east", "expected a picture in text.png"),
+        ("text.png --of east", "expected a picture in 'text.png'"),
         ("photos/east.png", "expected the camera of east.png among 2 cameras"),
         ("photos/east.png --of roof", "roof"),
         ("photos/east.png --of 3", "expected 1 to 2, got 3"),

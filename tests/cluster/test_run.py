@@ -293,7 +293,7 @@ class Client:
 
 def test_a_result_that_a_lost_scheduler_did_not_send_is_asked_for_again(tmp_path, monkeypatch):
     client = Client()
-    monkeypatch.setattr(NoWorkers, "pool", lambda self: nullcontext(OfScheduler(client)))
+    monkeypatch.setattr(NoWorkers, "pool", lambda self, device: nullcontext(OfScheduler(client)))
     watch = Watch()
     run(cluster_job.prepared(tmp_path / "job", 1), watch, NoWorkers())
     assert watch.numbers == [0]

@@ -248,7 +248,7 @@ def test_the_command_takes_a_file_of_lamps(tmp_path, monkeypatch, capsys):
     content = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert [each["lamp"] for each in content["light"]["lamps"]] == ["left 0", "left 1", "ring"]
     assert 0 < content["light"]["lamps"][2]["lit_percent"] < 100
-    assert "visible but unlit: " in (tmp_path / "out" / "report.html").read_text()
+    assert "Visible but unlit: " in (tmp_path / "out" / "report.html").read_text()
     assert "Illuminance" in (tmp_path / "out" / "view.html").read_text()
     again = rc.load_lamps(tmp_path / "out" / "network.glb")
     given = rc.load_lamps(tmp_path / "lamps.toml")

@@ -587,12 +587,12 @@ def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
 def test_a_baseline_that_is_too_short_is_named():
     rigs = {"fringe": PLAN["rigs"]["fringe"] | {"min_baseline_deg": 25.0}}
     (line,) = [each for each in placed(PLAN | {"rigs": rigs}).prepared.notes if "baseline" in each]
-    angle, times = re.search(
-        r"at most ([\d.]+) degrees apart.*a baseline ([\d.]+) times", line
+    angle, metres = re.search(
+        r"at most ([\d.]+) degrees apart.*a baseline of ([\d.]+) m instead of", line
     ).groups()
     assert 5 < float(angle) < 25
     cameras = [dict(each) for each in PLAN["rigs"]["fringe"]["cameras"]]
-    cameras[1]["translation"] = [0.5 * 1.2 * float(times), 0, 0]
+    cameras[1]["translation"] = [1.2 * float(metres), 0, 0]
     wider = {"fringe": rigs["fringe"] | {"cameras": cameras}}
     assert placed(PLAN | {"rigs": wider}).cameras.share > 0
 

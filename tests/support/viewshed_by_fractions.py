@@ -27,7 +27,7 @@ class Edge(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A triangle in a quadrant: its edges, and those of what stands above it."""
+    """A triangle in a quadrant: its edges, and those of targets above it."""
 
     cell: Cell
     edges: list[Edge]
@@ -64,7 +64,7 @@ def plane_below(points: list[Point]) -> Fraction:
 
 
 def clipped(points: list[Point]) -> list[Point]:
-    """What is in the quadrant |b| <= a."""
+    """The part in the quadrant |b| <= a."""
     for sign in (1, -1):
         kept: list[Point] = []
         for p, q in zip(points, points[1:] + points[:1], strict=True):

@@ -66,6 +66,9 @@ MODES = {
     "lux": ("python", "test_the_map_of_light_is_that_of_the_report"),
 }  # fmt: skip
 BUTTONS = {
+    "Open photograph": "test_clicked_corners_give_the_pose",
+    "Undo point": "test_clicked_corners_give_the_pose",
+    "Save points": "test_clicked_corners_give_the_pose",
     "Undo": "test_undo_restores_the_bytes_and_redo_makes_them_again",
     "Redo": "test_undo_restores_the_bytes_and_redo_makes_them_again",
     "Copy link": "test_a_link_has_the_rig_to_the_last_bit",

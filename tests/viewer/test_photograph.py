@@ -23,6 +23,7 @@ CORNERS = np.array(
 """Corners of two crates of the room that are seen from there."""
 
 
+@pytest.mark.every_day
 def test_clicked_corners_give_the_pose(tab, tmp_path):
     page = tab.page
     size = WIDE.width, WIDE.height

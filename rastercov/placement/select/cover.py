@@ -229,8 +229,6 @@ class LazyCover(Cover):
         Gains of each candidate before any camera.
     limit : (C, G) int64
         Upper limits of the gains.
-    n_gains : int
-        Candidates whose gains were computed, each time.
     """
 
     def __init__(self, large: Presolved) -> None:
