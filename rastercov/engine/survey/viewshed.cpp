@@ -74,7 +74,8 @@ class Horizon {
     // Calls `each` with u0, u1 and the line of each piece of an interval.
     template <class Each> void visit(double first, double last, Each each) {
         move_to(first);
-        for (size_t i = _after.size(); i-- > 0 && _after[i].start < last;) {
+        for (size_t n = _after.size(); n > 0 && _after[n - 1].start < last; n--) {
+            const size_t i = n - 1;
             const double u0 = std::max(first, _after[i].start);
             const double u1 = std::min(last, end_of(i));
             if (u1 > u0) each(u0, u1, _after[i].line);
@@ -120,8 +121,8 @@ class Horizon {
 
     // End of the last piece that starts before some u.
     double end_of_those_before(double last) const {
-        for (size_t i = _after.size(); i-- > 0;)
-            if (_after[i].start >= last) return _after[i].start;
+        for (size_t n = _after.size(); n > 0; n--)
+            if (_after[n - 1].start >= last) return _after[n - 1].start;
         return 1.0;
     }
 
