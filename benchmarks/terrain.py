@@ -1,4 +1,4 @@
-"""Viewsheds of rasters: CPU seconds an observer, memory, and wrong cells of the rule of samples.
+"""Viewsheds of rasters: CPU seconds an observer, memory, and wrong cells of lines of samples.
 
 python benchmarks/terrain.py [heights along a side] [--json]
 """
@@ -25,7 +25,7 @@ def relief(side: int, seed: int = 0) -> np.ndarray:
 
 
 def by_samples(heights: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Samples that the usual rule calls visible: greater slope than all along the line to it."""
+    """Samples whose slope is above that of all nearest samples along the line to them."""
     rows, columns = heights.shape
     i, j = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     horizon = np.full(heights.shape, -np.inf)
@@ -70,9 +70,7 @@ def main() -> None:
     )
     usual = by_samples(small, eye)[:-1, :-1]
     wrong = (usual & (seen.share == 0)).sum() / max(1, usual.sum())
-    report.add(
-        "cells that the rule of samples calls visible, of which nothing is", 100 * wrong, "%"
-    )
+    report.add("hidden of the cells that lines of nearest samples call visible", 100 * wrong, "%")
     report.finish(args.json)
 
 
