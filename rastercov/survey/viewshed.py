@@ -28,6 +28,7 @@ from rastercov.engine import survey_viewshed as kernels
 
 EYE_HEIGHT = 1.7
 """Height of a person's eyes above the ground, m."""
+NO_PIECES = np.empty((0, 8))
 
 
 class Seen(NamedTuple):
@@ -179,7 +180,7 @@ def viewshed_of(
     seen = []
     counts = np.zeros(total.shape, np.bool_)
     for n, eye in enumerate(eyes, 1):
-        share, error, surface = _solve(raster, eye, target, reach)
+        share, error, surface, _ = _solve(raster, eye, target, reach)
         within = _within(raster, eye, reach)
         counts |= within
         seen.append(_sums(raster, share, error, surface, within))
@@ -201,16 +202,16 @@ def _ground(raster: Raster) -> FloatArray:
 
 
 def _solve(
-    raster: Raster, eye: FloatArray, target: float, reach: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Visible parts of whole cells, bounds, and visible surfaces, m^2, of one observer."""
+    raster: Raster, eye: FloatArray, target: float, reach: float, pieces: FloatArray = NO_PIECES
+) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    """Visible parts of whole cells, bounds, visible surfaces, m^2, and the number of pieces."""
     shape = (raster.heights.shape[0] - 1, raster.heights.shape[1] - 1)
     share, bound, surface = np.zeros((3, *shape))
     beyond = reach + float(np.hypot(*raster.spacing))
     ground = (raster.heights, np.array(raster.spacing), raster.inverse_radius)
-    result = (share, bound, surface, np.empty((0, 8)))
-    kernels.viewshed(ground, (eye, float(target), beyond), result)
-    return share, bound, surface
+    view = (eye, float(target), beyond)
+    n = kernels.viewshed(ground, view, (share, bound, surface, pieces))
+    return share, bound, surface, n
 
 
 def _eye(raster: Raster, observer: FloatArray) -> FloatArray:
@@ -283,15 +284,15 @@ def _slopes(raster: Raster) -> Iterator[FloatArray]:
 def pieces_of(
     raster: Raster, observer: FloatArray, *, target: float = 0.0, radius: float | None = None
 ) -> FloatArray:
-    """(N, 4, 2) quadrangles on the map that an observer sees."""
+    """(N, 4, 2) quadrangles on the map that an observer sees, of the cells within the radius."""
     eye = _eye(raster, observer)
     reach = np.inf if radius is None else radius
-    shape = (raster.heights.shape[0] - 1, raster.heights.shape[1] - 1)
-    ground = (raster.heights, np.array(raster.spacing), raster.inverse_radius)
-    pieces = np.empty((0, 8))
-    while True:
-        result = (*np.zeros((3, *shape)), pieces)
-        n = kernels.viewshed(ground, (eye, float(target), reach), result)
-        if n <= len(pieces):
-            return pieces[:n].reshape(-1, 4, 2) * (1, -1) + raster.origin
-        pieces = np.empty((n, 8))
+    *_, n = _solve(raster, eye, target, reach)
+    pieces = np.empty((n, 8))
+    _solve(raster, eye, target, reach, pieces)
+    corners = pieces.reshape(-1, 4, 2)
+    within = _within(raster, eye, reach)
+    column, row = (corners.mean(axis=1) / raster.spacing).astype(np.int64).T
+    rows, columns = within.shape
+    kept = within[np.minimum(row, rows - 1), np.minimum(column, columns - 1)]
+    return corners[kept] * (1, -1) + raster.origin

@@ -5,6 +5,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+import trimesh
 from mesh_files import (
     FACES,
     PLY_FORMATS,
@@ -218,7 +219,7 @@ def test_a_ply_count_beyond_all_memory_is_refused_in_a_line(count, order, load):
 
 
 def test_what_trimesh_writes_is_read(load):
-    trimesh = pytest.importorskip("trimesh")
+
     mesh = trimesh.Trimesh(POINTS, FACES, process=False)
     rng = np.random.default_rng(0)
     for kind in NAMES:

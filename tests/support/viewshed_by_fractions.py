@@ -73,7 +73,8 @@ def clipped(points: list[Point]) -> list[Point]:
                 kept.append(p)
             if d * e < 0:
                 part = d / (d - e)
-                kept.append(tuple(x + part * (y - x) for x, y in zip(p, q, strict=True)))  # type: ignore[arg-type]
+                a, b, z = (x + part * (y - x) for x, y in zip(p, q, strict=True))
+                kept.append((a, b, z))
         points = kept
     return points
 

@@ -281,6 +281,12 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
         np.testing.assert_array_equal(np.asarray(image), seen.share.astype(np.float32))
     outline = json.loads((tmp_path / "a.geojson").read_text())["features"][0]["geometry"]
     assert shapely.geometry.shape(outline).area == pytest.approx(seen.seen[0].area, rel=1e-6)
+    near = [*line, "--radius", "250", "--outlines", str(tmp_path / "b.geojson"), "--json"]
+    code, text, _ = call(capsys, near)
+    outline = json.loads((tmp_path / "b.geojson").read_text())["features"][0]["geometry"]
+    area = json.loads(text)["observers"][0]["area_m2"]
+    assert 0 < area < told["area_m2"]
+    assert shapely.geometry.shape(outline).area == pytest.approx(area, rel=1e-6)
     assert call(capsys, [*line, "--at-least", "100"])[0] == 1
     (tmp_path / "o.csv").write_text("x,y,height\n{},{},3\n{},{},9\n".format(*place, *place))
     code, text, _ = call(capsys, ["viewshed", str(path), "--observers", str(tmp_path / "o.csv")])

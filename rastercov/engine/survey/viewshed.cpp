@@ -432,16 +432,22 @@ class Viewshed {
         return {corner.b * w, corner.z * w, w, (corner.z + _view.target) * w, corner.size * w};
     }
 
+    // Slopes along a and b of a triangle by one of the heights of its corners.
+    static std::array<double, 2> slope_of(const Corner (&c)[3], double Corner::*height) {
+        const double a1 = c[1].a - c[0].a, b1 = c[1].b - c[0].b, z1 = c[1].*height - c[0].*height;
+        const double a2 = c[2].a - c[0].a, b2 = c[2].b - c[0].b, z2 = c[2].*height - c[0].*height;
+        const double whole = a1 * b2 - a2 * b1;
+        return {(z1 * b2 - z2 * b1) / whole, (a1 * z2 - a2 * z1) / whole};
+    }
+
     // Height of the plane of a triangle at the place of the observer, who sees its front where it
     // is negative; 0 where rounding hides it.
-    static double plane_below(const Corner (&c)[3]) {
-        const double a1 = c[1].a - c[0].a, b1 = c[1].b - c[0].b, z1 = c[1].z - c[0].z;
-        const double a2 = c[2].a - c[0].a, b2 = c[2].b - c[0].b, z2 = c[2].z - c[0].z;
-        const double whole = a1 * b2 - a2 * b1;
-        const double x = (z1 * b2 - z2 * b1) / whole * c[0].a;
-        const double y = (a1 * z2 - a2 * z1) / whole * c[0].b;
+    double plane_below(const Corner (&c)[3]) const {
+        const auto [along_a, along_b] = slope_of(c, &Corner::z);
+        const double x = along_a * c[0].a, y = along_b * c[0].b;
         const double size = c[0].size + c[1].size + c[2].size;
-        const double reach = 1 + (std::abs(c[0].a) + std::abs(c[0].b)) / std::sqrt(std::abs(whole));
+        const double step = std::min(_ground.spacing[0], _ground.spacing[1]);
+        const double reach = 1 + (std::abs(c[0].a) + std::abs(c[0].b)) / step;
         const double below = c[0].z - x - y;
         const double error = 16 * ROUNDING * (size * reach + std::abs(x) + std::abs(y));
         return std::abs(below) <= error ? 0.0 : below;
@@ -567,10 +573,8 @@ class Viewshed {
     // Adds an area on the map to the cell.
     void add(const Area &area, const Corner (&c)[3]) {
         const double cell = _ground.spacing[0] * _ground.spacing[1];
-        const double a1 = c[1].a - c[0].a, b1 = c[1].b - c[0].b, z1 = c[1].level - c[0].level;
-        const double a2 = c[2].a - c[0].a, b2 = c[2].b - c[0].b, z2 = c[2].level - c[0].level;
-        const double slope_a = (z1 * b2 - z2 * b1) / cell, slope_b = (a1 * z2 - a2 * z1) / cell;
-        const double steepness = std::sqrt(1 + slope_a * slope_a + slope_b * slope_b);
+        const auto [along_a, along_b] = slope_of(c, &Corner::level);
+        const double steepness = std::sqrt(1 + along_a * along_a + along_b * along_b);
         _result.share(_row, _column) += area.value / cell;
         _result.bound(_row, _column) += area.bound / cell;
         _result.surface(_row, _column) += area.value * steepness;

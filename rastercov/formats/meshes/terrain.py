@@ -48,14 +48,15 @@ def _polygons(raster: Raster, budget: int) -> Polygons:
 
 def raster_of_geotiff(data: bytes) -> Raster:
     """Heights of the first band of a GeoTIFF in a projected CRS."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image, TiffImagePlugin, UnidentifiedImageError
 
     try:
         with (
             warnings.catch_warnings(action="ignore"),  # of tags that it skips
             Image.open(io.BytesIO(data), formats=("TIFF",)) as image,
         ):
-            tags: dict[int, Any] = dict(image.tag_v2)  # type: ignore[attr-defined] # of TIFF
+            assert isinstance(image, TiffImagePlugin.TiffImageFile)
+            tags: dict[int, Any] = dict(image.tag_v2)
             mode = image.mode
             heights = np.asarray(image, np.float64)
     except (
