@@ -5,7 +5,7 @@ The engine goes over the cells of the raster from the observer outwards, see
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -176,42 +176,40 @@ def viewshed_of(
     if not reach > 0:
         raise ConfigError(f"expected a radius above 0 m, got {shown(radius)}; increase it")
     eyes = [_eye(raster, observer) for observer in observers]  # errors before the work
-    total, bound = np.zeros((2, *_ground(raster).shape))
+    slopes = np.where(raster.is_ground, raster.slopes, 0.0)
+    part = raster.is_ground.mean(axis=2)
+    total, bound = np.zeros((2, *part.shape))
+    counts = np.zeros(part.shape, np.bool_)
     seen = []
-    counts = np.zeros(total.shape, np.bool_)
     for n, eye in enumerate(eyes, 1):
-        share, error, surface, _ = _solve(raster, eye, target, reach)
+        share, error, _ = _solve(raster, eye, target, reach)
         within = _within(raster, eye, reach)
+        share[~within] = 0
+        error[~within] = 0
         counts |= within
-        seen.append(_sums(raster, share, error, surface, within))
-        total += np.where(within, share, 0.0)
-        bound += np.where(within, error, 0.0)
+        ground = np.where(within[..., None] & raster.is_ground, 0.5, 0.0)
+        cell = raster.spacing[0] * raster.spacing[1]
+        parts = (share, error, ground)
+        on_map = [cell * float(each.sum()) for each in parts]
+        on_slopes = [cell * float((each * slopes).sum()) for each in parts]
+        seen.append(Seen(*on_map, *on_slopes))
+        total += share.sum(axis=2)
+        bound += error.sum(axis=2)
         each(n)
-    part = _ground(raster)
-    is_ground = counts & (part > 0)
-    share = np.full(total.shape, np.nan)
-    np.divide(total, part, share, where=is_ground)
-    error = np.full(total.shape, np.nan)
-    np.divide(bound, part, error, where=is_ground)
-    return Viewshed(raster, observers, np.minimum(share, len(eyes)), error, tuple(seen))
-
-
-def _ground(raster: Raster) -> FloatArray:
-    """(H - 1, W - 1) parts of the cells that are ground: 0, 0.5 or 1."""
-    return raster.is_ground.mean(axis=2)
+    part[~counts | (part == 0)] = np.nan
+    share = np.minimum(total / part, len(eyes))
+    return Viewshed(raster, observers, share, bound / part, tuple(seen))
 
 
 def _solve(
     raster: Raster, eye: FloatArray, target: float, reach: float, pieces: FloatArray = NO_PIECES
-) -> tuple[FloatArray, FloatArray, FloatArray, int]:
-    """Visible parts of whole cells, bounds, visible surfaces, m^2, and the number of pieces."""
-    shape = (raster.heights.shape[0] - 1, raster.heights.shape[1] - 1)
-    share, bound, surface = np.zeros((3, *shape))
+) -> tuple[FloatArray, FloatArray, int]:
+    """Visible parts of cells in their two triangles, bounds, and the number of pieces."""
+    share, bound = np.zeros((2, *raster.is_ground.shape))
     beyond = reach + float(np.hypot(*raster.spacing))
     ground = (raster.heights, np.array(raster.spacing), raster.inverse_radius)
-    view = (eye, float(target), beyond)
-    n = kernels.viewshed(ground, view, (share, bound, surface, pieces))
-    return share, bound, surface, n
+    n = kernels.viewshed(ground, (eye, float(target), beyond), (share, bound, pieces))
+    return share, bound, n
 
 
 def _eye(raster: Raster, observer: FloatArray) -> FloatArray:
@@ -249,36 +247,6 @@ def _within(raster: Raster, eye: FloatArray, reach: float) -> BoolArray:
     x = (np.arange(columns - 1) + 0.5) * raster.spacing[0] - eye[0]
     y = (np.arange(rows - 1) + 0.5) * raster.spacing[1] - eye[1]
     return np.hypot(x, y[:, None]) <= reach
-
-
-def _sums(
-    raster: Raster, share: FloatArray, bound: FloatArray, surface: FloatArray, within: BoolArray
-) -> Seen:
-    """Areas of one observer."""
-    dx, dy = raster.spacing
-    steepness = np.zeros_like(share)
-    steepest = np.zeros_like(share)
-    for is_ground, slope in zip(np.moveaxis(raster.is_ground, 2, 0), _slopes(raster), strict=True):
-        own = np.where(is_ground, slope, 0.0)
-        steepness += 0.5 * own
-        np.maximum(steepest, own, out=steepest)
-    return Seen(
-        area=float(share[within].sum()) * dx * dy,
-        area_bound=float(bound[within].sum()) * dx * dy,
-        of_area=float(_ground(raster)[within].sum()) * dx * dy,
-        surface=float(surface[within].sum()),
-        surface_bound=float((bound * steepest)[within].sum()) * dx * dy,
-        of_surface=float(steepness[within].sum()) * dx * dy,
-    )
-
-
-def _slopes(raster: Raster) -> Iterator[FloatArray]:
-    """Surface for each m^2 of the map of the south-west and the north-east triangles."""
-    h, (dx, dy) = raster.heights, raster.spacing
-    west, east = h[1:, :-1] - h[:-1, :-1], h[1:, 1:] - h[:-1, 1:]
-    north, south = h[:-1, 1:] - h[:-1, :-1], h[1:, 1:] - h[1:, :-1]
-    yield np.sqrt(1 + (south / dx) ** 2 + (west / dy) ** 2)
-    yield np.sqrt(1 + (north / dx) ** 2 + (east / dy) ** 2)
 
 
 def pieces_of(

@@ -88,6 +88,14 @@ class Raster:
         diagonal = known[:-1, :-1] & known[1:, 1:]
         return np.stack((diagonal & known[1:, :-1], diagonal & known[:-1, 1:]), axis=2)
 
+    @property
+    def slopes(self) -> FloatArray:
+        """(H - 1, W - 1, 2) surface for each m^2 of the map, of the triangles of each cell."""
+        down, right = np.diff(self.heights, axis=0), np.diff(self.heights, axis=1)
+        along = np.stack((right[1:], right[:-1]), axis=2) / self.spacing[0]
+        across = np.stack((down[:, :-1], down[:, 1:]), axis=2) / self.spacing[1]
+        return np.sqrt(1 + along**2 + across**2)
+
     def curved(self, refraction: float = REFRACTION, *, curvature: bool = True) -> "Raster":
         """The raster on the earth, with refraction, or on a plane."""
         k = finite_number(refraction)

@@ -40,8 +40,7 @@ struct Line { // in (u, v), from its left end
 
 struct Corner { // of a triangle in an octant
     double a, b, z;
-    double size;        // of the numbers that z is the sum of
-    double level = 0.0; // z without the curvature of the earth
+    double size; // of the numbers that z is the sum of
 };
 
 struct Projected {
@@ -301,8 +300,8 @@ struct View {
 };
 
 struct Result {
-    Array<double, Any, Any> share, bound, surface; // of cells; the last in square metres
-    Array<double, Any, 8> pieces;                  // visible parts on the map: four corners
+    Array<double, Any, Any, 2> share, bound; // of cells: of their south-west, north-east triangles
+    Array<double, Any, 8> pieces;            // visible parts on the map: four corners
 };
 
 class Viewshed {
@@ -332,8 +331,9 @@ class Viewshed {
     Axis _major{}, _minor{};
     bool _is_swapped = false;
     int64_t _n_pieces = 0;
-    int64_t _row = 0; // of the cell
+    int64_t _row = 0; // of the triangle
     int64_t _column = 0;
+    int64_t _half = 0;
     std::vector<Corner> _inside, _clipped; // of the triangle in the octant
 
     void set(int octant) {
@@ -354,7 +354,7 @@ class Viewshed {
         const double h =
             _is_swapped ? _ground.heights(major, minor) : _ground.heights(minor, major);
         const double above = h - _view.eye[2];
-        return {a, b, above - fall, std::abs(above) + fall + _view.target, above};
+        return {a, b, above - fall, std::abs(above) + fall + _view.target};
     }
 
     void strip(int64_t i) {
@@ -380,8 +380,14 @@ class Viewshed {
         const double side = p.a * q.b - p.b * q.a;
         const double of_one = (q.a - p.a) * (one[1].b - p.b) - (q.b - p.b) * (one[1].a - p.a);
         const bool is_one_first = side * of_one >= 0;
-        triangle(is_one_first ? one : other, i, j);
-        triangle(is_one_first ? other : one, i, j);
+        _row = _is_swapped ? i : j;
+        _column = _is_swapped ? j : i;
+        const int64_t line = _is_swapped ? j0 : (is_main ? i1 : i0); // of one that is no other's
+        const int64_t half = line > _column ? 1 : 0;
+        for (const bool is_one : {is_one_first, !is_one_first}) {
+            _half = is_one ? half : 1 - half;
+            triangle(is_one ? one : other);
+        }
     }
 
     // Has no observer below its edges or inside.
@@ -397,18 +403,16 @@ class Viewshed {
         return least < 0 && most > 0;
     }
 
-    void triangle(const Corner (&corners)[3], int64_t i, int64_t j) {
+    void triangle(const Corner (&corners)[3]) {
         if (std::isnan(corners[0].z + corners[1].z + corners[2].z)) return;
         _inside.assign(corners, corners + 3);
         for (int side = 0; side < 2; side++)
             if (!is_inside(_inside, side)) clip(side);
         if (_inside.size() < 3) return;
-        _row = _is_swapped ? i : j;
-        _column = _is_swapped ? j : i;
         const double below = plane_below(corners);
         if (!is_beside(corners)) {
             raise_edges();
-            add_whole(_view.target > 0 || below < 0, corners);
+            add_whole(_view.target > 0 || below < 0);
             return;
         }
         Polygon polygon;
@@ -418,11 +422,11 @@ class Viewshed {
         }
         if (_view.target > 0) {
             if (polygon.divide(false)) raise_nearest(polygon);
-            if (polygon.divide(true)) add(visible(polygon), corners);
+            if (polygon.divide(true)) add(visible(polygon));
         } else if (below < 0 && polygon.divide(false)) {
-            add(visible(polygon), corners);
+            add(visible(polygon));
         } else if (below == 0) {
-            add_whole(false, corners);
+            add_whole(false);
         }
         if (polygon.divide(false)) raise_top(polygon);
     }
@@ -432,19 +436,14 @@ class Viewshed {
         return {corner.b * w, corner.z * w, w, (corner.z + _view.target) * w, corner.size * w};
     }
 
-    // Slopes along a and b of a triangle by one of the heights of its corners.
-    static std::array<double, 2> slope_of(const Corner (&c)[3], double Corner::*height) {
-        const double a1 = c[1].a - c[0].a, b1 = c[1].b - c[0].b, z1 = c[1].*height - c[0].*height;
-        const double a2 = c[2].a - c[0].a, b2 = c[2].b - c[0].b, z2 = c[2].*height - c[0].*height;
-        const double whole = a1 * b2 - a2 * b1;
-        return {(z1 * b2 - z2 * b1) / whole, (a1 * z2 - a2 * z1) / whole};
-    }
-
     // Height of the plane of a triangle at the place of the observer, who sees its front where it
     // is negative; 0 where rounding hides it.
     double plane_below(const Corner (&c)[3]) const {
-        const auto [along_a, along_b] = slope_of(c, &Corner::z);
-        const double x = along_a * c[0].a, y = along_b * c[0].b;
+        const double a1 = c[1].a - c[0].a, b1 = c[1].b - c[0].b, z1 = c[1].z - c[0].z;
+        const double a2 = c[2].a - c[0].a, b2 = c[2].b - c[0].b, z2 = c[2].z - c[0].z;
+        const double whole = a1 * b2 - a2 * b1;
+        const double x = (z1 * b2 - z2 * b1) / whole * c[0].a;
+        const double y = (a1 * z2 - a2 * z1) / whole * c[0].b;
         const double size = c[0].size + c[1].size + c[2].size;
         const double step = std::min(_ground.spacing[0], _ground.spacing[1]);
         const double reach = 1 + (std::abs(c[0].a) + std::abs(c[0].b)) / step;
@@ -483,14 +482,14 @@ class Viewshed {
     }
 
     // Adds all of the triangle in the octant, or nothing with all of it as the bound.
-    void add_whole(bool is_visible, const Corner (&corners)[3]) {
+    void add_whole(bool is_visible) {
         double twice = 0.0;
         for (size_t k = 0; k < _inside.size(); k++) {
             const Corner &p = _inside[k], &q = _inside[(k + 1) % _inside.size()];
             twice += p.a * q.b - p.b * q.a;
         }
         const double area = 0.5 * std::abs(twice);
-        add(is_visible ? Area{area, 0.0} : Area{0.0, area}, corners);
+        add(is_visible ? Area{area, 0.0} : Area{0.0, area});
         for (size_t k = 2; is_visible && k < _inside.size(); k++)
             put_piece({_inside[0], _inside[k - 1], _inside[k], _inside[0]});
     }
@@ -570,23 +569,20 @@ class Viewshed {
         _n_pieces++;
     }
 
-    // Adds an area on the map to the cell.
-    void add(const Area &area, const Corner (&c)[3]) {
+    // Adds an area on the map to the triangle.
+    void add(const Area &area) {
         const double cell = _ground.spacing[0] * _ground.spacing[1];
-        const auto [along_a, along_b] = slope_of(c, &Corner::level);
-        const double steepness = std::sqrt(1 + along_a * along_a + along_b * along_b);
-        _result.share(_row, _column) += area.value / cell;
-        _result.bound(_row, _column) += area.bound / cell;
-        _result.surface(_row, _column) += area.value * steepness;
+        _result.share(_row, _column, _half) += area.value / cell;
+        _result.bound(_row, _column, _half) += area.bound / cell;
     }
 };
 
 int64_t viewshed(const Ground &ground, const View &view, const Result &result) {
     const int64_t rows = ground.rows() - 1, columns = ground.columns() - 1;
     require(rows > 0 && columns > 0, "heights must have two rows and columns or more");
-    for (const auto &each : {result.share, result.bound, result.surface})
+    for (const auto &each : {result.share, result.bound})
         require(each.extent(0) == rows && each.extent(1) == columns,
-                "share, bound and surface must have one row and column fewer than heights");
+                "share and bound must have one row and column fewer than heights");
     const auto is_inside = [&](int k, int64_t count) {
         return view.eye[k] >= 0 && view.eye[k] <= ground.spacing[k] * double(count);
     };
@@ -601,12 +597,12 @@ int64_t viewshed(const Ground &ground, const View &view, const Result &result) {
 
 RECORD(survey::Ground, heights, spacing, inverse_radius);
 RECORD(survey::View, eye, target, reach);
-RECORD(survey::Result, share, bound, surface, pieces);
+RECORD(survey::Result, share, bound, pieces);
 
 void register_survey_viewshed(nanobind::module_ &m) {
     using namespace survey;
     def(m, "viewshed", viewshed,
-        "Add the visible share of each cell, its bound and its area; the number of visible "
+        "Add the visible share of each triangle of a cell and its bound; the number of visible "
         "pieces.\n\n"
         "Heights, (H, W), are NaN where there is no ground. `pieces`, (N, 8), get the corners of "
         "the\n"
