@@ -49,11 +49,11 @@ struct Projected {
     double size;
 };
 
-Line line_of(const Projected &p, const Projected &q, bool is_raised) {
-    const double v0 = is_raised ? p.raised : p.v, v1 = is_raised ? q.raised : q.v;
-    const double slope = (v1 - v0) / (q.u - p.u);
-    const double size = std::max(p.size, q.size) + std::abs(slope) * q.u;
-    return {p.u, v0, slope, 8 * ROUNDING * size};
+// u between two where lines cross; the first where they do not.
+double crossing(const Line &line, const Line &other, double u0, double u1) {
+    const double d0 = line.at(u0) - other.at(u0), d1 = line.at(u1) - other.at(u1);
+    const bool is_crossing = (d0 > 0 && d1 < 0) || (d0 < 0 && d1 > 0);
+    return is_crossing ? u0 + (u1 - u0) * (d0 / (d0 - d1)) : u0;
 }
 
 // The greatest v of all that is nearer, for u from 0 to 1: pieces of lines, before and after a
@@ -92,15 +92,11 @@ class Horizon {
         const double end = end_of_those_before(last);
         if (_after.back().start < first) put(_after.back().start, _after.back().line);
         visit(first, last, [&](double u0, double u1, const Line &old) {
+            const double u = crossing(line, old, u0, u1);
             const double d0 = line.at(u0) - old.at(u0), d1 = line.at(u1) - old.at(u1);
-            const bool crosses = (d0 > 0 && d1 < 0) || (d0 < 0 && d1 > 0);
-            const double u = crosses ? u0 + (u1 - u0) * (d0 / (d0 - d1)) : u0;
-            if (u > u0 && u < u1) {
-                put(u0, d0 > 0 ? line : old);
-                put(u, d1 > 0 ? line : old);
-            } else {
-                put(u0, d0 + d1 > 0 ? line : old);
-            }
+            const bool is_within = u > u0 && u < u1;
+            if (is_within) put(u0, d0 > 0 ? line : old);
+            put(is_within ? u : u0, (is_within ? d1 : d0 + d1) > 0 ? line : old);
         });
         Line rest = _after.back().line;
         while (!_after.empty() && _after.back().start < last) {
@@ -152,127 +148,47 @@ struct Area {
     }
 };
 
-struct Slab { // of a triangle between u0 and u1: v and w of its bottom and top at both
-    double u[2], low[2], high[2], w_low[2], w_high[2];
+struct Edge { // of a polygon in (u, v), from its left end
+    Line line;
+    double last; // u of its right end
+    double w0, w1;
 
-    // Area above a horizon with values h at both; calls `each` with its parts: s0, s1, and w of the
-    // bottom and the top at both.
-    template <class Each> double above(double h0, double h1, Each each) const {
-        const double h[2] = {h0, h1};
-        double cuts[4] = {0.0, 1.0, 1.0, 1.0};
-        int n = 1;
-        for (const auto &side : {low, high}) {
-            const double d0 = h0 - side[0], d1 = h1 - side[1];
-            if ((d0 < 0 && d1 > 0) || (d0 > 0 && d1 < 0)) cuts[n++] = d0 / (d0 - d1);
-        }
-        if (n == 3 && cuts[1] > cuts[2]) std::swap(cuts[1], cuts[2]);
-        cuts[n] = 1.0;
-        double sum = 0.0;
-        for (int k = 0; k < n; k++) sum += between(cuts[k], cuts[k + 1], h, each);
-        return sum;
-    }
-    double above(double h0, double h1) const {
-        return above(h0, h1, [](double, double, const double (&)[4]) {});
-    }
-
-    static double mix(const double (&values)[2], double s) {
-        return values[0] + s * (values[1] - values[0]);
-    }
-
-  private:
-    // Between two parts of the interval, where the horizon crosses neither side.
-    template <class Each>
-    double between(double s0, double s1, const double (&h)[2], Each each) const {
-        const double middle = 0.5 * (s0 + s1);
-        const double at = mix(h, middle);
-        if (!(s1 > s0) || at >= mix(high, middle)) return 0.0;
-        const bool is_whole = at <= mix(low, middle);
-        const double low0 = is_whole ? mix(w_low, s0) : w_at(s0, h);
-        const double low1 = is_whole ? mix(w_low, s1) : w_at(s1, h);
-        const double high0 = mix(w_high, s0), high1 = mix(w_high, s1);
-        each(s0, s1, {low0, low1, high0, high1});
-        const double depth = std::abs(1 / (high0 * high1) - 1 / (low0 * low1));
-        return 0.5 * (s1 - s0) * (u[1] - u[0]) * depth;
-    }
-
-    double w_at(double s, const double (&h)[2]) const {
-        const double bottom = mix(low, s), height = mix(high, s) - bottom;
-        const double part = height > 0 ? (mix(h, s) - bottom) / height : 0.0;
-        const double w0 = mix(w_low, s), w1 = mix(w_high, s);
-        return w0 + std::min(std::max(part, 0.0), 1.0) * (w1 - w0);
-    }
+    double w(double u) const { return w0 + (u - line.u) / (last - line.u) * (w1 - w0); }
 };
 
-// A convex polygon in (u, v), of at most five corners, as chains from its least to its greatest u.
-class Polygon {
-  public:
-    void add(const Projected &corner) { _corners[_n++] = corner; }
+Edge edge_of(const Projected &one, const Projected &other, bool is_raised) {
+    const Projected &p = one.u < other.u ? one : other, &q = one.u < other.u ? other : one;
+    const double v0 = is_raised ? p.raised : p.v, v1 = is_raised ? q.raised : q.v;
+    const double slope = (v1 - v0) / (q.u - p.u);
+    const double size = std::max(p.size, q.size) + std::abs(slope) * q.u;
+    return {{p.u, v0, slope, 8 * ROUNDING * size}, q.u, p.w, q.w};
+}
 
-    // Sets the chains by v, or by that of targets; false where it is empty.
-    bool divide(bool is_raised) {
-        _is_raised = is_raised;
-        int first = 0;
-        int last = 0;
-        for (int k = 1; k < _n; k++) {
-            if (is_left(k, first)) first = k;
-            if (is_left(last, k)) last = k;
-        }
-        if (!(_corners[last].u > _corners[first].u)) return false;
-        for (int side = 0; side < 2; side++) {
-            _length[side] = 0;
-            for (int k = first;; k = (k + (side == 0 ? 1 : _n - 1)) % _n) {
-                _chain[side][_length[side]++] = _corners[k];
-                if (k == last) break;
-            }
-        }
-        if (is_first_on_top()) {
-            std::swap(_chain[0], _chain[1]);
-            std::swap(_length[0], _length[1]);
-        }
-        return true;
+// Area above a horizon between two sides, from u0 to u1; calls `each` with its parts: u, and w of
+// bottom and top, at both ends.
+template <class Each>
+double above(const Line &horizon, const Edge &low, const Edge &top, double first, double last,
+             Each each) {
+    const double one = crossing(horizon, low.line, first, last);
+    const double other = crossing(horizon, top.line, first, last);
+    const double cuts[4] = {first, std::min(one, other), std::max(one, other), last};
+    double sum = 0.0;
+    for (int k = 0; k < 3; k++) {
+        const double u0 = cuts[k], u1 = cuts[k + 1], middle = 0.5 * (u0 + u1);
+        const double at = horizon.at(middle);
+        if (!(u1 > u0) || at >= top.line.at(middle)) continue;
+        const bool is_whole = at <= low.line.at(middle);
+        const auto bottom = [&](double u) {
+            const double v = low.line.at(u), height = top.line.at(u) - v, w = low.w(u);
+            const double part = is_whole || !(height > 0) ? 0.0 : (horizon.at(u) - v) / height;
+            return w + std::min(std::max(part, 0.0), 1.0) * (top.w(u) - w);
+        };
+        const double low0 = bottom(u0), low1 = bottom(u1), high0 = top.w(u0), high1 = top.w(u1);
+        each(u0, u1, {low0, low1, high0, high1});
+        sum += 0.5 * (u1 - u0) * std::abs(1 / (high0 * high1) - 1 / (low0 * low1));
     }
-
-    double first() const { return _chain[0][0].u; }
-    double last() const { return _chain[0][_length[0] - 1].u; }
-
-    // Calls `each` with the bottom and top edges over each interval.
-    template <class Each> void visit(Each each) const {
-        int at[2] = {0, 0};
-        double u0 = first();
-        while (at[0] + 1 < _length[0] && at[1] + 1 < _length[1]) {
-            const Projected *ends[2] = {&_chain[0][at[0]], &_chain[1][at[1]]};
-            const double u1 = std::min(ends[0][1].u, ends[1][1].u);
-            if (u1 > u0) each(u0, u1, ends[0], ends[1]);
-            u0 = std::max(u0, u1);
-            for (int side = 0; side < 2; side++)
-                if (ends[side][1].u <= u1) at[side]++;
-        }
-    }
-
-    double v(const Projected &corner) const { return _is_raised ? corner.raised : corner.v; }
-    Line line(const Projected *ends) const { return line_of(ends[0], ends[1], _is_raised); }
-
-  private:
-    Projected _corners[7], _chain[2][7];
-    int _length[2] = {0, 0};
-    int _n = 0;
-    bool _is_raised = false;
-
-    bool is_left(int k, int other) const {
-        const Projected &p = _corners[k], &q = _corners[other];
-        return p.u < q.u || (p.u == q.u && v(p) < v(q));
-    }
-
-    // By the signed area of the polygon: its first chain runs above the other.
-    bool is_first_on_top() const {
-        double twice = 0.0;
-        for (int k = 1; k + 1 < _n; k++) {
-            const Projected &o = _corners[0], &p = _corners[k], &q = _corners[k + 1];
-            twice += (p.u - o.u) * (v(q) - v(o)) - (q.u - o.u) * (v(p) - v(o));
-        }
-        return twice < 0;
-    }
-};
+    return sum;
+}
 
 struct Axis { // of an octant: cells of the grid from that of the observer on
     double origin, step;
@@ -335,6 +251,8 @@ class Viewshed {
     int64_t _column = 0;
     int64_t _half = 0;
     std::vector<Corner> _inside, _clipped; // of the triangle in the octant
+    std::vector<Edge> _edges;
+    std::vector<double> _cuts; // their ends
 
     void set(int octant) {
         const auto axis = [&](int k, bool is_back) {
@@ -415,20 +333,13 @@ class Viewshed {
             add_whole(_view.target > 0 || below < 0);
             return;
         }
-        Polygon polygon;
-        for (const Corner &each : _inside) {
-            if (!(each.a > 0)) return;
-            polygon.add(projected(each));
-        }
-        if (_view.target > 0) {
-            if (polygon.divide(false)) raise_nearest(polygon);
-            if (polygon.divide(true)) add(visible(polygon));
-        } else if (below < 0 && polygon.divide(false)) {
-            add(visible(polygon));
+        if (_view.target > 0) raise([](double w_low, double w_top) { return w_top > w_low; });
+        if (_view.target > 0 || below < 0) {
+            add(visible());
         } else if (below == 0) {
             add_whole(false);
         }
-        if (polygon.divide(false)) raise_top(polygon);
+        raise([](double, double) { return true; });
     }
 
     Projected projected(const Corner &corner) const {
@@ -494,67 +405,77 @@ class Viewshed {
             put_piece({_inside[0], _inside[k - 1], _inside[k], _inside[0]});
     }
 
-    void raise_edge(const Projected &p, const Projected &q) {
-        const Projected &left = p.u < q.u ? p : q, &right = p.u < q.u ? q : p;
-        if (right.u > left.u) _horizon.raise(line_of(left, right, false), left.u, right.u);
+    // Sets the sides of the triangle in (u, v), or of targets above it, that are seen in front.
+    void set_edges(bool is_raised) {
+        _edges.clear();
+        for (size_t k = 0; k < _inside.size(); k++) {
+            const Corner &one = _inside[k], &other = _inside[(k + 1) % _inside.size()];
+            if (!(one.a > 0 && other.a > 0)) continue;
+            const Projected p = projected(one), q = projected(other);
+            if (p.u != q.u) _edges.push_back(edge_of(p, q, is_raised));
+        }
     }
 
     // Of a triangle that is below the observer.
     void raise_edges() {
-        for (size_t k = 0; k < _inside.size(); k++) {
-            const Corner &p = _inside[k], &q = _inside[(k + 1) % _inside.size()];
-            if (p.a > 0 && q.a > 0) raise_edge(projected(p), projected(q));
+        set_edges(false);
+        for (const Edge &edge : _edges) _horizon.raise(edge.line, edge.line.u, edge.last);
+    }
+
+    // Calls `each` with the bottom and top sides of the triangle over each interval.
+    template <class Each> void visit(bool is_raised, Each each) {
+        set_edges(is_raised);
+        _cuts.clear();
+        for (const Edge &edge : _edges) _cuts.insert(_cuts.end(), {edge.line.u, edge.last});
+        std::sort(_cuts.begin(), _cuts.end());
+        for (size_t k = 1; k < _cuts.size(); k++) {
+            const double u0 = _cuts[k - 1], u1 = _cuts[k], middle = 0.5 * (u0 + u1);
+            if (!(u1 > u0)) continue;
+            const Edge *low = nullptr, *top = nullptr;
+            for (const Edge &edge : _edges) {
+                if (edge.line.u > u0 || edge.last < u1) continue;
+                const double v = edge.line.at(middle);
+                if (low == nullptr || v < low->line.at(middle)) low = &edge;
+                if (top == nullptr || v >= top->line.at(middle)) top = &edge;
+            }
+            if (top != nullptr) each(u0, u1, *low, *top);
         }
     }
 
-    void raise_top(const Polygon &polygon) {
-        polygon.visit([&](double u0, double u1, const Projected *, const Projected *top) {
-            _horizon.raise(polygon.line(top), u0, u1);
-        });
-    }
-
-    // Its side towards the observer, which hides targets above it where nothing is before it.
-    void raise_nearest(const Polygon &polygon) {
-        polygon.visit([&](double u0, double u1, const Projected *low, const Projected *top) {
+    // Raises the horizon to the top of the triangle, or to its bottom, by w of both.
+    template <class IsTop> void raise(IsTop is_top) {
+        visit(false, [&](double u0, double u1, const Edge &low, const Edge &top) {
             const double middle = 0.5 * (u0 + u1);
-            const bool is_top = w_at(top, middle) > w_at(low, middle);
-            _horizon.raise(polygon.line(is_top ? top : low), u0, u1);
+            _horizon.raise((is_top(low.w(middle), top.w(middle)) ? top : low).line, u0, u1);
         });
     }
 
-    static double w_at(const Projected *ends, double u) {
-        return ends[0].w + (u - ends[0].u) / (ends[1].u - ends[0].u) * (ends[1].w - ends[0].w);
-    }
-
-    Area visible(const Polygon &polygon) {
+    Area visible() {
         Area sum;
-        polygon.visit([&](double first, double last, const Projected *low, const Projected *top) {
-            const Line bottom = polygon.line(low), upper = polygon.line(top);
+        visit(_view.target > 0, [&](double first, double last, const Edge &low, const Edge &top) {
             _horizon.visit(first, last, [&](double u0, double u1, const Line &line) {
-                const double h0 = line.at(u0), h1 = line.at(u1);
-                const double error = line.error + bottom.error + upper.error;
-                const double m0 = upper.at(u0), m1 = upper.at(u1);
-                if (h0 - error > m0 && h1 - error > m1) return;
-                const Slab slab = {{u0, u1},
-                                   {bottom.at(u0), bottom.at(u1)},
-                                   {m0, m1},
-                                   {w_at(low, u0), w_at(low, u1)},
-                                   {w_at(top, u0), w_at(top, u1)}};
-                sum += area_of(slab, h0, h1, error);
+                const double error = line.error + low.line.error + top.line.error;
+                const auto is_hidden = [&](double u) {
+                    return line.at(u) - error > top.line.at(u);
+                };
+                if (!is_hidden(u0) || !is_hidden(u1)) sum += area_of(line, low, top, u0, u1);
             });
         });
         return sum;
     }
 
-    Area area_of(const Slab &slab, double h0, double h1, double error) {
-        const auto put = [&](double s0, double s1, const double (&w)[4]) {
-            const double u0 = Slab::mix(slab.u, s0), u1 = Slab::mix(slab.u, s1);
+    Area area_of(const Line &line, const Edge &low, const Edge &top, double first, double last) {
+        const double error = line.error + low.line.error + top.line.error;
+        const auto put = [&](double u0, double u1, const double (&w)[4]) {
             const auto at = [](double u, double of) { return Corner{1 / of, u / of, 0.0, 0.0}; };
             put_piece({at(u0, w[0]), at(u1, w[1]), at(u1, w[3]), at(u0, w[2])});
         };
-        const double value = slab.above(h0, h1, put);
-        const double most = slab.above(h0 - error, h1 - error);
-        const double least = slab.above(h0 + error, h1 + error);
+        const auto moved = [&](double by) {
+            const Line other = {line.u, line.v + by, line.slope, 0.0};
+            return above(other, low, top, first, last, [](double, double, const double (&)[4]) {});
+        };
+        const double value = above(line, low, top, first, last, put);
+        const double most = moved(-error), least = moved(error);
         return {value, std::max(most - value, value - least) + 16 * ROUNDING * most};
     }
 
