@@ -1,17 +1,32 @@
-"""Viewsheds of rasters: CPU seconds an observer, memory, and wrong cells of lines of samples.
+"""Viewsheds of rasters: CPU seconds an observer, memory, and wrong samples of other programs.
 
-python benchmarks/terrain.py [heights along a side] [--json]
+python benchmarks/terrain.py [heights along a side] [--raster dem.tif] [--json]
+
+GDAL and GRASS are asked where they are installed, on the plane earth, from the middle of the raster
+(one of mountains unless given) and 10 m above it.
 """
 
 import resource
+import shutil
+import subprocess
+import tempfile
 import time
+import warnings
+from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from rows import Report, arguments
 
 import rastercov as rc
+from rastercov.survey.geo import geotiff
+from rastercov.survey.viewshed import raster_of
 
 SPACING = 30.0
+HEIGHT = 10.0
+"""Of the eyes above the ground, m."""
+SEEN = {"GDAL": 255, "GRASS": 1}
+"""Values of visible samples."""
 
 
 def relief(side: int, seed: int = 0) -> np.ndarray:
@@ -39,9 +54,63 @@ def by_samples(heights: np.ndarray, eye: np.ndarray) -> np.ndarray:
     return (heights - eye[2]) / np.maximum(np.hypot(i - eye[0], j - eye[1]), 1e-9) >= horizon
 
 
+def run(command: list[str]) -> float:
+    """CPU seconds of a program."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def commands(path: Path, place: tuple[float, float], out: Path) -> dict[str, list[str]]:
+    """Commands of the programs that are here, which write whether each sample is visible."""
+    x, y = (f"{each:.10g}" for each in place)
+    found = {}
+    if shutil.which("gdal_viewshed"):
+        eye = ["-ox", x, "-oy", y, "-oz", str(HEIGHT), "-cc", "0", "-md", "0"]
+        found["GDAL"] = ["gdal_viewshed", "-q", *eye, str(path), str(out / "GDAL.tif")]
+    if shutil.which("grass"):
+        steps = (
+            f"r.in.gdal -o -e input={path} output=d",
+            "g.region raster=d",
+            f"r.viewshed -b input=d output=v coordinates={x},{y} observer_elevation={HEIGHT}",
+            f"r.out.gdal input=v type=Byte output={out / 'GRASS.tif'}",
+        )
+        shell = ["sh", "-c", " && ".join(steps)]
+        found["GRASS"] = ["grass", "--tmp-location", str(path), "--exec", *shell]
+    return found
+
+
+def compare(report: Report, path: Path) -> None:
+    """Samples that others call visible with nothing visible around them, and the reverse."""
+    raster = raster_of(path, None)
+    row, column = (each // 2 for each in raster.heights.shape)
+    place = raster.xy[0][column], raster.xy[1][row]
+    began = time.process_time()
+    seen = rc.viewshed(path, place, height=HEIGHT, curvature=False)
+    report.add(f"{path.name}: rastercov", time.process_time() - began, "CPU-s")
+    padded = np.pad(seen.share, 1, constant_values=np.nan)
+    rows, columns = raster.heights.shape
+    around = [padded[i : i + rows, j : j + columns] for i in (0, 1) for j in (0, 1)]
+    with warnings.catch_warnings(action="ignore"):  # of holes
+        most, least = np.nanmax(around, axis=0), np.nanmin(around, axis=0)
+    with tempfile.TemporaryDirectory() as name:
+        for program, command in commands(path, place, Path(name)).items():
+            report.add(f"{path.name}: {program}", run(command), "CPU-s")
+            with Image.open(Path(name, f"{program}.tif")) as image:
+                visible = (np.asarray(image) == SEEN[program]) & np.isfinite(most)
+            wrong = 100 * (visible & (most == 0)).sum() / visible.sum()
+            report.add(f"{program}: nothing visible around visible samples", wrong, "%")
+            missed = 100 * (~visible & (least > 1 - 1e-9)).sum() / (least > 1 - 1e-9).sum()
+            report.add(f"{program}: hidden samples within what is visible", missed, "%")
+            area = visible.sum() * raster.spacing[0] * raster.spacing[1]
+            report.add(f"{program}: area", 100 * (area / seen.seen[0].area - 1), "% off")
+
+
 def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("side", type=int, nargs="?", default=1001, help="heights along a side")
+    parser.add_argument("--raster", type=Path, action="append", help="compare other programs on it")
     args = parser.parse_args()
     report = Report()
     kinds = {
@@ -71,6 +140,12 @@ def main() -> None:
     usual = by_samples(small, eye)[:-1, :-1]
     wrong = (usual & (seen.share == 0)).sum() / max(1, usual.sum())
     report.add("hidden of the cells that lines of nearest samples call visible", 100 * wrong, "%")
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name, "mountains.tif")
+        tags = geotiff.tags_of((500000, 5300000), (SPACING, SPACING), 32632, "UTM 32N")
+        path.write_bytes(geotiff.encode(kinds["mountains"].astype(np.float32), "TIFF", tags))
+        for each in args.raster or [path]:
+            compare(report, each)
     report.finish(args.json)
 
 
