@@ -1,6 +1,8 @@
 """Viewsheds against fractions, the general engine, published cases; files and the command."""
 
 import json
+import struct
+import zlib
 from contextlib import suppress
 from fractions import Fraction
 from math import sqrt
@@ -207,13 +209,89 @@ def test_rasters_of_files_are_those_of_arrays(tmp_path, dtype):
     assert np.array_equal(rc.Mesh.load(tmp_path / "a.asc").vertices, mesh.vertices)
 
 
+FEET = (1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 2, 3072, 0, 1, 32632, 3076, 0, 1, 9002)
+"""Keys of a map in feet, whose pixels are points."""
+
+
+def said(**items):
+    """Tag of GDAL's metadata of the first band."""
+    lines = [f'<Item name="X" sample="0" role="{key}">{each}</Item>' for key, each in items.items()]
+    return {42112: (2, f"<GDALMetadata>{''.join(lines)}</GDALMetadata>")}
+
+
 def test_a_pixel_that_is_a_point_and_feet(tmp_path):
-    heights = np.zeros((3, 3), np.float32)
-    keys = (1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 2, 3072, 0, 1, 32632, 3076, 0, 1, 9002)
-    mesh = rc.Mesh.load(write_raster(tmp_path / "a.tif", heights, {34735: (3, keys)}))
+    heights = np.full((3, 3), 10, np.float32)
+    tags = {34735: (3, FEET)} | said(unittype="m")
+    mesh = rc.Mesh.load(write_raster(tmp_path / "a.tif", heights, tags))
     foot = 0.3048
     assert mesh.bounds[0, 0] == pytest.approx(ORIGIN[0] * foot)
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(50 * foot)
+    assert mesh.bounds[1, 2] == 10
+
+
+@pytest.mark.parametrize(
+    ("tags", "scale", "offset"),
+    [
+        (said(scale=0.5, offset=100), 0.5, 100),
+        (said(unittype="ft"), 0.3048, 0),
+        (said(unittype="US survey foot", scale=2), 2 * 1200 / 3937, 0),
+        ({34735: (3, (1, 1, 0, 1, 4099, 0, 1, 9002))}, 0.3048, 0),
+        ({34735: (3, (1, 1, 0, 1, 4096, 0, 1, 6360))}, 1200 / 3937, 0),
+        ({34735: (3, (1, 1, 0, 1, 4096, 0, 1, 5703))}, 1, 0),
+    ],
+)
+def test_heights_have_the_scale_and_unit_of_their_file(tmp_path, tags, scale, offset):
+    heights = np.array([[1, 2, 3], [4, 5, 99]], np.int16)
+    path = write_raster(tmp_path / "a.tif", heights, tags, nodata="99")
+    mesh = rc.Mesh.load(path)
+    wanted = np.array([1, 2, 4, 5]) * scale + offset
+    np.testing.assert_allclose(mesh.vertices[:, 2], wanted, atol=1e-4)
+
+
+def big_endian(values, packed):
+    """TIFF of values, (H, W), most significant byte first."""
+    data = values.astype(values.dtype.newbyteorder(">")).tobytes()
+    data = zlib.compress(data) if packed else data
+    kind = 3 if values.dtype.kind == "f" else 2
+    rows, columns = values.shape
+    short = {256: columns, 257: rows, 258: 8 * values.itemsize, 259: 8 if packed else 1}
+    short |= {262: 1, 277: 1, 278: rows, 339: kind}
+    long = {273: 8, 279: len(data)}
+    place = 8 + len(data)
+    after = place + 2 + 12 * (len(short) + len(long) + 2) + 4
+    double = {33550: (25.0, 20.0, 0.0), 33922: (0.0, 0.0, 0.0, *ORIGIN, 0.0)}
+    entries = {tag: struct.pack(">HHIHH", tag, 3, 1, value, 0) for tag, value in short.items()}
+    entries |= {tag: struct.pack(">HHII", tag, 4, 1, value) for tag, value in long.items()}
+    more = b""
+    for tag, numbers in double.items():
+        entries[tag] = struct.pack(">HHII", tag, 12, len(numbers), after + len(more))
+        more += struct.pack(f">{len(numbers)}d", *numbers)
+    table = struct.pack(">H", len(entries)) + b"".join(entries[tag] for tag in sorted(entries))
+    return b"MM\0*" + struct.pack(">I", place) + data + table + bytes(4) + more
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "uint16", "int32", "float32"])
+def test_bytes_in_the_other_order_are_read_or_refused(tmp_path, dtype):
+    heights = (np.arange(12).reshape(3, 4) * 7 + 3).astype(dtype)
+    path = tmp_path / "a.tif"
+    path.write_bytes(big_endian(heights, packed=False))
+    mesh = rc.Mesh.load(path)
+    np.testing.assert_allclose(mesh.vertices[:, 2], heights.ravel(), atol=1e-3)
+    path.write_bytes(big_endian(heights, packed=True))
+    with pytest.raises(rc.MeshError, match="expected a little-endian file"):
+        rc.Mesh.load(path)
+
+
+def test_a_mask_of_holes_is_refused(tmp_path):
+    path = write_raster(tmp_path / "a.tif", np.zeros((3, 3), np.float32))
+    with Image.open(path) as image:
+        more = Image.new("1", (3, 3))
+        image.save(tmp_path / "b.tif", save_all=True, append_images=[more], tiffinfo=image.tag_v2)
+    data = (tmp_path / "b.tif").read_bytes()
+    at = data.rindex(struct.pack("<HHI", 262, 3, 1)) + 8
+    (tmp_path / "b.tif").write_bytes(data[:at] + b"\4" + data[at + 1 :])
+    with pytest.raises(rc.MeshError, match="gdalwarp"):
+        rc.Mesh.load(tmp_path / "b.tif")
 
 
 WRONG = {
@@ -221,6 +299,9 @@ WRONG = {
     "no scale": ({33550: (12, (0.0, 0.0, 0.0))}, "expected a spacing above 0"),
     "rotated": ({34264: (12, (1.0,) * 16)}, "a rotated grid"),
     "unit": ({34735: (3, (1, 1, 0, 1, 3076, 0, 1, 9999))}, "got unit 9999"),
+    "feet alone": ({34735: (3, FEET)}, "expected the unit of heights of a map in feet"),
+    "unit of heights": (said(unittype="cm"), "got unit 'cm'"),
+    "scale": (said(scale="x"), "got none; check the value of no data"),
 }
 
 

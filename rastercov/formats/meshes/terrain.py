@@ -4,22 +4,41 @@ OGC 19-008r4, GeoTIFF Standard 1.1.
 """
 
 import io
+import re
 import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from rastercov.base import MeshError, ResourceError, finite_number, shown
+from rastercov.base import FloatArray, MeshError, ResourceError, finite_number, shown
 from rastercov.core.mesh.terrain import Raster, raster_of_array
 from rastercov.formats.meshes.polygons import PEAK_BYTES_PER_FACE, Polygons, broken, check
 
-PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
-"""Tags of GeoTIFF, the last one of GDAL."""
+COMPRESSION, PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, METADATA, NODATA = (
+    259,
+    33550,
+    33922,
+    34264,
+    34735,
+    42112,
+    42113,
+)
+"""Tags of TIFF, of GeoTIFF, and the last two of GDAL."""
 MODEL, RASTER_TYPE, PROJECTED_CRS, LINEAR_UNIT = 1024, 1025, 3072, 3076
+VERTICAL_CRS, VERTICAL_UNIT = 4096, 4099
 """Keys of GeoTIFF."""
 UNITS = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
 """Metres of a unit of length by its code."""
+VERTICAL_FEET = {5702: 9003, 6360: 9003, 8228: 9002}
+"""Units of vertical CRSs in feet."""
+HEIGHT_UNITS = {
+    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
+    **dict.fromkeys(("us survey foot", "us-ft", "ftus"), 1200 / 3937),
+}
+"""Metres of a unit of heights by its name in GDAL."""
+CONVERT = "convert it: gdalwarp -ot Float32 -dstnodata -1e9 -co COMPRESS=DEFLATE"
 LEAST_BUDGET = 2 << 30
 """Bytes that a surface may need, however well its file is compressed."""
 
@@ -46,8 +65,8 @@ def _polygons(raster: Raster, budget: int) -> Polygons:
     return Polygons(points, faces, cells, group, notes=notes, is_in_metres=True)
 
 
-def raster_of_geotiff(data: bytes) -> Raster:
-    """Heights of the first band of a GeoTIFF in a projected CRS."""
+def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
+    """Values of the first image of a TIFF, and its tags."""
     from PIL import Image, TiffImagePlugin, UnidentifiedImageError
 
     try:
@@ -56,25 +75,30 @@ def raster_of_geotiff(data: bytes) -> Raster:
             Image.open(io.BytesIO(data), formats=("TIFF",)) as image,
         ):
             assert isinstance(image, TiffImagePlugin.TiffImageFile)
+            image.seek(image.n_frames - 1)  # an error for masks, which it does not know
+            image.seek(0)
             tags: dict[int, Any] = dict(image.tag_v2)
+            is_swapped = image.tag_v2.prefix == b"MM" and tags.get(COMPRESSION, 1) != 1
             mode = image.mode
-            heights = np.asarray(image, np.float64)
-    except (
-        UnidentifiedImageError,
-        Image.DecompressionBombError,
-        OSError,
-        SyntaxError,
-        ValueError,
-    ) as error:
-        raise MeshError(
-            f"expected a GeoTIFF that Pillow reads, got: {shown(str(error))}; convert it: "
-            "gdal_translate -co COMPRESS=DEFLATE -ot Float32"
-        ) from None
+            values = np.asarray(image, np.float64)
+    except UnidentifiedImageError:
+        raise MeshError(f"expected numbers that Pillow reads, got others; {CONVERT}") from None
+    except (Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
+        got = shown(str(error))
+        raise MeshError(f"expected a GeoTIFF that Pillow reads, got: {got}; {CONVERT}") from None
     check(
-        heights.ndim == 2 and mode not in ("P", "1"),
+        values.ndim == 2 and mode not in ("P", "1"),
         f"expected one band of heights, got an image of mode {mode}",
         "name the raster of heights",
     )
+    # Pillow 12 swaps the bytes of these.
+    check(not is_swapped, "expected a little-endian file, got a compressed big-endian one", CONVERT)
+    return values, tags
+
+
+def raster_of_geotiff(data: bytes) -> Raster:
+    """Heights of the first band of a GeoTIFF in a projected CRS, in metres."""
+    values, tags = _opened(data)
     keys = _keys(tags)
     check(
         keys.get(MODEL, 1) == 1,
@@ -90,13 +114,34 @@ def raster_of_geotiff(data: bytes) -> Raster:
     )
     nodata = str(tags.get(NODATA, "")).strip("\0 ")
     if nodata:
-        heights[heights == float(nodata)] = np.nan
+        values[values == float(nodata)] = np.nan
     dx, dy = (float(each) * unit for each in tags[PIXEL_SCALE][:2])
     column, row, _, x, y = (float(each) for each in tags[TIE_POINT][:5])
     to_sample = 0.5 if keys.get(RASTER_TYPE, 1) == 1 else 0.0  # a pixel is an area: its middle
     origin = x * unit + (to_sample - column) * dx, y * unit - (to_sample - row) * dy
     code = keys.get(PROJECTED_CRS, 0)
-    return raster_of_array(heights, (dx, dy), origin, f"EPSG:{code}" if 0 < code < 32767 else "")
+    crs = f"EPSG:{code}" if 0 < code < 32767 else ""
+    return raster_of_array(_heights(values, tags, keys, unit), (dx, dy), origin, crs)
+
+
+def _heights(
+    values: FloatArray, tags: dict[int, Any], keys: dict[int, int], unit: float
+) -> FloatArray:
+    """Heights, metres, by GDAL's scale, offset and unit, or the vertical unit of GeoTIFF."""
+    said = dict(re.findall(r'sample="0" role="(\w+)">([^<]*)<', str(tags.get(METADATA, ""))))
+    code = keys.get(VERTICAL_UNIT, VERTICAL_FEET.get(keys.get(VERTICAL_CRS, 0), 9001))
+    is_said = "unittype" in said or VERTICAL_UNIT in keys or VERTICAL_CRS in keys
+    check(
+        is_said or unit == 1.0,
+        "expected the unit of heights of a map in feet, got none",
+        "give it, such as gdal_edit.py -units ft",
+    )
+    name = said.get("unittype", "")
+    upwards = HEIGHT_UNITS.get(name.casefold(), 0.0) if name else UNITS.get(code, 0.0)
+    check(upwards > 0, f"expected heights in metres or feet, got unit {shown(name or code)}")
+    scale = finite_number(_number(said.get("scale", "1")))
+    offset = finite_number(_number(said.get("offset", "0")))
+    return (values * scale + offset) * upwards
 
 
 def _keys(tags: dict[int, Any]) -> dict[int, int]:
