@@ -137,8 +137,9 @@ def _middle(day: datetime, end: float) -> datetime:
 def _of(
     latitude: float, longitude: float, times: list[datetime], radiation: Sequence[Sequence[float]]
 ) -> Content:
-    beam, diffuse = np.array(radiation, np.float64).T.reshape(2, -1)
-    return latitude, longitude, times, beam, diffuse
+    kept = [n for n, time in enumerate(times) if (time.month, time.day) != (2, 29)]
+    beam, diffuse = np.array(radiation, np.float64).reshape(-1, 2)[kept].T
+    return latitude, longitude, [times[n] for n in kept], beam, diffuse
 
 
 def sky_factors(mesh: Mesh) -> tuple[FloatArray, FloatArray]:

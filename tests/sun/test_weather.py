@@ -49,6 +49,16 @@ def pvgis():
 FILES = {"a.epw": epw, "tmy3.csv": tmy3, "pvgis.csv": pvgis}
 
 
+def test_a_leap_year_is_read_without_its_29_february(tmp_path):
+    lines = epw().splitlines()
+    first = 8 + 24 * 59
+    more = [line.replace("2021,3,1,", "2020,2,29,") for line in lines[first : first + 24]]
+    (tmp_path / "a.epw").write_text("\n".join(lines[:first] + more + lines[first:]))
+    weather = read_weather(tmp_path / "a.epw")
+    assert np.array_equal(weather.beam, BEAM)
+    assert len(weather.times) == HOURS
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_each_format_is_the_same_year(tmp_path, name):
     (tmp_path / name).write_text(FILES[name]())
