@@ -27,6 +27,10 @@ class EyeOptions(NamedTuple):
     radius: Annotated[
         float | None, Option(help="Largest distance on the map, m.", show_default="no limit")
     ] = None
+    beside: Annotated[
+        list[Path] | None,
+        Option(help="Mesh file in map coordinates, m, that hides ground, such as buildings."),
+    ] = None
 
 
 class EarthOptions(NamedTuple):
@@ -63,6 +67,7 @@ def viewshed(
 
     Example: rastercov viewshed dem.tif --from 500100,5300200 --radius 5000 --out seen/
     """
+    from rastercov.core.mesh import Mesh
     from rastercov.survey import viewshed_files as files
     from rastercov.survey.viewshed import observers_of, raster_of, viewshed_of
 
@@ -71,6 +76,8 @@ def viewshed(
         raise ConfigError(f"expected --from or --observers, got {both}; give one")
     if outlines is not None and outlines.suffix.lower() not in (".geojson", ".json"):
         raise ConfigError(f"--outlines: expected a .geojson file, got {shown(outlines.name)}")
+    if outlines is not None and eyes.beside:
+        raise ConfigError("expected --outlines or --beside, got both; leave one out")
     if outlines is not None:
         check_place(outlines)
     observers = observers_of(
@@ -78,12 +85,14 @@ def viewshed(
         eyes.height,
     )
     surface = raster_of(raster, None).curved(earth.refraction, curvature=not earth.flat)
+    meshes = [Mesh.load(path) for path in eyes.beside or ()]
     with progress_bar("observers") as progress:
         result = viewshed_of(
             surface,
             observers,
             target=eyes.target,
             radius=eyes.radius,
+            beside=Mesh.joined(meshes) if meshes else None,
             each=lambda n: progress(n, len(observers)),
         )
     if out is not None:

@@ -22,6 +22,10 @@ from rastercov.base import (
     frozen_record,
     shown,
 )
+from rastercov.core.camera.conventions import panorama
+from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.coverage.job import evaluate
+from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.files import mesh_files
 from rastercov.core.mesh.terrain import REFRACTION, Raster, raster_of_array
 from rastercov.engine import survey_viewshed as kernels
@@ -104,6 +108,7 @@ def viewshed(
     radius: float | None = None,
     refraction: float = REFRACTION,
     curvature: bool = True,
+    beside: Mesh | None = None,
 ) -> Viewshed:
     """Visible part of every cell of a terrain, exact to rounding.
 
@@ -126,6 +131,9 @@ def viewshed(
         Largest distance on the map, to the middle of a cell, metres.
     refraction, curvature
         As for `Mesh.terrain`.
+    beside : Mesh, optional
+        Buildings and trees in map coordinates, which hide ground. The general engine then answers,
+        in some 30 times the time.
 
     Raises
     ------
@@ -143,7 +151,8 @@ def viewshed(
     [1.0, 1.0, 0.0, 0.0]
     """
     raster = raster_of(heights, spacing).curved(refraction, curvature=curvature)
-    return viewshed_of(raster, observers_of(observers, height), target=target, radius=radius)
+    eyes = observers_of(observers, height)
+    return viewshed_of(raster, eyes, target=target, radius=radius, beside=beside)
 
 
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
@@ -167,6 +176,7 @@ def viewshed_of(
     *,
     target: float = 0.0,
     radius: float | None = None,
+    beside: Mesh | None = None,
     each: Callable[[int], None] = lambda n: None,
 ) -> Viewshed:
     """`viewshed` of a raster; calls `each` with the number of observers that are done."""
@@ -182,7 +192,10 @@ def viewshed_of(
     counts = np.zeros(part.shape, np.bool_)
     seen = []
     for n, eye in enumerate(eyes, 1):
-        share, error, _ = _solve(raster, eye, target, reach)
+        if beside is None:
+            share, error, _ = _solve(raster, eye, target, reach)
+        else:
+            share, error = _solve_beside(raster, eye, target, beside)
         within = _within(raster, eye, reach)
         share[~within] = 0
         error[~within] = 0
@@ -210,6 +223,31 @@ def _solve(
     ground = (raster.heights, np.array(raster.spacing), raster.inverse_radius)
     n = kernels.viewshed(ground, (eye, float(target), beyond), (share, bound, pieces))
     return share, bound, n
+
+
+def _solve_beside(
+    raster: Raster, eye: FloatArray, target: float, beside: Mesh
+) -> tuple[FloatArray, FloatArray]:
+    """Visible parts of cells in their two triangles, and bounds, where a mesh hides ground, too."""
+    at = np.array((raster.origin[0] + eye[0], raster.origin[1] - eye[1]))
+    points, faces, cells = raster.surface(at)[:3]
+    ground = Mesh(points - (*at, 0.0), faces)
+    fall = 0.5 * raster.inverse_radius * ((beside.vertices[:, :2] - at) ** 2).sum(axis=1)
+    moved = Mesh(
+        beside.vertices - np.column_stack((np.tile(at, (len(fall), 1)), fall)), beside.faces
+    )
+    parts = [Mesh(ground.vertices + np.array((0.0, 0.0, target)), faces), moved]
+    scene = Mesh.joined(parts, ["seen", "beside"]).with_groups(occluders=["beside"])
+    if target:
+        scene = Mesh.joined([*parts, ground], ["seen", "beside", "ground"])
+        scene = scene.with_groups(["beside", "ground"], ["seen"], ["seen"])
+    pose = look_at([(0.0, 0.0, eye[2])], [(1.0, 0.0, eye[2])])
+    covered = evaluate(scene, panorama(2000, 1000), pose).covered
+    both = np.zeros((2, raster.is_ground.size))
+    both[:, cells] = 0.5 * np.stack((covered.area[0], covered.bound))[:, : len(faces)]
+    both[:, cells] /= ground.areas
+    share, bound = both.reshape(2, *raster.is_ground.shape)
+    return share, bound
 
 
 def _eye(raster: Raster, observer: FloatArray) -> FloatArray:

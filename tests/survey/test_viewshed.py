@@ -105,6 +105,24 @@ def test_areas_are_those_of_the_general_engine(seed):
     assert (by_cell[hidden] <= bound[hidden] + 1e-9).all()
 
 
+@pytest.mark.parametrize("target", [0.0, 3.0])
+def test_a_mesh_beside_hides_ground(target):
+    rng = np.random.default_rng(3)
+    heights = rng.normal(0, 2, (12, 14)).cumsum(axis=0)
+    given = {"spacing": (10.0, 12.0), "target": target}
+    observer = (43.0, -61.0, 6.0)
+    far = rc.shapes.box((1, 1, 1), centre=(50.0, -70.0, -1e4))
+    alone = rc.viewshed(heights, observer, **given)
+    beside = rc.viewshed(heights, observer, **given, beside=far)
+    error = alone.bound + beside.bound + 1e-9
+    assert (np.abs(alone.share - beside.share) <= error).all()
+    assert beside.seen[0].surface == pytest.approx(alone.seen[0].surface, rel=1e-6)
+    wall = rc.shapes.box((0.5, 500, 1000), centre=(71.0, -61.0, 0.0))
+    hidden = rc.viewshed(heights, observer, **given, beside=wall)
+    assert (hidden.share[:, 8:] <= hidden.bound[:, 8:]).all()
+    np.testing.assert_allclose(hidden.share[:, :6], beside.share[:, :6], atol=1e-6)
+
+
 def surface_at(corners, place):
     """Height of the triangles (F, 3, 3) at a place on the map."""
     a, b, c = (corners[:, k, :2] - place for k in range(3))
@@ -384,6 +402,7 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
         (["--from", "500100,5299900", "--refraction", "1"], "a number from -10 to below 1"),
         (["--from", "500100,5299900", "--outlines", "a.shp"], "a .geojson file"),
         (["--observers", "nothing.csv"], "a CSV file"),
+        (["--from", "1,2", "--outlines", "a.json", "--beside", "a.obj"], "--outlines or --beside"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path, capsys, options, words):

@@ -103,13 +103,18 @@ class Raster:
             raise MeshError(f"expected refraction from -10 to below 1, got {shown(refraction)}")
         return replace(self, inverse_radius=(1 - k) / EARTH_RADIUS if curvature else 0.0)
 
-    def surface(self) -> tuple[FloatArray, IntArray, IntArray, list[str]]:
-        """Vertices, (V, 3), faces, (F, 3), their numbers, (F,), two for each cell, and notes."""
+    def surface(
+        self, place: FloatArray | None = None
+    ) -> tuple[FloatArray, IntArray, IntArray, list[str]]:
+        """Vertices, (V, 3), faces, (F, 3), their numbers, (F,), two for each cell, and notes.
+
+        Heights fall with the curvature of the earth from a place, (2,), or from the middle.
+        """
         rows, columns = self.heights.shape
         x, y = self.xy
         fall = 0.5 * self.inverse_radius
-        from_middle = [(each - (each[0] + each[-1]) / 2) ** 2 for each in (x, y)]
-        z = self.heights - fall * (from_middle[0] + from_middle[1][:, None])
+        middle = np.array((x[0] + x[-1], y[0] + y[-1])) / 2 if place is None else place
+        z = self.heights - fall * ((x - middle[0]) ** 2 + (y - middle[1])[:, None] ** 2)
         points = np.stack((*np.meshgrid(x, y), z), axis=2).reshape(-1, 3)
         number = np.arange(rows * columns).reshape(rows, columns)
         nw, ne, sw, se = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
@@ -120,8 +125,8 @@ class Raster:
         holes = int((~is_ground).sum())
         notes = [f"{holes} triangles without heights are holes, which hide nothing"] * (holes > 0)
         if fall:
-            middle = f"{(x[0] + x[-1]) / 2:.10g}, {(y[0] + y[-1]) / 2:.10g}"
-            notes.append(f"heights fall with the earth's curvature from the middle, {middle}")
+            words = f"{middle[0]:.10g}, {middle[1]:.10g}"
+            notes.append(f"heights fall with the earth's curvature from the middle, {words}")
         return points[used], (np.cumsum(used) - 1)[faces], np.flatnonzero(is_ground), notes
 
 
