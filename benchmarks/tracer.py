@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from rastercov.core.camera.pose import inverse
+from rastercov.core.mesh.arrays import inverse
 
 
 def need_open3d() -> None:

@@ -16,12 +16,12 @@ from rastercov.core.camera.pose import (
     DRIFT_TOLERANCE,
     ROUNDING,
     check_poses,
-    inverse,
     valid_poses,
 )
 from rastercov.core.camera.pose_file import read_poses, write_poses
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
+from rastercov.core.mesh.arrays import inverse
 
 CAMERA = Camera(width=640, height=480, fx=500, fy=500, cx=300, cy=250)
 

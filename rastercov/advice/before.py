@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import ByName, FloatArray, ReadByName, percent, plural, row_lengths
+from rastercov.base import ByName, FloatArray, ReadByName, norm, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import coordinates, distance
 from rastercov.core.area.network import AreaNetwork, unit_of_result
@@ -143,7 +143,7 @@ def compare_cameras(now: Placed, before: Placed) -> list[Changed]:
     if len(first) != len(second):
         return [*_beyond(first, second, is_added=False), *_beyond(second, first, is_added=True)]
     one, other = first.world_from_camera, second.world_from_camera
-    moved = row_lengths(other[:, :3, 3] - one[:, :3, 3])
+    moved = norm(other[:, :3, 3] - one[:, :3, 3])
     chords = np.linalg.norm(other[:, :3, :3] - one[:, :3, :3], axis=(1, 2))
     turned = 2 * np.arcsin(np.minimum(chords / math.sqrt(8), 1.0))
     kinds = cameras_of(old), cameras_of(new)

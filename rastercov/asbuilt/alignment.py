@@ -18,7 +18,7 @@ import numpy as np
 from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
 from rastercov.asbuilt.photograph import DIRECTIONS, Level, pyramid, sample
 from rastercov.asbuilt.resection import displaced, jacobian_of, pixels_of, spread_of
-from rastercov.base import BoolArray, Float32Array, FloatArray, IntArray
+from rastercov.base import BoolArray, Float32Array, FloatArray, IntArray, norm
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
@@ -129,7 +129,7 @@ class Aligner:
         seen = self.points_at(coarse, start, 1.5)
         if len(seen) < 12:
             return [], 0.0
-        distance = float(np.median(np.linalg.norm(to_camera(seen.points, start), axis=1)))
+        distance = float(np.median(norm(to_camera(seen.points, start))))
         rng = np.random.default_rng(0)
         steps = basin.steps(distance, TRIED, rng)
         steps[0] = 0
@@ -175,7 +175,7 @@ class Aligner:
         if not len(points):
             return np.inf
         first = pixels_of(points.points, self.camera, pose)
-        moved = np.linalg.norm(first - pixels_of(points.points, self.camera, other), axis=1)
+        moved = norm(first - pixels_of(points.points, self.camera, other))
         return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else np.inf
 
     def _judge(self, level: Level, pose: FloatArray) -> Optimum:
@@ -236,11 +236,11 @@ def directions_of(
     level: Level, camera: Camera, points: EdgePoints, pose: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Pixels (N, 2) of points at a level, and unit normals (N, 2) of their edges; NaN outside."""
-    local = np.linalg.norm(to_camera(points.points, pose), axis=1, keepdims=True)
+    local = norm(to_camera(points.points, pose))[..., None]
     pixels = pixels_of(points.points, camera, pose)
     ahead = pixels_of(points.points + points.tangents * (1e-4 * local), camera, pose)
     along = ahead - pixels
-    length = np.linalg.norm(along, axis=1, keepdims=True)
+    length = norm(along)[..., None]
     with np.errstate(invalid="ignore", divide="ignore"):
         along = along / length
     return pixels * level.scale, np.stack((-along[:, 1], along[:, 0]), axis=1)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rastercov.asbuilt.resection import pixels_of
-from rastercov.base import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
@@ -52,7 +52,7 @@ class MeshEdges:
         faces = table.faces
         pair = np.stack((faces[first], faces[first + (n_uses > 1)]), axis=1)
         normals = mesh.normals[pair]
-        cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
+        cosine = dots(normals[:, 0], normals[:, 1])
         is_drawn = (n_uses != 2) | (cosine < np.cos(np.radians(CREASE_DEG)))
         kept = is_drawn | (cosine < 1 - 1e-9)
         ends = mesh.vertices[table.vertices[kept].astype(np.int64)]
@@ -102,7 +102,7 @@ def visible_points(
     share = low[owner] + (high - low)[owner] * place / count[owner]
     start, end = edges.start[rows[owner]], edges.end[rows[owner]]
     points = start + share[:, None] * (end - start)
-    length = np.linalg.norm(end - start, axis=1, keepdims=True)
+    length = norm(end - start)[..., None]
     tangents = (end - start) / np.maximum(length, 1e-300)
     every = max(1, -(-len(points) // (4 * MOST_POINTS)))
     found = EdgePoints(points, tangents, rows[owner]).take(slice(None, None, every))
@@ -143,7 +143,7 @@ def _counts(
     pixels = pixels_of(places, camera, np.eye(4))
     limits = np.array((camera.width, camera.height))
     middle = np.clip(np.nan_to_num(pixels, nan=-1e6), -limits, 2 * limits)
-    length = np.linalg.norm(np.diff(middle, axis=0), axis=2).sum(axis=0)
+    length = norm(np.diff(middle, axis=0)).sum(axis=0)
     count = np.where(high > low, np.ceil(length / step), 0).astype(np.int64)
     return count, np.cumsum(count) - count
 
@@ -162,7 +162,7 @@ def _is_visible(points: FloatArray, rasterizer: Rasterizer, pose: FloatArray) ->
         inside = np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
     cell = np.where(inside[:, None], pixels, 0).astype(np.int64)
     local = to_camera(points, pose)
-    own = local[:, 2] if _has_planar_depth(camera) else np.linalg.norm(local, axis=1)
+    own = local[:, 2] if _has_planar_depth(camera) else norm(local)
     return inside & (own <= farthest[cell[:, 1], cell[:, 0]] * (1 + DEPTH_SLACK))
 
 

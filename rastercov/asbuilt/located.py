@@ -22,6 +22,7 @@ from rastercov.base import (
     PoseError,
     finite_number,
     frozen_record,
+    norm,
     plural,
     shown,
 )
@@ -120,7 +121,7 @@ class Located(InOneLine):
         if self.near is None:
             return math.nan
         step = resection.difference(self.pose, self.near)[3:]
-        return float(np.linalg.norm(step[: 2 if self.is_distance_open else 3]))
+        return float(norm(step[: 2 if self.is_distance_open else 3]))
 
     @property
     def turned_deg(self) -> float:
@@ -128,7 +129,7 @@ class Located(InOneLine):
         if self.near is None:
             return math.nan
         turn = resection.difference(self.near, self.pose)[:3]
-        return math.degrees(float(np.linalg.norm(turn)))
+        return math.degrees(float(norm(turn)))
 
     @property
     def deviations(self) -> tuple[float, float]:
@@ -345,7 +346,7 @@ def _by_points(
         spread,
         math.nan,
         near,
-        float(np.linalg.norm(to_camera(points, best.pose), axis=1).mean()),
+        float(norm(to_camera(points, best.pose)).mean()),
     )
 
 

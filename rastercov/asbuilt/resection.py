@@ -23,7 +23,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray, norm
 from rastercov.core.camera import Camera, from_vectors
 from rastercov.core.camera.projection import rays_of, to_camera, to_image
 
@@ -78,7 +78,7 @@ def rotation_vector(matrix: FloatArray) -> FloatArray:
     axis = np.array(
         (matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1])
     )
-    sine = float(np.linalg.norm(axis)) / 2
+    sine = float(norm(axis)) / 2
     cosine = (float(np.trace(matrix)) - 1) / 2
     angle = float(np.arctan2(sine, cosine))
     if sine > 1e-8:
@@ -86,7 +86,7 @@ def rotation_vector(matrix: FloatArray) -> FloatArray:
     if cosine > 0:
         return axis / 2
     column = (matrix + np.eye(3))[:, int(np.argmax(np.diag(matrix)))]
-    return np.asarray(column * (angle / np.linalg.norm(column)))
+    return np.asarray(column * (angle / norm(column)))
 
 
 def difference(pose: FloatArray, other: FloatArray) -> FloatArray:
@@ -137,7 +137,7 @@ def _rank(one: Fit) -> tuple[int, float]:
 def distance(pose: FloatArray, other: FloatArray, points: FloatArray) -> float:
     """Largest displacement of points (N, 3) between two poses, relative to their distance."""
     local = to_camera(points, pose)
-    length = float(np.linalg.norm(local, axis=1).max())
+    length = float(norm(local).max())
     return float(np.abs(local - to_camera(points, other)).max()) / length
 
 
@@ -151,7 +151,7 @@ def _fit_from(
         kept = np.flatnonzero(is_inlier)
         pose = minimise(points[kept], pixels[kept], camera, pose, sigma)
         errors = pixels_of(points, camera, pose) - pixels
-        lengths = np.linalg.norm(errors, axis=1)
+        lengths = norm(errors)
         if not np.isfinite(lengths[kept]).all():
             return None
         now = lengths <= WRONG * sigma
@@ -171,7 +171,7 @@ def _finish(
 ) -> Fit:
     """Fit at an optimum, with its covariance."""
     errors = pixels_of(points, camera, pose) - pixels
-    scaled = np.linalg.norm(errors, axis=1) / sigma
+    scaled = norm(errors) / sigma
     jacobian = jacobian_of(points[is_inlier], camera, pose).reshape(-1, 6)
     parameters = 5 if camera.is_parallel else 6
     freedom = 2 * int(is_inlier.sum()) - parameters
@@ -202,7 +202,7 @@ def covariance_of(jacobian: FloatArray, pose: FloatArray, points: FloatArray) ->
 
     Translations are scaled by the distance of the points first, so that ranks mean something.
     """
-    length = float(np.linalg.norm(to_camera(points, pose), axis=1).mean())
+    length = float(norm(to_camera(points, pose)).mean())
     scale = np.array((1, 1, 1, length, length, length))
     _, values, axes = np.linalg.svd(jacobian * scale, full_matrices=False)
     known = values > 1e-7 * values[0]
@@ -237,7 +237,7 @@ def huber(scaled: FloatArray) -> FloatArray:
 def jacobian_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatArray:
     """Derivatives (N, 2, 6) of the pixels of points by steps of `displaced`, by differences."""
     local = to_camera(points, pose)
-    size = 1e-6 * np.linalg.norm(local, axis=1, keepdims=True)
+    size = 1e-6 * norm(local)[..., None]
     ends = [
         pixels_of(local + size * axis, camera, np.eye(4))
         for axis in np.vstack((np.eye(3), -np.eye(3)))
@@ -254,7 +254,7 @@ def minimise(
     errors = pixels_of(points, camera, pose) - pixels
     cost = _cost(errors, sigma)
     for _ in range(STEPS):
-        lengths = np.linalg.norm(errors, axis=1) / sigma
+        lengths = norm(errors) / sigma
         weights = np.repeat(np.minimum(1, HUBER / np.maximum(lengths, 1e-12)), 2)
         jacobian = jacobian_of(points, camera, pose).reshape(-1, 6)
         if not np.isfinite(jacobian).all() or not np.isfinite(cost):
@@ -281,7 +281,7 @@ def minimise(
 
 
 def _cost(errors: FloatArray, sigma: float) -> float:
-    lengths = np.linalg.norm(errors, axis=1)
+    lengths = norm(errors)
     return float(huber(np.where(np.isfinite(lengths), lengths, np.inf) / sigma).sum())
 
 
@@ -296,7 +296,7 @@ def starts_of(
     if camera.is_parallel:
         return np.array(found).reshape(-1, 4, 4)
     rays = rays_of(pixels, camera)
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays /= norm(rays)[..., None]
     usable = np.flatnonzero(np.isfinite(rays).all(axis=1))
     poses = [pose for rows in _sets(usable) for pose in p3p(points[rows], rays[rows])]
     if poses:
@@ -321,7 +321,7 @@ def _agreement(
     points: FloatArray, pixels: FloatArray, camera: Camera, pose: FloatArray, sigma: float
 ) -> float:
     """Sum of the squares of residuals, each at most that of a wrong pair: MSAC's measure."""
-    errors = np.linalg.norm(pixels_of(points, camera, pose) - pixels, axis=1) / sigma
+    errors = norm(pixels_of(points, camera, pose) - pixels) / sigma
     return float(np.minimum(np.nan_to_num(errors, nan=np.inf), 3 * WRONG).sum())
 
 
@@ -330,8 +330,8 @@ def p3p(points: FloatArray, rays: FloatArray) -> list[FloatArray]:
 
     Grunert's quartic in the ratio of two distances; points on a line have none.
     """
-    a, b, c = (float(np.linalg.norm(points[i] - points[j])) for i, j in ((1, 2), (0, 2), (0, 1)))
-    area = float(np.linalg.norm(np.cross(points[1] - points[0], points[2] - points[0])))
+    a, b, c = (float(norm(points[i] - points[j])) for i, j in ((1, 2), (0, 2), (0, 1)))
+    area = float(norm(np.cross(points[1] - points[0], points[2] - points[0])))
     if area <= 1e-9 * max(a, b, c) ** 2:
         return []
     alpha, beta, gamma = (float(rays[i] @ rays[j]) for i, j in ((1, 2), (0, 2), (0, 1)))

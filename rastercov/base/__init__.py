@@ -73,7 +73,6 @@ if TYPE_CHECKING:
         WholeArray,
         check_memory,
         read_only,
-        row_lengths,
     )
     from rastercov.base.output import (
         check_place,
@@ -85,6 +84,19 @@ if TYPE_CHECKING:
         write_bytes,
         write_json,
         write_text,
+    )
+    from rastercov.base.rounded import (
+        arccos,
+        arcsin,
+        arctan2,
+        cos,
+        dots,
+        draw_between,
+        hypot,
+        matmul,
+        norm,
+        sin,
+        tan,
     )
     from rastercov.base.threads import Closing, Once, once_each, share_poses, thread_count
 
@@ -118,6 +130,9 @@ __all__ = [
     "UnreadableError",
     "Vocabulary",
     "WholeArray",
+    "arccos",
+    "arcsin",
+    "arctan2",
     "check_array",
     "check_choice",
     "check_kind",
@@ -125,7 +140,10 @@ __all__ = [
     "check_memory",
     "check_place",
     "check_seed",
+    "cos",
     "decimals_of",
+    "dots",
+    "draw_between",
     "errors_as",
     "file_bytes",
     "finite_number",
@@ -134,12 +152,15 @@ __all__ = [
     "flag",
     "frozen_record",
     "hooks_of",
+    "hypot",
     "image_side",
     "is_one_of",
     "json_bytes",
     "json_text",
+    "matmul",
     "members",
     "name_file",
+    "norm",
     "once_each",
     "one_line",
     "own_folder",
@@ -151,13 +172,14 @@ __all__ = [
     "read_only",
     "read_toml",
     "remove_folder",
-    "row_lengths",
     "sampling",
     "share_poses",
     "shorten",
     "shown",
+    "sin",
     "size_in_words",
     "suffix_of",
+    "tan",
     "thread_count",
     "with_bound",
     "write_bytes",
@@ -165,7 +187,7 @@ __all__ = [
     "write_text",
 ]
 
-LATER = ("memory", "arguments", "files", "output", "threads")
+LATER = ("memory", "arguments", "files", "output", "rounded", "threads")
 """Modules that load numpy, which `rastercov --help` does without."""
 
 if not TYPE_CHECKING:

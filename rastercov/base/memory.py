@@ -60,11 +60,6 @@ def read_only(array: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
     return view
 
 
-def row_lengths(vectors: ArrayLike) -> FloatArray:
-    """Lengths along axis 1, of (N, K) vectors (N,)."""
-    return np.linalg.norm(vectors, axis=1)
-
-
 def check_memory(what: str, n_bytes: int, remedy: str) -> None:
     """Raise `ResourceError` where results take more memory than is free.
 

@@ -32,6 +32,7 @@ from rastercov.base import (
     IntArray,
     check_choice,
     check_place,
+    norm,
     percent,
     plural,
     shorten,
@@ -537,7 +538,7 @@ def _dimensions(poses: Poses, frame: SheetFrame, walls: FloatArray) -> list[ByNa
                     "y": middle[1] - 0.6 if is_level else middle[1] + 0.7,
                     "half": 2.5,
                     "anchor": "middle" if is_level else "start",
-                    "text": text_with_sign(float(np.linalg.norm(ends[1] - ends[0]))),
+                    "text": text_with_sign(float(norm(ends[1] - ends[0]))),
                 }
             )
     return entries

@@ -30,11 +30,12 @@ from rastercov.base import (
     StrPath,
     WholeArray,
     check_kind,
+    dots,
     finite_number,
     frozen_record,
     is_one_of,
     members,
-    row_lengths,
+    norm,
     shown,
 )
 from rastercov.base.arguments import distinct, number, positive, two
@@ -669,7 +670,7 @@ class Lamps(InOneLine):
         """The same with places of suns before a scene of bounds (2, 3), and rays around it."""
         if all(lamp.kind != SUN for lamp in self.lamps):
             return self
-        width = WIDE * float(np.linalg.norm(np.ptp(bounds, axis=0)) or 1.0)
+        width = WIDE * float(norm(np.ptp(bounds, axis=0)) or 1.0)
         lamps, places = list(self.lamps), self.places.copy()
         for row, lamp in enumerate(lamps):
             if lamp.kind == SUN:
@@ -806,9 +807,9 @@ def illuminances(
     placed = apparent(lamps.eyes, poses)
     for pose, row, own in zip(placed, poses.camera.tolist(), sees, strict=True):
         away = pose[:3, 3] - points
-        d = np.maximum(row_lengths(away), TINY)
+        d = np.maximum(norm(away), TINY)
         cosine = np.clip(-(away @ pose[:3, 2]) / d, -1, 1)
-        height = np.abs(np.einsum("ni,ni->n", away, normals))
+        height = np.abs(dots(away, normals))
         intensity = intensities_of(lamps.lamps[row], cosine, -(away @ pose[:3, :3]))
         with np.errstate(over="ignore"):
             result += np.where(own, intensity * height / d**3, 0.0)

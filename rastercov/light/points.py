@@ -20,8 +20,9 @@ from rastercov.base import (
     FloatArray,
     ReadByName,
     WholeArray,
+    dots,
+    norm,
     percent,
-    row_lengths,
     with_bound,
 )
 from rastercov.base.format import number
@@ -33,6 +34,7 @@ from rastercov.core.area.table import Finder, Regions
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, names_of
 from rastercov.core.coverage.task import Reason, Task, tasks_of
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import inverse
 from rastercov.light.lamp_file import lamps_on
 from rastercov.light.lamp_words import quantity
 from rastercov.light.lamps import Lamps, are_lit, illuminances, points_of
@@ -180,7 +182,7 @@ class LightOfPoints:
         self._normals = frames_of(mesh).normal[face]
         self._two_sided = mesh.two_sided_mask[face]
         self._judge = PointPass(mesh, lamps.eyes, Task(), points, face)
-        self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+        self._camera_from_rig = inverse(rig.rig_from_camera)
         self._dazzled = [own.max_highlight_deg for own in tasks_of(rig, task)]
         self._carried = lamps.carried_by(rig.names)
         self._rides = np.asarray(self._carried.any(axis=1))
@@ -272,14 +274,14 @@ class LightOfPoints:
     ) -> BoolArray:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
         to_camera = centre - self._points
-        to_camera /= np.maximum(row_lengths(to_camera), TINY)[:, None]
+        to_camera /= np.maximum(norm(to_camera), TINY)[:, None]
         mask = np.zeros(len(self._points), np.bool_)
         for eye, own in zip(eyes, sees, strict=True):
             half = eye - self._points
-            half /= np.maximum(row_lengths(half), TINY)[:, None]
+            half /= np.maximum(norm(half), TINY)[:, None]
             half += to_camera
-            along = np.abs(np.einsum("ni,ni->n", half, self._normals))
-            mask |= own & (along > math.cos(math.radians(degrees)) * row_lengths(half))
+            along = np.abs(dots(half, self._normals))
+            mask |= own & (along > math.cos(math.radians(degrees)) * norm(half))
         return mask
 
     def _reach(self, poses: Poses) -> tuple[Poses, BoolArray]:

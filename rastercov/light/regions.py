@@ -23,8 +23,8 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     Once,
+    norm,
     once_each,
-    row_lengths,
 )
 from rastercov.base.arguments import Quantity
 from rastercov.core.area.cut import Kept
@@ -34,6 +34,7 @@ from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, j
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
 from rastercov.core.coverage.task import NAMES, NEEDED, Task, tasks_of
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import inverse
 from rastercov.light.criteria import Highlight, Illuminance
 from rastercov.light.lamp_file import lamps_on
 from rastercov.light.lamp_words import REASONS
@@ -169,7 +170,7 @@ class Light(Condition):
         fixed: FixedLight | None = None,
     ) -> None:
         self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
-        self._camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+        self._camera_from_rig = inverse(rig.rig_from_camera)
         self._carried = lamps.carried_by(rig.names)
         self._rides = np.asarray(self._carried.any(axis=1))
         self._rig = rig
@@ -423,17 +424,17 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     """
     lamps = lamps_on(rig)
     assert lamps is not None
-    world = lead.world_from_camera[0] @ np.linalg.inv(rig.rig_from_camera[lead.camera[0]])
+    world = lead.world_from_camera[0] @ inverse(rig.rig_from_camera[lead.camera[0]])
     rides = np.asarray(lamps.carried_by(rig.names).any(axis=1))
     lamps = lamps._around(np.stack((point, point)))
     places = np.where(rides[:, None, None], world @ lamps.places, lamps.places)
     away = eyes_of(lamps.eyes, Poses.of(places, camera=np.arange(len(lamps)))) - point
-    distance = row_lengths(away)
+    distance = norm(away)
     if reason != HIGHLIGHT:
         return lamps.names[int(distance.argmin())]
     ray = eyes_of(rig, lead[:1])[0] - point
-    half = away / np.maximum(distance, TINY)[:, None] + ray / max(float(np.linalg.norm(ray)), TINY)
-    along = np.abs(half @ normal) / np.maximum(row_lengths(half), TINY)
+    half = away / np.maximum(distance, TINY)[:, None] + ray / max(float(norm(ray)), TINY)
+    along = np.abs(half @ normal) / np.maximum(norm(half), TINY)
     return lamps.names[int(along.argmax())]
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, shown
+from rastercov.base import BoolArray, ByName, FloatArray, dots, norm, shown
 from rastercov.formats.meshes.gltf import (
     affine,
     check_rotations,
@@ -196,7 +196,7 @@ def _linear(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) 
 
 def slerp(one: FloatArray, other: FloatArray, t: FloatArray) -> FloatArray:
     """Rotations at t, (N, 1), on the short arcs between unit quaternions (N, 4)."""
-    cosine = np.einsum("ni,ni->n", one, other)[:, None]
+    cosine = dots(one, other)[:, None]
     other, cosine = np.where(cosine < 0, -other, other), np.minimum(np.abs(cosine), 1.0)
     angle = np.arccos(cosine)
     sine = np.sin(angle)
@@ -222,7 +222,7 @@ def _spline(times: FloatArray, keys: FloatArray, values: FloatArray, path: str) 
 
 
 def _unit(quaternions: FloatArray) -> FloatArray:
-    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    length = norm(quaternions)[..., None]
     check((length > 0).all(), "expected a rotation between two keys, got a quaternion of length 0")
     return quaternions / length
 

@@ -23,9 +23,9 @@ from rastercov.base import (
     UnreadableError,
     errors_as,
     file_bytes,
+    norm,
     printable,
     read_json,
-    row_lengths,
     shown,
     suffix_of,
 )
@@ -229,7 +229,7 @@ def _poses_of(name: str, own: dict[str, list[float]], n: int) -> FloatArray:
     if any(field in own for field in TURN):
         turns = np.stack([np.broadcast_to(own.get(field, 0.0), n) for field in TURN], axis=1)
         with np.errstate(over="ignore"):
-            length = row_lengths(turns)
+            length = norm(turns)
         is_turn = np.abs(length - 1) <= OFF_UNIT
         if not is_turn.all():
             frame = int(is_turn.argmin())

@@ -25,10 +25,10 @@ from rastercov.base import (
     ReadByName,
     check_memory,
     frozen_record,
+    norm,
     once_each,
     percent,
     plural,
-    row_lengths,
 )
 from rastercov.base.format import area as in_square_metres
 from rastercov.core.area.advice import general_advice
@@ -75,7 +75,7 @@ from rastercov.core.coverage.task import (
     tasks_of,
 )
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.arrays import frozen, inverse
 from rastercov.core.mesh.unseeable import areas_in_view, unseeable_areas
 from rastercov.motion.motion import Motion
 from rastercov.motion.regions import (
@@ -541,7 +541,7 @@ class TimeRemedies(Remedies):
     def add_fact(self, spot: ZoneSpot, fact: str) -> ByName:
         """`advice`, after what is known of a zone, and what was `tried`."""
         eyes = self.poses.eyes
-        row = int(row_lengths(eyes - spot.at).argmin()) if len(eyes) else 0
+        row = int(norm(eyes - spot.at).argmin()) if len(eyes) else 0
         words, entries = self.try_change(None, row, spot)
         words += f" {time_words(self.over_time.asked.over)}"
         return {"advice": "; ".join(filter(None, (fact, words))), "tried": entries or None}
@@ -557,9 +557,7 @@ class TimeRemedies(Remedies):
         motion = self.over_time.motion
         body = motion.body[spot.face]
         needed = motion._rows_for(self.over_time.asked.over)[spot.face]
-        at_rest = _move_points(
-            np.linalg.inv(motion.world_from_body[self.middle, body]), spot.points
-        )
+        at_rest = _move_points(inverse(motion.world_from_body[self.middle, body]), spot.points)
         for start in range(0, len(changes), CHANGES_A_TURN):
             placed = self._place_changes(changes[start : start + CHANGES_A_TURN], row)
             n_rows = int(rows_of_result(placed[0], placed[2]).max()) + 1

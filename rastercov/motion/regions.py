@@ -23,6 +23,7 @@ from rastercov.base import (
     IntArray,
     check_choice,
     frozen_record,
+    norm,
     shown,
 )
 from rastercov.core.area.features import FEATURES
@@ -355,7 +356,7 @@ class ViewKeys:
         )
         low, high = self._boxes.min(axis=1), self._boxes.max(axis=1)
         away = np.maximum(low - local[..., 0], local[..., 0] - high).clip(0)
-        is_far = ~(matters & ~(np.linalg.norm(away, axis=2) > FAR * near[:, None])).any(axis=1)
+        is_far = ~(matters & ~(norm(away) > FAR * near[:, None])).any(axis=1)
         limits = np.where(is_far, 0.0, near)
         return [
             b"".join(each.tobytes() for each in (camera, pose, own, bodies[own], limit))
@@ -421,14 +422,11 @@ def _are_separate(one: FloatArray, others: FloatArray) -> BoolArray:
     normal = np.cross(one[..., :, None, :], others[..., None, :, :])
     shape = normal.shape[:2]
     normal = normal.reshape(*shape, 64, 3)
-    size = np.linalg.norm(normal, axis=-1, keepdims=True)
-    scale = np.linalg.norm(one, axis=-1).max(axis=-1) * np.linalg.norm(others, axis=-1).max(axis=-1)
+    size = norm(normal)[..., None]
+    scale = norm(one).max(axis=-1) * norm(others).max(axis=-1)
     is_plane = size[..., 0] > PARALLEL * scale[..., None]
     normal = np.swapaxes(normal / np.where(size > 0, size, 1.0), -1, -2)
-    heights = [
-        each @ normal / np.linalg.norm(each, axis=-1).max(axis=-1)[..., None, None]
-        for each in (one, others)
-    ]
+    heights = [each @ normal / norm(each).max(axis=-1)[..., None, None] for each in (one, others)]
     above, below = ([h.min(axis=-2) for h in heights], [h.max(axis=-2) for h in heights])
     parts = (above[0] >= -PARALLEL) & (below[1] <= PARALLEL)
     parts |= (below[0] <= PARALLEL) & (above[1] >= -PARALLEL)

@@ -25,7 +25,9 @@ from rastercov.base import (
     Float32Array,
     FloatArray,
     IntArray,
+    dots,
     frozen_record,
+    norm,
     percent,
     read_only,
     with_bound,
@@ -475,8 +477,8 @@ class NetworkFigures:
         mesh, least = self.mesh, np.full(self.mesh.n_faces, np.inf)
         for eye, row in zip(self.state.sights, self.rows, strict=True):
             away = eye - mesh.centroids
-            against = np.abs((away * mesh.normals).sum(axis=1))
-            cosine = against / np.maximum(np.linalg.norm(away, axis=1), TINY)
+            against = np.abs(dots(away, mesh.normals))
+            cosine = against / np.maximum(norm(away), TINY)
             angle = np.degrees(np.arccos(np.minimum(cosine, 1.0)))
             least[row.covers] = np.minimum(least, angle)[row.covers]
         return least
@@ -585,7 +587,7 @@ def _of_station(
     table = {name: float(getattr(batch, name)[0, face]) for name in OF_A_FACE}
     name = NAMES[int(table["reason"])]
     depth = (mesh.vertices[mesh.faces[face]] - station.pose[:3, 3]) @ station.pose[:3, 2]
-    table["distance"] = float(np.linalg.norm(mesh.centroids[face] - station.pose[:3, 3]))
+    table["distance"] = float(norm(mesh.centroids[face] - station.pose[:3, 3]))
     words, (row,) = REASONS[name].label, measurements.rows(state, [station])
     failed = int(row.failed[face])
     occluder = _occluder(mesh, camera, station, face) if "occluded" in name else None

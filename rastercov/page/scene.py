@@ -29,6 +29,7 @@ from rastercov.base import (
     errors_as,
     frozen_record,
     hooks_of,
+    norm,
     percent,
     printable,
     read_json,
@@ -51,6 +52,7 @@ from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import inverse
 from rastercov.core.mesh.solids import in_solid
 from rastercov.formats.cameras import read_views
 from rastercov.page.rig_state import RigState, Station
@@ -289,7 +291,7 @@ class Scene:
             own = np.flatnonzero(of_candidate == each.camera)
             if not len(own):
                 return None
-            away = np.linalg.norm(candidates.poses[own, :3, 3] - each.pose[:3, 3], axis=1)
+            away = norm(candidates.poses[own, :3, 3] - each.pose[:3, 3])
             total += float(self.pool.costs[own[away.argmin()]])
         return total
 
@@ -394,7 +396,7 @@ def distances(mesh: Mesh, camera: Camera) -> tuple[float, float]:
 def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> PoseSpace:
     """Places of cameras where no plan limits them: around the part, or within the room."""
     low, high = np.asarray(mesh.bounds)
-    eyes, size = state.eyes, float(np.linalg.norm(high - low))
+    eyes, size = state.eyes, float(norm(high - low))
     reach = 0.0
     if not (is_room or is_inside(mesh, eyes)):
         farthest = max(distances(mesh, each)[1] for each in state.cameras.values())
@@ -444,7 +446,7 @@ def place_words(judged: ByteArray) -> list[str]:
 
 def describe_devices(rig: Rig) -> list[ByName]:
     """Equipment of a rig, ready for JSON; of pieces that ride, the poses on their cameras."""
-    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+    camera_from_rig = inverse(rig.rig_from_camera)
     figures: list[ByName] = []
     for word, own in rig.equipment.items():
         for row, carriers in enumerate(own.carried_by(rig.names)):

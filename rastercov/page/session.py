@@ -29,6 +29,7 @@ from rastercov.base import (
     ReadByName,
     check_choice,
     first_of,
+    norm,
     shown,
 )
 from rastercov.base.arguments import number
@@ -280,7 +281,7 @@ def _settle_pose(asked: Stations, pose: Matrix, before: Matrix) -> ByName:
     eyes, is_allowed = space.project_to_allowed(wanted[None, :3, 3])
     made = wanted.copy() if is_allowed[0] else kept.copy()
     made[:3, 3] = eyes[0] if is_allowed[0] else kept[:3, 3]
-    away, notice = float(np.linalg.norm(made[:3, 3] - wanted[:3, 3])), ""
+    away, notice = float(norm(made[:3, 3] - wanted[:3, 3])), ""
     if away > LEAST_MOVED_REL * scene.mesh.diagonal:
         why = place_words(space.judge(wanted[None, :3, 3]))[0]
         moved = f"moved {distance(away, asked.state.unit)} to the nearest allowed place"

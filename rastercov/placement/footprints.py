@@ -28,7 +28,11 @@ from rastercov.base import (
     IntArray,
     MeshError,
     ReadByName,
+    cos,
+    dots,
     frozen_record,
+    matmul,
+    norm,
     percent,
     read_only,
 )
@@ -431,10 +435,10 @@ def _median_density(
     low, high, new = np.zeros(0), np.zeros(0), slice(None)
     while True:
         own = corners[new]
-        lengths = np.concatenate((lengths, np.linalg.norm(own - np.roll(own, -1, axis=1), axis=2)))
+        lengths = np.concatenate((lengths, norm(own - np.roll(own, -1, axis=1))))
         across = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
-        areas = np.concatenate((areas, np.linalg.norm(across, axis=1) / 2))
-        places = PLACES_OF_TRIANGLE @ own
+        areas = np.concatenate((areas, norm(across) / 2))
+        places = matmul(PLACES_OF_TRIANGLE, own)
         result = density(places.reshape(-1, 3), np.repeat(normals[new], places.shape[1], axis=0))
         each = result.reshape(len(own), -1)
         low, high = np.append(low, each.min(axis=1)), np.append(high, each.max(axis=1))
@@ -481,10 +485,10 @@ def _strips(eyes: FloatArray) -> list[IntArray]:
     steps = np.diff(eyes, axis=0)
     if len(steps) < LEAST_OF_STRIP - 1:
         return []
-    length = np.linalg.norm(steps, axis=1)
+    length = norm(steps)
     unit = steps / np.maximum(length, 1e-300)[:, None]
     usual = float(np.median(length))
-    is_same = np.einsum("ni,ni->n", unit[:-1], unit[1:]) > np.cos(np.radians(TURN_DEG))
+    is_same = dots(unit[:-1], unit[1:]) > cos(np.radians(TURN_DEG))
     is_step = (length > 0) & (length < 3 * usual)
     items, own = [], [0]
     for row in range(len(steps)):  # 1 us each
@@ -499,14 +503,14 @@ def _strips(eyes: FloatArray) -> list[IntArray]:
 
 
 def _is_straight(eyes: FloatArray) -> bool:
-    steps = np.linalg.norm(np.diff(eyes, axis=0), axis=1)
-    return bool(np.linalg.norm(eyes[-1] - eyes[0]) >= STRAIGHT_REL * steps.sum())
+    steps = norm(np.diff(eyes, axis=0))
+    return bool(norm(eyes[-1] - eyes[0]) >= STRAIGHT_REL * steps.sum())
 
 
 def _is_along(eyes: FloatArray, other: FloatArray) -> BoolArray:
     """True for each place between the ends of another strip, along it."""
     direction = other[-1] - other[0]
-    share = (eyes - other[0]) @ direction / max(float(direction @ direction), 1e-300)
+    share = matmul(eyes - other[0], direction) / max(float(matmul(direction, direction)), 1e-300)
     return (share >= -SNAP_REL) & (share <= 1 + SNAP_REL)
 
 
@@ -516,15 +520,15 @@ def _beside(eyes: FloatArray, strips: Sequence[IntArray], one: int) -> list[int]
     if not _is_straight(own):
         return []
     direction = own[-1] - own[0]
-    left = np.array((-direction[1], direction[0])) / max(float(np.linalg.norm(direction)), 1e-300)
-    length = float(np.linalg.norm(direction))
+    left = np.array((-direction[1], direction[0])) / max(norm(direction), 1e-300)
+    length = norm(direction)
     offsets = []
     for strip in strips:
         away = eyes[strip].mean(axis=0) - own.mean(axis=0)
         way = eyes[strip[-1]] - eyes[strip[0]]
-        is_parallel = abs(way @ left) < 0.5 * float(np.linalg.norm(way))
+        is_parallel = abs(matmul(way, left)) < 0.5 * norm(way)
         is_parallel &= _is_straight(eyes[strip])
-        offset = float(away @ left)
+        offset = float(matmul(away, left))
         is_near = is_parallel and abs(offset) > 0.05 * length / max(1, len(own) - 1)
         offsets.append(offset if is_near else np.nan)
     beside = []

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base import ConfigError, FloatArray, parse_json, shown
+from rastercov.base import ConfigError, FloatArray, matmul, norm, parse_json, shown
 from rastercov.core.camera import Poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
@@ -199,7 +199,7 @@ class GeoReference:
             )
         area = self._crs.area_of_use
         has_area = area is not None and self._is_projected
-        if has_area and not any(self.origin[:2]) and not np.hypot(*middle[:2]) >= LOCAL_M:
+        if has_area and not any(self.origin[:2]) and not norm(middle[:2]) >= LOCAL_M:
             raise ConfigError(
                 f"expected an origin with {self.words} for coordinates near 0, got none; give "
                 "origin, the easting and northing of 0, 0"
@@ -228,10 +228,12 @@ class GeoReference:
         turned = mesh.moved(translation=-middle).moved(angle_deg=-(longitude + 90))
         turned = turned.moved(axis=(1, 0, 0), angle_deg=latitude - 90)
         about_z = rotation_about((0, 0, 1), np.radians(-(longitude + 90)))
-        rotation = rotation_about((1, 0, 0), np.radians(latitude - 90)) @ about_z
+        rotation = matmul(rotation_about((1, 0, 0), np.radians(latitude - 90)), about_z)
         matrices = poses.world_from_camera
-        eyes = (matrices[:, :3, 3] - middle) @ rotation.T
-        result = Poses.of(matrices_of(rotation @ matrices[:, :3, :3], eyes), camera=poses.camera)
+        eyes = matmul(matrices[:, :3, 3] - middle, rotation.T)
+        result = Poses.of(
+            matrices_of(matmul(rotation, matrices[:, :3, :3]), eyes), camera=poses.camera
+        )
         place = GeoReference(self._base.to_wkt(), (latitude, longitude, height))
         if self._is_projected:
             place.__dict__["map_crs"] = self._crs

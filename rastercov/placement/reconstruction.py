@@ -35,8 +35,12 @@ from rastercov.base import (
     InNotebook,
     IntArray,
     ReadByName,
+    arccos,
+    dots,
     first_of,
     frozen_record,
+    matmul,
+    norm,
     percent,
     plural,
     sampling,
@@ -90,6 +94,8 @@ CLEARANCE = 0.25
 """Least distance of a candidate to the surface, in distances of the existing images."""
 MOST_NAMED = 3
 """Images in a sentence."""
+SQUARINGS = 8
+"""Of a matrix, until its columns are along the longest axis of a zone."""
 
 
 class WeakRemedies:
@@ -155,8 +161,11 @@ class WeakRemedies:
         """Elements of a zone in the order along its longest axis."""
         centroids = self.found.elements.centroids[rows]
         away = centroids - centroids.mean(axis=0)
-        axis = np.linalg.svd(away[:: max(1, len(away) // 1000)], full_matrices=False)[2][0]
-        return rows[np.argsort(away @ axis, kind="stable")]
+        spread = dots(away.T[:, None], away.T)
+        for _ in range(SQUARINGS):
+            spread = matmul(spread, spread / max(np.abs(spread).max(), TINY))
+        axis = spread[np.abs(spread).sum(axis=1).argmax()]
+        return rows[np.argsort(matmul(away, axis), kind="stable")]
 
     def _round_point(self, point: FloatArray, away: float) -> tuple[FloatArray, str]:
         """A point to three digits of a distance, and its text with the unit."""
@@ -167,7 +176,7 @@ class WeakRemedies:
         """Poses around some elements, clear of surfaces, and the points that they look at."""
         result, on = self.found, self.found.elements
         targets = np.array([self._round_point(each, away)[0] for each in on.centroids[at]])
-        rays = face_frames(on.normals[at]) @ fibonacci_sphere(WAYS, 1 - LEAST_COSINE).T
+        rays = matmul(face_frames(on.normals[at]), fibonacci_sphere(WAYS, 1 - LEAST_COSINE).T)
         steps = away * np.array(REACHES)[:, None, None, None] * rays.transpose(0, 2, 1)
         every = (targets[:, None] + steps).reshape(-1, 3)
         eyes = np.array([self._round_point(eye, away)[0] for eye in every])
@@ -195,7 +204,7 @@ class WeakRemedies:
         if not len(covers) or not len(poses):
             return [], 0.0
         ways = eyes_of(result.camera, poses)[:, None] - points
-        ways /= np.linalg.norm(ways, axis=2, keepdims=True)
+        ways /= norm(ways)[..., None]
         angles = self._to_existing(rows, points, ways)
         need, least = self.wanted.views[rows], self.wanted.min_angle
         views, widest = result.views[rows], result.widest_angle[rows]
@@ -224,14 +233,14 @@ class WeakRemedies:
         for at, row in enumerate(rows.tolist()):
             own = eyes[self._camera[self._starts[row] : self._starts[row + 1]]] - points[at]
             if len(own):
-                own /= np.linalg.norm(own, axis=1)[:, None]
+                own /= norm(own)[:, None]
                 existing[:, at] = _angles(ways[:, at, None], own).max(axis=1)
         return existing
 
 
 def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
     """Angles between unit vectors."""
-    return np.arccos(np.clip((one * other).sum(axis=-1), -1.0, 1.0))
+    return arccos(np.clip(dots(one, other), -1.0, 1.0))
 
 
 LEAST_VIEWS, LEAST_ANGLE_DEG = 2, 5.0
@@ -418,7 +427,7 @@ def weak(audit: Audit) -> Weak:
     area = np.bincount(zone, audit.problem.weights[rows]).astype(np.float64)
     order = np.argsort(-area, kind="stable")
     zones = np.full(len(kind), -1, np.int64)
-    zones[rows] = np.argsort(order)[zone]
+    zones[rows] = np.argsort(order, kind="stable")[zone]
     return Weak(kind, zones, area[order])
 
 
@@ -529,8 +538,8 @@ def summary_of(audit: Audit, unit: str = "m") -> ByName:
         own = zones.zone == row
         entry = {
             "kind": KINDS[int(zones.kind[own][0])], "m2": m2, "percent": of_area * m2,
-            "centroid": (weights[own] @ centroids[own] / m2).tolist(),
-            "mean_views": float(weights[own] @ audit.views[own] / m2), "gsd_per_px": gsd(own),
+            "centroid": (matmul(weights[own], centroids[own]) / m2).tolist(),
+            "mean_views": float(dots(weights[own], audit.views[own]) / m2), "gsd_per_px": gsd(own),
             "angle_deg": math.degrees(quantile(audit.widest_angle, weights, own)),
             "distance": quantile(reach, weights, own & is_seen) or usual,
             "unseen_because": _unseen_because(audit, own & ~is_seen),
@@ -566,7 +575,7 @@ def summary_of(audit: Audit, unit: str = "m") -> ByName:
 def _reach(audit: Audit) -> FloatArray:
     """(E,) distance of each element to its best camera, of those that are seen."""
     eyes = np.append(audit.poses.eyes, np.zeros((1, 3)), axis=0)
-    return np.linalg.norm(eyes[audit.best_camera] - audit.elements.centroids, axis=1)
+    return norm(eyes[audit.best_camera] - audit.elements.centroids)
 
 
 def _unseen_because(audit: Audit, mask: BoolArray) -> str | None:
@@ -683,7 +692,7 @@ def _around(audit: Audit, zones: Weak, unit: str) -> Candidates:
     steps = (np.arange(PLACES if len(order) else 0) + 0.5) / PLACES
     at = order[np.searchsorted(below, steps * below[-1:].sum())]
     away = quantile(_reach(audit), weights, audit.views > 0)
-    rays = face_frames(on.normals[at]) @ fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T
+    rays = matmul(face_frames(on.normals[at]), fibonacci_sphere(DIRECTIONS, 1 - MOST_OBLIQUE).T)
     targets = np.repeat(on.centroids[at], DIRECTIONS, axis=0)
     eyes = targets + away * rays.transpose(0, 2, 1).reshape(-1, 3)
     made = Candidates.of(look_at(eyes, targets, upwards(audit.poses)), "weak")

@@ -18,10 +18,13 @@ from rastercov.base import (
     FloatArray,
     IntArray,
     MeshError,
+    cos,
+    dots,
     finite_points,
-    row_lengths,
+    norm,
     shorten,
     shown,
+    sin,
 )
 from rastercov.base.format import area
 from rastercov.base.typed import typed
@@ -70,7 +73,7 @@ def sheet_above(mesh: Mesh, group: str | Sequence[str], height: float) -> Mesh:
     if not math.isfinite(height):
         raise MeshError(f"expected a finite height, got {height} m")
     upward = np.where(mesh.two_sided_mask, abs(mesh.normals[:, 2]), mesh.normals[:, 2])
-    chosen = faces_of_groups(mesh, members) & (upward >= math.cos(math.radians(STEEPEST_DEG)))
+    chosen = faces_of_groups(mesh, members) & (upward >= cos(math.radians(STEEPEST_DEG)))
     if not chosen.any():
         own = repr(list_names(sorted(members)))
         raise MeshError(
@@ -106,7 +109,7 @@ def _highest(sheet: Mesh) -> Mesh:
     def heights(faces: IntArray, xy: FloatArray) -> FloatArray:
         """Heights of the planes of faces (N,) at points (N, 2)."""
         first = corners[faces, 0]
-        values: FloatArray = first[:, 2] + (slopes[faces] * (xy - first[:, :2])).sum(axis=1)
+        values: FloatArray = first[:, 2] + dots(slopes[faces], xy - first[:, :2])
         return values
 
     seen = shapely.polygons(corners[..., :2])
@@ -161,7 +164,7 @@ def _between(
     least, greatest = (each.reduceat(values, first) for each in (np.minimum, np.maximum))
     is_whole = (least >= low) & (greatest <= high)
     cut = np.flatnonzero(~is_whole & (greatest > low) & (least < high))
-    size = np.maximum(row_lengths(slopes[cut]), TINY)[:, None]
+    size = np.maximum(norm(slopes[cut]), TINY)[:, None]
     along = slopes[cut] / size
     across = np.stack((-along[:, 1], along[:, 0]), axis=1)
     far = 4 * float(np.abs(xy).max(initial=0.0))
@@ -237,7 +240,7 @@ def faces_on(sheet: Mesh, facing: ArrayLike = 8, spacing: float = 0.5, size: flo
         shapely.polygons(corners[..., :2]), predicate="intersects"
     )
     first, normal = corners[face, 0], normals[face]
-    rise = (normal[:, :2] * (first[:, :2] - xy[place])).sum(axis=1) / normal[:, 2]
+    rise = dots(normal[:, :2], first[:, :2] - xy[place]) / normal[:, 2]
     z = first[:, 2] + rise
     heads = np.unique(np.column_stack((xy[place], z.round(DIGITS))), axis=0)
     if not len(heads):
@@ -260,9 +263,9 @@ def _level_directions(facing: ArrayLike) -> FloatArray:
                 "change it"
             )
         angles = np.linspace(0, 2 * np.pi, int(facing), endpoint=False)
-        facing = np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1)
+        facing = np.stack((cos(angles), sin(angles), 0 * angles), axis=1)
     ahead = finite_points("facing", facing, (-1, 3), "their number, or vectors") * (1.0, 1.0, 0.0)
-    length = np.linalg.norm(ahead, axis=1, keepdims=True)
+    length = norm(ahead)[..., None]
     if not len(ahead) or not (length > 0).all():
         raise MeshError("expected level directions in facing, got none, or one along z; change it")
     return np.asarray(ahead / length)

@@ -33,7 +33,10 @@ from rastercov.base import (
     FloatArray,
     Int32Array,
     IntArray,
+    dots,
     frozen_record,
+    matmul,
+    norm,
     percent,
     plural,
 )
@@ -213,23 +216,21 @@ def in_front(
     weights = np.stack((1 - x - y, x, y), axis=1)
     for start in range(0, len(faces), FACES_AT_ONCE):
         own = np.repeat(faces[start : start + FACES_AT_ONCE], RAYS)
-        points = (weights @ vertices[mesh.faces[own[::RAYS]]]).reshape(-1, 3)
+        points = matmul(weights, vertices[mesh.faces[own[::RAYS]]]).reshape(-1, 3)
         origins = np.repeat(eyes[start : start + FACES_AT_ONCE], RAYS, axis=0)
         along = points - origins
         if axes is not None:
             rays = np.repeat(axes[start : start + FACES_AT_ONCE], RAYS, axis=0)
-            straight = np.einsum("ni,ni->n", along, rays)[:, None] * rays
+            straight = dots(along, rays)[:, None] * rays
             along = np.where((rays != 0).any(axis=1, keepdims=True), straight, along)
             origins = points - along
-        length = np.linalg.norm(along, axis=1)
+        length = norm(along)
         hit = tree.first_hits(
             origins, along / length[:, None], length + COINCIDENT_REL / 10, row[own]
         )
         ray = np.flatnonzero(hit >= 0)
         hider, hidden = solid[hit[ray]], own[ray]
-        apart = np.einsum(
-            "ni,ni->n", mesh.normals[hider], points[ray] - vertices[mesh.faces[hider, 0]]
-        )
+        apart = dots(mesh.normals[hider], points[ray] - vertices[mesh.faces[hider, 0]])
         counts = (np.abs(apart) > COINCIDENT_REL) | (hider < hidden)
         np.add.at(shares, (start + ray // RAYS, mesh.face_group[hider]), counts / RAYS)
         progress(min(start + FACES_AT_ONCE, len(faces)), len(faces))

@@ -10,6 +10,7 @@ import shapely
 from rastercov.base import FloatArray
 from rastercov.core.camera import Cameras, Poses, Rig
 from rastercov.core.coverage.task import Task
+from rastercov.core.mesh.arrays import inverse
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 """Width and height of landscape sheets, mm."""
@@ -133,7 +134,7 @@ def devices_of(rig: Cameras, placed: Poses, task: Task) -> Iterator[tuple[str, S
     """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
     if not isinstance(rig, Rig):
         return
-    camera_from_rig = np.linalg.inv(rig.rig_from_camera)
+    camera_from_rig = inverse(rig.rig_from_camera)
     for kind, own in rig.equipment.items():
         for row, on in enumerate(own.carried_by(rig.names)):
             name, words = own.names[row], own._words(row, vars(task))

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from rastercov.base import FloatArray, IntArray, ReadByName, percent, row_lengths
+from rastercov.base import FloatArray, IntArray, ReadByName, norm, percent
 from rastercov.base.format import area
 from rastercov.base.output import csv_text
 from rastercov.core.area.advice import figures_of_point
@@ -103,7 +103,7 @@ def _middle(mesh: Mesh, group: int) -> int:
     faces = np.flatnonzero(mesh.face_group == group)
     weights = np.maximum(mesh.areas[faces], 1e-300)[:, None]
     mean = (weights * mesh.centroids[faces]).sum(axis=0) / weights.sum()
-    away = row_lengths(mesh.centroids[faces] - mean)
+    away = norm(mesh.centroids[faces] - mean)
     return int(faces[np.where(mesh.areas[faces] > 0, away, np.inf).argmin()])
 
 
@@ -112,7 +112,7 @@ def _best(
 ) -> tuple[int, ReadByName]:
     """Pose of the highest rank at a point, with most pixels, and its figures."""
     near = np.flatnonzero(ranks == ranks.max())
-    near = near[row_lengths(poses.eyes[near] - point).argsort(kind="stable")[:MOST_JUDGED]]
+    near = near[norm(poses.eyes[near] - point).argsort(kind="stable")[:MOST_JUDGED]]
     every = [
         (figures_of_point(cameras_of(camera)[poses.camera[row]], pose, point, normal), row)
         for row, pose in zip(near.tolist(), poses.world_from_camera[near], strict=True)
@@ -127,7 +127,7 @@ def _in_focus(camera: Camera, pose: FloatArray, point: FloatArray, task: Task) -
     if not low > 0 and math.isinf(high):
         return None
     ray = point - pose[:3, 3]
-    away = ray @ pose[:3, 2] if MODELS[camera.model].is_planar else np.linalg.norm(ray)
+    away = ray @ pose[:3, 2] if MODELS[camera.model].is_planar else norm(ray)
     return bool(low <= away <= high)
 
 

@@ -27,6 +27,7 @@ from rastercov.base import (
     IntArray,
     WholeArray,
     decimals_of,
+    dots,
 )
 from rastercov.base.output import writing
 from rastercov.core.camera import Camera
@@ -244,8 +245,8 @@ def target_key() -> Key:
 def facing(mesh: Mesh, pose: ArrayLike) -> tuple[BoolArray, FloatArray]:
     """Mask of faces that show the camera a valid side, and |cos| of their incidence in [0, 1]."""
     ray = np.asarray(pose, np.float64)[:3, 3] - mesh.centroids
-    reach = np.sqrt(np.einsum("fi,fi->f", ray, ray))
-    along = np.einsum("fi,fi->f", mesh.normals, ray)
+    reach = np.sqrt(dots(ray, ray))
+    along = dots(mesh.normals, ray)
     cosine = np.divide(along, reach, out=np.zeros_like(reach), where=reach > 0)
     return (cosine >= 0) | mesh.two_sided_mask, np.minimum(np.abs(cosine), 1.0)
 
@@ -312,9 +313,7 @@ def draw_lines(
         if step == 1:
             at = at[(at + 1) % width > 0]
         one, other = flat[at], flat[at + step]
-        cosine = np.einsum(
-            "ni,ni->n", normals.take(one, 0, mode="wrap"), normals.take(other, 0, mode="wrap")
-        )
+        cosine = dots(normals.take(one, 0, mode="wrap"), normals.take(other, 0, mode="wrap"))
         is_line = (one < 0) | (other < 0)
         is_line |= (
             (np.abs(cosine) < math.cos(math.radians(CREASE_DEG))) & is_large[one] & is_large[other]

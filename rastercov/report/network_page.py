@@ -21,9 +21,9 @@ from rastercov.base import (
     ReadByName,
     first_of,
     frozen_record,
+    norm,
     percent,
     plural,
-    row_lengths,
     share_poses,
     thread_count,
     with_bound,
@@ -302,7 +302,7 @@ class NetworkPage:
         entries = zones.places(zones.listed())
         for row, entry in enumerate(entries):
             faces = zones.face[zones.zone == row].astype(np.int64)
-            away = row_lengths(self.mesh.centroids[faces] - entry["centroid"])
+            away = norm(self.mesh.centroids[faces] - entry["centroid"])
             face = int(faces[away.argmin()])  # the one in the middle
             entry |= {"reason": NAMES[why[face]], "hidden_by": None}
             if row < MOST_CLOSE_UPS:
@@ -319,7 +319,7 @@ class NetworkPage:
         if why == Reason.OCCLUDED:
             from rastercov.placement.uncovered import in_front  # loads all of placement
 
-            away = row_lengths(self.eyes - spot.at)
+            away = norm(self.eyes - spot.at)
             nearest, face = self.poses[away.argmin(axis=0, keepdims=True)], some[spot.middle][None]
             axes = axes_of(self.camera, nearest)
             eye = nearest.eyes

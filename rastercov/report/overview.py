@@ -33,11 +33,12 @@ from rastercov.base import (
     ReadByName,
     WholeArray,
     decimals_of,
+    dots,
     first_of,
     frozen_record,
+    norm,
     percent,
     plural,
-    row_lengths,
 )
 from rastercov.base.format import area, text_with_sign
 from rastercov.core.area.features import conditions_at
@@ -51,6 +52,7 @@ from rastercov.core.camera.projection import view_frame
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import NAMES, REASONS, Reason, Task, fails, leads
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import apply_pose
 from rastercov.core.raster import open_rasterizer
 from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report import theme
@@ -335,7 +337,7 @@ class Overview:
         """View pyramid of each pose: the eye, then the corners of its outline."""
         cameras = cameras_of(self.camera)
         corners = np.concatenate((task_points(self.mesh), self.eyes))
-        size = max(float(np.linalg.norm(np.ptp(corners, axis=0))) / 2, 1e-12)
+        size = max(float(norm(np.ptp(corners, axis=0))) / 2, 1e-12)
         reach = FRUSTUM * size * math.sqrt(min(1.0, CROWD / max(len(self.placed), 1)))
         return [
             _pyramid(cameras[index], pose, reach)
@@ -453,7 +455,7 @@ def nearest_covering(
     covers = covering_poses(regions, face, points)
     for pose in np.flatnonzero(covers.any(axis=0)).tolist():  # few cameras, many points
         rows = np.flatnonzero(covers[:, pose])
-        away = row_lengths(points.take(rows, axis=0) - eyes[pose])
+        away = norm(points.take(rows, axis=0) - eyes[pose])
         nearer = away < reach[rows]
         best[rows[nearer]] = pose
         reach[rows[nearer]] = away[nearer]
@@ -476,7 +478,7 @@ def _pyramid(camera: Camera, pose: FloatArray, reach: float) -> FloatArray:
     """
     parts = PARTS if camera.is_curved else 1
     ends = np.stack(view_frame(camera, parts, reach))
-    return np.asarray(ends @ pose[:3, :3].T + pose[:3, 3])
+    return apply_pose(ends, pose)
 
 
 def _edges(pyramid: FloatArray) -> list[Line]:
@@ -614,12 +616,12 @@ def close_up(
     pixels (H, W) of a face image that count, of those with the faces; all unless given.
     """
     low, high = extent
-    least = CLOSE_UP_REL * float(np.linalg.norm(np.ptp(task_points(mesh), axis=0)))
+    least = CLOSE_UP_REL * float(norm(np.ptp(task_points(mesh), axis=0)))
     reach = (high - low) / 2 + least
     around = np.stack([(low + high) / 2 - reach, (low + high) / 2 + reach])
     normal = upright(eyes) @ (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
-    front = normal / max(float(np.linalg.norm(normal)), 1e-300)
-    tried = [side for side in (*(front + TILTS), front, *DIRECTIONS) if np.linalg.norm(side) > 0.1]
+    front = normal / max(float(norm(normal)), 1e-300)
+    tried = [side for side in (*(front + TILTS), front, *DIRECTIONS) if norm(side) > 0.1]
 
     def show(scene: DrawnScene, image: FaceImage) -> FaceImage:
         """A face image with nothing but the fronts of the faces."""
@@ -720,4 +722,4 @@ def _with_zones(
 def middle_of(places: FloatArray) -> FloatArray:
     """The one of some places, (N, 2), that is nearest to the median of all of them."""
     away: FloatArray = places - np.median(places, axis=0)
-    return places[(away**2).sum(axis=1).argmin()]
+    return places[dots(away, away).argmin()]

@@ -31,6 +31,7 @@ from rastercov.base import (
     IntArray,
     ReadByName,
     ResourceError,
+    norm,
     percent,
     plural,
     sampling,
@@ -494,7 +495,7 @@ def zone_entries(mesh: Mesh, zones: DeadZones, said: ReadByName) -> list[ByName]
     for row, entry in enumerate(said["dead_zones"]):
         faces = np.unique(zones.face[zones.zone == row])
         normal = (mesh.normals[faces] * mesh.areas[faces, None]).sum(axis=0)
-        length = max(float(np.linalg.norm(normal)), 1e-300)
+        length = max(float(norm(normal)), 1e-300)
         items.append(
             {
                 "area": entry["area_m2"],

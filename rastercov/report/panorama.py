@@ -23,9 +23,10 @@ from rastercov.base import (
     FloatArray,
     Int32Array,
     IntArray,
+    dots,
     first_of,
     frozen_record,
-    row_lengths,
+    norm,
 )
 from rastercov.core.area.polygons import quantile
 from rastercov.core.area.zones import DeadZones, zones_at
@@ -247,10 +248,10 @@ def look(
     own = task_points(mesh) if around is None else box_corners(np.asarray(around, np.float64))
     points = np.concatenate((own, np.asarray(more, np.float64).reshape(-1, 3)))
     low, high = points.min(axis=0), points.max(axis=0)
-    middle, radius = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
+    middle, radius = (low + high) / 2, max(float(norm(high - low)) / 2, 1e-12)
     axes = upright(eyes)
     towards = np.asarray(direction, np.float64) @ axes
-    eye = middle + DISTANCE * radius * towards / np.linalg.norm(towards)
+    eye = middle + DISTANCE * radius * towards / norm(towards)
     pose = look_at(eye, middle, axes[2])[0]
     camera = _fit_camera(points, pose, scale)
     rows = np.flatnonzero(~mesh.target_mask)
@@ -337,7 +338,7 @@ def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
     high = np.maximum.reduceat(corners.max(axis=1), first)
     is_around = np.all((low <= middle) & (middle <= high), axis=1)
     size = mesh.diagonal
-    offset = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]]) / size
+    offset = dots(mesh.normals, mesh.vertices[mesh.faces[:, 0]]) / size
     plane = np.column_stack((mesh.normals.round(2), offset.round(3))) * is_around[body, None]
     number: IntArray = np.unique(np.column_stack((body, plane)), axis=0, return_inverse=True)[1]
     return number.ravel()
@@ -386,13 +387,13 @@ def front_of(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray | None:
     weights = mesh.areas[rows] / max(float(mesh.areas[rows].sum()), 1e-300)
     front = (weights * ~mesh.two_sided_mask[rows]) @ mesh.normals[rows]
     points = places_of(eyes)
-    if np.linalg.norm(front) < FRONT and len(points) and not is_inside(mesh, eyes):
+    if norm(front) < FRONT and len(points) and not is_inside(mesh, eyes):
         rays = points - weights @ mesh.centroids[rows]
-        rays /= np.maximum(row_lengths(rays), 1e-300)[:, None]
+        rays /= np.maximum(norm(rays), 1e-300)[:, None]
         front = rays.mean(axis=0)
-        if np.linalg.norm(front) < FROM_ONE_SIDE:
+        if norm(front) < FROM_ONE_SIDE:
             return None
-    size = float(np.linalg.norm(front))
+    size = float(norm(front))
     return np.asarray(upright(eyes) @ front / size) if size >= FRONT else None
 
 
@@ -504,11 +505,11 @@ def points_of_pixels(
     else:
         rays = rays_of(pixels, camera)
     corners = mesh.vertices.take(mesh.faces[:, 0].take(face), axis=0)
-    heights = np.einsum("ni,ni->n", normals, corners - eye)
+    heights = dots(normals, corners - eye)
     # Column by column: threads of a matrix product wait for each other where cores are busy.
     away = np.stack([rays[:, 0] * x + rays[:, 1] * y + rays[:, 2] * z for x, y, z in rotation], 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.nan_to_num(heights / np.einsum("ni,ni->n", normals, away))
+        reach = np.nan_to_num(heights / dots(normals, away))
     return eye + reach[:, None] * away
 
 
@@ -691,10 +692,10 @@ def back_faces(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArray
     points = places_of(eyes)
     if len(two_sided) and len(points):
         normals, middles = mesh.normals[two_sided], mesh.centroids[two_sided]
-        own = np.einsum("fi,fi->f", normals, pose[:3, 3] - middles)
+        own = dots(normals, pose[:3, 3] - middles)
         is_other = np.ones(len(two_sided), np.bool_)
         for eye in points:
-            is_other &= np.einsum("fi,fi->f", normals, eye - middles) * own < 0
+            is_other &= dots(normals, eye - middles) * own < 0
         away[two_sided] = is_other
     return away
 
@@ -728,7 +729,7 @@ def outer_skin(mesh: Mesh, eyes: ArrayLike) -> BoolArray:
     is_behind = np.full(mesh.n_faces, is_enclosed(mesh, points))
     if is_behind.any():
         is_behind &= ~mesh.target_mask & ~mesh.degenerate_mask & ~mesh.two_sided_mask
-        first = np.einsum("fi,fi->f", mesh.normals, mesh.vertices[mesh.faces[:, 0]])
+        first = dots(mesh.normals, mesh.vertices[mesh.faces[:, 0]])
         for eye in points:
             is_behind &= mesh.normals @ eye < first
     return is_behind

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base import BoolArray, FloatArray, IntArray, row_lengths
+from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm
 from rastercov.core.area.frames import to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Camera, Poses
@@ -97,7 +97,7 @@ def _without_gaps(shape: shapely.Geometry) -> shapely.Geometry:
 def is_foliage(mesh: Mesh) -> BoolArray:
     """(F,) faces of leaves: of groups with many small pieces that are no solids, those pieces."""
     piece = mesh.topology.components()
-    is_small = row_lengths(_sizes(piece, mesh.vertices[mesh.faces])) < LEAF
+    is_small = norm(_sizes(piece, mesh.vertices[mesh.faces])) < LEAF
     is_small[piece[closed_faces(mesh)]] = False
     small = is_small[piece]
     count = max(len(is_small), 1)
@@ -135,7 +135,7 @@ def plan_lines(mesh: Mesh, poses: Poses, cut: float) -> FloatArray:
     is_own = mesh.task_mask & ~mesh.target_mask
     scored = mesh.faces[is_own & ~is_foliage(mesh)]
     walls = _buildings(section(mesh.vertices, scored, cut))
-    lengths = row_lengths(walls[:, 0] - walls[:, 1])
+    lengths = norm(walls[:, 0] - walls[:, 1])
     targets = mesh.vertices[mesh.faces[mesh.target_mask]]
     boxes = [
         middle_part(walls.reshape(-1, 2), np.repeat(lengths, 2)),
@@ -167,14 +167,14 @@ def _buildings(walls: FloatArray) -> FloatArray:
 def distances_to_walls(walls: FloatArray, at: FloatArray) -> list[FloatArray]:
     """Shortest lines (2, 2) from a point to walls (N, 2, 2): along the nearest one, and across."""
     start, step = walls[:, 0], walls[:, 1] - walls[:, 0]
-    length = row_lengths(step)
+    length = norm(step)
     start, step = start[length > PIECE], step[length > PIECE]
     if not len(start):
         return []
-    share = np.einsum("ij,ij->i", at - start, step) / np.einsum("ij,ij->i", step, step)
+    share = dots(at - start, step) / dots(step, step)
     nearest = start + np.clip(share, 0, 1)[:, None] * step
-    row = row_lengths(nearest - at).argmin()
-    along = step[row] / np.linalg.norm(step[row])
+    row = norm(nearest - at).argmin()
+    along = step[row] / norm(step[row])
     distances = []
     for axis in (along, np.array((-along[1], along[0]))):
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -207,7 +207,7 @@ def outline_from_above(mesh: Mesh) -> Any:
     start, step = ends[:, 0], ends[:, 1] - ends[:, 0]
     rows = (table.faces[table.first + rest] for rest in (0, table.n_uses - 1))
     sides = np.array([cross(step, mesh.centroids[row, :2] - middle - start) for row in rows])
-    sides[np.abs(sides) <= UPRIGHT * (step**2).sum(axis=1)] = 0.0
+    sides[np.abs(sides) <= UPRIGHT * dots(step, step)] = 0.0
     border = shapely.linestrings(ends[np.sign(sides).prod(axis=0) >= 0])
     lines = shapely.union_all(border, grid_size=UPRIGHT * float(np.ptp(mesh.bounds, axis=0).max()))
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))

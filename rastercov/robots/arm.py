@@ -20,11 +20,12 @@ from rastercov.base import (
     FloatArray,
     IntArray,
     check_kind,
+    dots,
     frozen_record,
     shown,
 )
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.arrays import frozen, inverse
 from rastercov.core.mesh.groups import Group
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.refusals import Refusal
@@ -184,7 +185,7 @@ class Arm:
         frames = self.robot.frames(joints)
         if FLOOR not in frames:
             return np.tile(np.eye(4), (len(frames[self.link]), 1, 1))
-        return frames[FLOOR] @ np.linalg.inv(self.robot.frames(self.robot.rest)[FLOOR])
+        return frames[FLOOR] @ inverse(self.robot.frames(self.robot.rest)[FLOOR])
 
     def clear(self, joints: ArrayLike) -> FloatArray:
         """(N,) clearance of (N, J) configurations from the scene, metres; 0 in collision.
@@ -213,7 +214,7 @@ class Arm:
 
     def _eyes(self, joints: FloatArray) -> FloatArray:
         """(N, 3) camera centres in the stationary scene."""
-        beside = np.linalg.inv(self.stationary_poses(joints)) @ self.poses(joints)
+        beside = inverse(self.stationary_poses(joints)) @ self.poses(joints)
         return np.ascontiguousarray(beside[:, :3, 3])
 
     def _places(self, eyes: FloatArray) -> ByteArray:
@@ -389,7 +390,7 @@ def _volume(volume: KeepOut) -> Mesh:
         vertices = solid.vertices
     elif isinstance(volume, KeepOutSphere):
         solid = shapes.sphere(3, 1.0)
-        planes = np.einsum("ij,ij->i", solid.normals, solid.centroids)
+        planes = dots(solid.normals, solid.centroids)
         vertices = frozen(solid.vertices * (volume.radius / planes.min()) + volume.centre)
     else:
         kind = type(volume).__name__

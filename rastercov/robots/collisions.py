@@ -26,6 +26,7 @@ from rastercov.base import (
     members,
     shown,
 )
+from rastercov.core.mesh.arrays import apply_pose, inverse
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.mesh import Mesh
 from rastercov.core.mesh.solids import Matter
@@ -229,13 +230,13 @@ class Collisions(InOneLine):
         contact = CONTACT_REL * self.robot.mesh.diagonal
         pairs = self._pairs_of(of)
         for one, other in pairs:
-            relative = np.linalg.inv(frames[one]) @ frames[other]
+            relative = inverse(frames[one]) @ frames[other]
             result = self._apart(one, self._trees[other], relative, result)
             result[result <= contact] = 0.0
         for link, around in pairs:
             rows = np.flatnonzero(result > 0)
             if around in self._around and len(rows):
-                poses = np.linalg.inv(frames[around][rows]) @ frames[link][rows]
+                poses = inverse(frames[around][rows]) @ frames[link][rows]
                 result[rows[self._is_inside(link, self._around[around], poses)]] = 0.0
         return result
 
@@ -282,7 +283,7 @@ class Collisions(InOneLine):
         apart, depth = np.full((2, len(pairs), n), np.inf)
         group = np.full((len(pairs), n), -1)
         for row, (one, other) in enumerate(pairs):
-            relative = np.linalg.inv(frames[one]) @ frames[other]
+            relative = inverse(frames[one]) @ frames[other]
             apart[row] = self._apart(one, self._trees[other], relative, apart[row])
         is_met = apart <= CONTACT_REL * self.robot.mesh.diagonal
         depth[:] = 0.0
@@ -290,8 +291,8 @@ class Collisions(InOneLine):
             own = self._around.get(other)
             is_asked = is_met[row] | ((own is not None) & ~is_met.any(axis=0))
             for at in np.flatnonzero(is_asked).tolist():
-                relative = np.linalg.inv(frames[one][at]) @ frames[other][at]
-                ways = ((one, other, np.linalg.inv(relative)), (other, one, relative))
+                relative = inverse(frames[one][at]) @ frames[other][at]
+                ways = ((one, other, inverse(relative)), (other, one, relative))
                 for way in ways:
                     deep, face = self._depth(*way)
                     if deep > depth[row, at]:
@@ -302,7 +303,7 @@ class Collisions(InOneLine):
             row = np.lexsort((apart[:, at], -depth[:, at])).tolist()[0]
             link, body = pairs[row]
             if body in self._around:
-                relative = np.linalg.inv(frames[link][at]) @ frames[body][at]
+                relative = inverse(frames[link][at]) @ frames[body][at]
                 body = self._group_at(link, body, relative[None], int(group[row, at]))
             is_apart = not is_met[row, at] and depth[row, at] == 0
             distance = float(apart[row, at]) if is_apart else 0.0
@@ -334,7 +335,7 @@ class Collisions(InOneLine):
         """Depth of the deepest point of a body in another one, and the face nearest to it."""
         around = self._around
         mesh = around[body].whole if body in around else self.robot.shapes[body]
-        points = np.concatenate([mesh.vertices, mesh.centroids]) @ pose[:3, :3].T + pose[:3, 3]
+        points = apply_pose(np.concatenate([mesh.vertices, mesh.centroids]), pose)
         if into not in around:
             low, high = self.robot.shapes[into].bounds
             points = points[((points >= low) & (points <= high)).all(axis=1)]

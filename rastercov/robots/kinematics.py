@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray, frozen_record, row_lengths
+from rastercov.base import BoolArray, FloatArray, IntArray, frozen_record, norm
 from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.robots.urdf import Joint
 
@@ -181,13 +181,13 @@ class Kinematics:
         before = self.base
         for each in chain[: moving[0] + 1]:
             before = before @ each.origin
-        reach = float(np.linalg.norm(link_from_tip[:3, 3]))
+        reach = float(norm(link_from_tip[:3, 3]))
         for row, each in enumerate(chain):
-            reach += float(np.linalg.norm(each.origin[:3, 3])) if row > moving[0] else 0.0
+            reach += float(norm(each.origin[:3, 3])) if row > moving[0] else 0.0
             if each.kind == "prismatic":
                 values = each.factor * self.limits[each.column] + each.offset
                 reach += float(np.abs(values).max())
-        away = row_lengths(poses[:, :3, 3] - before[:3, 3])
+        away = norm(poses[:, :3, 3] - before[:3, 3])
         return np.asarray(away <= reach * (1 + 1e-9) + MET)
 
     def jacobian(
@@ -228,7 +228,7 @@ class Kinematics:
         for _ in range(MOST_STEPS):
             tip, slope = self.jacobian(joints[live], chain, link_from_tip)
             error = pose_error(tip, goals[live])
-            size = row_lengths(error)
+            size = norm(error)
             # Steps end below the tolerance, so that wrapping and other orders of sums keep it.
             good = size < 0.1 * MET
             is_met[live[good]] = True
@@ -283,7 +283,7 @@ def pose_error(poses: FloatArray, goals: FloatArray) -> FloatArray:
     axis = np.stack([
         turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]
     ], axis=1) / 2  # fmt: skip
-    sine, cosine = row_lengths(axis), (np.trace(turn, axis1=1, axis2=2) - 1) / 2
+    sine, cosine = norm(axis), (np.trace(turn, axis1=1, axis2=2) - 1) / 2
     ratio = np.where(sine > 1e-9, np.arctan2(sine, cosine) / np.maximum(sine, 1e-12), 1.0)
     result[:, 3:] = axis * ratio[:, None]
     return result

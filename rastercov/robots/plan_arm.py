@@ -21,8 +21,8 @@ from rastercov.base import (
     IntArray,
     StrPath,
     frozen_record,
+    norm,
     plural,
-    row_lengths,
 )
 from rastercov.base.format import distance, text_with_sign
 from rastercov.base.output import csv_text
@@ -32,7 +32,7 @@ from rastercov.core.area.table import Regions
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.mesh import Mesh, bodies
-from rastercov.core.mesh.arrays import frozen
+from rastercov.core.mesh.arrays import frozen, inverse
 from rastercov.core.mesh.groups import Group
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
@@ -279,7 +279,7 @@ class PlanArm:
         solution = []
         for row, pose in enumerate(poses):
             error = pose_error(ends, np.broadcast_to(pose, ends.shape))
-            own = known[row_lengths(error) <= SAME_POSE]
+            own = known[norm(error) <= SAME_POSE]
             others = [each.joints[each.pose == row] for each in (reached, further)]
             own = kinematics.distinct(np.concatenate([own, *others]), self.arm.link, MOST_OPTIONS)
             if not len(own):  # inverse kinematics found it for the candidate of the same pose
@@ -292,7 +292,7 @@ class PlanArm:
 
     def reaches(self, pose: FloatArray, camera: int) -> bool:
         """See `Carrier`."""
-        mount = pose @ np.linalg.inv(self.plan.mounts.rig.rig_from_camera[camera])
+        mount = pose @ inverse(self.plan.mounts.rig.rig_from_camera[camera])
         return len(self.arm.reach(mount[None]).pose) > 0
 
     @cached_property

@@ -35,7 +35,7 @@ from rastercov.base import (
 )
 from rastercov.base.files import LARGEST_TEXT
 from rastercov.base.typed import check_type
-from rastercov.core.mesh.arrays import check_poses, frozen, unit
+from rastercov.core.mesh.arrays import apply_pose, check_poses, frozen, inverse, unit
 from rastercov.core.mesh.bodies import JointPath
 from rastercov.core.mesh.columns import TIMES, columns_of, durations_of
 from rastercov.core.mesh.groups import Group
@@ -272,7 +272,7 @@ class Robot(InOneLine):
         """
         frames, still = self.frames(joints), self.frames(self.rest)
         return {
-            f"{self.name}/{link}": frames[link] @ np.linalg.inv(still[link])
+            f"{self.name}/{link}": frames[link] @ inverse(still[link])
             for link in self.shapes
             if self.is_moving(link)
         }
@@ -437,7 +437,7 @@ def _link_of(name: str, shapes: Sequence[LinkShape], files: Mapping[str, Mesh]) 
         mesh = _mesh_of(shape, files)
         is_mirrored = shape.kind == "mesh" and np.prod(shape.sizes) < 0
         corners = mesh.vertices * (shape.sizes if shape.kind == "mesh" else 1.0)
-        points.append(_move_points(corners, shape.origin))
+        points.append(apply_pose(corners, shape.origin))
         faces.append((mesh.faces[:, ::-1] if is_mirrored else mesh.faces) + n_points)
         n_points += mesh.n_vertices
     read = list(dict.fromkeys(each.file for each in shapes if each.kind == "mesh"))
@@ -458,15 +458,9 @@ def _mesh_of(shape: LinkShape, files: Mapping[str, Mesh]) -> Mesh:
     return _prism(*sizes) if shape.kind == "cylinder" else files[shape.file]
 
 
-def _move_points(points: FloatArray, pose: FloatArray) -> FloatArray:
-    if np.array_equal(pose, np.eye(4)):
-        return points
-    return points @ pose[:3, :3].T + pose[:3, 3]
-
-
 def _place_mesh(mesh: Mesh, name: str, pose: FloatArray) -> Mesh:
     """A mesh as one group that hides, where a pose brings it."""
-    vertices = _move_points(mesh.vertices, pose)
+    vertices = apply_pose(mesh.vertices, pose)
     groups = [Group(name[:LONGEST_NAME], is_occluder=True)]
     return Mesh(vertices, mesh.faces, groups, sources=mesh.sources, notes=mesh.notes)
 

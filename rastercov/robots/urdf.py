@@ -27,6 +27,7 @@ from rastercov.base import (
     UnreadableError,
     Vocabulary,
     file_bytes,
+    norm,
     printable,
     shown,
     suffix_of,
@@ -252,7 +253,7 @@ def _joint(name: str, element: Element) -> Joint:
     axis = np.array([1.0, 0.0, 0.0])
     for each in children(element, "axis")[:1]:
         axis = _numbers(each, "xyz", 3, where, "1 0 0")
-    length = np.linalg.norm(axis)
+    length = norm(axis)
     check(kind == "fixed" or length > 0, f"{where}: expected an axis, got 0 0 0")
     axis = axis / length if length > 0 else np.array([1.0, 0.0, 0.0])
     return Joint(name, kind, ends[0], ends[1], _origin(element, where), axis)

@@ -19,7 +19,7 @@ from rastercov.base import (
     IntArray,
     ReadByName,
     frozen_record,
-    row_lengths,
+    norm,
     size_in_words,
     with_bound,
 )
@@ -224,8 +224,8 @@ class _Head:
         them.
         """
         placed, off = self.poses.world_from_camera, self.points - self.points.mean(axis=0)
-        target = self.points[row_lengths(off).argmin()]
-        away = float(np.linalg.norm(target - placed[:, :3, 3].mean(axis=0)))
+        target = self.points[norm(off).argmin()]
+        away = float(norm(target - placed[:, :3, 3].mean(axis=0)))
         base = _baseline(placed)
         wider = [
             (
@@ -286,7 +286,7 @@ def _missed_limit(
 def _baseline(placed: FloatArray) -> float:
     """Largest distance between devices (n, 4, 4)."""
     eyes = placed[:, :3, 3]
-    return float(np.linalg.norm(eyes[:, None] - eyes, axis=2).max())
+    return float(norm(eyes[:, None] - eyes).max())
 
 
 def _metres(value: float) -> str:
@@ -320,7 +320,7 @@ def _nearer(placed: FloatArray, factor: float, target: FloatArray) -> FloatArray
 
 def _turn(before: FloatArray, after: FloatArray) -> FloatArray:
     """(3, 3) least rotation of one direction to another."""
-    a, b = (each / max(float(np.linalg.norm(each)), 1e-300) for each in (before, after))
+    a, b = (each / max(float(norm(each)), 1e-300) for each in (before, after))
     axis, cosine = np.cross(a, b), float(a @ b)
     cross = cross_matrix(axis)
     return np.eye(3) + cross + cross @ cross / max(1 + cosine, 1e-12)

@@ -23,6 +23,7 @@ from rastercov.base import (
     InOneLine,
     IntArray,
     PoseError,
+    dots,
     frozen_record,
     shown,
 )
@@ -226,7 +227,7 @@ def _swept(
 
 def _levels(sheets: FloatArray) -> FloatArray:
     """(N,) height of the centre of each laser along the normal of its sheet."""
-    return np.einsum("ni,ni->n", sheets[:, :3, 1], sheets[:, :3, 3])
+    return dots(sheets[:, :3, 1], sheets[:, :3, 3])
 
 
 def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
@@ -237,7 +238,7 @@ def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
         """Heights of corners of parts of the pieces of rows over a sheet of their station."""
         piece = np.repeat(rows, np.diff(starts))
         points, own = to_world(regions.mesh, regions.face[piece], xy), station[piece] + of
-        return np.einsum("ni,ni->n", points, sheets[own, :3, 1]) - levels[own]
+        return dots(points, sheets[own, :3, 1]) - levels[own]
 
     every = np.arange(len(regions))
     before = heights(regions.xy, regions.starts, every, 0)

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rastercov.base import ConfigError, FloatArray, row_lengths
+from rastercov.base import ConfigError, FloatArray, norm
 from rastercov.core.area.criteria import RayAngle, Uncertainty
 from rastercov.core.area.cut import values_of
 from rastercov.core.area.frames import to_world
@@ -42,7 +42,7 @@ def _within_baseline(regions: Regions, gate: Limited, eyes: FloatArray) -> Regio
 
 def _within_deviation(regions: Regions, gate: Limited, devices: Regions) -> Regions:
     """Parts where the standard deviation is within its limit."""
-    away = row_lengths(devices.eyes[: gate.n])
+    away = norm(devices.eyes[: gate.n])
     reach = np.where(away > FAR / 2, FAR, regions.mesh.diagonal)  # FAR of parallel rays
     scales = np.array(gate.noise)[: len(away)] * reach
     most = MOST_INFORMATION * float(scales.min(initial=np.inf))
@@ -109,7 +109,7 @@ def worst_deviations(
     for halving in range(MOST_HALVINGS + 1):  # a few us a triangle
         centre = triangles.mean(axis=1)
         off = triangles - centre[:, None]
-        radius = np.linalg.norm(off, axis=2).max(axis=1, initial=0.0)
+        radius = norm(off).max(axis=1, initial=0.0)
         value = values_of(mesh, cut, face, centre, row=row, radius=radius)
         linear = np.einsum("nki,ni->nk", off, value[:, 1:3])
         at = triangles[np.arange(len(face)), linear.argmin(axis=1)]

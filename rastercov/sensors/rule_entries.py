@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from rastercov.base import ByName, CameraError, ReadByName, shown
 from rastercov.core.camera import Gate, Rig
 from rastercov.core.camera.rig import RigEntries
@@ -18,6 +16,7 @@ from rastercov.core.camera.rule import (
     rule_to_json,
 )
 from rastercov.core.camera.rule import Any as AnyOf
+from rastercov.core.mesh.arrays import inverse
 
 OF_RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
 
@@ -117,7 +116,7 @@ def _places(rig: Rig, rows: range) -> list[list[float]] | None:
     """Poses of some cameras of a rig on the first of them; None where one does not move with it."""
     if rig.is_fixed[rows].any():
         return None
-    first_from_rig = np.linalg.inv(rig.rig_from_camera[rows[0]])
+    first_from_rig = inverse(rig.rig_from_camera[rows[0]])
     places: list[list[float]] = (
         (first_from_rig @ rig.rig_from_camera[rows]).reshape(-1, 16).tolist()
     )

@@ -34,6 +34,7 @@ from rastercov.base import (
     finite_number,
     finite_points,
     frozen_record,
+    norm,
     shown,
 )
 from rastercov.core.area.cells import cells
@@ -343,7 +344,7 @@ def pieces_of(mesh: Mesh) -> IntArray:
     ).components()
     boxes, group = _least_by(component, _boxes(mesh)), np.zeros(int(component.max()) + 1, np.int64)
     group[component] = piece
-    margin = TOUCHING * float(np.linalg.norm(np.ptp(mesh.bounds, axis=0)))
+    margin = TOUCHING * float(norm(np.ptp(mesh.bounds, axis=0)))
     number = group.copy()
     for row in np.flatnonzero(np.bincount(group) > 1).tolist():
         own = np.flatnonzero(group == row)

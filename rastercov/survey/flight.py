@@ -18,8 +18,11 @@ from rastercov.base import (
     ConfigError,
     FloatArray,
     IntArray,
+    arctan2,
     errors_as,
     first_of,
+    hypot,
+    norm,
     once_each,
     plural,
     sampling,
@@ -108,11 +111,11 @@ class Flight(Product):
         """
         matrices = self.poses.world_from_camera
         forward, upper = matrices[:, :3, 2], -matrices[:, :3, 1]
-        level = np.hypot(forward[:, 0], forward[:, 1])
-        pitch = np.degrees(np.arctan2(forward[:, 2], level))
+        level = hypot(forward[:, 0], forward[:, 1])
+        pitch = np.degrees(arctan2(forward[:, 2], level))
         ahead = np.where((level < STRAIGHT)[:, None], -np.sign(forward[:, 2:]) * upper, forward)
         ahead = ahead * (1, 1, 0)
-        return ahead / np.linalg.norm(ahead, axis=1, keepdims=True), pitch
+        return ahead / norm(ahead)[..., None], pitch
 
     @cached_property
     def headings_deg(self) -> FloatArray:
@@ -120,7 +123,7 @@ class Flight(Product):
         ahead, _ = self.views
         if (place := self.asked.place) is not None:
             return place.headings_deg(self.places, 10 * ahead)
-        return np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) % 360
+        return np.degrees(arctan2(ahead[:, 0], ahead[:, 1])) % 360
 
     def way_to(self, row: int) -> FloatArray:
         """(K + 2, 3) points of the way to a waypoint from the one before or home; N is home."""
@@ -181,8 +184,8 @@ class Flight(Product):
         while first < n:
             end = first + 1
             while end < n and is_same[end - 1]:
-                away = np.linalg.norm(ways[end - 1] - ways[first])
-                if away > SAME_STEP_REL * np.linalg.norm(ways[first]):
+                away = norm(ways[end - 1] - ways[first])
+                if away > SAME_STEP_REL * norm(ways[first]):
                     break
                 end += 1
             end = end if end - first >= LEAST_OF_LINE else first + 1
@@ -379,7 +382,7 @@ def _missions(flight: Flight, space: Airspace, seconds: float) -> list[Flight]:
             return replace(flight, poses=poses, rows=rows, over=over, first=start)
 
         # The way back is straight at best.
-        level = np.linalg.norm(places[first:] - home, axis=1)
+        level = norm(places[first:] - home)
         done = np.concatenate(([0.0], np.cumsum(flight.legs[first + 1 : len(places)])))
         least = (done + level) / asked.speed + asked.hover * np.arange(1, len(done) + 1)
         end = first + max(1, int(np.searchsorted(least, seconds, "right")))

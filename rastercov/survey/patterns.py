@@ -22,7 +22,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import ConfigError, FloatArray, finite_number, finite_points, members, shown
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    arctan2,
+    cos,
+    finite_number,
+    finite_points,
+    matmul,
+    members,
+    norm,
+    shown,
+    sin,
+    tan,
+)
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.camera import Camera, look_at
 from rastercov.core.camera.viewpoints import half_angles
@@ -202,13 +215,13 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     steps = np.array(((1 - survey.side) * across, (1 - survey.front) * down))
     steps *= growth(camera, nearest)
     tilt = np.radians(survey.tilt_deg)
-    half = np.arctan(down / 2)
-    near, far = np.cos(half) / np.cos((tilt - half, tilt + half))
+    half = arctan2(down / 2, 1.0)
+    near, far = cos(half) / cos((tilt - half, tilt + half))
     if far > 0 and not camera.is_parallel:  # below the horizon
         shared = np.sqrt(near**2 + survey.front * (far**2 - near**2))
-        steps[1] *= min(1.0, 2 * np.cos(tilt) * (near * far) ** 2 / (far + shared))
+        steps[1] *= min(1.0, 2 * cos(tilt) * (near * far) ** 2 / (far + shared))
     angle = np.radians(survey.heading_deg)
-    forward = np.array((np.sin(angle), np.cos(angle)))
+    forward = np.array((sin(angle), cos(angle)))
     right = np.array((forward[1], -forward[0]))
     xy = _lattice(area, np.stack((right, forward)), steps)
     z = np.full(len(xy), level)
@@ -217,8 +230,8 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
         z = np.where(np.isnan(below), level, below)
     eyes = np.column_stack((xy, z + away))
     ahead = np.append(forward, 0.0)
-    view = np.sin(tilt) * ahead - np.cos(tilt) * np.array((0.0, 0.0, 1.0))
-    up = np.cos(tilt) * ahead + np.sin(tilt) * np.array((0.0, 0.0, 1.0))
+    view = sin(tilt) * ahead - cos(tilt) * np.array((0.0, 0.0, 1.0))
+    up = cos(tilt) * ahead + sin(tilt) * np.array((0.0, 0.0, 1.0))
     poses = look_at(eyes, eyes + view * away, up)
     return roll_candidates(poses, "strips", np.arange(len(poses)), framing)
 
@@ -259,7 +272,7 @@ def _lattice(area: "Polygon", axes: FloatArray, steps: FloatArray) -> FloatArray
     """(N, 2) places over an area, columns back and forth along the second axis, as needed."""
     import shapely
 
-    area = shapely.transform(area, lambda xy: xy @ axes.T)
+    area = shapely.transform(area, lambda xy: matmul(xy, axes.T))
     low_x, _, high_x, _ = area.bounds
     columns = int(np.ceil((high_x - low_x) / steps[0] * (1 - 1e-12))) + 1
     check_count(columns)
@@ -279,7 +292,7 @@ def _lattice(area: "Polygon", axes: FloatArray, steps: FloatArray) -> FloatArray
         y = (low_y + high_y) / 2 + (np.arange(int(count)) - (count - 1) / 2) * steps[1]
         y = y if len(values) % 2 == 0 else y[::-1]
         values.append(np.column_stack((np.full(len(y), x), y)))
-    return np.concatenate(values) @ axes
+    return matmul(np.concatenate(values), axes)
 
 
 LEAST_UPRIGHT = 0.1
@@ -345,7 +358,7 @@ def facade(
         wanted = names_of_groups("groups", names, names_of(mesh)) or set()
         chosen = faces_of_groups(mesh, wanted)
     normal = (mesh.areas[chosen, None] * mesh.normals[chosen])[:, :2].sum(axis=0)
-    length = float(np.linalg.norm(normal))
+    length = norm(normal)
     if not length > LEAST_UPRIGHT * float(mesh.areas[chosen].sum()):
         raise ConfigError(
             "expected faces of one side of a building, got some of all sides; name their groups"
@@ -355,7 +368,7 @@ def facade(
     used = mesh.vertices[np.unique(mesh.faces[chosen])]
     across, down = image_sides(camera, framing)
     reach = growth(camera, away)
-    u, v = used @ right, used[:, 2]
+    u, v = matmul(used, right), used[:, 2]
     columns = _places(u.min(), u.max(), (1 - front) * across * reach)
     rows = _places(v.min(), v.max(), (1 - side) * down * reach)
     check_count(len(columns) * len(rows))
@@ -364,7 +377,7 @@ def facade(
         for row, level in enumerate(rows.tolist())
     ]
     places = np.concatenate(grid)
-    depth = float((used @ outward).max()) + away
+    depth = float(matmul(used, outward).max()) + away
     eyes = places[:, :1] * right + depth * outward + places[:, 1:] * np.array((0.0, 0.0, 1.0))
     poses = look_at(eyes, eyes - outward * away)
     return above_ground(mesh, roll_candidates(poses, "facade", np.arange(len(poses)), framing))
@@ -501,10 +514,10 @@ def orbit(
     eyes, targets = [], []
     for row, level in enumerate(levels.tolist()):
         turn = angles if row % 2 == 0 else angles[::-1]
-        outward = np.stack((np.cos(turn), np.sin(turn), np.zeros(len(turn))), axis=1)
+        outward = np.stack((cos(turn), sin(turn), np.zeros(len(turn))), axis=1)
         own = middle * (1, 1, 0) + radius * outward + (0, 0, level)
         eyes.append(own)
-        drop = middle[2] - level if tilt_deg is None else -radius * np.tan(np.radians(tilt_deg))
+        drop = middle[2] - level if tilt_deg is None else -radius * tan(np.radians(tilt_deg))
         targets.append(own - radius * outward + np.array((0, 0, drop)))
     poses = look_at(np.concatenate(eyes), np.concatenate(targets))
     return roll_candidates(poses, "orbit", np.arange(len(poses)), framing)

@@ -20,6 +20,8 @@ from rastercov.base import (
     check_array,
     finite_number,
     frozen_record,
+    hypot,
+    norm,
     shown,
 )
 from rastercov.core.camera.conventions import panorama
@@ -219,7 +221,7 @@ def _solve(
 ) -> tuple[FloatArray, FloatArray, int]:
     """Visible parts of cells in their two triangles, bounds, and the number of pieces."""
     share, bound = np.zeros((2, *raster.is_ground.shape))
-    beyond = reach + float(np.hypot(*raster.spacing))
+    beyond = reach + float(norm(raster.spacing))
     ground = (raster.heights, np.array(raster.spacing), raster.inverse_radius)
     n = kernels.viewshed(ground, (eye, float(target), beyond), (share, bound, pieces))
     return share, bound, n
@@ -284,7 +286,7 @@ def _within(raster: Raster, eye: FloatArray, reach: float) -> BoolArray:
     rows, columns = raster.heights.shape
     x = (np.arange(columns - 1) + 0.5) * raster.spacing[0] - eye[0]
     y = (np.arange(rows - 1) + 0.5) * raster.spacing[1] - eye[1]
-    return np.hypot(x, y[:, None]) <= reach
+    return hypot(x, y[:, None]) <= reach
 
 
 def pieces_of(

@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from rastercov.base import ByName, ConfigError, FloatArray, json_bytes, write_bytes, write_text
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    hypot,
+    json_bytes,
+    norm,
+    write_bytes,
+    write_text,
+)
 from rastercov.base.format import text_with_bound
 from rastercov.base.output import csv_text, name_folder
 from rastercov.report.images import Key, add_frame, png
@@ -115,10 +124,10 @@ def relief_of(heights: FloatArray) -> FloatArray:
     """(H - 1, W - 1) brightness of slopes, 0.6 to 1."""
     known = np.nan_to_num(heights, nan=float(np.nanmin(heights)))
     east, north = np.gradient(known, axis=1)[:-1, :-1], -np.gradient(known, axis=0)[:-1, :-1]
-    unit = 2 * max(float(np.std(np.hypot(east, north))), 1e-9)
+    unit = 2 * max(float(np.std(hypot(east, north))), 1e-9)
     lit = -LIGHT[0] * east / unit - LIGHT[1] * north / unit + LIGHT[2]
     steep = np.sqrt((east / unit) ** 2 + (north / unit) ** 2 + 1)
-    light = np.clip(lit / steep / np.linalg.norm(LIGHT), 0, 1)
+    light = np.clip(lit / steep / norm(LIGHT), 0, 1)
     return np.asarray(0.6 + 0.4 * light)
 
 

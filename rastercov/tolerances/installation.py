@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge
 from typing_extensions import Doc
 
-from rastercov.base import FloatArray, check_limits
+from rastercov.base import FloatArray, check_limits, norm
 from rastercov.core.camera import from_vectors
 
 
@@ -54,7 +54,7 @@ class InstallationError:
             vector = rng.normal(size=(*shape, 3))
             radius = np.cbrt(rng.random((*shape, 1)))
             if self.distribution == "uniform":
-                vector *= radius / np.linalg.norm(vector, axis=-1, keepdims=True)
+                vector *= radius / norm(vector)[..., None]
             vectors.append(size * vector)
         return tuple(vectors)
 

@@ -35,8 +35,8 @@ from rastercov.base import (
     IntArray,
     WholeArray,
     finite_number,
+    norm,
     read_only,
-    row_lengths,
     shown,
 )
 from rastercov.core.area.frames import frames_of, to_world
@@ -230,7 +230,7 @@ class Errors:
             n_balls = int((sizes > 0).sum() + (part > 0).sum())
             radius = _radii(self.chance ** (1 / max(n_balls, 1)))
             sizes, part = sizes * radius, part * radius[:2]
-        away = row_lengths(poses.eyes - pivot)
+        away = norm(poses.eyes - pivot)
         sizes[:, 0] += part[0] + 2 * math.sin(part[1] / 2) * away
         sizes[:, 1] += part[1]
         if not (sizes[:, 1:] < (math.radians(MOST_ANGLE_DEG), 0.5)).all():
@@ -528,7 +528,7 @@ def unmet(
     solver_tolerance.find_unmet(planes, criteria, mount, points, face, result)
     if camera.is_curved:
         at = (to_world(mesh, face, points) - pose[:3, 3]) @ pose[:3, :3]
-        nearest = np.linalg.norm(at, axis=1).min(initial=np.inf)
+        nearest = norm(at).min(initial=np.inf)
         image = inset(camera, size, float(nearest))
         is_shown = np.array(image is not None and shows(image, at))
         result[(result > Reason.OUTSIDE) & ~is_shown] = Reason.OUTSIDE

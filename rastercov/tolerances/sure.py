@@ -25,6 +25,7 @@ from rastercov.base import (
     IntArray,
     check_seed,
     frozen_record,
+    norm,
     percent,
     plural,
     shown,
@@ -441,7 +442,7 @@ def _draw_installations(
             return normal
         radius = rng.random((*shape, 1)) ** (1 / dims)
         radius[at_most] = 1.0
-        scaled: FloatArray = normal * radius / np.linalg.norm(normal, axis=-1, keepdims=True)
+        scaled: FloatArray = normal * radius / norm(normal)[..., None]
         return scaled
 
     for first in range(0, draws, step):
@@ -588,7 +589,7 @@ def _hiders(sure_coverage: SureCoverage, zones: DeadZones, rows: list[int]) -> d
         covers = rows_at(regions, regions.pose, len(sure_coverage.poses), face, points)
         pose = int(covers.sum(axis=0).argmax())
         steps = rng.normal(size=(HIDING, 3))
-        steps *= sure_coverage.sizes[pose, 0] / np.linalg.norm(steps, axis=1, keepdims=True)
+        steps *= sure_coverage.sizes[pose, 0] / norm(steps)[..., None]
         matrix = sure_coverage.poses.world_from_camera[pose]
         moved = displace(np.tile(matrix, (HIDING, 1, 1)), steps, np.zeros((HIDING, 3)))
         placed = Poses.of(moved, camera=np.full(HIDING, sure_coverage.poses.camera[pose]))

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from rastercov.base import TINY, FloatArray
+from rastercov.base import TINY, FloatArray, dots
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.gates import through
 from rastercov.core.area.rows import with_rule
@@ -31,8 +31,7 @@ def nearest_of(regions: Regions) -> FloatArray:
     face, first = regions.face, regions.starts[:-1]
     away = regions.eyes[regions.pose] - frames.origin[face]
     height, x, y = (
-        np.einsum("ni,ni->n", away, axes[face])
-        for axes in (frames.normal, frames.x_axis, frames.y_axis)
+        dots(away, axes[face]) for axes in (frames.normal, frames.x_axis, frames.y_axis)
     )
     counts = np.diff(regions.starts)
     start = regions.xy - np.repeat(np.column_stack([x, y]), counts, axis=0)
@@ -40,8 +39,8 @@ def nearest_of(regions: Regions) -> FloatArray:
     following[regions.starts[1:] - 1] = first
     end = start[following]
     along = end - start
-    size = np.maximum((along**2).sum(axis=1), TINY)
-    t = np.clip(-(start * along).sum(axis=1) / size, 0.0, 1.0)
+    size = np.maximum(dots(along, along), TINY)
+    t = np.clip(-dots(start, along) / size, 0.0, 1.0)
     flat = np.hypot(*(start + t[:, None] * along).T)
     inside = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0] >= 0
     is_over = np.logical_and.reduceat(inside, first)

@@ -8,8 +8,8 @@ import pytest
 import rastercov as rc
 from rastercov.core.camera.conventions import OPENGL_AXES, POSE_CONVENTIONS
 from rastercov.core.camera.doubts import convention_warnings
-from rastercov.core.camera.pose import inverse
 from rastercov.core.mesh import shapes
+from rastercov.core.mesh.arrays import inverse
 
 CAMERA = rc.Camera(width=64, height=48, fx=60, fy=60)
 MESH = shapes.box((1, 1, 1)).moved(translation=(1, 2, 3))

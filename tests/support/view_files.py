@@ -8,7 +8,7 @@ import pytest
 
 import rastercov as rc
 from rastercov.core.camera.lenses.of_camera import lens_of
-from rastercov.core.camera.pose import inverse
+from rastercov.core.mesh.arrays import inverse
 from rastercov.formats.cameras import read_views, write_views
 
 SIZE = rc.Conventions(image_size=(640, 480))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base import FloatArray, ReadByName, percent
+from rastercov.base import FloatArray, ReadByName, norm, percent
 from rastercov.base.format import distance as in_words
 from rastercov.base.format import number
 from rastercov.core.area.regions import OF_A_FACE
@@ -204,7 +204,7 @@ def figures_of_point(
     ray = point - pose[:3, 3]
     if camera.is_parallel:
         ray = (ray @ pose[:3, 2]) * pose[:3, 2]
-    distance = max(float(np.linalg.norm(ray)), 1e-300)
+    distance = max(float(norm(ray)), 1e-300)
     steps = STEP_REL * distance * np.concatenate((np.eye(3), -np.eye(3)))
     with np.errstate(all="ignore"):
         ends = to_image(to_camera(point + steps, pose), camera)

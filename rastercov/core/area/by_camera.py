@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, IntArray, ReadByName
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, ReadByName, matmul
 from rastercov.core.area import polygons
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.frames import to_world
@@ -152,4 +152,4 @@ def lose_without(parts: Regions, need: IntArray) -> FloatArray:
     xy, starts = polygons.choose_polygons(covered.xy, covered.starts, tight)
     areas, face = polygons.polygon_areas(xy, starts), covered.face[tight]
     points = to_world(parts.mesh, face, polygons.centroids(xy, starts, np.maximum(areas, 1e-300)))
-    return areas @ covering_poses(parts, face, points)
+    return matmul(areas, covering_poses(parts, face, points))

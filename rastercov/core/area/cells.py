@@ -19,6 +19,7 @@ from rastercov.base import (
     ResourceError,
     finite_number,
     frozen_record,
+    norm,
     read_only,
     shown,
 )
@@ -247,7 +248,7 @@ def usual_size(mesh: Mesh, n_meshes: int = 1) -> float:
     fair = max(LEAST_CELLS, USUAL_CELLS * TOGETHER // max(n_meshes, TOGETHER))
     most = min(fair + 2 * n_faces, MOST_CELLS)
     points = mesh.vertices[mesh.faces[counter.is_asked]].reshape(-1, 3)
-    size = diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    size = diagonal = float(norm(np.ptp(points, axis=0)))
     while size / 2**0.25 >= FINEST_REL * diagonal and counter.count(size / 2**0.25, most) <= most:
         size /= 2**0.25
     return round_up(size)

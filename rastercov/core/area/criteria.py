@@ -18,10 +18,12 @@ from rastercov.base import (
     FloatArray,
     InOneLine,
     check_choice,
+    cos,
     finite_number,
     finite_points,
     flag,
     frozen_record,
+    norm,
     shown,
 )
 
@@ -86,7 +88,7 @@ class RayAngle(InOneLine):
     def _cuts(self, n_rows: int) -> Sequence[Cut]:
         """See `AreaCriterion`."""
         sign = -1.0 if self.is_least else 1.0
-        limit = sign * math.cos(math.radians(self.degrees))
+        limit = sign * cos(math.radians(self.degrees))
         return [Cut("angle", (_rows("eyes", self.eyes, n_rows), sign, limit))]
 
 
@@ -206,7 +208,7 @@ class Uncertainty(InOneLine):
                 "expected noise above 0 and ranges of 0 or more, got other values; give rad and m"
             )
         stripes = broadcast("stripes", self.stripes, eyes.shape)
-        lengths = np.linalg.norm(stripes, axis=-1, keepdims=True)
+        lengths = norm(stripes)[..., None]
         if not ((lengths[..., 0] == 0) | (ranges == 0)).all():
             raise ConfigError("expected stripes or ranges of a sensor, got both; leave one out")
         check_choice("along", self.along, ("worst", "normal"))
@@ -284,7 +286,7 @@ def device_places(name: str, values: ArrayLike, noun: str) -> FloatArray:
 
 def unit_axes(axes: FloatArray) -> FloatArray:
     """Axes of length 1."""
-    lengths = np.linalg.norm(axes, axis=-1, keepdims=True)
+    lengths = norm(axes)[..., None]
     if not (lengths > 0).all():
         raise ConfigError("expected axes longer than 0, got one of length 0; give a direction")
     return axes / lengths

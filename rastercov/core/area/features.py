@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, WholeArray, hooks_of
+from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, WholeArray, hooks_of, matmul
 from rastercov.core.area.feature import Feature, Judge, PointCondition, Points, Scene
 from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
@@ -18,12 +18,13 @@ from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eye
 from rastercov.core.coverage.device import Carried, Device, devices
 from rastercov.core.coverage.task import NAMES, Reason, Task
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import inverse
 
 
 def _place_leads(rig: Rig, leads: Poses) -> Poses:
     """Poses of rigs by the first poses of rows."""
-    camera_from_rig = np.linalg.inv(rig.rig_from_camera)[leads.camera]
-    return Poses.of(leads.world_from_camera @ camera_from_rig, camera=0)
+    camera_from_rig = inverse(rig.rig_from_camera)[leads.camera]
+    return Poses.of(matmul(leads.world_from_camera, camera_from_rig), camera=0)
 
 
 class DeviceView(Condition):

@@ -17,7 +17,10 @@ from rastercov.base import (
     InOneLine,
     Int32Array,
     IntArray,
+    dots,
     frozen_record,
+    matmul,
+    norm,
     once_each,
     read_only,
 )
@@ -111,7 +114,7 @@ def to_plane(mesh: Mesh, face: ArrayLike, points: ArrayLike) -> FloatArray:
     frames, faces = frames_of(mesh), np.asarray(face)
     away = np.asarray(points, np.float64) - frames.origin.take(faces, axis=0)
     axes = (axis.take(faces, axis=0) for axis in frames[1:3])
-    return np.stack([np.einsum("ni,ni->n", away, axis) for axis in axes], axis=1)
+    return np.stack([dots(away, axis) for axis in axes], axis=1)
 
 
 @frozen_record(repr=False)
@@ -192,12 +195,12 @@ def sides_of(
 
     A camera in a plane, up to rounding, is neither.
     """
-    height = eyes @ normals.T - np.einsum("ni,ni->n", points, normals)
-    size = np.linalg.norm(eyes, axis=1)[:, None] + np.linalg.norm(points, axis=1)
+    height = matmul(eyes, normals.T) - dots(points, normals)
+    size = norm(eyes)[:, None] + norm(points)
     return height > ROUNDING_REL * size, height < -ROUNDING_REL * size
 
 
 def in_front(eyes: FloatArray, points: FloatArray, normals: FloatArray) -> BoolArray:
     """(n, N) cameras, by their centres (n, 3), in front of the planes of points (N, 3)."""
-    height = eyes @ normals.T - np.einsum("ni,ni->n", points, normals)
+    height = matmul(eyes, normals.T) - dots(points, normals)
     return height >= 0

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, IntArray
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, dots, norm
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import text_with_sign
 from rastercov.core.area.advice import figures_of_point, general_advice, short_of
@@ -57,6 +57,7 @@ from rastercov.core.coverage.task import (
     tasks_of,
 )
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import inverse
 from rastercov.core.mesh.solids import hiders_of, matter_of, rooms_at
 
 SURE, SCREENED = 0.55, 12
@@ -141,7 +142,7 @@ class ZoneSpot(NamedTuple):
     def of(cls, points: FloatArray, face: IntArray, views: int = 1) -> "ZoneSpot":
         """With the point that is nearest to the mean."""
         away: FloatArray = points - points.mean(axis=0)
-        return cls(points, face, int((away**2).sum(axis=1).argmin()), views)
+        return cls(points, face, int(dots(away, away).argmin()), views)
 
     @property
     def at(self) -> FloatArray:
@@ -251,7 +252,7 @@ class Remedies:
                 named, facts = None, [NO_SIGHT]
         elif is_alone:
             eyes = self.poses.eyes
-            row = int(np.linalg.norm(eyes - spot.at, axis=1).argmin())
+            row = int(norm(eyes - spot.at).argmin())
             facts = [NO_SIGHT]
         if is_alone and named is not None and named.missed and not named.missed.keys() >= {*rows}:
             facts[-1] += (
@@ -304,7 +305,7 @@ class Remedies:
     def nearest(self, spot: ZoneSpot) -> NearestCamera | None:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""
         eyes = self.poses.eyes
-        away = np.linalg.norm(eyes - spot.at, axis=1)
+        away = norm(eyes - spot.at)
         near = np.sort(np.argsort(away, kind="stable")[: self.most_judged])
         some = np.unique(np.append(np.linspace(0, len(spot.face) - 1, 8).astype(int), spot.middle))
         free = self._sees(self.poses[near], spot.points[some], spot.face[some])
@@ -354,13 +355,13 @@ class Remedies:
         own = np.full(self.mesh.n_faces, -1)
         own[hiders.solid] = np.arange(len(hiders.solid))
         starts, ends = poses.world_from_camera[rows, :3, 3], points[columns]
-        depth = np.einsum("ni,ni->n", ends - starts, axes[rows])[:, None]
+        depth = dots(ends - starts, axes[rows])[:, None]
         starts = np.where(
             (axes[rows] != 0).any(axis=1, keepdims=True), ends - depth * axes[rows], starts
         )
         starts, ends = hiders.place(starts), hiders.place(ends)
         along = ends - starts
-        length = np.maximum(np.linalg.norm(along, axis=1), 1e-300)
+        length = np.maximum(norm(along), 1e-300)
         ways, own = along / length[:, None], own[face[columns]]
         is_seen[rows, columns] = hiders.tree.first_hits(starts, ways, length - MARGIN_REL, own) < 0
         return is_seen
@@ -380,7 +381,7 @@ class Remedies:
             own = list(some)
             for change, first in zip(own, self._shares(own, row, few), strict=True):
                 count += 1
-                reach = max(reach, float(np.linalg.norm(change.eye - spot.at)))
+                reach = max(reach, float(norm(change.eye - spot.at)))
                 if first < SURE or (share := self._share(change, row, spot)) < SURE:
                     continue
                 if not self._is_free(change, row):
@@ -451,7 +452,7 @@ class Remedies:
 
     def _changes(self, name: NearestCamera | None, row: int, spot: ZoneSpot) -> Iterator[Change]:
         """Changes of a camera that may cover a zone, the smallest first."""
-        scale = max(float(np.linalg.norm(spot.points - spot.at, axis=1).max()), 1e-12)
+        scale = max(float(norm(spot.points - spot.at).max()), 1e-12)
         target, to = round_point(spot.at, scale)
         is_one = not is_joint(self.camera)
         new = "a rig with its first sensor" if gates_of(self.camera) else "a camera"
@@ -460,7 +461,7 @@ class Remedies:
         origin = spot.at
         if len(self.poses):
             origin = self.poses.world_from_camera[row, :3, 3]
-            away = float(np.linalg.norm(origin - spot.at))
+            away = float(norm(origin - spot.at))
         if name is not None:
             yield Change(
                 f"aim the camera at {to}",
@@ -495,10 +496,10 @@ class Remedies:
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
         for place in self._places(spot, reaches, origin):
-            eye, text = round_point(place, max(float(np.linalg.norm(place - spot.at)), 1e-12))
+            eye, text = round_point(place, max(float(norm(place - spot.at)), 1e-12))
             if np.array_equal(eye, target):
                 continue
-            moved = in_metres(float(np.linalg.norm(eye - origin)))
+            moved = in_metres(float(norm(eye - origin)))
             yield Change(
                 f"move the camera {moved} to {text}{{room}} and aim it at {to}",
                 f"add {new} at {text}{{room}}, aimed at {to}",
@@ -512,10 +513,10 @@ class Remedies:
         fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
         ways = ways[fronts >= SURE]
         places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
-        places = places[np.linalg.norm(places - spot.at, axis=1) > 0]
+        places = places[norm(places - spot.at) > 0]
         if self.allowed.places is not None:
             places = self.allowed.places(spot.at, places)
-        nearest = np.argsort(np.linalg.norm(places - origin, axis=1), kind="stable")
+        nearest = np.argsort(norm(places - origin), kind="stable")
         return np.asarray(places[nearest])
 
     def _place_changes(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
@@ -530,7 +531,7 @@ class Remedies:
         for at, gate in gates_of(self.camera).items():
             if at <= index < at + gate.n and isinstance(self.camera, Rig):
                 rows = np.tile(np.arange(at, at + gate.n), len(poses))
-                world = poses @ np.linalg.inv(self.camera.rig_from_camera[at])
+                world = poses @ inverse(self.camera.rig_from_camera[at])
                 placed = self.camera._place(np.repeat(world, gate.n, axis=0), rows)
                 return self.camera, self.task, Poses.of(placed, camera=rows)
         return self.camera, self.task, Poses.of(poses, camera=np.full(len(poses), index))
@@ -583,8 +584,8 @@ def _off_image(camera: Camera, local: FloatArray) -> float:
     ):
         return 0.0
     border = view_border(camera, 4)
-    half = np.arccos(np.clip(border[:, 2] / np.linalg.norm(border, axis=1), -1, 1)).min()
-    angle = math.acos(min(max(float(local[2]) / max(float(np.linalg.norm(local)), 1e-300), -1), 1))
+    half = np.arccos(np.clip(border[:, 2] / norm(border), -1, 1)).min()
+    angle = math.acos(min(max(float(local[2]) / max(float(norm(local)), 1e-300), -1), 1))
     return max(angle / max(float(half), 1e-9) - 1, 1e-9)
 
 

@@ -17,6 +17,7 @@ from rastercov.base import (
     IntArray,
     check_array,
     check_kind,
+    dots,
     finite_number,
     frozen_record,
     members,
@@ -315,7 +316,7 @@ class Regions(FacePolygons):
         """Regions from the front and from the rear of two-sided faces; one where none is."""
         two_sided, frames = self.mesh.two_sided_mask[self.pair_face], frames_of(self.mesh)
         away = self.eyes[self.pair_pose] - frames.origin[self.pair_face]
-        height = np.einsum("ni,ni->n", away, frames.normal[self.pair_face])
+        height = dots(away, frames.normal[self.pair_face])
         if np.isnan(height[two_sided]).any():
             raise ConfigError(
                 "expected rows of single cameras on two-sided faces, got rows of several; count "

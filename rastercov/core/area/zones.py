@@ -28,6 +28,7 @@ from rastercov.base import (
     check_array,
     check_kind,
     first_of,
+    matmul,
     shown,
 )
 from rastercov.base.format import area as in_square_metres
@@ -174,9 +175,13 @@ class DeadZones(FacePolygons):
             entry = {
                 "area_m2": area,
                 "percent": 100 * area / self.total(),
-                "centroid": (weight @ to_world(mesh, face, centroids[own]) / area).tolist(),
+                "centroid": (matmul(weight, to_world(mesh, face, centroids[own])) / area).tolist(),
                 "extent": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()],
-                "groups": [names[each] for each in np.argsort(-of_group) if of_group[each] > 0],
+                "groups": [
+                    names[each]
+                    for each in np.argsort(-of_group, kind="stable")
+                    if of_group[each] > 0
+                ],
                 "m2_by_views": by_views.tolist(),
             }
             items.append(entry)

@@ -27,6 +27,7 @@ from rastercov.base import (
     StrPath,
     UnreadableError,
     check_array,
+    cos,
     errors_as,
     first_of,
     image_side,
@@ -34,6 +35,7 @@ from rastercov.base import (
     read_json,
     read_toml,
     shown,
+    sin,
     suffix_of,
 )
 from rastercov.base.arguments import (
@@ -197,7 +199,7 @@ def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
             f"expected a principal point inside the image for {name}, got {centre:g} px; give fx "
             "and fy"
         )
-    sine, cosine = math.sin(radians), math.cos(radians)
+    sine, cosine = sin(radians), cos(radians)
     root = math.sqrt((side * cosine) ** 2 + 4 * sine * sine * centre * (side - centre))
     return (side * cosine + root) / (2 * sine)
 

@@ -23,6 +23,7 @@ from rastercov.base import (
     ReadByName,
     StrPath,
     UnreadableError,
+    hypot,
     printable,
     read_toml,
     shown,
@@ -121,7 +122,7 @@ def misfit(camera: Entries, lens: Entries) -> str:
     if mounts[0] != mounts[1] and mounts not in WITH_RING:
         return f"the mount of the camera is {mounts[0]}, that of the lens is {mounts[1]}"
     s_u, s_v = pair("pixel_size", camera["pixel_size"])
-    diagonal = math.hypot(camera["width"] * s_u, camera["height"] * s_v)
+    diagonal = hypot(camera["width"] * s_u, camera["height"] * s_v)
     circle = lens.get("image_circle", math.inf)
     if circle < diagonal * (1 - CIRCLE_TOLERANCE_REL):
         sizes = f"{1e3 * circle:.3g} mm is smaller than the sensor, {1e3 * diagonal:.3g} mm"

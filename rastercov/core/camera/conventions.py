@@ -24,20 +24,29 @@ from rastercov.base import (
     PoseError,
     UnknownNames,
     check_choice,
+    cos,
     errors_as,
     finite_number,
     flag,
     image_side,
+    matmul,
+    norm,
     printable,
     shown,
+    sin,
 )
 from rastercov.base.arguments import two
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.models import MODELS, PROGRAMS, coefficients_by_name, lens_of_parameters
-from rastercov.core.camera.pose import DRIFT_TOLERANCE, Poses, inverse
+from rastercov.core.camera.pose import DRIFT_TOLERANCE, Poses
 from rastercov.core.camera.rig import Rig, Views
 from rastercov.core.mesh import files
-from rastercov.core.mesh.arrays import matrices_of, rotations_of_quaternions
+from rastercov.core.mesh.arrays import (
+    inverse,
+    matrices_of,
+    nearest_rotations,
+    rotations_of_quaternions,
+)
 
 POSE_CONVENTIONS = {
     "opencv": (False, False),
@@ -319,15 +328,15 @@ class Border:
         rotation = out[:, :3, :3]
         with np.errstate(all="ignore"):
             out[:, :3, 3] *= factor
-            drift = np.abs(rotation.transpose(0, 2, 1) @ rotation - np.eye(3)).max(
+            drift = np.abs(matmul(rotation.transpose(0, 2, 1), rotation) - np.eye(3)).max(
                 axis=(1, 2), initial=0
             )
         rows = np.flatnonzero((drift > DRIFT_TOLERANCE) & (drift <= self.drift))
-        u, stretch, vt = np.linalg.svd(rotation[rows])
+        stretch = np.linalg.svd(rotation[rows], compute_uv=False)
         off = np.abs(stretch**2 - 1).max(axis=1, initial=0)  # the same of its inverse and products
         near = off <= self.drift
         if near.any():
-            out[rows[near], :3, :3] = (u @ vt)[near]
+            out[rows[near], :3, :3] = nearest_rotations(rotation[rows[near]])
             self.note(f"rotations made orthonormal, off by up to {off[near].max():.1g}")
         return out
 
@@ -364,7 +373,7 @@ def in_convention(matrices: FloatArray, name: str) -> FloatArray:
     """world_from_camera of matrices in one of `POSE_CONVENTIONS`."""
     has_opengl_axes, is_inverse = POSE_CONVENTIONS[name]
     inverse = inverse_of(matrices) if is_inverse else matrices
-    return inverse @ OPENGL_AXES if has_opengl_axes else inverse
+    return matmul(inverse, OPENGL_AXES) if has_opengl_axes else inverse
 
 
 def inverse_of(matrices: FloatArray) -> FloatArray:
@@ -415,7 +424,7 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
     q = np.asarray(wxyz, dtype=np.float64).reshape(-1, 4)
     with np.errstate(all="ignore"):
         largest = np.abs(q).max(axis=1, keepdims=True)  # no square overflows
-        length = np.linalg.norm(q / largest, axis=1, keepdims=True)
+        length = norm(q / largest)[..., None]
         turns = rotations_of_quaternions(np.roll(q / largest / length, -1, axis=1))
         length = (length * largest)[:, :, None]
         turns *= np.where(np.abs(length - 1) > DRIFT_TOLERANCE, np.sqrt(length), 1.0)
@@ -426,11 +435,11 @@ def from_vectors(vectors: ArrayLike, translation: ArrayLike) -> FloatArray:
     """(N, 4, 4) motions of rotation vectors (N, 3), radians about their direction, and (N, 3)."""
     v = np.asarray(vectors, dtype=np.float64).reshape(-1, 3)
     with np.errstate(over="ignore", invalid="ignore"):
-        angle = np.linalg.norm(v, axis=1, keepdims=True)
+        angle = norm(v)[..., None]
         half = angle / 2
         # sin(a / 2) / a, which is 1/2 at 0.
-        factor = np.where(angle > 1e-9, np.sin(half) / np.where(angle > 0, angle, 1), 0.5)
-        return from_quaternions(np.concatenate([np.cos(half), factor * v], axis=1), translation)
+        factor = np.where(angle > 1e-9, sin(half) / np.where(angle > 0, angle, 1), 0.5)
+        return from_quaternions(np.concatenate([cos(half), factor * v], axis=1), translation)
 
 
 def motions(rotations: ArrayLike, translation: ArrayLike) -> FloatArray:

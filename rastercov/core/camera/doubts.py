@@ -10,7 +10,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import TINY, BoolArray, FloatArray, row_lengths, size_in_words
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    FloatArray,
+    arccos,
+    arcsin,
+    arctan2,
+    dots,
+    norm,
+    size_in_words,
+)
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.conventions import POSE_CONVENTIONS, in_convention
 from rastercov.core.camera.models import MODELS
@@ -73,7 +83,7 @@ def unit_warnings(mesh: Mesh, camera: Cameras, poses: Poses, reach: float = math
     eyes, used, nearest = poses.eyes, [*range(len(cameras))], 0.0
     if len(poses):
         used = np.unique(poses.camera).tolist()
-        nearest = float(row_lengths(_beyond(mesh.bounds, eyes)).min())
+        nearest = float(norm(_beyond(mesh.bounds, eyes)).min())
     far = max((float(cameras[index].depth_of_field()[1]) for index in used), default=math.inf)
     ratio = UNLIKELY_BEYOND_RATIO if nearest > far else UNLIKELY_DEPTH_RATIO
 
@@ -99,10 +109,10 @@ def unit_warnings(mesh: Mesh, camera: Cameras, poses: Poses, reach: float = math
     if any(camera.is_parallel for camera in cameras):
         return []  # whose images have no angle
     tangents = [min(each.width, each.height) / 2 / min(each.fx, each.fy) for each in cameras]
-    half = np.arctan(tangents)[poses.camera]
+    half = arctan2(tangents, 1.0)[poses.camera]
     in_mm, in_metres = (_before(mesh.bounds * scale, poses, half) for scale in (MM, 1.0))
     if in_mm.mean() >= LEAST_SHARE_IN_MM and in_metres.mean() <= MOST_SHARE_IN_METRES:
-        away = float(np.median(row_lengths(eyes - MM * mesh.centre)))
+        away = float(np.median(norm(eyes - MM * mesh.centre)))
         return [
             f"{times(away)} of cameras around it in mm, where {in_mm.sum()} of {len(eyes)} look "
             f"at it, and {in_metres.sum()} in metres: --unit mm?"
@@ -124,7 +134,7 @@ def _ahead(mesh: Mesh, poses: Poses) -> float:
     reach = min(PARTS, float(sides[1]) / UNLIKELY_BEYOND_RATIO)
     placed = poses.world_from_camera[:: max(1, len(poses) // MOST_POSES)]
     eyes, axes = placed[:, :3, 3], np.ascontiguousarray(placed[:, :3, 2])
-    away = row_lengths(_beyond(mesh.bounds, eyes))
+    away = norm(_beyond(mesh.bounds, eyes))
     if len(poses) < FEW or np.median(away) > reach:
         return math.inf
     rows, diagonal = np.flatnonzero(~mesh.degenerate_mask), mesh.diagonal
@@ -135,7 +145,7 @@ def _ahead(mesh: Mesh, poses: Poses) -> float:
     face = rows[hit]
     normal, corner = mesh.normals[face], mesh.vertices[mesh.faces[face, 0]]
     with np.errstate(all="ignore"):
-        away = ((corner - eyes) * normal).sum(axis=1) / (axes * normal).sum(axis=1)
+        away = dots(corner - eyes, normal) / dots(axes, normal)
     return float(np.median(np.where(hit < 0, math.inf, away)))
 
 
@@ -144,17 +154,17 @@ def _before(bounds: FloatArray, poses: Poses, half: FloatArray) -> BoolArray:
 
     `half` is half of the angle of each image, radians.
     """
-    radius = float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
+    radius = norm(np.ptp(bounds, axis=0)) / 2
     eyes = poses.eyes
     to_middle = bounds.mean(axis=0) - eyes
-    distance = row_lengths(to_middle)
+    distance = norm(to_middle)
     is_outside = (
         _beyond(bounds, eyes).max(axis=1) > np.ptp(bounds, axis=0).max() / UNLIKELY_DEPTH_RATIO
     )
     away = np.maximum(distance, TINY)
-    along = np.einsum("pi,pi->p", to_middle, poses.world_from_camera[:, :3, 2]) / away
-    angle = np.arcsin(np.minimum(radius / away, 1.0))
-    seen = np.arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)
+    along = dots(to_middle, poses.world_from_camera[:, :3, 2]) / away
+    angle = arcsin(np.minimum(radius / away, 1.0))
+    seen = arccos(np.clip(along, -1, 1)) < np.maximum(half, angle)
     return is_outside & seen & (angle > LEAST_SIZE_IN_IMAGE * half)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from typing_extensions import Doc
 
-from rastercov.base import ConfigError, check_choice, check_limits
+from rastercov.base import ConfigError, check_choice, check_limits, matmul
 from rastercov.base.format import number
 
 PLANCK, LIGHT_SPEED = 6.62607015e-34, 299792458.0
@@ -187,4 +187,4 @@ def luminous_efficiency(wavelength: float) -> float:
     near, logarithm = nodes[first : first + 4], np.log(table[first : first + 4])
     others = [np.delete(near, row) for row in range(4)]
     basis = [np.prod((nm - x) / (at - x)) for at, x in zip(near, others, strict=True)]
-    return float(1e-5 * np.exp(basis @ logarithm))
+    return float(1e-5 * np.exp(matmul(basis, logarithm)))

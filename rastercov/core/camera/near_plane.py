@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray, read_only, row_lengths
+from rastercov.base import BoolArray, FloatArray, IntArray, hypot, matmul, norm, read_only
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.projection import box_corners, to_camera
@@ -59,7 +59,7 @@ def _parallel_limits(
         if is_within or not mesh.is_closed_outward:
             continue
         farthest = max(most, near) + max(mesh.diagonal, most - least)
-        reach = row_lengths(local).max()
+        reach = norm(local).max()
         cull[row] = hides_its_back(mesh, farthest - min(least, near) + 1e-5 * (reach + farthest))
     return limit, cull, clipped
 
@@ -71,7 +71,7 @@ def pinholes(camera: Camera, poses: FloatArray) -> list[tuple[Camera, FloatArray
     """
     if camera.is_pinhole:
         return [(camera, poses)]
-    return [(pinhole, poses @ frame) for pinhole, frame in _pinholes_of(camera)]
+    return [(pinhole, matmul(poses, frame)) for pinhole, frame in _pinholes_of(camera)]
 
 
 @lru_cache(maxsize=8)
@@ -140,7 +140,7 @@ def near_cuts(
     limit = near_limit(views[0][0], bounds, views[0][1])
     widest = max(
         float(
-            np.hypot(
+            hypot(
                 max(camera.cx, camera.width - camera.cx) / camera.fx,
                 max(camera.cy, camera.height - camera.cy) / camera.fy,
             )
@@ -173,7 +173,7 @@ def can_cull(mesh: Mesh, poses: FloatArray, clipped: BoolArray) -> BoolArray:
         return np.zeros(len(poses), bool)
     eyes = poses[:, :3, 3]
     reach = np.abs(mesh.bounds[None] - eyes[:, None]).max(axis=1)
-    distance = np.sqrt((reach**2).sum(axis=1))
+    distance = norm(reach)
     margin = NEAR_TO_FAR * distance[:, None]
     is_beyond = (eyes < mesh.bounds[0] - margin) | (eyes > mesh.bounds[1] + margin)
     allowed: BoolArray = is_beyond.any(axis=1) & ~clipped

@@ -25,7 +25,7 @@ from rastercov.base import (
 )
 from rastercov.base.arguments import own_array
 from rastercov.base.typed import check_fields
-from rastercov.core.mesh.arrays import matrices_of
+from rastercov.core.mesh.arrays import nearest_rotations
 from rastercov.engine import camera_pose
 
 DRIFT_TOLERANCE, ROUNDING = 1e-6, 1e-14
@@ -64,8 +64,7 @@ def check_poses(poses: ArrayLike) -> tuple[FloatArray, dict[int, str]]:
             faults[row] = f"{text}, but its transpose does"
     drifted = np.flatnonzero(values == DRIFTED)
     if len(drifted):
-        u, _, vt = np.linalg.svd(out[drifted, :3, :3])
-        out[drifted, :3, :3] = u @ vt
+        out[drifted, :3, :3] = nearest_rotations(out[drifted, :3, :3])
     return out, faults
 
 
@@ -234,12 +233,6 @@ def _camera_indices(camera: ArrayLike, n_poses: int) -> Int32Array:
     if n_poses and not 0 <= int(indices.min()) <= int(indices.max()) < 2**31:
         raise PoseError(f"expected camera indices of 0 or more, got {int(indices.min())}")
     return indices.astype(np.int32)
-
-
-def inverse(poses: FloatArray) -> FloatArray:
-    """camera_from_world of world_from_camera, or the reverse; (..., 4, 4)."""
-    rotation = np.swapaxes(poses[..., :3, :3], -1, -2)
-    return matrices_of(rotation, -(rotation @ poses[..., :3, 3, None])[..., 0])
 
 
 def as_matrices(poses: AnyArray) -> FloatArray:

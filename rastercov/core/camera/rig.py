@@ -35,6 +35,7 @@ from rastercov.base import (
     frozen_record,
     hooks_of,
     image_side,
+    matmul,
     members,
     shown,
 )
@@ -191,7 +192,7 @@ class Rig(InOneLine):
     def _place(self, world_from_rig: AnyArray, camera: AnyArray) -> FloatArray:
         """(M, 4, 4) world_from_camera of cameras, (M,), each in a pose of the rig, (M, 4, 4)."""
         places = self.rig_from_camera[camera]
-        matrices: FloatArray = world_from_rig @ places
+        matrices = matmul(world_from_rig, places)
         is_still = self.is_fixed[camera]
         matrices[is_still] = places[is_still]
         return matrices

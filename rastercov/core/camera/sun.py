@@ -17,7 +17,18 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import CameraError, ConfigError, FloatArray, finite_points, row_lengths, shown
+from rastercov.base import (
+    CameraError,
+    ConfigError,
+    FloatArray,
+    arcsin,
+    arctan2,
+    cos,
+    finite_points,
+    norm,
+    shown,
+    sin,
+)
 from rastercov.base.arguments import number
 from rastercov.core.camera import Camera, look_at
 
@@ -49,8 +60,8 @@ def towards(azimuth_deg: ArrayLike, elevation_deg: ArrayLike, north_deg: float) 
     """(..., 3) unit vectors by angles from north, clockwise, and above the horizon; z is up."""
     heading = np.radians(north_deg - np.asarray(azimuth_deg, np.float64))
     height = np.radians(np.asarray(elevation_deg, np.float64))
-    across = np.cos(height)
-    x, y, z = across * np.cos(heading), across * np.sin(heading), np.sin(height)
+    across = cos(height)
+    x, y, z = across * cos(heading), across * sin(heading), sin(height)
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
 
 
@@ -95,18 +106,18 @@ def sun_directions(
     days = np.array([(each - EPOCH).total_seconds() / 86400 for each in moments]).reshape(-1)
     mean = 280.460 + 0.9856474 * days
     anomaly = np.radians(357.528 + 0.9856003 * days)
-    ecliptic = np.radians(mean + 1.915 * np.sin(anomaly) + 0.020 * np.sin(2 * anomaly))
+    ecliptic = np.radians(mean + 1.915 * sin(anomaly) + 0.020 * sin(2 * anomaly))
     oblique = np.radians(23.439 - 4e-7 * days)
-    ascension = np.arctan2(np.cos(oblique) * np.sin(ecliptic), np.cos(ecliptic))
-    declination = np.arcsin(np.sin(oblique) * np.sin(ecliptic))
+    ascension = arctan2(cos(oblique) * sin(ecliptic), cos(ecliptic))
+    declination = arcsin(sin(oblique) * sin(ecliptic))
     sidereal_h = 6.697375 + 0.0657098242 * days + 24 * ((days + 0.5) % 1)
     hour = np.radians(15 * sidereal_h + lon) - ascension
-    pole, equator = np.sin(declination), np.cos(declination) * np.cos(hour)
-    up = math.sin(lat) * pole + math.cos(lat) * equator
-    north = math.cos(lat) * pole - math.sin(lat) * equator
-    azimuth = np.arctan2(-np.cos(declination) * np.sin(hour), north)
-    height = np.arcsin(np.clip(up, -1, 1))
-    height -= PARALLAX * np.cos(height)
+    pole, equator = sin(declination), cos(declination) * cos(hour)
+    up = sin(lat) * pole + cos(lat) * equator
+    north = cos(lat) * pole - sin(lat) * equator
+    azimuth = arctan2(-cos(declination) * sin(hour), north)
+    height = arcsin(np.clip(up, -1, 1))
+    height -= PARALLAX * cos(height)
     return towards(np.degrees(azimuth), np.degrees(height), turned)
 
 
@@ -134,7 +145,7 @@ def moment(name: str, value: object) -> datetime:
 def unit_directions(directions: ArrayLike) -> FloatArray:
     """(N, 3) unit vectors; ConfigError for others than vectors above 0."""
     given = finite_points("directions", directions, (-1, 3), "vectors to the sun, (N, 3)")
-    lengths = row_lengths(given)
+    lengths = norm(given)
     if not (lengths > 0).all():
         raise ConfigError("expected directions of a length above 0, got 0; leave these out")
     return given / lengths[:, None]
@@ -145,8 +156,7 @@ def views_from(directions: FloatArray, bounds: FloatArray) -> tuple[Camera, Floa
 
     The rotations come from the directions alone: the place of the scene rounds none of them.
     """
-    middle, radius = bounds.mean(axis=0), float(np.linalg.norm(np.ptp(bounds, axis=0))) / 2
-    radius = radius or 1.0
+    middle, radius = bounds.mean(axis=0), float(norm(np.ptp(bounds, axis=0))) / 2 or 1.0
     camera = Camera.orthographic(SIDE, SIDE, px_per_m=SIDE / (2 * MARGIN * radius))
     poses = look_at(directions, np.zeros(3))
     poses[:, :3, 3] = middle + 2 * radius * directions

@@ -11,9 +11,15 @@ from rastercov.base import (
     ConfigError,
     FloatArray,
     PoseError,
+    arctan2,
+    cos,
     finite_number,
-    row_lengths,
+    hypot,
+    matmul,
+    norm,
     shown,
+    sin,
+    tan,
 )
 from rastercov.base.arguments import MOST_POSES, own_array
 from rastercov.core.camera.camera import Camera, border_of
@@ -45,7 +51,7 @@ def upwards(poses: ArrayLike | Poses) -> FloatArray:
     given = poses.world_from_camera if isinstance(poses, Poses) else poses
     matrices = np.asarray(given, np.float64).reshape(-1, 4, 4)
     axes = np.concatenate((np.eye(3)[::-1], -np.eye(3)))
-    upper, behind = (-matrices[:, :3, 1:3].sum(axis=0) / max(1, len(matrices))).T @ axes.T
+    upper, behind = matmul((-matrices[:, :3, 1:3].sum(axis=0) / max(1, len(matrices))).T, axes.T)
     of_axes: FloatArray = np.where(upper < -Z_IS_UP, upper, np.maximum(upper, behind))
     of_axes[0] = max(of_axes[0] + Z_IS_UP, LEAST_UP)
     return np.array(axes[of_axes.argmax()])
@@ -118,10 +124,10 @@ def cone_of_directions(axes: FloatArray, count: int, radius_deg: float) -> Float
     """
     across = look_at(np.zeros(3), axes)[:, :3, :2]
     turn = 2 * np.pi * (np.arange(count) + 0.5) / count
-    radius = math.tan(math.radians(radius_deg)) / math.cos(math.pi / count)
-    rim = radius * np.stack((np.cos(turn), np.sin(turn)), axis=-1)
-    values = axes[:, None] + rim @ np.swapaxes(across, 1, 2)
-    return values / np.linalg.norm(values, axis=-1, keepdims=True)
+    radius = tan(math.radians(radius_deg)) / cos(math.pi / count)
+    rim = radius * np.stack((cos(turn), sin(turn)), axis=-1)
+    values = axes[:, None] + matmul(rim, np.swapaxes(across, 1, 2))
+    return values / norm(values)[..., None]
 
 
 def sphere_of_poses(centre: ArrayLike, distance: float, count: int) -> FloatArray:
@@ -182,7 +188,7 @@ def fibonacci_sphere(count: int, height: float = 2.0) -> FloatArray:
     z = 1 - height * (index + 0.5) / max(count, 1)
     azimuth = index * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
-    return np.stack((ring * np.cos(azimuth), ring * np.sin(azimuth), z), axis=1)
+    return np.stack((ring * cos(azimuth), ring * sin(azimuth), z), axis=1)
 
 
 def enclosing_distance(
@@ -194,11 +200,11 @@ def enclosing_distance(
     `margin` times smaller than the image. Parallel rays look from their working distance.
     """
     used = mesh.vertices[np.unique(mesh.faces)]
-    radius = float(row_lengths(used - centre).max())
+    radius = float(norm(used - centre).max())
     if camera.is_parallel:
         return radius, depth_of_targets(camera, radius)
-    angle = np.arctan(min(half_angles(camera)) / margin)
-    return radius, float(radius / np.sin(angle))
+    angle = arctan2(min(half_angles(camera)) / margin, 1.0)
+    return radius, float(radius / sin(angle))
 
 
 def depth_of_targets(camera: Camera, away: float, max_blur: float | None = None) -> float:
@@ -302,14 +308,14 @@ def _inscribed_cone(camera: Camera) -> tuple[float, float]:
         _least_tangent(camera, ends, axis)
         for axis, ends in zip((1, 0, 1, 0), border_of(camera.width, camera.height, 2), strict=True)
     )
-    most = math.tan(math.radians(WIDEST_DEG))
+    most = tan(math.radians(WIDEST_DEG))
     if MODELS[camera.model].is_planar:
-        most = math.tan(min(lens.valid_angle, LARGEST_ANGLE))
+        most = tan(min(lens.valid_angle, LARGEST_ANGLE))
     across, down = min(left, right, most), min(top, bottom, most)
     if not lens.is_whole and lens.valid_angle < LARGEST_ANGLE:
         # The valid region ends inside the image.
-        cone = math.tan(lens.valid_angle)
-        across, down = (side * min(1.0, cone / math.hypot(across, down)) for side in (across, down))
+        cone = tan(lens.valid_angle)
+        across, down = (side * min(1.0, cone / hypot(across, down)) for side in (across, down))
     return across, down
 
 

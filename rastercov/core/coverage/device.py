@@ -21,6 +21,7 @@ from rastercov.base import (
     FloatArray,
     ReadByName,
     UnreadableError,
+    arctan2,
     check_limits,
     errors_as,
     hooks_of,
@@ -71,7 +72,7 @@ class Carried(Equipment):
         return asdict(self)
 
     def _describe(self, row: int) -> ByName:
-        half = math.degrees(math.atan(self.eye.width / self.eye.fx / 2))
+        half = math.degrees(arctan2(self.eye.width / self.eye.fx / 2, 1.0))
         return {"half_angle_deg": half, "words": self.names[0], "points": [[0.0, 0.0, 0.0]]}
 
 

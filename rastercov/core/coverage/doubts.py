@@ -11,7 +11,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import TINY, BoolArray, FloatArray, IntArray, plural
+from rastercov.base import (
+    TINY,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    arccos,
+    dots,
+    hypot,
+    norm,
+    plural,
+    tan,
+)
 from rastercov.base.format import coordinates, distance, in_decimals
 from rastercov.core.area.stages import first_failures
 from rastercov.core.camera import (
@@ -182,7 +193,7 @@ def _off_axis(camera: Camera, angle: float) -> str:
         return f"{in_decimals(math.degrees(angle), 0)} degrees off axis"
     from rastercov.core.camera.lenses.of_camera import unit_of
 
-    return f"{distance(unit_of(camera) * math.tan(angle))} off axis"
+    return f"{distance(unit_of(camera) * tan(angle))} off axis"
 
 
 def _bending_line(name: str, camera: Camera) -> list[str]:
@@ -201,20 +212,20 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     rays = lens.unproject(centre + along[:, None, None] * (border - centre)).reshape(-1, 3)
     slopes = lens.jacobian(rays)
     rays, slopes = (each[np.isfinite(slopes).all(axis=(1, 2))] for each in (rays, slopes))
-    across, cosine = np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]
+    across, cosine = hypot(rays[:, 0], rays[:, 1]), rays[:, 2]
     rays, slopes, cosine = (each[across > 0] for each in (rays, slopes, cosine))
     out = rays[:, :2] / across[across > 0][:, None]
     radial = np.c_[out * cosine[:, None], -across[across > 0]]
-    on_axis = np.einsum("ij,nj->ni", lens.jacobian([0.0, 0.0, 1.0])[:, :2], out)
-    scale = np.linalg.norm(np.einsum("nij,nj->ni", slopes, radial), axis=1)
-    scale /= np.linalg.norm(on_axis, axis=1)
+    on_axis = dots(lens.jacobian([0.0, 0.0, 1.0])[:, :2], out[:, None])
+    scale = norm(dots(slopes, radial[:, None]))
+    scale /= norm(on_axis)
     low = np.maximum(cosine, 0)
     high = 1 / np.maximum(low, TINY) ** 2
     factor = np.maximum(low / scale, scale / high)
     if not len(factor) or not factor.max() > MOST_BENDING:
         return []
     worst = int(factor.argmax())
-    place = _off_axis(camera, math.acos(min(cosine[worst], 1.0)))
+    place = _off_axis(camera, float(arccos(min(cosine[worst], 1.0))))
     instead = "" if camera.is_parallel else ", or give max_angle_deg"
     return [
         f"the distortion of {name} is implausibly strong at {place} "
@@ -252,7 +263,7 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     for eye, (reason, _) in zip(eyes_of(cameras, poses), failures, strict=True):
         seen = reason == Reason.COVERED
         to_eye = eye - points[seen]
-        is_front = np.einsum("fi,fi->f", mesh.normals[faces[seen]], to_eye) > 0
+        is_front = dots(mesh.normals[faces[seen]], to_eye) > 0
         areas += np.bincount(is_front, mesh.areas[faces[seen]], 2)
     share = areas[0] / areas.sum() if areas[0] else 0.0
     if share < LEAST_SHARE_FROM_BEHIND:

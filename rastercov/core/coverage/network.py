@@ -21,6 +21,7 @@ from rastercov.base import (
     InNotebook,
     IntArray,
     ReadByName,
+    cos,
 )
 from rastercov.base.typed import typed
 from rastercov.core.camera import Poses
@@ -49,7 +50,7 @@ OF_ONE_TASK = (
 
 def least_cosine(min_angle: float) -> float:
     """Largest cosine of two rays that differ by an angle, radians; 2 where any two do."""
-    return math.cos(min_angle) + 1e-12 if min_angle > 0 else 2.0
+    return cos(min_angle) + 1e-12 if min_angle > 0 else 2.0
 
 
 class ViewSpread:

@@ -35,9 +35,11 @@ from rastercov.base import (
     IntArray,
     WholeArray,
     check_limits,
+    cos,
     errors_as,
     hooks_of,
     shown,
+    tan,
 )
 from rastercov.core.camera import Camera, Cameras, Rig, cameras_of, equipment_on, names_of
 from rastercov.core.camera.exposure import Exposure
@@ -296,8 +298,8 @@ class Task(Criterion):
             z_n=float(z_n),
             z_f=float(z_f),
             max_incidence=angle,
-            cos_incidence=math.cos(angle) if is_limited else 0.0,
-            tan_incidence=float(np.tan(angle)) if is_limited else 0.0,
+            cos_incidence=cos(angle) if is_limited else 0.0,
+            tan_incidence=tan(angle) if is_limited else 0.0,
             focus_of_centroid=self.focus_rule == "centroid",
             cap_resolution=self.cap_resolution,
         )

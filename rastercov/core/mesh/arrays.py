@@ -19,8 +19,12 @@ from rastercov.base import (
     ResourceError,
     WholeArray,
     check_array,
+    cos,
+    dots,
     finite_points,
-    row_lengths,
+    matmul,
+    norm,
+    sin,
 )
 from rastercov.base.arguments import own_array
 
@@ -128,8 +132,8 @@ def normals_and_areas(
         size = np.abs(sides).max(axis=(0, 2))  # scaled, so that no square under- or overflows
         sides /= np.where(size > 0, size, 1)[:, None]
         cross = np.cross(sides[0], sides[1])
-        length = row_lengths(cross)
-        product = np.linalg.norm(sides, axis=2).prod(axis=0)
+        length = norm(cross)
+        product = norm(sides).prod(axis=0)
         is_flat = length <= LEAST_SINE * product
         sines = np.divide(length, product, out=np.ones(len(length)), where=~is_flat)
         least = min(least, float(sines.min(initial=1.0)))
@@ -143,7 +147,7 @@ def unit(vectors: ArrayLike) -> FloatArray:
     array = np.asarray(vectors, np.float64)
     # Powers of two, which change no digit: squares of 1e160 would overflow.
     scaled = np.ldexp(array, -np.frexp(np.abs(array).max(axis=-1, keepdims=True))[1])
-    return scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return scaled / norm(scaled)[..., None]
 
 
 def cross_matrix(axis: FloatArray) -> FloatArray:
@@ -156,7 +160,7 @@ def rotation_about(axis: ArrayLike, angle: float) -> FloatArray:
     """(3, 3) rotation by radians, right-handed about an axis of length above 0."""
     cross = cross_matrix(unit(axis))
     # Rodrigues: R = I + sin a [n] + (1 - cos a) [n]^2
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return np.eye(3) + sin(angle) * cross + matmul((1 - cos(angle)) * cross, cross)
 
 
 def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> FloatArray:
@@ -164,6 +168,30 @@ def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> FloatArray:
     given = np.asarray(linear, np.float64)
     matrices = np.zeros((*given.shape[:-2], 4, 4))
     matrices[..., :3, :3], matrices[..., :3, 3], matrices[..., 3, 3] = given, translation, 1.0
+    return matrices
+
+
+def inverse(poses: FloatArray) -> FloatArray:
+    """camera_from_world of world_from_camera, or the reverse; (..., 4, 4)."""
+    rotation = np.swapaxes(poses[..., :3, :3], -1, -2)
+    return matrices_of(rotation, -matmul(rotation, poses[..., :3, 3, None])[..., 0])
+
+
+def apply_pose(points: FloatArray, pose: FloatArray) -> FloatArray:
+    """Points (N, 3) moved by a pose (4, 4)."""
+    return matmul(points, pose[:3, :3].T) + pose[:3, 3]
+
+
+def nearest_rotations(matrices: FloatArray) -> FloatArray:
+    """Orthogonal matrices (N, 3, 3) nearest to others that have drifted by less than 0.1.
+
+    By Newton's method, which squares the drift in each step. N. J. Higham. Computing the Polar
+    Decomposition. 1986.
+    """
+    for _ in range(6):
+        matrices = matmul(
+            matrices, 1.5 * np.eye(3) - matmul(np.swapaxes(matrices, 1, 2), matrices) / 2
+        )
     return matrices
 
 
@@ -193,7 +221,7 @@ def encloses_volume(vertices: FloatArray, faces: IntArray, part: IntArray) -> Bo
     centre = low + centre / n_of
     for block in blocks(len(faces)):
         p, q, r = np.moveaxis(vertices[faces[block]] - centre[part[block], None], 1, 0)
-        term = np.einsum("ij,ij->i", p, np.cross(q, r))
+        term = dots(p, np.cross(q, r))
         volume += np.bincount(part[block], term, n_parts)
         scale += np.bincount(part[block], np.abs(term), n_parts)
     return volume > 1e-12 * scale
@@ -209,15 +237,14 @@ def check_poses(name: str, given: ArrayLike) -> FloatArray:
         raise ConfigError(f"{wanted}, got none")
     turns = array[:, :3, :3]
     with np.errstate(all="ignore"):
-        off = np.abs(turns @ np.swapaxes(turns, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        off = np.abs(matmul(turns, np.swapaxes(turns, 1, 2)) - np.eye(3)).max(axis=(1, 2))
         is_rigid = (off <= RIGID) & (np.linalg.det(turns) > 0)
     is_rigid &= (array[:, 3] == (0, 0, 0, 1)).all(axis=1)
     if not is_rigid.all():
         raise ConfigError(f"{wanted}, got another matrix in row {int(is_rigid.argmin())}")
     result = array.copy()
     moved = off > 1e-15
-    u, _, vt = np.linalg.svd(turns[moved])
-    result[moved, :3, :3] = u @ vt
+    result[moved, :3, :3] = nearest_rotations(turns[moved])
     return result
 
 
@@ -244,7 +271,7 @@ def quaternions_of(rotations: FloatArray) -> FloatArray:
                 1 + k: m[k, i] + m[i, k],
             }
             q = tuple(values[at] for at in range(4))
-        quaternions[row] = np.array(q) / np.linalg.norm(q)
-        if row and quaternions[row] @ quaternions[row - 1] < 0:
+        quaternions[row] = np.array(q) / norm(q)
+        if row and matmul(quaternions[row], quaternions[row - 1]) < 0:
             quaternions[row] *= -1
     return quaternions

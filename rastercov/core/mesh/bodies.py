@@ -24,10 +24,14 @@ from rastercov.base import (
     MeshError,
     Once,
     StrPath,
+    cos,
+    dots,
     frozen_record,
+    matmul,
+    norm,
     read_only,
 )
-from rastercov.core.mesh.arrays import frozen, matrices_of
+from rastercov.core.mesh.arrays import apply_pose, frozen, inverse
 from rastercov.core.mesh.contacts import (
     MOST_PARTNERS,
     PAIRS_A_FACE,
@@ -372,7 +376,7 @@ class Within:
         """Contacts of two bodies by their poses."""
         relative = np.eye(4)
         if not np.array_equal(poses[one], poses[other]):
-            relative = _inverse(poses[one]) @ poses[other]
+            relative = matmul(inverse(poses[one]), poses[other])
         rounded = relative.copy()
         rounded[:3, 3] /= max(diagonal, 1e-300)
         key, place = np.round(rounded, 12).tobytes(), (one, other, tolerance)
@@ -386,16 +390,16 @@ class Within:
     def _between(
         self, one: int, other: int, relative: FloatArray, tolerance: float, diagonal: float
     ) -> Between:
-        if not (_overlap(self.boxes[one], _move_points(self.boxes[other], relative), tolerance)):
+        if not (_overlap(self.boxes[one], apply_pose(self.boxes[other], relative), tolerance)):
             return NO_CONTACTS
         if not _overlap(
-            self.boxes[other], _move_points(self.boxes[one], _inverse(relative)), tolerance
+            self.boxes[other], apply_pose(self.boxes[one], inverse(relative)), tolerance
         ):
             return NO_CONTACTS
         if self.part(one).flat.all() or self.part(other).flat.all():
             return NO_CONTACTS
         (tree, face), (other_tree, other_face) = self.tree(one), self.tree(other)
-        points = _move_points(other_tree.points, relative)
+        points = apply_pose(other_tree.points, relative)
         boxes, nodes = np.empty_like(other_tree.boxes), np.empty_like(other_tree.nodes)
         mesh_tree.grow_boxes(points, other_tree.faces, 0.0, boxes, nodes)
         marks, other_marks = np.zeros(len(face), np.bool_), np.zeros(len(other_face), np.bool_)
@@ -507,12 +511,12 @@ def place_bodies(mesh: Mesh, poses: Mapping[str, FloatArray]) -> tuple[Mesh, Int
 def diagonal_of(boxes: FloatArray, poses: FloatArray) -> float:
     """Diagonal of the box around all boxes (B, 8, 3) by poses (B, 4, 4), metres."""
     corners = move_boxes(boxes, poses).reshape(-1, 3)
-    return float(np.linalg.norm(np.nanmax(corners, axis=0) - np.nanmin(corners, axis=0)))
+    return float(norm(np.nanmax(corners, axis=0) - np.nanmin(corners, axis=0)))
 
 
 def move_boxes(boxes: FloatArray, poses: FloatArray) -> FloatArray:
     """Corners (..., 8, 3) moved by poses (..., 4, 4)."""
-    return boxes @ np.swapaxes(poses[..., :3, :3], -1, -2) + poses[..., None, :3, 3]
+    return matmul(boxes, np.swapaxes(poses[..., :3, :3], -1, -2)) + poses[..., None, :3, 3]
 
 
 def _overlap(box: FloatArray, points: FloatArray, tolerance: float) -> bool:
@@ -521,15 +525,7 @@ def _overlap(box: FloatArray, points: FloatArray, tolerance: float) -> bool:
     return bool((points.min(axis=0) <= high).all() and (points.max(axis=0) >= low).all())
 
 
-def _inverse(pose: FloatArray) -> FloatArray:
-    return matrices_of(pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3])
-
-
-def _move_points(points: FloatArray, pose: FloatArray) -> FloatArray:
-    return points @ pose[:3, :3].T + pose[:3, 3]
-
-
-CREASE = np.cos(np.deg2rad(30))
+CREASE = cos(np.deg2rad(30))
 """Cosine of the angle between two faces from which their edge is drawn."""
 
 
@@ -538,7 +534,7 @@ def crease_edges(mesh: Mesh, drawn: BoolArray) -> FloatArray:
     table = edge_table(mesh.welded_faces[drawn], mesh.n_vertices)
     rows = np.flatnonzero(drawn)[table.faces]
     one, other = (rows[table.first + rest] for rest in (0, table.n_uses - 1))
-    is_crease = np.einsum("ij,ij->i", mesh.normals[one], mesh.normals[other]) < CREASE
+    is_crease = dots(mesh.normals[one], mesh.normals[other]) < CREASE
     ends: FloatArray = mesh.vertices[
         table.vertices[is_crease | (table.n_uses != 2)].astype(np.int64)
     ]

@@ -26,15 +26,20 @@ from rastercov.base import (
     MeshError,
     ReadByName,
     StrPath,
+    arctan2,
     check_kind,
+    cos,
+    dots,
     finite_number,
     finite_points,
     frozen_record,
+    matmul,
     members,
     plural,
     printable,
     shorten,
     shown,
+    sin,
     size_in_words,
     suffix_of,
 )
@@ -104,9 +109,9 @@ class MeshSource:
         if self.site.north_deg is None or not angle_deg:
             return self
         north = np.radians(self.site.north_deg)
-        way = np.array(((np.cos(north), np.sin(north), 0.0),))
+        way = np.array(((cos(north), sin(north), 0.0),))
         ((x, y, z),) = move_points(way, 1.0, axis, angle_deg, (0, 0, 0)).tolist()
-        turned = None if abs(z) > 0.5 else float(np.degrees(np.arctan2(y, x)))
+        turned = None if abs(z) > 0.5 else float(np.degrees(arctan2(y, x)))
         return replace(self, site=self.site._replace(north_deg=turned))
 
 
@@ -703,7 +708,7 @@ class Mesh(InNotebook):
     @cached_property
     def plane_offsets(self) -> FloatArray:
         """(F,) scalar product of the normal and the centroid of each face, metres."""
-        return frozen(np.einsum("fi,fi->f", self.normals, self.centroids))
+        return frozen(dots(self.normals, self.centroids))
 
     @property
     def areas(self) -> FloatArray:
@@ -969,5 +974,5 @@ def move_points(
     with np.errstate(over="ignore", invalid="ignore"):  # the constructor finds what overflows
         moved = points * factor
         if angle:
-            moved = moved @ rotation_about(direction, angle).T
+            moved = matmul(moved, rotation_about(direction, angle).T)
         return moved + offset

@@ -24,7 +24,11 @@ from rastercov.base import (
     IntArray,
     MeshError,
     check_seed,
+    cos,
+    matmul,
+    norm,
     shown,
+    sin,
 )
 from rastercov.base.typed import typed
 from rastercov.core.mesh.groups import Group, list_names
@@ -98,7 +102,7 @@ def _patches_of_teapot() -> IntArray:
     quarter = np.stack([[r, r, s, none], [none, -s, -r, -r], [z, z, z, z]]).transpose(2, 3, 1, 0)
     turn = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     turns = [np.linalg.matrix_power(turn, k) for k in range(4)]
-    whole = np.stack([quarter @ each for each in turns], axis=1)
+    whole = np.stack([matmul(quarter, each) for each in turns], axis=1)
     whole[-1, ..., 1] *= -1  # the bottom is wound the other way
     x, z, y, to_x, to_z = sides
     none = np.zeros_like(x)
@@ -173,8 +177,8 @@ def torus(
         raise MeshError(f"expected a torus with 0 < minor_radius < major_radius, got {got}")
     around = (2 * np.pi / n_major * np.arange(n_major))[:, None]
     tube = (2 * np.pi / n_minor * np.arange(n_minor))[None]
-    r, z = major_radius + minor_radius * np.cos(tube), minor_radius * np.sin(tube)
-    points = np.stack(np.broadcast_arrays(r * np.cos(around), r * np.sin(around), z), axis=-1)
+    r, z = major_radius + minor_radius * cos(tube), minor_radius * sin(tube)
+    points = np.stack(np.broadcast_arrays(r * cos(around), r * sin(around), z), axis=-1)
     numbers = np.arange(n_major * n_minor).reshape(n_major, n_minor)
     corners = np.pad(numbers, (0, 1), mode="wrap").T  # along a row: around the axis
     return Mesh(vertices=points.reshape(-1, 3), faces=_triangulate(corners))
@@ -205,7 +209,7 @@ def sphere(subdivisions: int = 4, radius: float = 1.0) -> Mesh:
     """
     _positive(radius=radius)
     points, faces = _subdivide_icosahedron(subdivisions)
-    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
+    points *= radius / norm(points)[..., None]
     return Mesh(vertices=points, faces=faces)
 
 
@@ -414,7 +418,7 @@ def _subdivide_icosahedron(times: int) -> tuple[FloatArray, NDArray[np.intp]]:
     points = np.array([np.roll(p, axis) for axis in range(3) for p in ends])
     # The sides are the triples of vertices whose distances are all 1, turned outward.
     triples = np.array(list(combinations(range(12), 3)))
-    spans = np.linalg.norm(points[triples] - points[np.roll(triples, 1, axis=1)], axis=2)
+    spans = norm(points[triples] - points[np.roll(triples, 1, axis=1)])
     faces = triples[np.isclose(spans, 1).all(axis=1)]
     is_inward = np.linalg.det(points[faces]) < 0
     faces[is_inward] = faces[is_inward][:, ::-1]

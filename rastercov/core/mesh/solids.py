@@ -9,16 +9,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import BoolArray, FloatArray, IntArray, finite_points, once_each
+from rastercov.base import BoolArray, FloatArray, IntArray, finite_points, matmul, once_each
 from rastercov.base.typed import typed
-from rastercov.core.mesh.arrays import encloses_volume
+from rastercov.core.mesh.arrays import encloses_volume, rotation_about
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.mesh import Mesh
 from rastercov.core.mesh.topology import edge_table
 
 ROOM_TOLERANCE_REL = 0.01
 """Length, in diagonals of the mesh, by which parts may extend beyond the walls of a room."""
-RAY_FRAME = np.linalg.qr(np.array([[2.0, 0.3, 0.5], [0.1, 3.0, 0.7], [0.4, 0.2, 5.0]]))[0]
+RAY_FRAME = rotation_about((2.0, 3.0, 5.0), 0.3)
 """(3, 3) rotation to the frame of the rays, whose axes are parallel to no usual surface."""
 
 
@@ -186,14 +186,17 @@ class Winding:
 
     def __init__(self, mesh: Mesh, faces: IntArray) -> None:
         self._middle = mesh.centre
-        vertices, corners = (mesh.vertices - self._middle) @ RAY_FRAME, mesh.welded_faces[faces]
+        vertices, corners = (
+            matmul(mesh.vertices - self._middle, RAY_FRAME),
+            mesh.welded_faces[faces],
+        )
         self._trees = [  # a ray along each axis of the frame
             TriangleTree.over(np.roll(vertices, axis, axis=1), corners) for axis in range(3)
         ]
 
     def numbers(self, points: FloatArray) -> IntArray:
         """(N,) winding numbers about (N, 3) points."""
-        turned = (points - self._middle) @ RAY_FRAME
+        turned = matmul(points - self._middle, RAY_FRAME)
         turns = [
             tree.winding_numbers(np.ascontiguousarray(np.roll(turned, axis, axis=1)))
             for axis, tree in enumerate(self._trees)

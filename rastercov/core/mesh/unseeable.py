@@ -15,7 +15,7 @@ A. A. G. Requicha, H. B. Voelcker. Boolean Operations in Solid Modeling. 1985.
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray, once_each
+from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm, once_each
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.contacts import TriangleTree, touching_faces
 from rastercov.core.mesh.mesh import Mesh
@@ -65,9 +65,9 @@ def _compute(mesh: Mesh) -> FloatArray:
     points, shells = (mesh.vertices - middle) / size, mesh.welded_faces[bodies]
     chosen = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     corners = points[mesh.faces[chosen]]
-    opposite = np.linalg.norm(np.roll(corners, 1, axis=1) - np.roll(corners, 2, axis=1), axis=2)
+    opposite = norm(np.roll(corners, 1, axis=1) - np.roll(corners, 2, axis=1))
     around = opposite.sum(axis=1)
-    incentre = np.einsum("fk,fki->fi", opposite, corners) / around[:, None]
+    incentre = (opposite[..., None] * corners).sum(axis=1) / around[:, None]
     inset = INSET_REL * around * size**2 / (2 * mesh.areas[chosen])  # in radii of the incircle
     outside = -1 if _has_room(mesh, points, bodies) else 0
     tree = TriangleTree.over(points, shells)
@@ -118,7 +118,7 @@ def _has_room(mesh: Mesh, points: FloatArray, bodies: IntArray) -> bool:
     """
     part = mesh.topology.components()
     corners = points[mesh.faces]
-    volumes = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    volumes = dots(corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
     signed = np.bincount(part[bodies], volumes[bodies], int(part.max()) + 1)
     behind = corners.mean(axis=1) - GAP_REL * mesh.normals
     for number in np.flatnonzero(signed < 0).tolist():

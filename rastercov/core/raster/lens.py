@@ -13,7 +13,6 @@ few that get a view of their own. Where a lens shrinks one part of a plane and n
 samples are divided until their views are little larger than the image.
 """
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -28,8 +27,11 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     check_memory,
-    row_lengths,
+    cos,
+    matmul,
+    norm,
     share_poses,
+    sin,
 )
 from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of, unit_of
@@ -137,10 +139,10 @@ class SampleViews:
         self._kind = MODEL if camera.is_parallel else "pinhole"
         self._unit = unit_of(camera) or 1.0  # of places, metres of parallel rays
         # Along the rows of samples, which then fill blocks evenly.
-        c, s = math.cos(roll), math.sin(roll)
+        c, s = cos(roll), sin(roll)
         turned = np.array(((c, -s, 0), (s, c, 0), (0, 0, 1)))
         frames = [each.record.frame for each in planes_of(camera)]
-        self.frames = tuple({frame.tobytes(): frame @ turned for frame in frames}.values())
+        self.frames = tuple({frame.tobytes(): matmul(frame, turned) for frame in frames}.values())
         self.rows = max(1, most_rows // grid.width)
         self._kept: dict[int, tuple[LensView, ...]] = {}
 
@@ -164,7 +166,7 @@ class SampleViews:
             "lower supersample",
         )
         rays = self._rays(top, bottom, threads)
-        along = np.stack([rays @ frame[:, 2] for frame in self.frames])
+        along = np.stack([matmul(rays, frame[:, 2]) for frame in self.frames])
         plane = along.argmax(axis=0)
         z = np.take_along_axis(along, plane[None], axis=0)[0]
         plane[~(z > 0)] = -1
@@ -175,7 +177,7 @@ class SampleViews:
             if not len(at):
                 continue
             own, frame = rays[at], self.frames[number]
-            places = (own @ frame[:, :2]) / (own @ frame[:, 2])[:, None]
+            places = matmul(own, frame[:, :2]) / matmul(own, frame[:, 2])[:, None]
             scale = self._scale(own, frame)
             # At a pole the lens is infinitely dense: a few samples have no larger view.
             extent = np.maximum(np.ptp(places, axis=0), 1e-9)
@@ -217,9 +219,9 @@ class SampleViews:
         """Samples to a unit of each axis of a plane where the lens is as dense as `DENSEST`."""
         some = slice(None, None, max(1, len(rays) // 2000))
         # Derivatives by places are those by rays of length 1 / z.
-        slopes = self._lens.jacobian(rays[some]) @ frame[:, :2]
-        slopes *= (rays[some] @ frame[:, 2])[:, None, None] * self.grid.supersample
-        return np.nanquantile(row_lengths(slopes), DENSEST, axis=0)
+        slopes = matmul(self._lens.jacobian(rays[some]), frame[:, :2])
+        slopes *= matmul(rays[some], frame[:, 2])[:, None, None] * self.grid.supersample
+        return np.nanquantile(norm(slopes), DENSEST, axis=0)
 
     def _view(
         self, frame: FloatArray, places: FloatArray, scale: FloatArray
@@ -331,4 +333,4 @@ def _draw_views(
 ) -> Drawn:
     """Canvases of views, and the poses of each, for the loops."""
     turns = np.array([view.turn for view in views]).reshape(-1, 1, 4, 4)
-    return [view.canvas for view in views], (poses @ turns, near, cull)
+    return [view.canvas for view in views], (matmul(poses, turns), near, cull)

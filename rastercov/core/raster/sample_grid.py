@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base import FloatArray, Int32Array
+from rastercov.base import FloatArray, Int32Array, cos, sin
 from rastercov.core.camera import Camera
 
 Box = tuple[int, int, int, int]
@@ -58,7 +58,7 @@ class SampleGrid:
         self.supersample, self.roll = int(supersample), float(roll)
         scale = self.supersample
         angle = math.remainder(roll, math.pi / 2)
-        self._c, self._s = c, s = math.cos(angle), math.sin(angle)
+        self._c, self._s = c, s = cos(angle), sin(angle)
         self._ratio = camera.fy / camera.fx
         self.is_rolled, self.is_parallel = angle != 0, camera.is_parallel
         half = scale * camera.width / 2, scale * camera.height / 2

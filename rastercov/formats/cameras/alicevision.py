@@ -14,7 +14,7 @@ from pathlib import PurePosixPath
 
 import numpy as np
 
-from rastercov.base import CameraError, FloatArray, shown
+from rastercov.base import CameraError, FloatArray, matmul, shown
 from rastercov.core.camera import (
     Border,
     Camera,
@@ -83,7 +83,7 @@ def read(source: Source, border: Border) -> Views:
             continue
         matrix = _motion(pose.table("pose").table("transform"))
         if mount is not None:
-            matrix = _motion(mount.table("pose")) @ matrix
+            matrix = matmul(_motion(mount.table("pose")), matrix)
         if camera not in table:
             table[camera] = _camera(cameras[camera], version)
         used.append(table[camera])
@@ -136,7 +136,7 @@ def _motion(entries: Entries) -> FloatArray:
     """(4, 4) camera from the frame that the center is in."""
     rotation = _numbers(entries, "rotation", (9,)).reshape(3, 3).T
     center = _numbers(entries, "center", (3,))
-    return motions(rotation, -rotation @ center)[0]
+    return motions(rotation, matmul(-rotation, center))[0]
 
 
 def _camera(entries: Entries, version: tuple[float, ...]) -> Camera:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base import FloatArray
+from rastercov.base import FloatArray, arctan2
 from rastercov.core.camera import Border, Camera, Views, inverse_of, lens_camera
 from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
@@ -61,5 +61,5 @@ def _camera(entries: Entries) -> Camera:
     camera = lens_camera("opencv", (width, height), p)
     if "MetricRadius" not in entries:
         return camera
-    limit = math.degrees(math.atan(entries.positive("MetricRadius")))
+    limit = math.degrees(arctan2(entries.positive("MetricRadius"), 1.0))
     return replace(camera, max_angle_deg=limit)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from rastercov.base import arctan2
 from rastercov.core.camera import Border, Camera, Foreign, Views, centre_camera
 from rastercov.core.camera.conventions import from_quaternions
 from rastercov.formats.cameras.source import Entries, Source, check_array_of
@@ -60,5 +61,5 @@ def _camera(entries: Entries, size: list[int]) -> Camera:
     p |= {"beta": p.get("beta", 1.0), "omega": p.get("w", 0.0)}
     camera = centre_camera(ours, size, p)
     if (radius := values.number("rpmax", 0.0)) > 0:
-        return replace(camera, max_angle_deg=math.degrees(math.atan(radius)))
+        return replace(camera, max_angle_deg=math.degrees(arctan2(radius, 1.0)))
     return camera

@@ -13,7 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from rastercov.base import CameraError, FloatArray, errors_as, plural, printable, row_lengths, shown
+from rastercov.base import (
+    CameraError,
+    FloatArray,
+    dots,
+    errors_as,
+    matmul,
+    norm,
+    plural,
+    printable,
+    shown,
+)
 from rastercov.core.camera import Border, Views, from_vectors, inverse_of, lens_camera
 from rastercov.core.camera.conventions import OPENGL_AXES, motions
 from rastercov.formats.cameras.source import Source, check_array_of, number_of
@@ -112,13 +122,13 @@ def _by_focal_length(
     f, k1, k2 = lenses[row].T
     with np.errstate(all="ignore"):
         motion = camera_from_world[row]
-        inside = np.einsum("nij,nj->ni", motion[:, :3, :3], points[point]) + motion[:, :3, 3]
+        inside = dots(motion[:, :3, :3], points[point][:, None]) + motion[:, :3, 3]
         p = -inside[:, :2] / inside[:, 2:]
         errors = []
         for scale in (np.ones_like(f), f):
-            r2 = (p * p).sum(axis=1) * scale**2
+            r2 = dots(p, p) * scale**2
             values = (f * (1 + k1 * r2 + k2 * r2 * r2))[:, None] * p
-            error = row_lengths(values - seen)[inside[:, 2] < 0]
+            error = norm(values - seen)[inside[:, 2] < 0]
             errors.append(float(np.median(error)) if len(error) >= FEWEST_COMPARED else np.nan)
     documented, in_pixels = errors
     if not in_pixels < CLEARLY_LESS * documented:
@@ -162,7 +172,7 @@ def _views(lenses: FloatArray, poses: FloatArray, images: list[str], border: Bor
     for image, (f, k1, k2) in zip(images, lenses.tolist(), strict=True):
         with errors_as(CameraError, image):
             cameras.append(lens_camera("opencv", size, {"f": f, "k1": k1, "k2": k2}))
-    poses = inverse_of(poses) @ OPENGL_AXES
+    poses = matmul(inverse_of(poses), OPENGL_AXES)
     return border.views_of_images(cameras, images, world_from_camera=poses)
 
 

@@ -31,6 +31,7 @@ from rastercov.base import (
     UnreadableError,
     errors_as,
     image_side,
+    matmul,
     printable,
     remove_folder,
     shown,
@@ -48,7 +49,7 @@ from rastercov.core.camera import (
     share_frames,
 )
 from rastercov.core.camera.conventions import from_quaternions, unique_names
-from rastercov.core.camera.pose import inverse
+from rastercov.core.mesh.arrays import inverse
 from rastercov.formats.cameras.source import Source, number_of
 
 Record = tuple[str, Sequence[Any]]
@@ -474,8 +475,8 @@ def _rigs_and_frames(views: Views, notes: list[str]) -> dict[str, list[Record]]:
         joined = first[index[rows]]
         first[np.isin(first, joined)] = joined.min()
     places = views.rig.rig_from_camera
-    sensor_from_rig = inverse(places) @ places[first]
-    world_from_rig = views.poses.world_from_camera @ sensor_from_rig[index]
+    sensor_from_rig = matmul(inverse(places), places[first])
+    world_from_rig = matmul(views.poses.world_from_camera, sensor_from_rig[index])
     centres = views.poses.eyes
     tolerance = np.full((4, 4), PLACE_TOLERANCE)
     tolerance[:3, 3] *= max(1e-30, np.ptp(centres, axis=0).max(), np.abs(places[:, :3, 3]).max())

@@ -20,8 +20,11 @@ from rastercov.base import (
     FloatArray,
     IntArray,
     MeshError,
+    arctan2,
     errors_as,
-    row_lengths,
+    matmul,
+    norm,
+    tan,
 )
 from rastercov.core.camera import Border, Camera, Views, parallel
 from rastercov.core.camera.conventions import OPENGL_AXES
@@ -83,7 +86,7 @@ def read(source: Source, border: Border) -> Views:
     return border.views(
         [_camera(entries[number], size) for number in used],
         [entries[number].text("name", entries[number].where) for number in used],
-        world_from_camera=matrices @ OPENGL_AXES,
+        world_from_camera=matmul(matrices, OPENGL_AXES),
         camera=[used.index(node["camera"]) for node, *_ in items],
         images=[name for _, name, *_ in items],
         metres=1.0,
@@ -98,7 +101,7 @@ def _camera(entries: Entries, size: tuple[int, int]) -> Camera:
     yfov, aspect = lens.angle("yfov"), lens.positive("aspectRatio", width / height)
     square = width / height / aspect
     _check_size(lens, aspect, size)
-    fy = height / 2 / math.tan(yfov / 2)
+    fy = height / 2 / tan(yfov / 2)
     return Camera(width=width, height=height, fx=fy * square, fy=fy)
 
 
@@ -155,7 +158,7 @@ def glb_of(views: Views) -> bytes:
         meshes.append({"name": name, "primitives": [primitive]})
         kind, lens = _lens_of(camera, size)
         cameras.append({"name": name, "type": kind, kind: lens})
-    n, matrices = len(poses), (poses @ OPENGL_AXES).transpose(0, 2, 1).reshape(-1, 16)
+    n, matrices = len(poses), matmul(poses, OPENGL_AXES).transpose(0, 2, 1).reshape(-1, 16)
     # The camera is a node below: some programs drop the mesh of a node that has a camera.
     nodes: list[ByName] = [
         world_node("rig", range(1, n + 1)),
@@ -188,7 +191,7 @@ def _lens_of(camera: Camera, size: float) -> tuple[str, dict[str, float]]:
         x, y = camera.width / 2 / camera.fx, camera.height / 2 / camera.fy
         deep = max(camera.depth_of_field()[0], camera.near) + 100 * max(x, y, size)
         return "orthographic", {"xmag": x, "ymag": y, "znear": camera.near, "zfar": deep}
-    vertical = 2 * math.atan(camera.height / 2 / camera.fy)
+    vertical = 2 * arctan2(camera.height / 2 / camera.fy, 1.0)
     ratio = camera.width / camera.height * camera.fy / camera.fx
     own = {"yfov": vertical, "aspectRatio": ratio, "znear": max(camera.near, size / 100)}
     return "perspective", own
@@ -199,7 +202,7 @@ def _usual_length(centres: FloatArray) -> float:
     rows = np.linspace(0, len(centres) - 1, min(len(centres), MOST_NEIGHBOURS)).astype(np.int64)
     nearest = []
     for row in rows:  # 200 at most
-        distance = row_lengths(centres - centres[row])
+        distance = norm(centres - centres[row])
         nearest.append(float(distance[distance > 0].min(initial=np.inf)))
     items = [each for each in nearest if math.isfinite(each)]
     return LENGTH_REL * float(np.median(items)) if items else LENGTH_ALONE
@@ -209,7 +212,7 @@ def _pyramid(camera: Camera, length: float) -> tuple[FloatArray, IntArray]:
     """Points (N, 3) in OpenGL axes, and indices of their lines, two a line."""
     starts, base = view_frame(camera, PARTS, length)
     n = len(base)
-    height = np.linalg.norm(base[PARTS // 2] - base[2 * PARTS + PARTS // 2])
+    height = norm(base[PARTS // 2] - base[2 * PARTS + PARTS // 2])
     top = base[PARTS // 2] + (0.0, -TOP_REL * height, 0.0)
     corners = range(0, n, PARTS)
     lines = [[row, (row + 1) % n] for row in range(n)]

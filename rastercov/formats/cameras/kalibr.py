@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base import ByName, CameraError, ReadByName, shown
+from rastercov.base import ByName, CameraError, ReadByName, matmul, shown
 from rastercov.core.camera import PROGRAMS, Border, Camera, Views, centre_camera, inverse_of
 from rastercov.formats.cameras.source import Entries, Source, check_array_of, keys_of
 
@@ -95,7 +95,7 @@ def of_chain(content: ReadByName, border: Border) -> Views:
     if all("T_cn_cnm1" in each for each in entries[1:]) and not (on_imu and len(entries) == 1):
         places, frame = [np.eye(4)[None]], "cam0"
         for each in entries[1:]:
-            places.append(places[-1] @ inverse_of(_motion(each, "T_cn_cnm1")))
+            places.append(matmul(places[-1], inverse_of(_motion(each, "T_cn_cnm1"))))
     elif on_imu:
         key = "T_cam_imu"
         places = [

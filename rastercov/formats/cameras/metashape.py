@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base import CameraError, FloatArray, Vocabulary, shown
+from rastercov.base import CameraError, FloatArray, Vocabulary, matmul, shown
 from rastercov.core.camera import PROGRAMS, Border, Camera, Views, lens_camera, share_frames
 from rastercov.core.camera.conventions import motions, panorama
 from rastercov.formats.cameras.source import Source, Words, check_ids
@@ -74,10 +74,10 @@ def read(source: Source, border: Border) -> Views:
         elif "transform" not in own or sensor not in row_of:
             left_out["left out: they have no transform, or no calibrated sensor"] += 1
         else:
-            matrix = own.array("transform", (16,)).reshape(4, 4) @ mount
+            matrix = matmul(own.array("transform", (16,)).reshape(4, 4), mount)
             place, scale = places.get(own.get("component_id"), places[None])
             matrix[:3, 3] *= 1.0 if scale is None else scale
-            matrices.append(place @ matrix)
+            matrices.append(matmul(place, matrix))
             scales.add(scale)
             index.append(row_of[sensor])
             images.append(element.get("label", f"camera {element.get('id', '')}"))

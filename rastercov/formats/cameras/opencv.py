@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base import ByName, CameraError, FloatArray, ReadByName, finite_number, shown
+from rastercov.base import ByName, CameraError, FloatArray, ReadByName, finite_number, matmul, shown
 from rastercov.core.camera import Border, Camera, Views, from_vectors, inverse_of, model_in
 from rastercov.core.camera.conventions import motions, yaml_matrix
 from rastercov.formats.cameras.source import Source, check_ids, keys_of, number_of
@@ -219,7 +219,7 @@ def _is_camera_matrix(value: FloatArray) -> bool:
     """True for [[fx, s, cx], [0, fy, cy], [0, 0, 1]], unless it is a rotation."""
     if value.shape != (3, 3) or value[1, 0] or not np.array_equal(value[2], (0, 0, 1)):
         return False
-    return min(value[0, 0], value[1, 1]) > 0 and not np.allclose(value @ value.T, np.eye(3))
+    return min(value[0, 0], value[1, 1]) > 0 and not np.allclose(matmul(value, value.T), np.eye(3))
 
 
 def _label(name: str) -> str:

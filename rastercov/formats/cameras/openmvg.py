@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rastercov.base import CameraError, shown
+from rastercov.base import CameraError, matmul, shown
 from rastercov.core.camera import Border, Camera, Foreign, Views, centre_camera, inverse_of
 from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, check_ids, keys_of
@@ -59,7 +59,7 @@ def read(source: Source, border: Border) -> Views:
         used.append(camera)
         images.append(view.text("filename", ""))
         rotations.append(rotation)
-        translations.append(-rotation @ pose.array("center", (3,)))
+        translations.append(matmul(-rotation, pose.array("center", (3,))))
     if not used:
         raise CameraError(
             "expected views with extrinsics and intrinsics, got none; name the sfm_data of a "

@@ -9,7 +9,7 @@ Source: Pix4Dmapper manual, "How are the internal and external camera parameters
 
 import numpy as np
 
-from rastercov.base import CameraError, shown
+from rastercov.base import CameraError, matmul, shown
 from rastercov.core.camera import Border, Views, inverse_of, lens_camera
 from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Source, check_array_of, number_of
@@ -51,7 +51,7 @@ def read(source: Source, border: Border) -> Views:
         cameras.append(lens_camera("opencv", size, {key: float(each) for key, each in p.items()}))
         images.append(label)
         rotations.append(r)
-        translations.append(-r @ rows[5])
+        translations.append(matmul(-r, rows[5]))
     if not images:
         raise CameraError("expected images after the header, got none; export the file again")
     poses = inverse_of(motions(rotations, translations))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base import ByName, CameraError, FloatArray
+from rastercov.base import ByName, CameraError, FloatArray, matmul, tan
 from rastercov.core.camera import (
     PROGRAMS,
     Border,
@@ -88,7 +88,7 @@ def read(source: Source, border: Border) -> Views:
         raise CameraError(
             "expected frames with a transform_matrix, got none; export the poses as well"
         )
-    poses = np.array(matrices) @ OPENGL_AXES
+    poses = matmul(np.array(matrices), OPENGL_AXES)
     if "applied_transform" in content:
         poses = _in_world(poses, content, border)
     scale = content.positive("applied_scale", 1.0)
@@ -121,7 +121,7 @@ def _in_world(poses: FloatArray, content: Entries, border: Border) -> Any:
         )
         return poses
     try:
-        return np.linalg.inv(applied) @ poses
+        return matmul(np.linalg.inv(applied), poses)
     except np.linalg.LinAlgError:
         raise CameraError(
             "expected an invertible applied_transform, got a singular one; correct it"
@@ -156,7 +156,7 @@ def _focal_lengths(entries: Entries, size: tuple[int, int]) -> tuple[float, floa
         if f"fl_{axis}" in entries:
             values.append(entries.number(f"fl_{axis}"))
         elif angle is not None:
-            values.append(side / 2 / math.tan(entries.angle(angle, units[angle]) / 2))
+            values.append(side / 2 / tan(entries.angle(angle, units[angle]) / 2))
     if not values:
         entries.need("fl_x")
     return values[0], values[-1]
@@ -185,7 +185,7 @@ def content_of(views: Views) -> ByName:
     assert rig is not None
     tables = [_table(camera, name) for camera, name in zip(rig.cameras, rig.names, strict=True)]
     used = sorted(set(views.poses.camera.tolist()))
-    matrices = views.poses.world_from_camera @ OPENGL_AXES
+    matrices = matmul(views.poses.world_from_camera, OPENGL_AXES)
     frames = []
     for row, image in enumerate(views.images):
         frame: ByName = {"file_path": image}

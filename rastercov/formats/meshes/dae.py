@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base import FloatArray, IntArray, MeshError, UnknownNames, Vocabulary
+from rastercov.base import FloatArray, IntArray, MeshError, UnknownNames, Vocabulary, matmul
 from rastercov.core.mesh.arrays import rotation_about
 from rastercov.formats.meshes.polygons import (
     Assembly,
@@ -155,7 +155,7 @@ class _Scene:
                 roots = tuple((root.text or "").strip() for root in children(each, "skeleton"))
                 place, shape, own = self._of_controller(self._target(url, "controller"), roots)
                 name = name or own
-                pieces.append((None if step is None else step @ place, shape))
+                pieces.append((None if step is None else matmul(step, place), shape))
         why = "lookat or skew; export it with matrices"
         return PolygonElement(name, f"node {name!r}", pieces, why)
 
@@ -176,7 +176,7 @@ class _Scene:
         else:
             shape, name = self._shape(target), _name(target)
         for matrix in children(changed, "bind_shape_matrix"):
-            place = _matrix(matrix.text) @ place
+            place = matmul(_matrix(matrix.text), place)
         if shape.n_faces and (of_targets := children(changed, "targets")):
             shape = self._morph(shape, of_targets[0], changed.get("method") == "RELATIVE")
         elif shape.n_faces and (of_vertices := children(changed, "vertex_weights")):
@@ -246,7 +246,7 @@ class _Scene:
         check_indices(at["WEIGHT"], len(weights), what)
         by = Influences(np.repeat(np.arange(n), n_each), at["JOINT"], weights[at["WEIGHT"]])
         points, is_mirrored, note = place_skin(
-            what, shape.points, world_from_joint @ joint_from_shape @ place, by
+            what, shape.points, matmul(matmul(world_from_joint, joint_from_shape), place), by
         )
         if note:
             self._more_notes[note] = None
@@ -288,7 +288,7 @@ class _Scene:
             if node in values_by_key:
                 continue
             step = _parent_from_node(node)
-            values_by_key[node] = above @ (np.full((4, 4), np.nan) if step is None else step)
+            values_by_key[node] = matmul(above, np.full((4, 4), np.nan) if step is None else step)
             below_it = [
                 each if local_name(each) == "node" else self._target(each.get("url", ""), "node")
                 for each in children(node, "node", "instance_node")
@@ -470,7 +470,7 @@ def _parent_from_node(node: Element) -> FloatArray | None:
             *axis, angle_deg = transform_numbers(each.text, 4)
             if angle_deg:  # the axis of no rotation is often 0 0 0
                 step[:3, :3] = rotation_about(axis, np.radians(angle_deg))
-        product = product @ step
+        product = matmul(product, step)
     return product
 
 

@@ -19,7 +19,16 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, IntArray, plural, row_lengths, shown
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    FloatArray,
+    IntArray,
+    matmul,
+    norm,
+    plural,
+    shown,
+)
 from rastercov.core.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.formats.meshes.gltf_file import (
     INSTANCING,
@@ -195,11 +204,13 @@ def scene_polygons(
         points, triangles, cad_faces = shapes.of(node, world_from_node)
         if "skin" in node:
             world_from_node = np.eye(4)
-        world_from_instance = world_from_node @ shapes.instances(node, len(points), len(triangles))
+        world_from_instance = matmul(
+            world_from_node, shapes.instances(node, len(points), len(triangles))
+        )
         n = len(world_from_instance)
         if not n:
             continue
-        moved = points @ world_from_instance[:, :3, :3].transpose(0, 2, 1)
+        moved = matmul(points, world_from_instance[:, :3, :3].transpose(0, 2, 1))
         moved += world_from_instance[:, None, :3, 3]
         vertices.append(moved.reshape(-1, 3))
         is_mirrored = np.linalg.det(world_from_instance[:, :3, :3]) < 0
@@ -273,7 +284,9 @@ def nodes_below(header: ByName, roots: Sequence[Any], world: str = "") -> list[N
         name = json_name(node) or name
         extras = node.get("extras")
         is_world = isinstance(extras, dict) and extras.get(world) is True
-        matrix = np.eye(4) if is_world else world_from_parent @ _parent_from_node(index, node)
+        matrix = (
+            np.eye(4) if is_world else matmul(world_from_parent, _parent_from_node(index, node))
+        )
         children = reversed(json_list(node, "children"))
         stack.extend((child, name, matrix, len(nodes)) for child in children)
         nodes.append((node, name or f"node {index}", matrix, parent))
@@ -307,14 +320,14 @@ def affine(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> 
 
     Quaternions were checked, see `check_rotations`; the rest is rounding.
     """
-    length = row_lengths(rotation)
+    length = norm(rotation)
     turns = rotations_of_quaternions(rotation / length[:, None])
     return matrices_of(turns * scale[:, None, :], translation)
 
 
 def check_rotations(rotation: FloatArray, where: str, step: float = 0.0) -> None:
     """Error for quaternions (N, 4) that have not the length 1, of components `step` apart."""
-    length = row_lengths(rotation)
+    length = norm(rotation)
     is_unit = np.abs(length - 1) <= max(QUATERNION_TOLERANCE, step)
     worst = is_unit.argmin() if len(is_unit) else 0
     check(
@@ -441,7 +454,7 @@ class _Shapes:
             joint_from_mesh = columns[:n].reshape(n, 4, 4).transpose(0, 2, 1)
             for each in joint_from_mesh:
                 check_affine(each, f"skin {index}")
-            matrices = matrices @ joint_from_mesh
+            matrices = matmul(matrices, joint_from_mesh)
         self._skins[index] = matrices
         return matrices
 

@@ -19,7 +19,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base import ByName, FloatArray, IntArray, MeshError, plural, thread_count
+from rastercov.base import (
+    ByName,
+    FloatArray,
+    IntArray,
+    MeshError,
+    arctan2,
+    dots,
+    plural,
+    thread_count,
+)
 from rastercov.core.mesh.arrays import MOST_FACES
 from rastercov.core.mesh.site import Site
 from rastercov.formats.meshes.polygons import (
@@ -181,7 +190,7 @@ def _site(file: Any) -> tuple[Site, list[str]]:
     contexts = file.by_type("IfcGeometricRepresentationContext", include_subtypes=False)
     contexts = sorted(contexts, key=lambda each: each.ContextType != "Model")
     ways = [each.TrueNorth.DirectionRatios[:2] for each in contexts if each.TrueNorth]
-    items = [("TrueNorth", np.degrees(np.arctan2(y, x))) for x, y in ways[:1] if x or y]
+    items = [("TrueNorth", np.degrees(arctan2(y, x))) for x, y in ways[:1] if x or y]
     if file.schema == "IFC2X3":
         get_pset = import_module("ifcopenshell.util.element").get_pset
         maps = [get_pset(each, "ePSet_MapConversion") or {} for each in file.by_type("IfcProject")]
@@ -190,10 +199,10 @@ def _site(file: Any) -> tuple[Site, list[str]]:
     for each in maps[:1]:
         x, y = (each.get(f"XAxis{name}") or 0.0 for name in ("Abscissa", "Ordinate"))
         if x or y:
-            items.insert(0, ("IfcMapConversion", 90 - np.degrees(np.arctan2(y, x))))
+            items.insert(0, ("IfcMapConversion", 90 - np.degrees(arctan2(y, x))))
     words = [f"north at {north:.6g} degrees from +x by {name}" for name, north in items]
     at = [(each.RefLatitude, each.RefLongitude) for each in file.by_type("IfcSite")]
-    places = [[float(np.dot(own, DEGREES[: len(own)])) for own in each] for each in at if all(each)]
+    places = [[float(dots(own, DEGREES[: len(own)])) for own in each] for each in at if all(each)]
     places = [each for each in places if any(each) and np.abs(each).max() <= 180][:1]
     words += [f"latitude {place[0]:.7g}, longitude {place[1]:.7g} by IfcSite" for place in places]
     used = f"{'; '.join(words)}: the first of each is used for suns and plan sheets"

@@ -33,12 +33,13 @@ from rastercov.base import (
     RastercovError,
     ResourceError,
     WholeArray,
+    matmul,
     shorten,
 )
 from rastercov.base.errors import OUT_OF_MEMORY
 from rastercov.base.memory import free_memory
 from rastercov.base.threads import child_environment
-from rastercov.core.mesh.arrays import MOST_FACES
+from rastercov.core.mesh.arrays import MOST_FACES, apply_pose
 from rastercov.core.mesh.site import NOWHERE, Site
 
 AFFINE_ROW_TOLERANCE = 1e-6
@@ -339,7 +340,7 @@ class Assembly:
         n_points = 0
         whole = self._node_of(PolygonElement("", "the scene", roots))
         for label, place, shape in self._shapes(whole, np.eye(4)):
-            points.append(shape.points @ place[:3, :3].T + place[:3, 3])
+            points.append(apply_pose(shape.points, place))
             is_mirrored = np.linalg.det(place[:3, :3]) < 0  # it would face inwards
             rows = reverse_rows(shape.n_corners) if is_mirrored else slice(None)
             corners.append(shape.corners[rows] + n_points)
@@ -385,7 +386,7 @@ class Assembly:
             if isinstance(piece, _Node) and len(piece.pieces) == 1:
                 [(place, only)] = piece.pieces
                 if isinstance(only, _Node):
-                    matrix, piece = matrix @ place, only
+                    matrix, piece = matmul(matrix, place), only
             pieces.append((matrix, piece))
             n_faces += piece.n_faces
             n_vertices += piece.n_vertices if isinstance(piece, _Node) else len(piece.points)
@@ -402,9 +403,9 @@ class Assembly:
         self._parents.append(above)
         for matrix, piece in node.pieces:
             if isinstance(piece, _Node):
-                yield from self._shapes(piece, place @ matrix, label)
+                yield from self._shapes(piece, matmul(place, matrix), label)
             else:
-                yield label, np.eye(4) if piece.is_placed else place @ matrix, piece
+                yield label, np.eye(4) if piece.is_placed else matmul(place, matrix), piece
 
 
 def reverse_rows(n_corners: IntArray) -> IntArray:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, WholeArray
+from rastercov.base import BoolArray, FloatArray, WholeArray, dots
 from rastercov.formats.meshes.polygons import check
 
 BYTES_PER_POINT, BYTES_PER_INFLUENCE, BYTES_PER_JOINT = 250, 60, 1000
@@ -65,7 +65,7 @@ def place_skin(
         for column in range(4)
     ]
     blend = np.stack(entries, axis=1).reshape(n, 3, 4)
-    moved = np.einsum("vij,vj->vi", blend[:, :, :3], points) + blend[:, :, 3]
+    moved = dots(blend[:, :, :3], points[:, None]) + blend[:, :, 3]
     note = ""
     if (np.abs(total - 1) > SUM_TOLERANCE).any():
         sums = f"{total.min():.3g} to {total.max():.3g}"

@@ -21,8 +21,12 @@ from rastercov.base import (
     FloatArray,
     MeshError,
     WholeArray,
+    arccos,
+    arcsin,
+    dots,
     first_of,
-    row_lengths,
+    matmul,
+    norm,
     shown,
 )
 from rastercov.formats.meshes.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
@@ -180,24 +184,24 @@ def _of_facets(
         Points and normals of the surface at the corners.
     """
     cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    size = row_lengths(cross)
+    size = norm(cross)
     n = cross / np.maximum(size, TINY)[:, None]
-    tilt = normals - np.einsum("fij,fj->fi", normals, n)[:, :, None] * n[:, None]
-    tilt[np.linalg.norm(tilt, axis=2) > LARGEST_TILT] = 0
-    lacks = size @ ((tilt**2).sum(axis=(1, 2)) + (tilt.sum(axis=1) ** 2).sum(axis=1)) / 48
+    tilt = normals - dots(normals, n[:, None])[..., None] * n[:, None]
+    tilt[norm(tilt) > LARGEST_TILT] = 0
+    lacks = matmul(size, (tilt**2).sum(axis=(1, 2)) + (tilt.sum(axis=1) ** 2).sum(axis=1)) / 48
     edge = np.roll(p, -1, axis=1) - p
-    length = np.linalg.norm(edge, axis=2)
+    length = norm(edge)
     along = edge / np.maximum(length, TINY)[:, :, None]
-    ends = [np.abs((side * along).sum(axis=2)) for side in (tilt, np.roll(tilt, -1, axis=1))]
-    least = np.arcsin(np.minimum(np.minimum(*ends), 1.0))
+    ends = [np.abs(dots(side, along)) for side in (tilt, np.roll(tilt, -1, axis=1))]
+    least = arcsin(np.minimum(np.minimum(*ends), 1.0))
     pairs = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2), axis=2)
     _, row, uses = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
     uses = uses[row.ravel()]
     lacks += float((length**2 * least).ravel()[uses == 1].sum()) / 6
     order = np.argsort(row.ravel(), kind="stable")
     one, other = order[uses[order] == 2].reshape(-1, 2).T // 3
-    cosine = np.einsum("ni,ni->n", n[one], n[other])[size[one] * size[other] > 0]
-    angle = np.arccos(np.clip(cosine, -1, 1)).max(initial=0.0)
+    cosine = dots(n[one], n[other])[size[one] * size[other] > 0]
+    angle = arccos(np.clip(cosine, -1, 1)).max(initial=0.0)
     extent = np.ptp(p.reshape(-1, 3), axis=0).max()
     return [(length * least).max() / 3, angle, length.max(), extent], [lacks, size.sum() / 2]
 

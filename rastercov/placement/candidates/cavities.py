@@ -47,8 +47,12 @@ from rastercov.base import (
     ConfigError,
     FloatArray,
     IntArray,
+    arcsin,
+    cos,
     frozen_record,
     image_side,
+    matmul,
+    norm,
     percent,
     plural,
 )
@@ -60,7 +64,7 @@ from rastercov.core.mesh.arrays import frozen, matrices_of
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.solids import Winding, closed_parts, in_solid
 from rastercov.core.raster.cpu import CPURasterizer
-from rastercov.engine import mesh_clearance
+from rastercov.engine import base_rounded, mesh_clearance
 from rastercov.placement.candidates.pool import (
     DEFAULT,
     Candidates,
@@ -100,7 +104,7 @@ class Hemicube(Closing):
     def __init__(self, mesh: Mesh, side: int) -> None:
         half = image_side("side", side) / 2
         self.side = side
-        self.missed = 2 * math.asin(math.sqrt(2) / (2 * side))
+        self.missed = 2 * arcsin(math.sqrt(2) / (2 * side))
         self._lift = LIFT_REL * mesh.diagonal
         self._rasterizer = CPURasterizer(
             mesh, Camera(width=side, height=side, fx=half, fy=half, cx=half, cy=half)
@@ -111,13 +115,13 @@ class Hemicube(Closing):
         step = (np.arange(side) + 0.5 - half) / half
         y, x = np.meshgrid(step, step, indexing="ij")
         rays = np.stack((x, y, np.ones_like(x)), axis=-1)
-        every = rays @ self._axes.transpose(0, 2, 1)[:, None]
+        every = matmul(rays, self._axes.transpose(0, 2, 1)[:, None])
         # The horizon lies between two rows of pixels and halves four of the images exactly.
         self._is_above = every[..., 2] > 0
-        length = np.broadcast_to(np.linalg.norm(rays, axis=-1), self._is_above.shape)
+        length = np.broadcast_to(norm(rays), self._is_above.shape)
         self._stretch = length[self._is_above]
         self.directions = every[self._is_above] / self._stretch[:, None]
-        self.solid_angles = half**-2 / self._stretch**3
+        self.solid_angles = 1 / self._stretch**2 / self._stretch
         self.solid_angles *= 2 * math.pi / self.solid_angles.sum()
 
     def free_distances(self, points: FloatArray, frames: FloatArray) -> FloatArray:
@@ -131,7 +135,7 @@ class Hemicube(Closing):
             Their axes as columns, the third the normal.
         """
         eyes = points + self._lift * frames[:, :, 2]
-        poses = matrices_of(frames[:, None] @ self._axes, eyes[:, None]).reshape(-1, 4, 4)
+        poses = matrices_of(matmul(frames[:, None], self._axes), eyes[:, None]).reshape(-1, 4, 4)
         depth = self._rasterizer.render_all(poses).depth.reshape(-1, *self._is_above.shape)
         return depth[:, self._is_above] * self._stretch
 
@@ -219,7 +223,7 @@ class OpenDirections:
         self.missed_deg = math.degrees(2 * hemicube.missed)
         if not is_open.any():
             return
-        self.open_share = float((is_open @ hemicube.solid_angles).max() / (2 * np.pi))
+        self.open_share = float(matmul(is_open, hemicube.solid_angles).max() / (2 * np.pi))
         # Rank: open from all points of the face, within a wide opening, close to the normal.
         share = is_open.mean(axis=0)
         wide = sum(hemicube.blur(share, max(1, hemicube.side // n)) for n in (32, 8))
@@ -232,7 +236,7 @@ class OpenDirections:
         point = is_open[:, picks].argmax(axis=0)
         self.rays = np.empty((len(picks), 8))
         self.rays[:, :3] = origins[point]
-        self.rays[:, 3:6] = hemicube.directions[picks] @ frame.T
+        self.rays[:, 3:6] = matmul(hemicube.directions[picks], frame.T)
         self.rays[:, 6] = self._nearest(self.rays[:, 3:6])
         top = np.minimum(self.limits[1], np.maximum(self.reach, 2 * self.rays[:, 6]))
         self.rays[:, 7] = np.minimum(top, free[point, picks] - self.clearance)
@@ -244,7 +248,7 @@ class OpenDirections:
         upright = look_at(directions, np.zeros(3), framing.up)[:, :3, :3]
         frames = roll_frames(upright, framing.rolls_deg)
         starts = np.arange(len(directions))
-        seen = np.einsum("ki,mrij->rmkj", self.corners - self.target, frames)
+        seen = matmul(self.corners - self.target, frames).swapaxes(0, 1)
         distances = [fit_vertices(camera, framing, of_roll, starts) for of_roll in seen]
         return np.maximum(np.max(distances, axis=0), self.limits[0])
 
@@ -254,12 +258,12 @@ class OpenDirections:
             return np.zeros((0, 3)), np.zeros(0, np.int64)
         chosen = self.rays[rays]
         fits = np.flatnonzero(chosen[:, 7] >= chosen[:, 6])
-        low, high = chosen[fits, 6:7], chosen[fits, 7:8]
-        distance = low * (high / low) ** (np.arange(STEPS) / (STEPS - 1))
+        distance = np.empty((len(fits), STEPS))
+        base_rounded.fill_steps(chosen[fits, 6], chosen[fits, 7], distance)
         eyes = chosen[fits, None, :3] + distance[..., None] * chosen[fits, None, 3:6]
         eyes = eyes.reshape(-1, 3)
         # Rays may start off the centroid, to which the limits refer.
-        away = np.linalg.norm(eyes - self.target, axis=1)
+        away = norm(eyes - self.target)
         tolerance = 1e-9 * away
         within = away >= self.limits[0] - tolerance
         within &= away <= self.limits[1] + tolerance
@@ -272,7 +276,7 @@ def far_apart(directions: FloatArray, order: IntArray, angle: float, most: int) 
     left = order
     while len(left) and len(chosen) < most:
         chosen.append(int(left[0]))
-        left = left[directions[left] @ directions[left[0]] < math.cos(angle)]
+        left = left[matmul(directions[left], directions[left[0]]) < cos(angle)]
     return np.array(chosen, np.int64)
 
 
@@ -343,7 +347,7 @@ class Enclosure:
     def _exclude(self, box: FloatArray, target: FloatArray) -> str:
         """Reason why no camera can be in a closed space within a box, (2, 3); "" for none."""
         ends = box_corners(box)
-        deep = float(np.linalg.norm(ends - target, axis=1).max())
+        deep = float(norm(ends - target).max())
         if self.least > deep:
             return (
                 f"the enclosed space in front of it ends within {deep:.3g} m, and cameras are at "

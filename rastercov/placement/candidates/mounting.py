@@ -21,7 +21,10 @@ from rastercov.base import (
     BoolArray,
     ConfigError,
     FloatArray,
+    cos,
     finite_points,
+    matmul,
+    norm,
     shown,
 )
 from rastercov.base.typed import typed
@@ -42,7 +45,7 @@ WALLS, CEILING = SIDES[:4], SIDES[5:]
 MOST_POSITIONS = 10_000_000
 IN_ROOM = "in "
 """Start of the sources of `in_room`, before the name of the room."""
-LEVEL = math.cos(math.radians(45))
+LEVEL = cos(math.radians(45))
 """Least |z| of the normal of a ceiling or a roof."""
 FINEST = 0.5
 """Largest side of the cells on the mesh whose middles are tried, metres."""
@@ -83,7 +86,7 @@ def along(direction: ArrayLike) -> Aim:
     [0.0, 0.0, -1.0]
     """
     step = _triple("direction", direction)
-    length = np.linalg.norm(step)
+    length = norm(step)
     if not length > 0:
         raise ConfigError("expected a direction, got one of length 0; give another vector")
     return lambda mesh, eyes: eyes + step / length
@@ -473,7 +476,7 @@ def _spread_out(points: FloatArray, spacing: float) -> list[int]:
     following = np.lexsort(points.T[::-1])[:1]
     while len(following) and distance[following[0]] > spacing:
         chosen.append(int(following[0]))
-        distance = np.minimum(distance, np.linalg.norm(points - points[following], axis=1))
+        distance = np.minimum(distance, norm(points - points[following]))
         following = np.argmax(distance, keepdims=True)
     return chosen
 
@@ -508,7 +511,7 @@ def _around(
         radii = finite_points("distances", np.atleast_1d(distances), (-1,), "finite numbers")
         if not (radii > 0).all():
             raise ConfigError(f"expected distances above 0 m, got {shown(distances)}; correct them")
-    outward = fibonacci_sphere(count, height) @ _upright(framing).T
+    outward = matmul(fibonacci_sphere(count, height), _upright(framing).T)
     eyes = (middle + radii[:, None, None] * outward).reshape(-1, 3)
     return _take_aim(mesh, framing, eyes, at_point(middle), source)
 
@@ -528,7 +531,7 @@ def _upright(framing: Framing) -> FloatArray:
     if up[2] == 1.0:
         return np.eye(3)
     first = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
-    first /= np.linalg.norm(first)
+    first /= norm(first)
     return np.stack((first, np.cross(up, first), up), axis=1)
 
 

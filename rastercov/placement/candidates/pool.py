@@ -15,7 +15,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rastercov.base import ConfigError, FloatArray, Int32Array, IntArray, PoseError, frozen_record
+from rastercov.base import (
+    ConfigError,
+    FloatArray,
+    Int32Array,
+    IntArray,
+    PoseError,
+    cos,
+    dots,
+    frozen_record,
+    hypot,
+    matmul,
+    norm,
+    sin,
+)
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.camera import MODELS, Camera, Poses, look_at, valid_poses
 from rastercov.core.camera.viewpoints import depth_of_targets, half_angles
@@ -149,13 +162,15 @@ def square_views(
     middle = mesh.centre
     target = np.add.reduceat(mesh.centroids[faces] - middle, starts) / total
     normal = np.add.reduceat(mesh.normals[faces], starts)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= norm(normal)[..., None]
     upright = look_at(normal, np.zeros(3), framing.up)[:, :3, :3]
     frames = roll_frames(upright, framing.rolls_deg)
     corners = (mesh.vertices[mesh.faces[faces]] - middle) - target[group][:, None]
     if camera.is_parallel:
         views = [
-            _side_by_side(camera, framing, corners @ frames[group, roll], starts, mesh.diagonal)
+            _side_by_side(
+                camera, framing, matmul(corners, frames[group, roll]), starts, mesh.diagonal
+            )
             for roll in range(n_rolls)
         ]
         owner = np.concatenate([own for own, _ in views])
@@ -163,11 +178,11 @@ def square_views(
         order = np.argsort(owner, kind="stable")
         places = np.concatenate([places for _, places in views])[order]
         axes, owner = frames[owner, turns][order], owner[order]
-        shifts = np.einsum("nij,nj->ni", axes, places)
+        shifts = dots(axes, places[:, None])
         return matrices_of(axes, middle + target[owner] + shifts), owner
     distance = np.empty((n_groups, n_rolls))
     for roll in range(n_rolls):
-        seen = corners @ frames[group, roll]
+        seen = matmul(corners, frames[group, roll])
         fitting = fit_vertices if framing.fit == "vertices" else _fit_extent
         distance[:, roll] = fitting(camera, framing, seen, starts)
     distance = np.clip(distance, least, greatest)
@@ -221,14 +236,14 @@ def roll_frames(rotations: FloatArray, rolls_deg: ArrayLike) -> FloatArray:
     anticlockwise.
     """
     turns = turns_about_z(np.radians(np.asarray(rolls_deg, np.float64)))
-    return rotations[:, None] @ turns
+    return matmul(rotations[:, None], turns)
 
 
 def turns_about_z(angles: FloatArray) -> FloatArray:
     """(N, 3, 3) rotations about z by N angles, radians; x turns towards y."""
     turns = np.zeros((len(angles), 3, 3))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
-    turns[:, 1, 0], turns[:, 0, 1] = np.sin(angles), -np.sin(angles)
+    turns[:, 0, 0] = turns[:, 1, 1] = cos(angles)
+    turns[:, 1, 0], turns[:, 0, 1] = sin(angles), -sin(angles)
     turns[:, 2, 2] = 1.0
     return turns
 
@@ -262,7 +277,7 @@ def fit_vertices(
     distance = np.maximum.reduceat(need.max(axis=1), starts)
     furthest = z_f - depth
     if not MODELS[camera.model].is_planar:
-        off_axis = np.hypot(seen[..., 0], seen[..., 1])
+        off_axis = hypot(seen[..., 0], seen[..., 1])
         furthest = np.sqrt(np.maximum((z_f - off_axis) * (z_f + off_axis), 0.0)) - depth
     before = np.minimum.reduceat(depth.min(axis=1), starts)
     most = np.minimum.reduceat(furthest.min(axis=1), starts)

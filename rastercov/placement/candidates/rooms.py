@@ -29,9 +29,11 @@ from rastercov.base import (
     FloatArray,
     IntArray,
     MeshError,
+    dots,
     finite_number,
     finite_points,
     frozen_record,
+    norm,
     plural,
     shown,
 )
@@ -159,8 +161,8 @@ class KeepOutSphere:
     def meets(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """(N,) True for each segment, between (N, 3) starts and ends, that meets the volume."""
         way = ends - starts
-        square = np.maximum((way**2).sum(axis=1), TINY)
-        share = np.clip(((self.centre - starts) * way).sum(axis=1) / square, 0, 1)
+        square = np.maximum(dots(way, way), TINY)
+        share = np.clip(dots(self.centre - starts, way) / square, 0, 1)
         return self.contains(starts + share[:, None] * way)
 
 
@@ -485,7 +487,7 @@ class Room:
                 f"{plural(solid.n_faces, 'other face')}; give inside, or a polygon and z"
             )
         low, high = bounds = solid.bounds
-        size = np.linalg.norm(high - low)
+        size = norm(high - low)
         tree = TriangleTree.over((solid.vertices - low) / size, solid.welded_faces)
 
         def contains(points: FloatArray) -> BoolArray:
@@ -538,14 +540,14 @@ class _Space:
                 f"{mesh.size_in_words} with an opening of {opening:g} m; increase it, or give a "
                 "polygon"
             )
-        self.shape, self.size = tuple(shape.astype(np.int64).tolist()), np.linalg.norm(extent)
+        self.shape, self.size = tuple(shape.astype(np.int64).tolist()), norm(extent)
         places = self._position(np.arange(int(np.prod(shape))))
         self.is_free = NearestSurface(mesh).query(places).distance >= free
         rows = mesh.faces[~mesh.degenerate_mask]
         self.tree = TriangleTree.over((mesh.vertices - self.centre) / self.size, rows)
         ways = np.indices((2 * REACH + 1,) * 3).reshape(3, -1).T - REACH
-        ways = ways[np.linalg.norm(ways, axis=1) <= REACH]
-        self.ways = ways[np.argsort((ways**2).sum(axis=1), kind="stable")]
+        ways = ways[norm(ways) <= REACH]
+        self.ways = ways[np.argsort(dots(ways, ways), kind="stable")]
         start = self._place_near(inside[None])
         self.is_room = self._flood(start[start >= 0])
         reached = np.append(self._position(np.flatnonzero(self.is_room)), inside[None], axis=0)
@@ -599,7 +601,7 @@ class _Space:
     def _is_in_sight(self, points: FloatArray, places: FloatArray) -> BoolArray:
         """(N,) True where nothing crosses the way from a point to a place."""
         way = (places - points) / self.size
-        length = np.linalg.norm(way, axis=1)
+        length = norm(way)
         unit = way / np.maximum(length, TINY)[:, None]
         starts = (points - self.centre) / self.size
         return self.tree.first_hits(starts, unit, length, np.full(len(way), -1)) < 0
@@ -649,7 +651,7 @@ def clip_sheet(sheet: Mesh, outlines: Iterable[Any]) -> Mesh:
         raise MeshError(NOT_IN_ROOM)
     xy = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, 2::-1]  # counter-clockwise
     normal, origin = sheet.normals[of], corners[of, 0]
-    slope = np.einsum("nkc,nc->nk", xy - origin[:, None, :2], normal[:, :2]) / normal[:, 2:]
+    slope = dots(xy - origin[:, None, :2], normal[:, None, :2]) / normal[:, 2:]
     vertices = np.dstack((xy, origin[:, 2:] - slope)).reshape(-1, 3)
     return Mesh(vertices, np.arange(len(vertices)).reshape(-1, 3), notes=sheet.notes)
 

@@ -8,6 +8,7 @@ E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks.
 6.3.1; the order of the steps, which it does not define, is that of his program (Khepra, 2020).
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,8 +18,11 @@ from rastercov.base import (
     FloatArray,
     IntArray,
     check_choice,
+    cos,
     finite_number,
     frozen_record,
+    matmul,
+    norm,
     shown,
 )
 from rastercov.base.typed import check_type
@@ -153,7 +157,7 @@ def _angle(name: str, value: float) -> float:
 
 def _least_cosine(angle_deg: float) -> float:
     """Cosine of an angle with its tolerance; above 0, the cosine of a right angle."""
-    return max(float(np.cos(np.radians(angle_deg + ANGLE_TOLERANCE_DEG))), 1e-9)
+    return max(cos(math.radians(angle_deg + ANGLE_TOLERANCE_DEG)), 1e-9)
 
 
 def _grow_segments(mesh: Mesh, alpha_deg: float) -> IntArray:
@@ -181,7 +185,7 @@ def _by_leader(sums: FloatArray, least_cosine: float) -> IntArray:
     free = np.arange(len(units))
     while len(free):
         leader = int(free[0])
-        near = units[free] @ units[leader] >= least_cosine
+        near = matmul(units[free], units[leader]) >= least_cosine
         near[0] = True
         owner[free[near]] = leader
         free = free[~near]
@@ -199,7 +203,7 @@ def _by_closest(sums: FloatArray, least_cosine: float) -> IntArray:
     closest = np.full(len(units), -1.0)
 
     def look_up(one: int) -> None:
-        cosines = units @ units[one]
+        cosines = matmul(units, units[one])
         cosines[one] = -1.0
         partner[one] = cosines.argmax()
         closest[one] = cosines[partner[one]]
@@ -210,7 +214,7 @@ def _by_closest(sums: FloatArray, least_cosine: float) -> IntArray:
         kept, gone = sorted((one, int(partner[one])))
         owner[owner == gone] = kept
         sums[kept] += sums[gone]
-        units[kept] = sums[kept] / np.linalg.norm(sums[kept])
+        units[kept] = sums[kept] / norm(sums[kept])
         units[gone], closest[gone] = 0.0, -1.0  # a right angle to all: never merged again
         is_changed = ((partner == kept) | (partner == gone)) & (closest >= least_cosine)
         is_changed[kept] = True
@@ -226,7 +230,7 @@ MERGES: dict[str, Callable[[FloatArray, float], IntArray]] = {
 
 
 def _units(sums: FloatArray) -> FloatArray:
-    return sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return sums / norm(sums)[..., None]
 
 
 def _sums(labels: IntArray, values: FloatArray, count: int) -> FloatArray:

@@ -10,7 +10,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import BoolArray, ByteArray, ConfigError, FloatArray, frozen_record, shown
+from rastercov.base import (
+    BoolArray,
+    ByteArray,
+    ConfigError,
+    FloatArray,
+    arctan2,
+    dots,
+    draw_between,
+    frozen_record,
+    matmul,
+    shown,
+)
 from rastercov.base.typed import check_fields
 from rastercov.core.camera import look_at, valid_poses
 from rastercov.core.mesh import Mesh
@@ -180,7 +191,9 @@ class PoseSpace:
         values: list[FloatArray] = []
         low, high = self.hull
         for _ in range(64):
-            points, allowed = self.project_to_allowed(rng.uniform(low, high, (max(count, 64), 3)))
+            points, allowed = self.project_to_allowed(
+                draw_between(low, high, (max(count, 64), 3), rng)
+            )
             values.append(points[allowed])
             if sum(map(len, values)) >= count:
                 return np.concatenate(values)[:count]
@@ -192,7 +205,7 @@ class PoseSpace:
     def composed(self, eyes: FloatArray, forwards: FloatArray, rolls: FloatArray) -> FloatArray:
         """(N, 4, 4) poses from centres, directions, (N, 3), and rolls from `up`, radians."""
         poses = look_at(np.zeros(3), forwards, self.up)
-        poses[:, :3, :3] = poses[:, :3, :3] @ turns_about_z(rolls)
+        poses[:, :3, :3] = matmul(poses[:, :3, :3], turns_about_z(rolls))
         poses[:, :3, 3] = eyes
         return poses
 
@@ -200,11 +213,11 @@ class PoseSpace:
         """Centres (N, 3), directions (N, 3) and rolls (N,) of poses: the inverse of `composed`."""
         matrices = valid_poses(poses)
         level = look_at(np.zeros(3), matrices[:, :3, 2], self.up)[:, :3, :3]
-        across = np.einsum("nij,ni->nj", level, matrices[:, :3, 0])
+        across = dots(level.swapaxes(1, 2), matrices[:, None, :3, 0])
         return (
             matrices[:, :3, 3].copy(),
             matrices[:, :3, 2].copy(),
-            np.arctan2(across[:, 1], across[:, 0]),
+            arctan2(across[:, 1], across[:, 0]),
         )
 
     @cached_property

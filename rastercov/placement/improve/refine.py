@@ -41,7 +41,10 @@ from rastercov.base import (
     IntArray,
     Lists,
     check_seed,
+    draw_between,
     frozen_record,
+    matmul,
+    tan,
 )
 from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.typed import typed
@@ -69,6 +72,8 @@ SIDEWAYS = ALONG[ALONG[:, 2] == 0]
 AROUND = np.array(
     [(0, 0, 0, *each, 0) for each in product((-1.0, 0.0, 1.0), repeat=2) if any(each)]
 )
+TAIL = 3.65
+"""Limit of random moves: beyond it numpy draws them by logarithms, which differ by the library."""
 ROLLED = np.outer((-1.0, 1.0), np.eye(6)[5])
 """Moves of a camera: steps along its axes, and turns across, along and about its view."""
 
@@ -405,11 +410,11 @@ def _moves(
 ) -> FloatArray:
     """(M, 4, 4) poses one move away from a pose, at allowed positions."""
     eyes, forwards, rolls = space.decomposed(pose)
-    eye, forward, tangent = eyes[0], forwards[0], np.tan(turn)
-    drawn = rng.normal(size=(RANDOM_MOVES, 6)) / np.sqrt([3, 3, 3, 2, 2, 2])
+    eye, forward, tangent = eyes[0], forwards[0], tan(turn)
+    drawn = np.clip(rng.normal(size=(RANDOM_MOVES, 6)), -TAIL, TAIL) / np.sqrt([3, 3, 3, 2, 2, 2])
     moves = np.concatenate((ALONG, SIDEWAYS, AROUND, ROLLED[: 2 * space.is_roll_free], drawn))
-    shifts = step * moves[:, :3] @ pose[:3, :3].T
-    directions = forward + tangent * moves[:, 3:5] @ pose[:3, :2].T
+    shifts = matmul(step * moves[:, :3], pose[:3, :3].T)
+    directions = forward + matmul(tangent * moves[:, 3:5], pose[:3, :2].T)
     # Some shifts are compensated by a turn: at this depth the image stays.
     is_held = np.zeros(len(moves), np.bool_)
     is_held[len(ALONG) : len(ALONG) + len(SIDEWAYS)] = True
@@ -624,5 +629,5 @@ def _draw_poses(space: PoseSpace, count: int, rng: np.random.Generator) -> Float
     """(count, 4, 4) poses at random allowed positions, towards random points of `space.aim`."""
     eyes = space.sample(count, rng)
     low, high = np.asarray(space.aim)
-    rolls = rng.uniform(-np.pi, np.pi, count) * space.is_roll_free
-    return space.composed(eyes, rng.uniform(low, high, eyes.shape) - eyes, rolls)
+    rolls = draw_between(-np.pi, np.pi, count, rng) * space.is_roll_free
+    return space.composed(eyes, draw_between(low, high, eyes.shape, rng) - eyes, rolls)

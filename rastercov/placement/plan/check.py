@@ -38,6 +38,7 @@ from rastercov.base import (
     frozen_record,
     hooks_of,
     json_bytes,
+    matmul,
     parse_json,
     percent,
     plural,
@@ -324,7 +325,7 @@ class Checked(InOneLine, InNotebook):
                 for name in ("low", "share", "high"):
                     values = np.array([getattr(each, name) for each in own])
                     total = float(sizes.sum())
-                    entry[name] = float(sizes @ values) / total if total > 0 else 1.0
+                    entry[name] = float(matmul(sizes, values)) / total if total > 0 else 1.0
                 if self.cameras.areas is not None:
                     entry["of_m2"] = float(sizes.sum())
                 items.append(entry)

@@ -10,7 +10,7 @@ Branch and bound: each further candidate adds at most what it adds to fewer.
 
 import numpy as np
 
-from rastercov.base import Float32Array, FloatArray
+from rastercov.base import Float32Array, FloatArray, matmul
 from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.prepare import Prepared
 
@@ -40,7 +40,7 @@ def sets_in_reach(prepared: Prepared, count: int) -> list[tuple[int, ...]] | Non
         """Area beyond the goal, m^2."""
         nonlocal work
         work += covered.size
-        return np.asarray(np.minimum(covered, 1) @ on.area - least)
+        return matmul(np.minimum(covered, 1), on.area) - least
 
     def grow(chosen: tuple[int, ...], covered: Float32Array, own: float) -> None:
         left, first = count - len(chosen), chosen[-1] + 1 if chosen else n_given

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import FloatArray, IntArray, frozen_record
+from rastercov.base import FloatArray, IntArray, frozen_record, hypot, norm
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.engine import mesh_clearance
@@ -173,10 +173,10 @@ def course_of(space: Airspace, home: FloatArray, eyes: FloatArray, rows: IntArra
     best, least = measure(rows)
     if n > MOST_TOURED:
         return best
-    ways = np.linalg.norm(stops[:, None] - stops[None], axis=2)
+    ways = norm(stops[:, None] - stops[None])
     tops = np.maximum(home[2] + LEAST_CLEARANCE, eyes[:, 2])
-    across = np.hypot(*(eyes - home)[:, :2].T)
-    ways[0, 1:] = ways[1:, 0] = tops - home[2] + np.hypot(across, tops - eyes[:, 2])
+    across = norm((eyes - home)[:, :2])
+    ways[0, 1:] = ways[1:, 0] = tops - home[2] + hypot(across, tops - eyes[:, 2])
     dear = 1 + 2 * float(ways.sum())
     for _ in range(MOST_TOURS):
         n_known = len(known)
@@ -199,4 +199,4 @@ def is_straight(over: Sequence[FloatArray | None]) -> list[bool]:
 
 def length_of(*stops: FloatArray) -> float:
     """Length of a way through points."""
-    return float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum())
+    return float(norm(np.diff(stops, axis=0)).sum())

@@ -22,6 +22,7 @@ from rastercov.base import (
     MeshError,
     RastercovError,
     frozen_record,
+    norm,
     plural,
 )
 from rastercov.core.area.remedies import IsFree, Places, outside_of_matter
@@ -488,9 +489,7 @@ def free_places(plan: Plan, mesh: Mesh, kept: float) -> IsFree:
 def places_of_candidates(eyes: FloatArray) -> Places:
     """For places that advice would name, as many of those of candidates, (N, 3), the nearest."""
     eyes = np.unique(eyes, axis=0)
-    return lambda at, places: eyes[
-        np.argsort(np.linalg.norm(eyes - at, axis=1), kind="stable")[: len(places)]
-    ]
+    return lambda at, places: eyes[np.argsort(norm(eyes - at), kind="stable")[: len(places)]]
 
 
 def keep_outs(plan: Plan) -> Sequence[KeepOutBox | KeepOutSphere]:

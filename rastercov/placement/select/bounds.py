@@ -392,7 +392,7 @@ def core_and_bound(
 
 def _prices_of(large: Presolved, price: FloatArray) -> Prices:
     """Bound of prices over all candidates; one pass."""
-    unit = 2.0 ** (PRICE_BITS - math.ceil(math.log2(float(price.sum()) + 1.0)))
+    unit = 2.0 ** (PRICE_BITS - math.frexp(float(price.sum()) + 1.0)[1])
     rounded = np.floor(price * unit).astype(np.int64)
     values = np.zeros(large.problem.n_faces, np.int64)
     values[large.kept] = rounded

@@ -259,7 +259,7 @@ class LazyCover(Cover):
             return result
 
         most = scores(self.limit, slice(None))
-        order = np.argsort(-most)[: np.count_nonzero(most)]
+        order = np.argsort(-most, kind="stable")[: np.count_nonzero(most)]
         best, best_score, at = -1, 0.0, 0
         while at < len(order) and most[order[at]] >= best_score:
             n = max(FEWEST_AT_ONCE, int(SHARE_AT_ONCE * at))

@@ -5,7 +5,7 @@ from itertools import count
 import numpy as np
 import shapely
 
-from rastercov.base import ByName, FloatArray, plural, row_lengths
+from rastercov.base import ByName, FloatArray, cos, norm, plural, sin
 from rastercov.base.format import length
 from rastercov.report.drawing import DOT, SheetFrame, frame_around, labels_beside, scale_bar
 from rastercov.report.plan_geometry import edges_between, outline_from_above
@@ -45,7 +45,7 @@ def route_of(flight: Flight) -> ByName:
     turn = np.radians(90.0 if north is None else north)
     red = "; red: blocked" if lines["blocked"] else ""
     some = f", every {every}{'nd' if every == 2 else 'th'} numbered" if every > 1 else ""
-    step = float(row_lengths(np.diff(at, axis=0)).sum()) / n
+    step = float(norm(np.diff(at, axis=0)).sum()) / n
     return {
         "dot": min(max(step / 4, LEAST_DOT), DOT),
         "size": frame.size,
@@ -63,7 +63,7 @@ def route_of(flight: Flight) -> ByName:
             )
         ],
         "labels": labels,
-        "up": (float(np.cos(turn)), -float(np.sin(turn))),
+        "up": (cos(turn), -sin(turn)),
         "up_words": "y" if north is None else "N",
         "bar": scale_bar(frame),
         "words": f"Route from above: {plural(n, 'waypoint')} in the order of flight, not of cameras"

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import CameraError, FloatArray, check_array, read_only, shown
+from rastercov.base import CameraError, FloatArray, check_array, cos, hypot, read_only, shown, sin
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.lenses.planes import Proved, planes_in
 from rastercov.core.camera.lenses.records import MOST_SIDES, CurvedLens, PlaneRecord
@@ -115,7 +115,7 @@ class LensModel:
             return 0.0  # not continuous on one side of the axis
         turn = np.linspace(0, 2 * math.pi, CORE_RAYS)
         slope = np.geomspace(*CORE_SLOPES)[:, None]
-        rays = np.stack([slope * np.cos(turn), slope * np.sin(turn), np.ones_like(slope * turn)], 2)
+        rays = np.stack([slope * cos(turn), slope * sin(turn), np.ones_like(slope * turn)], 2)
         share = self.project(rays) / (self.width, self.height)
         is_beyond = ~(np.abs(share - 0.5) < 0.5 - CORE_MARGIN).all(axis=(1, 2))
         n_shown = int(np.append(is_beyond, True).argmax())
@@ -229,7 +229,8 @@ def unit_of(camera: Camera) -> float:
         return 0.0
     y = (border_of(camera.width, camera.height, 2)[..., 1] - camera.cy) / camera.fy
     x = border_of(camera.width, camera.height, 2)[..., 0] - camera.cx - camera.skew * y
-    return float(2.0 ** np.ceil(np.log2(np.hypot(x / camera.fx, y).max())))
+    most, exponent = math.frexp(hypot(x / camera.fx, y).max())
+    return math.ldexp(1.0, exponent - (most == 0.5))
 
 
 def ideal_camera(camera: Camera, plane: Proved) -> Camera:

@@ -6,7 +6,7 @@ then moves the pieces to pixels.
 
 import numpy as np
 
-from rastercov.base import FloatArray, frozen_record, read_only
+from rastercov.base import FloatArray, frozen_record, matmul, read_only
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.lenses.records import PlaneRecord, Slopes, Tree
 from rastercov.engine import solver_lens
@@ -82,7 +82,7 @@ def first_derivatives(plane: PlaneRecord, points: FloatArray) -> FloatArray:
     """(N, 4) u_x, u_y, v_x, v_y at points (N, 2) of a plane."""
     everywhere = plane.params.copy()
     everywhere[solver_lens.SLOPE] = -ALMOST_NOTHING  # also a step beyond the region
-    rays = points @ plane.frame[:, :2].T + plane.frame[:, 2]
+    rays = matmul(points, plane.frame[:, :2].T) + plane.frame[:, 2]
     out = np.empty((len(points), 2, 3))
     jacobian_many(plane.code, everywhere, np.ascontiguousarray(rays), out)
-    return (out @ plane.frame[:, :2]).reshape(-1, 4)
+    return matmul(out, plane.frame[:, :2]).reshape(-1, 4)
