@@ -246,8 +246,8 @@ def is_same_report(mesh, camera, poses: rc.Poses, method: str) -> bool:
         options = Options(pictures=0, table="covered", method=method)
         summary = run(mesh, camera, poses, task, Path(folder), options)
         table = pq.read_table(Path(folder) / "coverage.parquet")
-    names = [name for name in rows._fields if name not in ("reason", "visibility_kind")]
-    return all(np.array_equal(table[name], getattr(rows, name)) for name in names) and all(
+    names = [name for name in rows if name not in ("reason", "visibility_kind")]
+    return all(np.array_equal(table[name], rows[name]) for name in names) and all(
         _by_face(summary[name]) == _by_face(value)
         for name, value in network.summary().items()
         if name not in BY_AREA

@@ -261,4 +261,4 @@ def rows_of(coverage: Coverage, choice: str) -> PairRows:
     up = np.nextafter(short, np.float32(np.inf))
     columns["visibility_bound"] = np.where(short < bound, up, short)
     ids = coverage.pose_ids[pose].astype(np.int32)
-    return PairRows(pose=ids, face=face.astype(np.int32), **columns)
+    return {"pose": ids, "face": face.astype(np.int32)} | columns

@@ -7,7 +7,6 @@ Callers ask `coverage_files.has_parquet` first and import this file in a functio
 without pyarrow, which takes 0.1 s to load.
 """
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -18,7 +17,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rastercov.base import (
-    ByName,
     FloatArray,
     Int32Array,
     IntArray,
@@ -30,7 +28,7 @@ from rastercov.base.output import replacing, writing
 from rastercov.core.area.frames import frames_of
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
-from rastercov.core.coverage.coverage import FIGURES, Coverage
+from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.task import NAMES
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import BoundKind
@@ -40,6 +38,15 @@ if TYPE_CHECKING:
 
 COVERED_M2 = "covered_m2"
 """Column by area only."""
+UNITS = {
+    **dict.fromkeys(("visible_pixels", "drawn_pixels"), "px"),
+    "projected_area": "px^2",
+    "pixel_density": "px/m",
+    "facing_density": "px/m",
+    "incidence": "rad",
+    COVERED_M2: "m^2",
+}
+"""Units of columns that have one."""
 CODES = {"visibility_kind": [each.name.lower() for each in BoundKind], "reason": NAMES}
 """Columns that are written by name."""
 ROWS_A_GROUP = 1 << 18
@@ -96,10 +103,8 @@ class CoverageTable:
         kinds |= dict.fromkeys(CODES, names)
         if by_area:
             kinds[COVERED_M2] = pa.float32()
-        units = {each.name: each.metadata.get("unit") for each in dataclasses.fields(Coverage)}
-        units[COVERED_M2] = "m^2"
         fields = [
-            pa.field(name, kind, False, {"unit": units[name]} if units.get(name) else None)
+            pa.field(name, kind, False, {"unit": UNITS[name]} if name in UNITS else None)
             for name, kind in kinds.items()
         ]
         self.schema = pa.schema(fields, {"rastercov": json_bytes(header or {})})
@@ -143,14 +148,14 @@ class CoverageTable:
 
         `regions` of their poses are needed by area.
         """
-        columns: ByName = rows._asdict()
+        columns = dict(rows)
         if regions is not None:
-            pose = np.searchsorted(regions.pose_ids, rows.pose)
-            columns[COVERED_M2] = regions.areas()[pose, rows.face].astype(np.float32)
-        self.n_rows += len(rows.pose)
-        columns["group"] = self._group_of_face[rows.face]
+            pose = np.searchsorted(regions.pose_ids, rows["pose"])
+            columns[COVERED_M2] = regions.areas()[pose, rows["face"]].astype(np.float32)
+        self.n_rows += len(rows["pose"])
+        columns["group"] = self._group_of_face[rows["face"]]
         if "camera" in self._names:
-            columns["camera"] = self._camera_of_pose[rows.pose]
+            columns["camera"] = self._camera_of_pose[rows["pose"]]
         for name, names in self._names.items():
             columns[name] = pa.DictionaryArray.from_arrays(columns[name], names)
         self._pending = pa.concat_tables([self._pending, pa.table(columns, schema=self.schema)])

@@ -168,9 +168,9 @@ def test_rows_of_a_table_are_the_chosen_figures_whatever_the_threads(seed, choic
     network, with_rows = Network(mesh, task), Network(mesh, task)
     (batch,) = with_rows.judge(recorded, Poses.of(poses), pairs=choice)
     expected = coverage_twin.rows_of(figures, choice)
-    for name, column in batch.rows._asdict().items():
-        np.testing.assert_array_equal(column, getattr(expected, name), err_msg=name)
-        assert column.dtype == getattr(expected, name).dtype, name
+    for name, column in batch.rows.items():
+        np.testing.assert_array_equal(column, expected[name], err_msg=name)
+        assert column.dtype == expected[name].dtype, name
     # Neither rows nor threads change the network, which is that of the figures.
     network.add(figures)
     with_rows.add(batch)

@@ -81,7 +81,7 @@ def test_the_files_hold_what_evaluate_gives_and_the_table_the_pairs_asked_for(
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(summary))
     result = evaluate(MESH, CAMERA, poses, TASK, by="face")
     rows = rows_of(result, choice)
-    assert summary["table"] == {"pairs": choice, "rows": len(rows.pose)}
+    assert summary["table"] == {"pairs": choice, "rows": len(rows["pose"])}
     assert names(tmp_path) == FILES - ({"coverage.parquet"} if choice == "none" else set())
     assert {"run", *changed(plain, summary)} <= {"run", "table", "seconds", "poses_per_second"}
     means = [row["mean_coverage"] for row in summary["per_pose"]]
@@ -89,11 +89,11 @@ def test_the_files_hold_what_evaluate_gives_and_the_table_the_pairs_asked_for(
     assert summary["poses_per_second"] == pytest.approx(10 / summary["seconds"])
     if choice != "none":
         table = pq.read_table(tmp_path / "coverage.parquet")
-        for name in set(rows._fields) - {"reason", "visibility_kind"}:
-            np.testing.assert_array_equal(table[name], getattr(rows, name), err_msg=name)
+        for name in set(rows) - {"reason", "visibility_kind"}:
+            np.testing.assert_array_equal(table[name], rows[name], err_msg=name)
         assert set(table["group"].to_pylist()) == {"mesh"}
         for name, kind in (("reason", Reason), ("visibility_kind", BoundKind)):
-            words = [kind(row).name.lower() for row in getattr(rows, name)]
+            words = [kind(row).name.lower() for row in rows[name]]
             assert table[name].to_pylist() == words
 
 
@@ -268,7 +268,7 @@ def raising_interrupts():
 
 @pytest.mark.usefixtures("raising_interrupts", "small_batches")
 def test_a_signal_in_a_batch_counts_it_everywhere_or_nowhere(tmp_path, monkeypatch):
-    interrupting(monkeypatch, "add", lambda batch, covered_m2: batch.pose[0] == 4)
+    interrupting(monkeypatch, "add", lambda batch, covered_m2: batch["pose"][0] == 4)
     summary = run(MESH, CAMERA, around(12), TASK, tmp_path, PLAIN)
     assert summary["poses"] == 8
     assert np.asarray(pq.read_table(tmp_path / "coverage.parquet")["pose"]).max() == 7

@@ -12,7 +12,7 @@ from rastercov.base import DeviceError, ReadByName, ResourceError
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, is_joint
 from rastercov.core.coverage.coverage import Coverage, batch_size
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.face_pass import ROW_TYPES, FacePass, PairRows
+from rastercov.core.coverage.face_pass import ROW_TYPES, FacePass
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer, SampledObserver
@@ -30,7 +30,7 @@ LEAST_PAIRS = 1 << 26
 
 A self-test takes a second or two; the CPU judges these pairs meanwhile, at 12 ns a pair and core on
 images of 256 x 256. `benchmarks/gpu.py` measures the border where there is a GPU."""
-NO_ROWS = PairRows(*(np.empty(0, ROW_TYPES[name]) for name in PairRows._fields))
+NO_ROWS = {name: np.empty(0, kind) for name, kind in ROW_TYPES.items()}
 LATER = (
     *("best", "best_pose", "reason", "alone", "covered_faces", "mean_coverage", "kinds"),
     *("largest_bound", "largest_covered_bound"),

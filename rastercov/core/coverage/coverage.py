@@ -3,7 +3,6 @@
 E. S. Eissa. Image Space Coverage Model for Deployment of Multi-Camera Networks. 2020, section 3.3.
 """
 
-import dataclasses
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import field
@@ -28,7 +27,7 @@ from rastercov.base import (
 )
 from rastercov.base.memory import align_array
 from rastercov.core.camera import Cameras, Poses, eyes_of
-from rastercov.core.coverage.face_pass import FacePass, Measured
+from rastercov.core.coverage.face_pass import FIGURES, FacePass, Measured
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
@@ -40,11 +39,6 @@ LEAST_ALIGNED = 1 << 14
 """Pairs from which on figures start at a cache line."""
 POSES_A_BATCH = 256
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
-
-
-def _figure(dtype: type, unit: str = "") -> ByName:
-    """Metadata of a field of `Coverage` that is a (P, F) array."""
-    return {"dtype": dtype, "unit": unit}
 
 
 @frozen_record
@@ -112,21 +106,21 @@ class Coverage(InNotebook):
     info: RasterizerInfo
     pose_ids: IntArray
     clipped: BoolArray
-    in_view: BoolArray = field(metadata=_figure(np.bool_))
-    in_view_fraction: FloatArray = field(metadata=_figure(np.float64))
-    projected_area: FloatArray = field(metadata=_figure(np.float64, "px^2"))
-    visible_pixels: FloatArray = field(metadata=_figure(np.float64, "px"))
-    drawn_pixels: FloatArray = field(metadata=_figure(np.float64, "px"))
-    resolution: FloatArray = field(metadata=_figure(np.float64))
-    pixel_density: FloatArray = field(metadata=_figure(np.float64, "px/m"))
-    facing_density: FloatArray = field(metadata=_figure(np.float64, "px/m"))
-    in_focus: BoolArray = field(metadata=_figure(np.bool_))
-    visibility: FloatArray = field(metadata=_figure(np.float64))
-    visibility_bound: FloatArray = field(metadata=_figure(np.float64))
-    visibility_kind: ByteArray = field(metadata=_figure(np.uint8))
-    incidence: FloatArray = field(metadata=_figure(np.float64, "rad"))
-    coverage: FloatArray = field(metadata=_figure(np.float64))
-    reason: ByteArray = field(metadata=_figure(np.uint8))
+    in_view: BoolArray
+    in_view_fraction: FloatArray
+    projected_area: FloatArray
+    visible_pixels: FloatArray
+    drawn_pixels: FloatArray
+    resolution: FloatArray
+    pixel_density: FloatArray
+    facing_density: FloatArray
+    in_focus: BoolArray
+    visibility: FloatArray
+    visibility_bound: FloatArray
+    visibility_kind: ByteArray
+    incidence: FloatArray
+    coverage: FloatArray
+    reason: ByteArray
     eyes: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
@@ -164,14 +158,6 @@ class Coverage(InNotebook):
                     f"expected {name} among the fields of this coverage, got none; add it to fields"
                 )
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-
-
-FIGURES: ByName = {
-    each.name: each.metadata["dtype"]
-    for each in dataclasses.fields(Coverage)
-    if "dtype" in each.metadata
-}
-"""The (P, F) arrays of `Coverage` and their types, in the order of a report."""
 
 
 def evaluate_batches(

@@ -16,7 +16,6 @@ from rastercov.base import (
     BoolArray,
     ByName,
     FloatArray,
-    Int32Array,
     IntArray,
     once_each,
     read_only,
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
     from rastercov.core.camera.lenses.records import CurvedLens
 
 Bytes = NDArray[np.uint8]
-Singles = NDArray[np.float32]
 
 
 class PinholeRecord(NamedTuple):
@@ -97,37 +95,30 @@ class ObservationRecord(NamedTuple):
     samples_per_pixel: float
 
 
-class FaceFigures(NamedTuple):
-    """The (P, F) arrays of `Coverage`, in its order; (0, 0) where a figure is not asked for."""
-
-    in_view: BoolArray
-    in_view_fraction: FloatArray
-    projected_area: FloatArray
-    visible_pixels: FloatArray
-    drawn_pixels: FloatArray
-    resolution: FloatArray
-    pixel_density: FloatArray
-    facing_density: FloatArray
-    in_focus: BoolArray
-    visibility: FloatArray
-    visibility_bound: FloatArray
-    visibility_kind: Bytes
-    incidence: FloatArray
-    coverage: FloatArray
-    reason: Bytes
-
-
-TYPES: dict[str, type] = {
-    name: np.bool_ if name in ("in_view", "in_focus") else np.float64
-    for name in FaceFigures._fields
-} | dict.fromkeys(("visibility_kind", "reason"), np.uint8)
-"""Types of the arrays of `FaceFigures`."""
-NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in TYPES.items()}
+FIGURES: ByName = {
+    "in_view": np.bool_,
+    "in_view_fraction": np.float64,
+    "projected_area": np.float64,
+    "visible_pixels": np.float64,
+    "drawn_pixels": np.float64,
+    "resolution": np.float64,
+    "pixel_density": np.float64,
+    "facing_density": np.float64,
+    "in_focus": np.bool_,
+    "visibility": np.float64,
+    "visibility_bound": np.float64,
+    "visibility_kind": np.uint8,
+    "incidence": np.float64,
+    "coverage": np.float64,
+    "reason": np.uint8,
+}
+"""The (P, F) arrays of `Coverage` and their types, in the order of a report and of the engine."""
+NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in FIGURES.items()}
 
 
-def figures_of(arrays: Mapping[str, AnyArray]) -> FaceFigures:
-    """Record of the (P, F) arrays that are given, by their names."""
-    return FaceFigures(**(NO_FIGURES | dict(arrays)))
+def figures_of(arrays: Mapping[str, AnyArray]) -> tuple[AnyArray, ...]:
+    """The (P, F) arrays that are given, by their names, for the engine; (0, 0) for the others."""
+    return tuple(arrays.get(name, none) for name, none in NO_FIGURES.items())
 
 
 class Sums(NamedTuple):
@@ -190,36 +181,16 @@ def merge_sums(parts: Sequence[Sums]) -> Sums:
     return whole
 
 
-class PairRows(NamedTuple):
-    """Columns of a table of pairs of pose and face, (R,) each: their indices, then the figures.
-
-    Figures are named as in `FaceFigures`, floats are float32, and what has a name is its code.
-    """
-
-    pose: Int32Array
-    face: Int32Array
-    in_view: BoolArray
-    in_view_fraction: Singles
-    projected_area: Singles
-    visible_pixels: Singles
-    drawn_pixels: Singles
-    resolution: Singles
-    pixel_density: Singles
-    facing_density: Singles
-    in_focus: BoolArray
-    visibility: Singles
-    visibility_bound: Singles
-    visibility_kind: Int32Array
-    incidence: Singles
-    coverage: Singles
-    reason: Int32Array
-
-
+PairRows = Mapping[str, AnyArray]
+"""Columns of a table of pairs of pose and face, (R,) each, of `ROW_TYPES`."""
 _SHORT = {np.bool_: np.bool_, np.float64: np.float32, np.uint8: np.int32}
-ROW_TYPES: dict[str, type] = {"pose": np.int32, "face": np.int32} | {
-    name: _SHORT[kind] for name, kind in TYPES.items()
+ROW_TYPES: ByName = {"pose": np.int32, "face": np.int32} | {
+    name: _SHORT[kind] for name, kind in FIGURES.items()
 }
-"""Types of the columns of `PairRows`."""
+"""Types of the columns of a table of pairs: their indices, then the figures.
+
+Floats are float32, and what has a name is its code.
+"""
 
 
 class Sink(NamedTuple):
@@ -232,7 +203,7 @@ class Sink(NamedTuple):
     choice: int  # index of `network.CHOICES`
     pose_ids: IntArray
     counts: IntArray
-    rows: PairRows
+    rows: tuple[AnyArray, ...]  # of `ROW_TYPES`
 
 
 @once_each

@@ -10,7 +10,6 @@ from rastercov.base import (
     TINY,
     AnyArray,
     BoolArray,
-    ByName,
     ConfigError,
     FloatArray,
     IntArray,
@@ -21,6 +20,7 @@ from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
 from rastercov.core.coverage.coverage import arrays_for, batch_size, measurements
 from rastercov.core.coverage.face_pass import (
+    FIGURES,
     ROW_TYPES,
     FacePass,
     Measured,
@@ -46,14 +46,8 @@ if TYPE_CHECKING:
 CHOICES = ("none", "covered", "seen", "all")
 """Pairs that a table may hold: those covered; those seen, that is with some part of the face in the
 image and its front to the camera, though other faces may hide it; or every pair."""
-SUMMED: ByName = {
-    "coverage": np.float64,
-    "reason": np.uint8,
-    "visibility_bound": np.float64,
-    "visibility_kind": np.uint8,
-    "in_view_fraction": np.float64,
-}
-"""Figures that a network adds up, and their types: the arguments of `add_rows` of the kernels."""
+SUMMED = ("coverage", "reason", "visibility_bound", "visibility_kind", "in_view_fraction")
+"""Figures that a network adds up: the arguments of `add_rows` of the kernels."""
 NO_ARRAYS: Mapping[str, AnyArray] = {}
 
 
@@ -115,7 +109,7 @@ def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
 def sums_of(mesh: Mesh, figures: Mapping[str, AnyArray], rows: IntArray) -> Sums:
     """Sums of the figures of some poses, rows of (P, F) each."""
     coverage, reason, bound, kind, part = (
-        np.ascontiguousarray(figures[name], dtype) for name, dtype in SUMMED.items()
+        np.ascontiguousarray(figures[name], FIGURES[name]) for name in SUMMED
     )
     sums = no_sums(mesh.n_faces, len(coverage))
     add_rows(rows, mesh.task_mask, coverage, reason, bound, kind, part, sums)
@@ -138,7 +132,7 @@ def sums_of_rigs(
     rows = led_by(camera, poses)
     shares = with_rule(regions, camera, poses).areas() / np.maximum(mesh.areas, TINY)
     shares[:, mesh.degenerate_mask] = 0.0
-    folded = {name: np.zeros((len(poses), mesh.n_faces), kind) for name, kind in SUMMED.items()}
+    folded = {name: np.zeros((len(poses), mesh.n_faces), FIGURES[name]) for name in SUMMED}
     folded["coverage"][rows] = np.minimum(shares, 1.0)
     folded["in_view_fraction"][rows] = figures["in_view_fraction"][rows]
     covered = (shares >= task.min_coverage) & (shares > 0)
@@ -200,7 +194,7 @@ def classify_poses(
     choice, n_faces = CHOICES.index(pairs), mesh.n_faces
     n_rows = min(len(poses), batch_size(n_faces, observer.threads)) * n_faces if choice else 0
     # Used again for each batch; what no row is written to is never taken from the system.
-    memory = PairRows(*(np.empty(n_rows, ROW_TYPES[name]) for name in PairRows._fields))
+    memory = {name: np.empty(n_rows, kind) for name, kind in ROW_TYPES.items()}
     together = None
     further = ["reason"] if bits else []
     if is_joint(observer.camera):
@@ -213,7 +207,7 @@ def classify_poses(
         own = arrays_for(further, (n, n_faces)) if further else {}
         own |= {name: array[done : done + n] for name, array in figures.items()}
         done += n
-        sink = Sink(choice, batch.ids, np.zeros(n, np.int64), memory)
+        sink = Sink(choice, batch.ids, np.zeros(n, np.int64), tuple(memory.values()))
         of_threads: list[dict[int, Sums]] = []
 
         def worker() -> Worker:
@@ -228,16 +222,14 @@ def classify_poses(
             parts.setdefault(camera, []).append(sums)
         turns = np.flatnonzero(sink.counts)
         spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
-        columns = (
-            np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
-            for part in memory
-        )
+        columns = {
+            name: np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
+            for name, part in memory.items()
+        }
         whole = {camera: merge_sums(some) for camera, some in parts.items()}
         eyes, leads = eyes_of(observer.camera, batch), leads_of(observer.camera, batch)
         regions = getattr(seen, "regions", None)
-        result = JudgedPoses(
-            batch, seen.clipped, PairRows(*columns), seen, whole, regions, eyes, leads
-        )
+        result = JudgedPoses(batch, seen.clipped, columns, seen, whole, regions, eyes, leads)
         if bits:
             result = replace(result, bits=bits_of_pairs(mesh, own["reason"] == Reason.COVERED))
         if result.leads is not None and result.regions is None:

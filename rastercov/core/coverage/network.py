@@ -249,9 +249,9 @@ class Network(InNotebook):
         self._take(batch.poses.ids, batch.clipped, merge_sums(parts), own)
         if self.task.min_angle_deg > 0:
             rows = batch.rows
-            is_covered = rows.reason == Reason.COVERED
+            is_covered = rows["reason"] == Reason.COVERED
             for eye, pose in zip(batch.eyes[own], batch.poses[own].ids, strict=True):
-                self._spread.add(eye, rows.face[is_covered & (rows.pose == pose)])
+                self._spread.add(eye, rows["face"][is_covered & (rows["pose"] == pose)])
 
     def _take(
         self,

@@ -28,7 +28,7 @@ from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
 from rastercov.core.coverage.bits_alone import NetworkOfBits
 from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.face_pass import PairRows, Sums, merge, no_sums
+from rastercov.core.coverage.face_pass import ROW_TYPES, Sums, merge, no_sums
 from rastercov.core.coverage.judging import NO_ARRAYS, JudgedPoses, leads_of
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer, open_observer
@@ -172,7 +172,7 @@ class EvaluationShards:
         return JudgedPoses(
             poses=left,
             clipped=arrays["clipped"],
-            rows=PairRows(**_under("rows", arrays)),
+            rows=_under("rows", arrays),
             measured=None,
             sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
             regions=regions,
@@ -357,20 +357,19 @@ def _measure_poses(
 
 def _join_batches(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, AnyArray]:
     """Arrays of all batches of some poses, whatever their sizes and the number of threads."""
-    rows = [batch.rows for batch in batches]
     ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
     sums: dict[int, Any] = {}
     for first, batch in zip(ends, batches, strict=False):
         for camera, part in batch.sums.items():
             merge(sums.setdefault(camera, no_sums(len(part.views), len(poses))), part, int(first))
-    columns = map(np.concatenate, zip(*rows, strict=True))
+    rows = {each: np.concatenate([batch.rows[each] for batch in batches]) for each in ROW_TYPES}
     arrays = {"clipped": np.concatenate([batch.clipped for batch in batches])}
     if kept := [batch.bits for batch in batches if batch.bits is not None]:
         of_poses = [(each.packed, each.area_units) for each in kept]
         packed, areas = map(np.concatenate, zip(*of_poses, strict=True))
         views = np.sum([each.views for each in kept], axis=0)
         arrays |= _below("bits", {"packed": packed, "area_units": areas, "views": views})
-    arrays |= _below("rows", dict(zip(rows[0]._fields, columns, strict=True)))
+    arrays |= _below("rows", rows)
     for camera, part in sorted(sums.items()):
         arrays |= _below(f"sums.{camera}", part._asdict())
     return arrays

@@ -15,7 +15,7 @@ namespace {
 
 template <class T> using Pairs = Array<T, Any, Any>;
 
-// rastercov.core.coverage.face_pass.Figures: (P, F), or (0, 0) where a figure is not asked for.
+// rastercov.core.coverage.face_pass.FIGURES: (P, F), or (0, 0) where a figure is not asked for.
 struct Figures {
     Pairs<bool> in_view;
     Pairs<double> in_view_fraction, projected_area, visible_pixels, drawn_pixels, resolution,
