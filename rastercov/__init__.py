@@ -56,7 +56,7 @@ if _TYPE_CHECKING:
     from rastercov.core.area.zones import DeadZones as DeadZones, dead_zones as dead_zones
     from rastercov.core.coverage.coverage import Coverage as Coverage
     from rastercov.core.raster.bits import CoverageBits as CoverageBits
-    from rastercov.core.coverage.engine import Engine as Engine
+    from rastercov.core.coverage.task import Engine as Engine
     from rastercov.core.coverage.evaluation import Evaluation as Evaluation, regions as regions
     from rastercov.core.coverage.job import evaluate as evaluate
     from rastercov.core.coverage.network import Network as Network
@@ -122,14 +122,13 @@ _NAMES = {
     "core.area.zones": "DeadZones dead_zones",
     "core.coverage.coverage": "Coverage",
     "core.raster.bits": "CoverageBits",
-    "core.coverage.engine": "Engine",
     "core.coverage.evaluation": "Evaluation regions",
     "core.coverage.job": "evaluate",
     "core.coverage.network": "Network",
     "core.coverage.observer": "Observer open_observer",
     "sun.sunlight": "Sunlight sunlit",
     "survey.viewshed": "Viewshed viewshed",
-    "core.coverage.task": "Reason Task",
+    "core.coverage.task": "Engine Reason Task",
     "core.coverage.visibility": "Visibility visibility",
     "core.mesh": "Group Mesh",
     "robots.collisions": "Collisions",

@@ -15,12 +15,11 @@ from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.coverage import FIGURES, Coverage
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts
-from rastercov.core.coverage.task import Reason, Task
+from rastercov.core.coverage.task import Engine, Reason, Task
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.placement.plan.network import Measured, with_areas
 from rastercov.shards import ALONE

@@ -30,8 +30,7 @@ from rastercov.core.area.zones import (
 )
 from rastercov.core.camera import Cameras, Poses, cameras_of, rows_of_result
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.task import NO_CAMERAS, TOO_FEW_VIEWS, Task
+from rastercov.core.coverage.task import NO_CAMERAS, TOO_FEW_VIEWS, Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, silent
 

@@ -347,7 +347,7 @@ def render(
 
     Example: rastercov render part.stl --unit mm -c camera.toml -p poses.json --pose 3
     """
-    from rastercov.core.coverage.engine import Engine
+    from rastercov.core.coverage.task import Engine
     from rastercov.core.raster import open_rasterizer
 
     mesh = scene.read(meshes)

@@ -5,9 +5,8 @@ from pathlib import Path
 from rastercov.base import frozen_record
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Cameras, Poses
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.phases import Phased
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.motion.over_time import OverTime, TimeAreas, check_over_time, regions_in_shards
 from rastercov.motion.regions import (

@@ -48,7 +48,6 @@ from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
 from rastercov.core.camera import Cameras, Poses, led_by, names_of, rows_of_result
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.shard_inputs import POSES, Inputs, open_once, read_npz
 from rastercov.core.coverage.shards import (
@@ -66,6 +65,7 @@ from rastercov.core.coverage.task import (
     NO_CAMERAS,
     OWN_CRITERIA,
     TOO_FEW_VIEWS,
+    Engine,
     Reason,
     Task,
     name_of,

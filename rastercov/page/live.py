@@ -2,7 +2,7 @@
 
 from rastercov.base import ByName, ConfigError
 from rastercov.core.area.network import unit_of_result
-from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Engine
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene, describe_state
 from rastercov.page.session import Session

@@ -66,7 +66,6 @@ from rastercov.core.camera import (
 )
 from rastercov.core.coverage.coverage import evaluate_batches, in_batches
 from rastercov.core.coverage.densities import density_text
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import ViewSpread, share_of_faces
 from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.task import (
@@ -74,6 +73,7 @@ from rastercov.core.coverage.task import (
     NAMES,
     REASONS,
     UNCERTAIN,
+    Engine,
     Reason,
     Task,
     check_equipment,

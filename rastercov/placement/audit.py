@@ -46,10 +46,9 @@ from rastercov.core.camera import (
     gates_of,
     names_of,
 )
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.engine import coverage_spread
 from rastercov.placement.bits import CoveredBits, by_face

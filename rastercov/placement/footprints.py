@@ -42,9 +42,8 @@ from rastercov.core.area.regions import RegionPass, check_pointwise
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import Camera, Cameras, Poses, cameras_of, look_at
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import lens_of
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import faces_of_groups, names_of

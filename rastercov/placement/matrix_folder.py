@@ -53,7 +53,6 @@ from rastercov.core.camera import Poses, cameras_of, renumber, rows_of_result
 from rastercov.core.camera.rig import with_places
 from rastercov.core.coverage.bits_alone import NetworkOfBits, can_judge
 from rastercov.core.coverage.coverage import measurements
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.observer import ExactObserver, Observer, open_observer
 from rastercov.core.coverage.shard_inputs import (
@@ -67,7 +66,7 @@ from rastercov.core.coverage.shard_inputs import (
     write_inputs,
 )
 from rastercov.core.coverage.shards import PAIRS_OF_COUNTS, hash_of, info_of, inputs_of
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.raster.bits import room_for_bits
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs

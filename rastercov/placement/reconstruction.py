@@ -62,9 +62,8 @@ from rastercov.core.camera import (
     look_at,
     upwards,
 )
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.observer import open_observer
-from rastercov.core.coverage.task import NAMES, REASONS, Reason
+from rastercov.core.coverage.task import NAMES, REASONS, Engine, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import components_of, first_equal_row
 from rastercov.placement.audit import Audit, audit

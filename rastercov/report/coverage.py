@@ -52,13 +52,12 @@ from rastercov.core.camera import (
     names_of,
     names_of_poses,
 )
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, Query, regions
 from rastercov.core.coverage.job import answer, evaluate
 from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.phases import Phases
 from rastercov.core.coverage.shards import folder_of_shards, remove
-from rastercov.core.coverage.task import Reason, Task, tasks_of
+from rastercov.core.coverage.task import Engine, Reason, Task, tasks_of
 from rastercov.core.coverage.visibility import GroupViews, check_groups
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer

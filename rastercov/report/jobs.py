@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import ConfigError, PoseError, ReadByName, StrPath, check_kind
 from rastercov.core.camera import Cameras, Poses, Rig, Views, cameras_of, names_of
-from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, Staff, Workers, silent
 

@@ -35,8 +35,7 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Rig, valid_poses
-from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.task import Task, tasks_of
+from rastercov.core.coverage.task import Engine, Task, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of
 

@@ -45,8 +45,8 @@ from rastercov.core.camera.parallel import SUN_RADIUS_DEG
 from rastercov.core.camera.sun import unit_directions, views_from
 from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
+from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import Topology, components_of
 from rastercov.shards import Progress, silent

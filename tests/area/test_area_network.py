@@ -17,8 +17,8 @@ from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.polygons import polygon_areas
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.union import with_rest
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.network import Network
+from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Group
 
 

@@ -15,7 +15,7 @@ from rastercov.core.area.features import narrow
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.table import join as joined_regions
 from rastercov.core.camera.rig import with_equipment
-from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Engine
 from rastercov.motion.regions import MovingFrames
 
 CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)

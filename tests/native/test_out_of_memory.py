@@ -14,7 +14,7 @@ import resource, sys
 import numpy as np
 import rastercov as rc
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import shapes

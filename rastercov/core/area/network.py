@@ -17,10 +17,9 @@ from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, areas_by_reason, dead_zones, summary_of
 from rastercov.core.camera import Cameras, Poses, gates_of, is_joint, led_by
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.judging import OF_PARTS
 from rastercov.core.coverage.network import percent_of_seeable
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import parts_of
 from rastercov.engine import area_sums

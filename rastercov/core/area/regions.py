@@ -34,7 +34,7 @@ from rastercov.core.camera import (
     rows_of_result,
 )
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Engine
 from rastercov.core.coverage.exact_pass import (
     ExactPass,
     Figures,

@@ -11,12 +11,11 @@ import numpy as np
 from rastercov.base import DeviceError, ReadByName, ResourceError
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, is_joint
 from rastercov.core.coverage.coverage import Coverage, batch_size
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import ROW_TYPES, FacePass
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer, SampledObserver
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import drawer
 

@@ -43,13 +43,12 @@ from rastercov.core.camera import (
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.coverage.coverage import FIGURES, Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased_features
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import is_long
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.coverage.visibility import GroupViews, group_views
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import COVERED, CoverageBits

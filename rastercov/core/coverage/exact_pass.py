@@ -11,7 +11,7 @@ import numpy as np
 from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, thread_count
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, cameras_of
 from rastercov.core.camera.rig import shared_rows
-from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Engine
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.observation import Observation

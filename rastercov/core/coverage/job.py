@@ -24,14 +24,13 @@ from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene
 from rastercov.core.coverage.bits_alone import can_judge, engine_for
 from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import COVERED, add_bits, bits_of_first, no_bits
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 import rastercov
 from rastercov.base import Closing, DeviceError, ReadByName, check_memory, thread_count
 from rastercov.core.camera import Cameras, Poses, cameras_of, check_scene
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.face_pass import Measured
+from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import Criteria, Judged
 from rastercov.core.raster.contract import FaceCounts, RasterizerInfo

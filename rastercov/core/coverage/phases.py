@@ -11,8 +11,7 @@ from rastercov.base import ReadByName, hooks_of
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Cameras, Poses
-from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Staff
 

@@ -27,7 +27,6 @@ from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
 from rastercov.core.coverage.bits_alone import NetworkOfBits
-from rastercov.core.coverage.engine import Engine
 from rastercov.core.coverage.face_pass import ROW_TYPES, Sums, merge, no_sums
 from rastercov.core.coverage.judging import NO_ARRAYS, JudgedPoses, leads_of
 from rastercov.core.coverage.network import Network
@@ -42,7 +41,7 @@ from rastercov.core.coverage.shard_inputs import (
     read_npz,
     write_inputs,
 )
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.bits import bits_of
 from rastercov.shards import ShardStore, Staff, fill

@@ -41,8 +41,7 @@ from rastercov.core.area.network import unit_of_result
 from rastercov.core.camera import Camera, Poses, Rig, is_joint
 from rastercov.core.camera.equipment import Equipment
 from rastercov.core.coverage.device import devices
-from rastercov.core.coverage.engine import Engine
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import Jointed
 from rastercov.core.mesh.groups import list_names

@@ -42,7 +42,7 @@ from rastercov.core.camera import (
     renumber,
     unit_warnings,
 )
-from rastercov.core.coverage.engine import Engine
+from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import list_names, rows_of
