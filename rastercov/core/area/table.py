@@ -380,25 +380,19 @@ class Regions(FacePolygons):
         sums = np.bincount(own[piece], area, n).astype(np.float64)
         lost, most = np.bincount(own, undecided, n), frames_of(self.mesh).areas[self.pair_face]
         bound, excess = (np.minimum(each + lost, most) for each in (self.bound, self.excess))
-        is_listed = (sums > 0) | (bound > 0)
-        return replace(
-            self,
-            xy=xy,
-            starts=starts,
-            face=self.face[piece],
-            pose=self.pose[piece],
-            devices=None if self.devices is None else self.devices[piece],
-            pair_pose=self.pair_pose[is_listed],
-            pair_face=self.pair_face[is_listed],
-            area=sums[is_listed],
-            bound=bound[is_listed],
-            excess=excess[is_listed],
-            cut_short=self.cut_short + cut_short,
+        parts = replace(
+            self, area=sums, bound=bound, excess=excess, cut_short=self.cut_short + cut_short
         )
+        return parts._with(piece, np.flatnonzero((sums > 0) | (bound > 0)), (xy, starts))
 
-    def _with(self, rows: IntArray, pairs: IntArray) -> "Regions":
-        """Regions of some rows of the pieces, and of the pairs; all poses stay."""
-        xy, starts = polygons.choose_polygons(self.xy, self.starts, rows)
+    def _with(
+        self, rows: IntArray, pairs: IntArray, own: tuple[FloatArray, IntArray] | None = None
+    ) -> "Regions":
+        """Regions of some rows of the pieces, and of the pairs; all poses stay.
+
+        Pieces have corners and starts of their `own` if they are given.
+        """
+        xy, starts = own or polygons.choose_polygons(self.xy, self.starts, rows)
         return replace(
             self,
             xy=xy,
