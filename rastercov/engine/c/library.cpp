@@ -249,11 +249,8 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
         const engine::Mesh &mesh = object->surface->mesh;
         const Placed placed(poses, n_poses);
         if (n_poses == 0) return;
-        for (const void *each :
-             {static_cast<const void *>(figures->visible), static_cast<const void *>(figures->area),
-              static_cast<const void *>(figures->area_error),
-              static_cast<const void *>(figures->is_certified)})
-            expect_array(each, "each of figures");
+        expect_arrays("each of figures", figures->visible, figures->area, figures->area_error,
+                      figures->is_certified);
         const int64_t n_faces = mesh.n_faces();
         const std::array<int64_t, 2> shape = {n_poses, n_faces};
         const auto clipped = std::make_unique<bool[]>(size_t(n_poses));
@@ -292,9 +289,7 @@ rc_status rc_look_at(const double *eye, const double *target, const double *up, 
     return guard("looking at a point", [&] {
         constexpr double Z[] = {0.0, 0.0, 1.0};
         if (!up) up = Z;
-        for (const void *each : {static_cast<const void *>(eye), static_cast<const void *>(target),
-                                 static_cast<const void *>(pose)})
-            expect_array(each, "eye, target and pose");
+        expect_arrays("eye, target and pose", eye, target, pose);
         for (const double *each : {eye, target, up})
             for (int k = 0; k < 3; k++)
                 expect(std::abs(each[k]) <= engine::LARGEST_COORDINATE,

@@ -580,6 +580,9 @@ Zones zones_of(Network &network, const Wanted &wanted) {
     return certain(std::move(zones));
 }
 } // namespace
+
+RASTERCOV_HANDLE(rc_network, Network);
+RASTERCOV_HANDLE(rc_zones, Zones);
 } // namespace rastercov::c
 
 using namespace rastercov;
@@ -591,18 +594,16 @@ rc_status rc_network_create(const rc_surface *surface, int32_t n_threads, rc_net
         expect(n_threads >= 1 && n_threads <= MOST_THREADS, "1 to 1024 threads", n_threads,
                "pass the number of processor cores");
         const auto made = std::make_shared<Network>();
-        made->surface = handles().get<SurfaceObject>(surface, "rc_surface");
+        made->surface = object_of(surface);
         made->n_threads = n_threads;
         *network = handles().add<rc_network>(made);
     });
 }
-rc_status rc_network_free(rc_network *network) {
-    return guard("freeing a handle", [&] { handles().free<Network>(network, "rc_network"); });
-}
+rc_status rc_network_free(rc_network *network) { return free_handle(network); }
 
 rc_status rc_network_clear(rc_network *network) {
     return guard("clearing a network", [&] {
-        const auto object = handles().get<Network>(network, "rc_network");
+        const auto object = object_of(network);
         const std::scoped_lock lock(object->changes);
         object->stations.clear();
         object->rows.clear();
@@ -613,7 +614,7 @@ rc_status rc_network_clear(rc_network *network) {
 rc_status rc_network_add(rc_network *network, const rc_camera *camera, const rc_task *task,
                          const double *pose) {
     return guard("adding a camera", [&] {
-        const auto object = handles().get<Network>(network, "rc_network");
+        const auto object = object_of(network);
         check_camera(camera);
         expect_array(task, "task");
         rules_of(*task);
@@ -629,7 +630,7 @@ rc_status rc_network_add(rc_network *network, const rc_camera *camera, const rc_
 
 rc_status rc_network_join(rc_network *network, const rc_gate *gate, int64_t n) {
     return guard("joining cameras", [&] {
-        const auto object = handles().get<Network>(network, "rc_network");
+        const auto object = object_of(network);
         check_gate(gate, n);
         const std::scoped_lock lock(object->changes);
         auto &rows = object->rows;
@@ -646,7 +647,7 @@ rc_status rc_network_join(rc_network *network, const rc_gate *gate, int64_t n) {
 rc_status rc_network_regions(rc_network *network, int64_t row, rc_regions **regions) {
     return guard("finding regions", [&] {
         expect_result(regions);
-        const auto object = handles().get<Network>(network, "rc_network");
+        const auto object = object_of(network);
         const std::scoped_lock lock(object->changes);
         expect(row >= 0 && row < int64_t(object->rows.size()), "a row of the network", row,
                "count cameras, and rigs, from 0");
@@ -658,7 +659,7 @@ rc_status rc_network_regions(rc_network *network, int64_t row, rc_regions **regi
 rc_status rc_network_unite(rc_network *network, int32_t views, rc_union **unite) {
     return guard("uniting regions", [&] {
         expect_result(unite);
-        const auto object = handles().get<Network>(network, "rc_network");
+        const auto object = object_of(network);
         expect(views >= 1 && views <= MOST_VIEWS, "views of 1 to 10000", views,
                "pass the largest number of cameras to count");
         const std::scoped_lock lock(object->changes);
@@ -670,7 +671,7 @@ rc_status rc_find_zones(rc_network *network, int64_t n_faces, const int32_t *vie
                         const int32_t *groups, const double *unseeable, rc_zones **zones) {
     return guard("finding dead zones", [&] {
         expect_result(zones);
-        const auto object = handles().get<Network>(network, "rc_network");
+        const auto object = object_of(network);
         check_faces(*object->surface, n_faces);
         expect_array(views, "views");
         for (int64_t f = 0; f < n_faces; f++) {
@@ -684,14 +685,12 @@ rc_status rc_find_zones(rc_network *network, int64_t n_faces, const int32_t *vie
             std::make_shared<Zones>(zones_of(*object, {views, groups, unseeable})));
     });
 }
-rc_status rc_zones_free(rc_zones *zones) {
-    return guard("freeing a handle", [&] { handles().free<Zones>(zones, "rc_zones"); });
-}
+rc_status rc_zones_free(rc_zones *zones) { return free_handle(zones); }
 
 rc_status rc_zones_size(const rc_zones *zones, int64_t *n_zones, int64_t *n_polygons,
                         int64_t *n_corners) {
     return guard("reading zones", [&] {
-        const auto object = handles().get<Zones>(zones, "rc_zones");
+        const auto object = object_of(zones);
         *expect_result(n_zones) = int64_t(object->sizes.size());
         *expect_result(n_polygons) = object->size();
         *expect_result(n_corners) = int64_t(object->xy.size() / 2);
@@ -701,17 +700,13 @@ rc_status rc_zones_size(const rc_zones *zones, int64_t *n_zones, int64_t *n_poly
 rc_status rc_zones_read(const rc_zones *zones, int64_t n_polygons, int64_t n_corners,
                         const rc_parts *parts) {
     return guard("reading zones", [&] {
-        const auto object = handles().get<Zones>(zones, "rc_zones");
+        const auto object = object_of(zones);
         expect(n_polygons == object->size() && n_corners == int64_t(object->xy.size() / 2),
                "n_polygons and n_corners of rc_zones_size", n_polygons, "call it first");
         if (n_polygons == 0) return;
         expect_array(parts, "parts");
-        for (const void *each :
-             {static_cast<const void *>(parts->faces), static_cast<const void *>(parts->counts),
-              static_cast<const void *>(parts->views), static_cast<const void *>(parts->zones),
-              static_cast<const void *>(parts->reasons), static_cast<const void *>(parts->areas),
-              static_cast<const void *>(parts->corners)})
-            expect_array(each, "each of parts");
+        expect_arrays("each of parts", parts->faces, parts->counts, parts->views, parts->zones,
+                      parts->reasons, parts->areas, parts->corners);
         for (size_t p = 0; p < object->face.size(); p++) {
             parts->faces[p] = object->face[p];
             parts->counts[p] = int32_t(object->starts[p + 1] - object->starts[p]);
@@ -728,7 +723,7 @@ rc_status rc_zones_read(const rc_zones *zones, int64_t n_polygons, int64_t n_cor
 rc_status rc_reason_at(const rc_zones *zones, int64_t n_points, const double *points,
                        const int32_t *faces, int32_t *of_zones, int32_t *reasons) {
     return guard("finding reasons", [&] {
-        const auto object = handles().get<Zones>(zones, "rc_zones");
+        const auto object = object_of(zones);
         expect(n_points >= 0 && n_points <= MOST_FACES, "0 to 715827882 points", n_points,
                "pass the number of rows");
         if (n_points == 0) return;

@@ -173,8 +173,12 @@ inline void expect_array(const void *array, const char *name) {
     fail((std::string("expected a pointer to ") + name + ", got null; pass one").c_str());
 }
 
+template <class... T> void expect_arrays(const char *name, const T *...arrays) {
+    (expect_array(arrays, name), ...);
+}
+
 template <class T> T *expect_result(T *result) {
-    expect_array(static_cast<const void *>(result), "the result");
+    expect_array(result, "the result");
     return result;
 }
 

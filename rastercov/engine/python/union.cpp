@@ -16,7 +16,6 @@ RECORD(RegionPairs, pose, face, area, bound, excess);
 namespace {
 namespace nb = nanobind;
 using Numbers = IntArray;
-using Values = FloatArray;
 
 constexpr auto ADD =
     "Add regions; `progress(done, total)` may raise, and the union is as before then.";
@@ -39,9 +38,19 @@ template <class Use> auto use(Handle &self, Use with) {
     return with(self.united);
 }
 
-void begin(Handle &self, const RegionPieces &pieces, Numbers tags, Values bound, Values excess) {
-    use(self, [&](engine::Union &all) { all.begin(pieces, tags, bound, excess); });
+// A method of unions.
+template <auto METHOD, class R, class... Args> R forward(Handle &self, Args... args) {
+    return use(self, [&](engine::Union &all) { return (all.*METHOD)(args...); });
 }
+template <auto METHOD, class R, class... Args> auto as_function(R (engine::Union::*)(Args...)) {
+    return forward<METHOD, R, Args...>;
+}
+template <auto METHOD, class R, class... Args>
+auto as_function(R (engine::Union::*)(Args...) const) {
+    return forward<METHOD, R, Args...>;
+}
+template <auto METHOD> const auto METHOD_OF = as_function<METHOD>(METHOD);
+
 void add(Handle &self, const RegionPieces &pieces, const RegionPairs &pairs, Numbers number,
          const nb::object &callback) {
     engine::Progress progress;
@@ -55,28 +64,6 @@ void add(Handle &self, const RegionPieces &pieces, const RegionPairs &pairs, Num
     };
     call_apart(ADD, work, pieces, pairs, number);
 }
-void fill(Handle &self, BoolArray chosen) {
-    use(self, [&](engine::Union &all) { all.fill(chosen); });
-}
-std::pair<int64_t, int64_t> size(Handle &self) {
-    return use(self, [](engine::Union &all) { return all.size(); });
-}
-void write(Handle &self, area::Points xy, Column<int64_t> starts, Column<int32_t> face,
-           Column<int64_t> tag, Column<double> area) {
-    use(self, [&](engine::Union &all) { all.write(xy, starts, face, tag, area); });
-}
-void write_areas(Handle &self, Array<double, Any, Any> out) {
-    use(self, [&](engine::Union &all) { all.write_areas(out); });
-}
-void write_bounds(Handle &self, Array<double, 2, Any> out) {
-    use(self, [&](engine::Union &all) { all.write_bounds(out); });
-}
-void write_closed(Handle &self, Column<bool> out) {
-    use(self, [&](engine::Union &all) { all.write_closed(out); });
-}
-double n_pairs(Handle &self) {
-    return use(self, [](engine::Union &all) { return all.n_pairs(); });
-}
 struct Callback {}; // in signatures
 } // namespace
 
@@ -87,23 +74,27 @@ void register_solver_union(nb::module_ &m) {
     nb::class_<Handle> type(m, "Union", "Union of regions of poses; one thread at a time uses it.");
     def(type, nb::init<const FlatFaces &, double, int64_t, int64_t>(), "faces", "least", "views",
         "most");
-    def(type, "begin", begin, "Begin with a partition, by face, and its bounds.", "pieces", "tags",
-        "bound", "excess");
+    def(type, "begin", METHOD_OF<&engine::Union::begin>,
+        "Begin with a partition, by face, and its bounds.", "pieces", "tags", "bound", "excess");
     type.def("add", add, nb::arg("pieces"), nb::arg("pairs"), nb::arg("number"),
              nb::arg("progress").none(),
              nb::sig(signature<void, RegionPieces, RegionPairs, Numbers, Callback>(
                          "add", true, "pieces", "pairs", "number", "progress")
                          .c_str()),
              ADD);
-    def(type, "fill", fill, "Add one more pose, which covers all of some faces.", "chosen");
-    def(type, "size", size, "Pieces of the partition, and corners.");
-    def(type, "write", write, "Fill arrays of that size with the pieces by face.", "xy", "starts",
-        "face", "tag", "area");
-    def(type, "write_areas", write_areas,
+    def(type, "fill", METHOD_OF<&engine::Union::fill>,
+        "Add one more pose, which covers all of some faces.", "chosen");
+    def(type, "size", METHOD_OF<&engine::Union::size>, "Pieces of the partition, and corners.");
+    def(type, "write", METHOD_OF<&engine::Union::write>,
+        "Fill arrays of that size with the pieces by face.", "xy", "starts", "face", "tag", "area");
+    def(type, "write_areas", METHOD_OF<&engine::Union::write_areas>,
         "Fill row j with the area of each face that at least j + 1 poses cover, m^2.", "out");
-    def(type, "write_bounds", write_bounds, "Fill bound and excess of each area, m^2.", "out");
-    def(type, "write_closed", write_closed, "Mark the faces that k poses cover as a whole.", "out");
-    def(type, "n_pairs", n_pairs, "Pairs of pieces in one cell so far: what a union compares.");
+    def(type, "write_bounds", METHOD_OF<&engine::Union::write_bounds>,
+        "Fill bound and excess of each area, m^2.", "out");
+    def(type, "write_closed", METHOD_OF<&engine::Union::write_closed>,
+        "Mark the faces that k poses cover as a whole.", "out");
+    def(type, "n_pairs", METHOD_OF<&engine::Union::n_pairs>,
+        "Pairs of pieces in one cell so far: what a union compares.");
 }
 
 } // namespace rastercov
