@@ -55,6 +55,17 @@ INLINE void prefetch_places(int tile_x, int tile_y, const Window &window) {
                 &window.offsets.data[(int64_t(y) * window.columns + tile_x + x) * LANES]);
 }
 
+// Samples of block `lane` of the tile at (x, y) that a triangle of E covers; `whole` are blocks
+// that it covers wholly, and `is_cut` is true where it may reach beyond the image.
+template <class E, class T>
+INLINE int64_t covered_in(int lane, int x, int y, int64_t whole, bool is_cut,
+                          const TileEdges<T> &tile, int64_t sample, const Window &window) {
+    const int64_t covered =
+        whole >> lane & 1 ? ALL_LANES : cover_block<E>(lane, tile, sample, window);
+    const int block_x = x + (lane & (SIDE - 1)), block_y = y + (lane >> SIDE_BITS);
+    return is_cut ? mask_in_image(covered, block_x, block_y, window) : covered;
+}
+
 // Number of samples that triangle k covers, of any size, of those that count.
 template <class T, class E> int64_t count_covered(int k, const Target &target, Setup<E> &t) {
     const Window &window = target.window;
@@ -71,12 +82,11 @@ template <class T, class E> int64_t count_covered(int k, const Target &target, S
             const int64_t whole = whole_scattered(k, t, window, tile);
             for (; blocks; blocks = without_lowest(blocks)) {
                 const int lane = lowest(blocks);
-                const int block_x = x + (lane & (SIDE - 1)), block_y = y + (lane >> SIDE_BITS);
-                const int64_t block = (block_y - top) * window.columns + block_x;
+                const int64_t row = y + (lane >> SIDE_BITS) - top;
+                const int64_t block = row * window.columns + x + (lane & (SIDE - 1));
                 const int64_t sample = block << 2 * SIDE_BITS;
-                int64_t found =
-                    whole >> lane & 1 ? ALL_LANES : cover_block<E>(lane, tile, sample, window);
-                if (is_cut) found = mask_in_image(found, block_x, block_y, window);
+                const int64_t found =
+                    covered_in<E>(lane, x, y, whole, is_cut, tile, sample, window);
                 covered += count_block(found, sample, target.counts);
             }
         }

@@ -187,12 +187,8 @@ template <class T> int64_t fill_cells(int k, const Target &target, Setup<int64_t
             const int64_t whole = whole_scattered(k, t, window, tile);
             for (; blocks; blocks = without_lowest(blocks)) {
                 const int lane = lowest(blocks);
-                int64_t covered = whole >> lane & 1
-                                      ? ALL_LANES
-                                      : cover_block<int64_t>(lane, tile, t.sample[lane], window);
-                if (is_cut)
-                    covered = mask_in_image(covered, x + (lane & (SIDE - 1)),
-                                            y + (lane >> SIDE_BITS), window);
+                const int64_t covered =
+                    covered_in<int64_t>(lane, x, y, whole, is_cut, tile, t.sample[lane], window);
                 filled.covered += count_block(covered, t.sample[lane], counts);
                 if (covered && shown >> lane & 1)
                     fill_lane(k, lane, covered, t, plane, target, filled);
@@ -221,13 +217,8 @@ inline int64_t fill_tiles(int64_t chosen, const Target &target, Setup<int32_t> &
                 start_blocks(k, x, y, window, t);
                 for (; blocks; blocks = without_lowest(blocks)) {
                     const int lane = lowest(blocks);
-                    int64_t covered =
-                        whole >> lane & 1
-                            ? ALL_LANES
-                            : cover_block<int32_t>(lane, tile, t.sample[lane], window);
-                    if (is_cut)
-                        covered = mask_in_image(covered, x + (lane & (SIDE - 1)),
-                                                y + (lane >> SIDE_BITS), window);
+                    const int64_t covered = covered_in<int32_t>(lane, x, y, whole, is_cut, tile,
+                                                                t.sample[lane], window);
                     if (covered == 0) continue;
                     if (counts.with_drawn)
                         filled.covered += count_block(covered, t.sample[lane], counts);
