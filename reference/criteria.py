@@ -11,7 +11,7 @@ import numpy as np
 
 from rastercov.base import BoolArray, ByName, FloatArray, IntArray, frozen_record
 from rastercov.core.camera import MODELS, Camera, Poses, near_limit, to_camera, to_image
-from rastercov.core.camera.near_plane import pinholes
+from rastercov.core.camera.lenses.of_camera import planes_of
 from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.task import Reason
@@ -279,7 +279,8 @@ def depth_from_near(points: FloatArray, camera: Camera) -> FloatArray:
     z, or the greatest coordinate for a lens of several ideal planes, whose near planes are the
     sides of a cube.
     """
-    if len(pinholes(camera, np.eye(4)[None])) > 1:
+    planes = planes_of(camera) if camera.is_curved else ()
+    if len({each.record.frame.tobytes() for each in planes}) > 1:
         return np.abs(points).max(axis=-1)
     return points[..., 2]
 

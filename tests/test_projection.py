@@ -1,23 +1,20 @@
 """Projection, clipping, and the depths and boxes in view, against exact and brute-force answers."""
 
+from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import (
-    NEAR_TO_FAR,
-    near_cuts,
-    near_limit,
-    nearest_depth_in_view,
-)
+from rastercov.core.camera.near_plane import NEAR_TO_FAR, limits, near_limit
 from rastercov.core.camera.projection import box_corners, image_boxes, to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at
+from rastercov.core.mesh import Mesh
 from rastercov.reference.criteria import clip_near, clip_polygons, clip_to_image, polygon_area
 
 # The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.
@@ -164,15 +161,17 @@ def pyramid(camera: Camera, near: float) -> np.ndarray:
     )
 
 
-def nearest_of(faces: np.ndarray, camera: Camera, near: float) -> float:
-    rows = np.arange(3 * len(faces)).reshape(-1, 3)
-    return nearest_depth_in_view(faces.reshape(-1, 3), rows, camera, np.eye(4), near)
+def cuts_of(faces: np.ndarray, camera: Camera, *nears: float) -> list[bool]:
+    """Whether near planes cut faces in view of a camera at the origin."""
+    mesh = Mesh(faces.reshape(-1, 3), np.arange(faces.size // 3).reshape(-1, 3))
+    cameras = (replace(camera, near=near) for near in nears)
+    return [bool(limits(mesh, each, np.eye(4)[None])[2][0]) for each in cameras]
 
 
-def least_depth_by_linear_program(face: np.ndarray, camera: Camera, near: float) -> float:
+def least_depth_by_linear_program(face: np.ndarray, camera: Camera) -> float:
     """Least z over a face in view: the best feasible crossing of any two of its 8 limits."""
     a, edges = face[0], face[1:] - face[0]  # point = a + (s, t) @ edges
-    rows = pyramid(camera, near)
+    rows = pyramid(camera, 0.0)
     gradients = np.concatenate((rows[:, :3] @ edges.T, [(1, 0), (0, 1), (-1, -1)]))
     constants = np.concatenate((rows[:, :3] @ a + rows[:, 3], (0, 0, 1)))
     best = np.inf
@@ -188,11 +187,15 @@ def least_depth_by_linear_program(face: np.ndarray, camera: Camera, near: float)
 @pytest.mark.slow
 @pytest.mark.parametrize("camera", [CAMERA, SKEWED])
 @given(rng=seeds, n=st.integers(1, 6), size=st.sampled_from([0.1, 1.0, 10.0]))
-def test_nearest_depth_is_the_least_over_all_faces_in_view(camera, rng, n, size):
+def test_a_surface_is_cut_by_near_planes_beyond_its_least_depth_in_view(camera, rng, n, size):
     faces = rng.normal(size=(n, 1, 3)) * 2 + rng.normal(size=(n, 3, 3)) * size
-    near = 0.25
-    least = min(least_depth_by_linear_program(face, camera, near) for face in faces)
-    assert nearest_of(faces, camera, near) == pytest.approx(least, rel=1e-7)
+    mesh = Mesh(faces.reshape(-1, 3), np.arange(3 * n).reshape(-1, 3))
+    least = min(least_depth_by_linear_program(face, camera) for face in faces)
+    assume(least > 2 * near_limit(camera, mesh.bounds, np.eye(4)[None])[0])
+    if least == np.inf:
+        assert cuts_of(faces, camera, 1e3) == [False]
+    else:
+        assert cuts_of(faces, camera, least * (1 - 1e-7), least * (1 + 1e-7)) == [False, True]
 
 
 def samples(faces: np.ndarray, n: int = 12) -> np.ndarray:
@@ -207,10 +210,6 @@ def in_view(points: np.ndarray, camera: Camera, near: float) -> np.ndarray:
     return points[(points @ rows[:, :3].T + rows[:, 3] >= 0).all(axis=1)]
 
 
-def bounds_of(vertices: np.ndarray) -> np.ndarray:
-    return np.stack((vertices.min(axis=0), vertices.max(axis=0)))
-
-
 @pytest.mark.slow
 @given(rng=seeds, offset=st.sampled_from([0.0, 3.0, 100.0]), near=st.sampled_from([0.0, 0.3]))
 def test_poses_that_cut_nothing_show_every_depth_in_view(rng, offset, near):
@@ -218,15 +217,13 @@ def test_poses_that_cut_nothing_show_every_depth_in_view(rng, offset, near):
     vertices, faces = rng.normal(size=(12, 3)), rng.integers(0, 12, size=(8, 3))
     eyes = rng.normal(size=(5, 3)) + offset * rng.choice([-1, 1], size=(5, 3))
     poses = look_at(eyes, rng.normal(size=(5, 3)))
-    bounds = bounds_of(vertices)
-    limits = near_limit(camera, bounds, poses)
-    clipped = near_cuts(vertices, faces, bounds, [(camera, poses)])
-    for pose, cut, limit in zip(poses, clipped, limits, strict=True):
+    near, _, clipped = limits(Mesh(vertices, faces), camera, poses)
+    for pose, cut, limit in zip(poses, clipped, near, strict=True):
         depths = in_view(to_camera(samples(vertices[faces]), pose), camera, 0)[:, 2]
         assert cut or (depths >= limit).all()
 
 
-def test_near_cuts_are_the_poses_that_cut_a_surface_in_view():
+def test_cut_are_the_poses_that_cut_a_surface_in_view():
     # A floor of 20 x 20 m seen from 1 m above, from outside, and along it.
     vertices = np.array([[-10.0, -10, 0], [10, -10, 0], [10, 10, 0], [-10, 10, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])
@@ -234,11 +231,12 @@ def test_near_cuts_are_the_poses_that_cut_a_surface_in_view():
         [(0, 0, 1), (0, -30, 5), (0, 0, 1), (0, 0, 0), (0, 0, 5)],
         [(0, 0, 0), (0, 0, 0), (0, 5, 1), (1, 0, 0), (0, 0, 10)],
     )
-    clipped = near_cuts(vertices, faces, bounds_of(vertices), [(CAMERA, poses)])
+    mesh = Mesh(vertices, faces)
+    clipped = limits(mesh, CAMERA, poses)[2]
     # The third passes beside the eye, but the view shows it from 1 m on only; the last is behind.
     assert np.array_equal(clipped, (False, False, False, True, False))
     nearer = Camera(width=200, height=200, fx=100, fy=100, near=2)
-    clipped = near_cuts(vertices, faces, bounds_of(vertices), [(nearer, poses[[1, 2]])])
+    clipped = limits(mesh, nearer, poses[[1, 2]])[2]
     assert np.array_equal(clipped, (False, True))
 
 
@@ -247,8 +245,7 @@ def test_a_surface_in_view_that_is_wholly_nearer_than_near_is_cut():
     wall = np.array([[-50.0, -50, 1], [50, -50, 1], [0, 50, 1]])
     vertices, faces = np.concatenate((wall, wall * (1, 1, 4))), np.array([[0, 1, 2], [3, 4, 5]])
     camera = Camera(width=200, height=200, fx=100, fy=100, near=2)
-    views = [(camera, np.eye(4)[None])]
-    assert near_cuts(vertices, faces, bounds_of(vertices), views).all()
+    assert limits(Mesh(vertices, faces), camera, np.eye(4)[None])[2].all()
 
 
 def test_image_boxes_are_tight_empty_or_whole():
@@ -275,17 +272,15 @@ def test_near_limit_is_the_greater_of_the_camera_s_and_a_part_of_the_farthest():
 
 
 def test_no_faces_and_no_poses_give_nothing():
-    none = np.zeros((0, 3), dtype=np.int64)
-    vertices = np.array([[0.0, 0, 0], [1, 1, 1]])
-    bounds, poses = bounds_of(vertices), look_at([(0, -5, 0), (0, 5, 0)], (0, 0, 0))
-    assert nearest_of(np.zeros((0, 3, 3)), CAMERA, 0.1) == np.inf
+    bounds = np.array([[0.0, 0, 0], [1, 1, 1]])
+    poses = look_at([(0, -5, 0), (0, 5, 0)], (0, 0, 0))
     cut, counts = clip_near(np.zeros((0, 3, 3)), 0.1)
     assert (cut.shape, counts.shape) == ((0, 4, 3), (0,))
     cut, counts = clip_to_image(cut[..., :2], counts, CAMERA)
     assert (cut.shape, polygon_area(cut, counts).shape) == ((0, 8, 2), (0,))
 
-    assert not near_cuts(vertices, none, bounds, [(CAMERA, poses)]).any()
-    assert near_cuts(vertices, none, bounds, [(CAMERA, poses[:0])]).shape == (0,)
+    mesh = Mesh(np.eye(3), [(0, 1, 2)])
+    assert [each.shape for each in limits(mesh, CAMERA, poses[:0])] == [(0,)] * 3
     assert near_limit(CAMERA, bounds, poses[:0]).shape == (0,)
     assert image_boxes(box_corners(bounds), CAMERA, poses[:0]).shape == (0, 4)
 
@@ -293,7 +288,7 @@ def test_no_faces_and_no_poses_give_nothing():
 def test_faces_without_area_have_depths_and_no_area():
     point, needle = np.full((3, 3), 2.0), np.array([[0.0, 0, 1], [0, 0, 2], [0, 0, 3]])
     faces = np.stack((point * (0, 0, 1), needle))
-    assert nearest_of(faces, CAMERA, 0.1) == 1
+    assert cuts_of(faces, CAMERA, 0.999, 1.001) == [False, True]
     cut, counts = clip_near(faces, 1.5)
     assert np.array_equal(polygon_area(to_image(cut, CAMERA), counts), (0, 0))
 
@@ -316,4 +311,5 @@ def test_walls_edge_on_at_the_image_border_have_a_depth(rng):
     s = rng.uniform(-2, 5, size=(50, 3))
     local = np.stack((-s, rng.uniform(-5, 5, size=(50, 3)), s), axis=-1)
     walls = to_camera(local @ pose[:3, :3].T + pose[:3, 3], pose)
-    assert nearest_of(walls, CAMERA, 0.1) >= 0.1 - 1e-9
+    cuts = cuts_of(walls, CAMERA, 0.1, 1, 10, 100)
+    assert cuts == sorted(cuts)

@@ -11,7 +11,7 @@ from scenes import joined
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.core.camera.near_plane import can_cull
+from rastercov.core.camera.near_plane import limits
 from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 
@@ -89,7 +89,7 @@ def test_culling_changes_no_area_of_solids_that_cross_one_another(seed):
     away = rng.normal(size=(3, 3))
     poses = rc.look_at(9 * away / np.linalg.norm(away, axis=1, keepdims=True), (0, 0, 0))
     assert mesh.can_cull_back_faces
-    assert can_cull(mesh, poses, np.zeros(3, bool)).all()
+    assert limits(mesh, CAMERA, poses)[1].all()
     for pose in poses:
         culled, whole = (
             look(mesh, CAMERA, pose, HalfPlanes, front_only=cull) for cull in (True, False)
@@ -102,8 +102,8 @@ def test_culling_changes_no_area_of_solids_that_cross_one_another(seed):
 def test_a_thin_plate_is_culled_from_near_and_not_from_where_its_sides_are_one_depth():
     mesh = box((-1, -1, 0), (1, 1, 1e-6))
     near, far = rc.look_at([(0, 0, 5)], (0, 0, 0)), rc.look_at([(0, 0, 5e5)], (0, 0, 0))
-    assert can_cull(mesh, near, np.zeros(1, bool)).all()
-    assert not can_cull(mesh, far, np.zeros(1, bool)).any()
+    assert limits(mesh, CAMERA, near)[1].all()
+    assert not limits(mesh, CAMERA, far)[1].any()
 
 
 def test_one_component_that_touches_itself_is_kept_whole():

@@ -33,20 +33,19 @@ from rastercov.core.camera import (
     eyes_of,
     rows_of_result,
 )
+from rastercov.core.camera.near_plane import engine_camera, pinhole_numbers
 from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.task import Engine
 from rastercov.core.coverage.exact_pass import (
     ExactPass,
     Figures,
     PlacedPoses,
-    engine_camera,
     mask_of,
-    pinhole_numbers,
     room_for,
 )
 from rastercov.core.coverage.observer import ExactObserver
 from rastercov.core.coverage.task import (
     STEEP,
+    Engine,
     Reason,
     Rules,
     Task,

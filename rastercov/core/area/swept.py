@@ -10,7 +10,7 @@ from rastercov.core.area.records import Criteria
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Poses
-from rastercov.core.coverage.exact_pass import pinhole_numbers
+from rastercov.core.camera.near_plane import pinhole_numbers
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_tolerance

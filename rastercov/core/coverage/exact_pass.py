@@ -1,7 +1,4 @@
-"""Pass over poses by the exact methods: the engine's solvers, and the arrays that they fill.
-
-And cameras as the engine takes them: pinholes, parallel rays, and lenses with ideal planes.
-"""
+"""Pass over poses by the exact methods: the engine's solvers, and the arrays that they fill."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
@@ -9,7 +6,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, thread_count
-from rastercov.core.camera import Camera, Cameras, Poses, Rig, cameras_of
+from rastercov.core.camera import Cameras, Poses, Rig, cameras_of
+from rastercov.core.camera.near_plane import engine_camera
 from rastercov.core.camera.rig import shared_rows
 from rastercov.core.coverage.task import Engine
 from rastercov.core.exact.surface import surface_of
@@ -18,24 +16,6 @@ from rastercov.core.raster.observation import Observation
 from rastercov.engine import solver_visibility
 
 Found = TypeVar("Found")
-
-
-def engine_camera(camera: Camera) -> solver_visibility.Camera:
-    """Camera for the solvers of the engine; that of a lens takes seconds the first time."""
-    kind = float(camera.near), camera.is_parallel
-    own = solver_visibility.Camera(pinhole_numbers(camera), *kind)
-    if camera.is_curved:
-        from rastercov.core.camera.lenses.of_camera import ideal_camera, planes_of
-
-        for each in planes_of(camera):
-            own.add_plane(each.record, pinhole_numbers(ideal_camera(camera, each)))
-    return own
-
-
-def pinhole_numbers(camera: Camera) -> tuple[float, float, float, float, float, float]:
-    """Focal lengths, principal point and size of an image, px; of parallel rays px/m first."""
-    focal, centre = (float(camera.fx), float(camera.fy)), (float(camera.cx), float(camera.cy))
-    return *focal, *centre, float(camera.width), float(camera.height)
 
 
 def room_for(n_poses: int, n_faces: int) -> Observation:

@@ -46,7 +46,7 @@ from rastercov.base import (
     thread_count,
 )
 from rastercov.core.camera import Camera, valid_poses
-from rastercov.core.camera.near_plane import limits, picture_limits
+from rastercov.core.camera.near_plane import limits
 from rastercov.core.coverage.face_pass import lens_of, scene_of
 from rastercov.core.coverage.task import Reason, Rules
 from rastercov.core.mesh import Mesh
@@ -246,7 +246,7 @@ class CPURasterizer(InLoops):
     def _draw_all(self, poses: FloatArray) -> tuple[Int32Array, Float32Array]:
         shape = len(poses), self.camera.height, self.camera.width
         face, depth = np.empty(shape, np.int32), np.empty(shape, np.float32)
-        looks = poses[None], *picture_limits(self.mesh, self.camera, poses)
+        looks = poses[None], *limits(self.mesh, self.camera, poses, asks_cut=False)[:2]
         self._drawing.render(self._picture, looks, face, depth, self._threads)
         return face, depth
 

@@ -35,7 +35,7 @@ from rastercov.base import (
 )
 from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of, unit_of
-from rastercov.core.camera.near_plane import picture_limits
+from rastercov.core.camera.near_plane import limits
 from rastercov.core.camera.parallel import MODEL
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of
@@ -320,7 +320,7 @@ class LensRasterizer(InLoops):
         shape = self.camera.height, self.camera.width
         face, depth = np.full(shape, -1, np.int32), np.full(shape, np.inf, np.float32)
         pictures = views_of(self.camera, 1, 0.0, keeps_places=True)
-        near, cull = picture_limits(self.mesh, self.camera, poses)
+        near, cull, _ = limits(self.mesh, self.camera, poses, asks_cut=False)
         of_faces = self._corners, len(pictures.frames) > 1
         for views in pictures.bands(self._threads):
             seen, image = _draw_views(views, poses, near, cull), (face.ravel(), depth.ravel())

@@ -49,8 +49,7 @@ void register_solver_raster(nanobind::module_ &m) {
         "vertices", "faces", "centre", "is_wound");
     def(scene, "set_bounds", &Scene::set_bounds, "Set other bounds of its clusters, for tests.",
         "bounds");
-    scene.def_prop_ro("clusters", clusters_of,
-                      nb::for_getter(nb::sig("def clusters(self) -> tuple[typing.Any, ...]")));
+    offer(scene, "clusters", "tuple[typing.Any, ...]", clusters_of);
     auto canvas = nb::class_<Canvas>(m, "Canvas", "Samples of an image.");
     def(canvas, nb::init<const Scattered &, const Grid &, int64_t>(), "scattered", "grid",
         "max_band");

@@ -151,26 +151,22 @@ void register_solver_surface(nb::module_ &m) {
              "The same faces at other positions.");
     type.def("one_by_one", one_by_one, nb::sig("def one_by_one(self) -> Surface"),
              "The same surface, no block of which is decided at once, for tests.");
-    const auto offer = [&](const std::string &name, const char *result, auto read) {
-        const std::string signature = "def " + name + "(self) -> " + result;
-        type.def_prop_ro(name.c_str(), read, nb::for_getter(nb::sig(signature.c_str())));
-    };
     constexpr auto PART = "tuple[typing.Any, ...]", ARRAY = "typing.Any";
-    offer("opaque", PART, [](nb::handle_t<Handle> self) {
+    offer(type, "opaque", PART, [](nb::handle_t<Handle> self) {
         return part_of(surface_of(self).arrays().opaque, self);
     });
-    offer("targets", PART,
+    offer(type, "targets", PART,
           [](nb::handle_t<Handle> self) { return part_of(surface_of(self).targets(), self); });
-    offer("edges", PART, edges_of);
-    offer("rank", ARRAY,
+    offer(type, "edges", PART, edges_of);
+    offer(type, "rank", ARRAY,
           [](nb::handle_t<Handle> self) { return view_of(surface_of(self).rank(), self); });
-    offer("place", ARRAY,
+    offer(type, "place", ARRAY,
           [](nb::handle_t<Handle> self) { return view_of(surface_of(self).place(), self); });
-    offer("centre", "tuple[float, float, float]", [](const Handle &self) {
+    offer(type, "centre", "tuple[float, float, float]", [](const Handle &self) {
         const auto &at = self.surface->centre();
         return nb::make_tuple(at[0], at[1], at[2]);
     });
-    offer("diagonal", "float", [](const Handle &self) { return self.surface->diagonal(); });
+    offer(type, "diagonal", "float", [](const Handle &self) { return self.surface->diagonal(); });
     type.def("contacts", contacts_of, nb::arg("distance"),
              nb::sig("def contacts(self, distance: float) -> tuple[typing.Any, ...]"),
              "Faces in contact, (F,), and starts and faces of partners, for cameras within a "

@@ -20,4 +20,11 @@ nanobind::object view_of(const Array<T, Extents...> &array, nanobind::handle own
     return nanobind::cast(View(array.data, shape.size(), shape.data(), owner));
 }
 
+// A property of any type.
+template <class C, class Read>
+void offer(nanobind::class_<C> &type, const std::string &name, const char *result, Read read) {
+    const std::string signature = "def " + name + "(self) -> " + result;
+    type.def_prop_ro(name.c_str(), read, nanobind::for_getter(nanobind::sig(signature.c_str())));
+}
+
 } // namespace rastercov

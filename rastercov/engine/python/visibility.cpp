@@ -4,6 +4,8 @@
 #include "bind.hpp"
 #include "python/handle.hpp"
 #include "python/tables.hpp"
+#include "python/views.hpp"
+#include "solver/limits.hpp"
 #include "solver/pass.hpp"
 #include <nanobind/stl/shared_ptr.h>
 
@@ -33,6 +35,23 @@ void make_camera(Camera *self, const Lens &image, double near, bool is_parallel)
 void add_plane(Camera &camera, const lens::PlaneRecord &record, const Lens &pinhole) {
     lens::require_plane(record);
     camera.planes.push_back({record, pinhole});
+}
+
+void find_limits(const engine::Welded &opaque, Array<const double, 2, 3> bounds,
+                 const Camera &camera, FloatRows<4, 4> poses, bool asks_cut, Column<double> near,
+                 Column<double> away, Column<bool> clipped) {
+    require_indices(opaque.faces, opaque.vertices.rows(), "faces must be rows of vertices");
+    require(have_rows(poses.rows(), near, away, clipped), "there must be one row for each pose");
+    Box box;
+    for (int k = 0; k < 6; k++) box[k / 3][k % 3] = bounds.data[k];
+    const engine::Scene<decltype(opaque.faces)> scene = {opaque.vertices, opaque.faces, box, box};
+    for (int64_t i = 0; i < poses.rows(); i++) {
+        const engine::Pose pose = engine::pose_of(poses[i]);
+        const engine::Reach reach = engine::reach_of(scene, camera, pose, asks_cut);
+        near[i] = reach.near;
+        away[i] = reach.away;
+        clipped[i] = reach.is_clipped;
+    }
 }
 
 void add_pinhole_task(CameraTask &task, const area::Criteria &criteria) {
@@ -120,13 +139,6 @@ void solve(OneSolver &self, const Camera &camera, const Array<const double, 4, 4
 }
 void leave_out(OneSolver &self, const Mask &faces) {
     use(self, [&](engine::Solver &solver) { solver.leave_out(faces); });
-}
-
-// A property of any type.
-template <class Read>
-void offer(nb::class_<OneSolver> &type, const std::string &name, const char *result, Read read) {
-    const std::string signature = "def " + name + "(self) -> " + result;
-    type.def_prop_ro(name.c_str(), read, nb::for_getter(nb::sig(signature.c_str())));
 }
 
 template <class Get> void def_array(nb::class_<OneSolver> &type, const char *name, Get get) {
@@ -234,6 +246,10 @@ void register_solver_visibility(nb::module_ &m) {
                                                            "is_parallel")
                            .c_str()));
     def_kept(camera, "add_plane", add_plane, "Add an ideal plane.", "record", "pinhole");
+    def(m, "find_limits", find_limits,
+        "Set the near plane of each pose, the distance of those whose backs may be hidden, or 0, "
+        "and whether a surface is cut.",
+        "opaque", "bounds", "camera", "poses", "asks_cut", "near", "away", "clipped");
     auto task = nb::class_<CameraTask>(m, "CameraTask", "Criteria of regions of a camera.");
     task.def(nb::init<>());
     def_kept(task, "add_pinhole", add_pinhole_task, "Set those of a pinhole.", "criteria");

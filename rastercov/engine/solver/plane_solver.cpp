@@ -6,6 +6,7 @@
 #include "solver/plane_solver.hpp"
 #include "exact/clipping.hpp"
 #include "exact/intersection.hpp"
+#include "vector.hpp"
 #include <cmath>
 #include <tuple>
 
@@ -198,7 +199,7 @@ void PlaneSolver::set_camera(const Lens &of) {
                0.0};
 }
 
-Extent extent_along(const Surface &surface, const Pose &pose) {
+Box box_of(const Surface &surface) {
     Box box = surface.bounds();
     const exact::Vertices targets = surface.targets().vertices;
     for (int64_t v = 0; v < targets.rows(); v++)
@@ -206,7 +207,11 @@ Extent extent_along(const Surface &surface, const Pose &pose) {
             box[0][k] = std::min(box[0][k], targets(v, int64_t(k)));
             box[1][k] = std::max(box[1][k], targets(v, int64_t(k)));
         }
-    Extent extent = {INFINITY, -INFINITY, 0.0, surface.diagonal()};
+    return box;
+}
+
+Extent extent_along(const Box &opaque, const Box &box, const Pose &pose) {
+    Extent extent = {INFINITY, -INFINITY, 0.0, length(minus(opaque[1], opaque[0]))};
     for (unsigned corner = 0; corner < 8; corner++) {
         double depth = 0.0;
         double square = 0.0;
@@ -227,7 +232,7 @@ Extent extent_along(const Surface &surface, const Pose &pose) {
 // Makes the rays of the camera parallel. A position is a sum of products of three differences; w is
 // at least the size of the surface.
 void PlaneSolver::set_parallel(const Pose &pose, double near) {
-    const Extent extent = extent_along(*_surface, pose);
+    const Extent extent = extent_along(_surface->bounds(), box_of(*_surface), pose);
     const double focal = std::max(_camera.fx, _camera.fy);
     _scale = std::max({_camera.width, _camera.height, std::abs(_camera.cx), std::abs(_camera.cy),
                        focal * extent.reach});

@@ -52,7 +52,9 @@ struct Extent {
         return farthest(near) - std::min(least, near) + 1e-5 * (reach + farthest(near));
     }
 };
-Extent extent_along(const Surface &surface, const Pose &pose);
+// Of boxes of the opaque faces, and of all.
+Extent extent_along(const Box &opaque, const Box &all, const Pose &pose);
+Box box_of(const Surface &surface); // with the targets
 
 // Counts of the last pose: event edges, faces that they cross, those of them that are left to half
 // planes, regions, faces of regions that turned out neither wholly visible nor wholly hidden, faces
