@@ -15,7 +15,7 @@ from attack_reasons import scene
 from rows import Report
 
 import rastercov as rc
-from rastercov.core.area.frames import rows_at
+from rastercov.core.area.polygons import rows_at
 from rastercov.core.area.stages import first_failures
 from rastercov.core.coverage.task import Reason
 from rastercov.reference.regions import covers_points, points_on

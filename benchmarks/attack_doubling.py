@@ -383,7 +383,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 
 
 LOADED = [
-    "rastercov.core.coverage.observer",
+    "rastercov.core.coverage.coverage",
     "rastercov.core.coverage.exact_pass",
     "rastercov.core.mesh.shapes",
 ]

@@ -18,7 +18,7 @@ from rows import Report
 from scenes import joined
 
 import rastercov as rc
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 1_500, 6

@@ -13,7 +13,7 @@ from scenes import joined
 
 import rastercov as rc
 from rastercov.core.mesh import shapes
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.reference import rational
 
 SCENES, VIEWS = 5_000, 12

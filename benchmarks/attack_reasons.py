@@ -15,7 +15,7 @@ from rows import Report
 from scenes import joined
 
 import rastercov as rc
-from rastercov.core.area.frames import rows_at
+from rastercov.core.area.polygons import rows_at
 from rastercov.core.area.relaxed import without_borders
 from rastercov.core.area.zones import DeadZones, areas_by_reason, dead_zones
 from rastercov.core.coverage.task import UNSEEABLE, name_of

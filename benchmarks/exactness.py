@@ -22,7 +22,7 @@ from tracer import Tracer, need_open3d
 import rastercov as rc
 from rastercov.cli.inputs import poses_around
 from rastercov.core.camera.near_plane import engine_camera, near_limit
-from rastercov.core.coverage.observer import ROLL
+from rastercov.core.coverage.coverage import ROLL
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import shapes
 from rastercov.engine.solver_visibility import Solver

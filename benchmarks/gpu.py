@@ -30,7 +30,7 @@ import rastercov as rc
 from rastercov.base.memory import FloatArray
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.raster import drawer
-from rastercov.core.raster.bits import Criteria, area_units
+from rastercov.core.raster.contract import Criteria, area_units
 from rastercov.gl import GLRasterizer
 from rastercov.gl.context import HeadlessContext, open_context
 

@@ -19,9 +19,8 @@ from rows import Report, arguments  # makes tests/support importable
 from judged_scenes import scene_of
 
 import rastercov as rc
-from rastercov.core.coverage.observer import ROLL
-from rastercov.core.raster.bits import area_units
-from rastercov.core.raster.observation import Observation
+from rastercov.core.coverage.coverage import ROLL
+from rastercov.core.raster.contract import Observation, area_units
 from rastercov.reference.coverage import figures_of_pose
 
 TOLERANCE_REL = 1e-12

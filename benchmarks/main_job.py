@@ -34,9 +34,8 @@ from rows import Report, arguments
 import rastercov as rc
 from rastercov.base.threads import thread_count
 from rastercov.cli import inputs
-from rastercov.core.coverage.coverage import FIGURES, batch_size
+from rastercov.core.coverage.coverage import FIGURES, ROLL, batch_size
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.observer import ROLL
 from rastercov.core.mesh import shapes
 from rastercov.formats.meshes import READERS
 from rastercov.reference.coverage import figures_of_pose, rows_of

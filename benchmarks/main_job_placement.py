@@ -20,9 +20,9 @@ from rows import Report, arguments
 from solids import drilled_part, with_clamps
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.conventions import read_poses, write_poses
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.cavities import Access, openings

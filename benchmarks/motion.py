@@ -14,7 +14,7 @@ from rows import Report, arguments, seconds
 from swept_arm import CAMERAS, cell, frames, sweep
 
 import rastercov as rc
-from rastercov.core.area.frames import frames_of
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.table import join
 from rastercov.core.exact.surface import surface_of
 from rastercov.motion.regions import ViewKeys

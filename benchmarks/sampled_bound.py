@@ -17,8 +17,8 @@ from rows import Report, arguments
 from scenes import joined
 
 import rastercov as rc
+from rastercov.core.coverage.coverage import ROLL
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.observer import ROLL
 from rastercov.core.mesh import shapes
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measure_geometry as face_geometry

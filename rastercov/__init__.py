@@ -23,11 +23,14 @@ if _TYPE_CHECKING:
     from rastercov.core.camera.camera import Camera as Camera
     from rastercov.core.camera.exposure import Exposure as Exposure
     from rastercov.formats.cameras import read_views as read_views, write_views as write_views
-    from rastercov.core.camera.conventions import Conventions as Conventions
     from rastercov.light.lamp_file import load_lamps as load_lamps
     from rastercov.light.lamps import Lamp as Lamp, Lamps as Lamps
     from rastercov.core.camera.pose import Poses as Poses
-    from rastercov.core.camera.pose_file import read_poses as read_poses, write_poses as write_poses
+    from rastercov.core.camera.conventions import (
+        Conventions as Conventions,
+        read_poses as read_poses,
+        write_poses as write_poses,
+    )
     from rastercov.core.camera.rig import Rig as Rig, Views as Views
     from rastercov.core.camera.rule import All as All, Any as Any, AtLeast as AtLeast
     from rastercov.core.camera.sun import sun_directions as sun_directions
@@ -47,27 +50,24 @@ if _TYPE_CHECKING:
     from rastercov.motion.over_time import OverTime as OverTime
     from rastercov.asbuilt.located import Located as Located, locate as locate
     from rastercov.tolerances.sure import tolerance as tolerance
-    from rastercov.core.area.table import Regions as Regions
     from rastercov.core.area.union import (
         Covered as Covered,
         RegionUnion as RegionUnion,
         unite as unite,
     )
+    from rastercov.core.area.table import Regions as Regions
     from rastercov.core.area.zones import DeadZones as DeadZones, dead_zones as dead_zones
-    from rastercov.core.coverage.coverage import Coverage as Coverage
-    from rastercov.core.raster.bits import CoverageBits as CoverageBits
-    from rastercov.core.coverage.task import Engine as Engine
     from rastercov.core.coverage.evaluation import Evaluation as Evaluation, regions as regions
     from rastercov.core.coverage.job import evaluate as evaluate
     from rastercov.core.coverage.network import Network as Network
-    from rastercov.core.coverage.observer import (
+    from rastercov.core.coverage.coverage import (
+        Coverage as Coverage,
         Observer as Observer,
         open_observer as open_observer,
     )
-    from rastercov.core.coverage.task import Reason as Reason
     from rastercov.sun.sunlight import Sunlight as Sunlight, sunlit as sunlit
     from rastercov.survey.viewshed import Viewshed as Viewshed, viewshed as viewshed
-    from rastercov.core.coverage.task import Task as Task
+    from rastercov.core.coverage.task import Engine as Engine, Reason as Reason, Task as Task
     from rastercov.core.coverage.visibility import (
         Visibility as Visibility,
         visibility as visibility,
@@ -88,7 +88,11 @@ if _TYPE_CHECKING:
         VisibilityBuffer as VisibilityBuffer,
         open_rasterizer as open_rasterizer,
     )
-    from rastercov.core.raster.observation import BoundKind as BoundKind, Observation as Observation
+    from rastercov.core.raster.contract import (
+        BoundKind as BoundKind,
+        CoverageBits as CoverageBits,
+        Observation as Observation,
+    )
     from rastercov.report.jobs import audit as audit, check as check, place as place
     from rastercov.report.notebook import show as show, table as table
     from rastercov.shards import Workers as Workers
@@ -98,12 +102,11 @@ _NAMES = {
     "ResourceError",
     "core.camera.camera": "Camera",
     "formats.cameras": "read_views write_views",
-    "core.camera.conventions": "Conventions",
+    "core.camera.conventions": "Conventions read_poses write_poses",
     "core.camera.exposure": "Exposure",
     "light.lamp_file": "load_lamps",
     "light.lamps": "Lamp Lamps",
     "core.camera.pose": "Poses",
-    "core.camera.pose_file": "read_poses write_poses",
     "core.camera.rig": "Rig Views",
     "core.camera.rule": "All Any AtLeast",
     "core.camera.sun": "sun_directions",
@@ -120,12 +123,10 @@ _NAMES = {
     "core.area.table": "Regions",
     "core.area.union": "Covered RegionUnion unite",
     "core.area.zones": "DeadZones dead_zones",
-    "core.coverage.coverage": "Coverage",
-    "core.raster.bits": "CoverageBits",
+    "core.coverage.coverage": "Coverage Observer open_observer",
     "core.coverage.evaluation": "Evaluation regions",
     "core.coverage.job": "evaluate",
     "core.coverage.network": "Network",
-    "core.coverage.observer": "Observer open_observer",
     "sun.sunlight": "Sunlight sunlit",
     "survey.viewshed": "Viewshed viewshed",
     "core.coverage.task": "Engine Reason Task",
@@ -136,7 +137,7 @@ _NAMES = {
     "motion.motion_file": "load_motion",
     "robots.robot": "Robot",
     "core.raster": "FaceCounts Rasterizer RasterizerInfo VisibilityBuffer open_rasterizer",
-    "core.raster.observation": "BoundKind Observation",
+    "core.raster.contract": "BoundKind CoverageBits Observation",
     "report.jobs": "audit check place",
     "report.notebook": "show table",
 }

@@ -15,7 +15,7 @@ from rastercov.core.coverage.coverage import FIGURES, Coverage
 from rastercov.core.coverage.face_pass import ROW_TYPES, PairRows
 from rastercov.core.coverage.task import BITS, ROW_OF, STEEP, Reason, Task, own_reasons
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.core.raster.contract import BoundKind, Observation
 from rastercov.engine.coverage_figures import BORDER_ROUNDING, MOST_DOUBTFUL, SIDE_ROUNDING
 from rastercov.reference.criteria import (
     FaceGeometry,

@@ -16,7 +16,7 @@ from rastercov.core.coverage.coverage import FIGURES
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.core.raster.contract import BoundKind, Observation
 
 
 @frozen_record

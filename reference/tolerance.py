@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from rastercov.base import BoolArray, FloatArray, IntArray
-from rastercov.core.area.frames import frames_of
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.camera import Camera, near_limit
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

@@ -9,7 +9,7 @@ import numpy as np
 
 from rastercov.base import TINY, BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.core.coverage.task import Reason
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 
 
 def covered_faces(

@@ -14,9 +14,8 @@ from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.coverage import coverage as module
 from rastercov.core.coverage import job
-from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
+from rastercov.core.coverage.coverage import FIGURES, evaluate_batches, open_observer
 from rastercov.core.coverage.job import evaluate
-from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import NAMES, Reason, Task
 from rastercov.core.coverage.visibility import FRACTION, visibility
 from rastercov.core.mesh import Mesh, shapes

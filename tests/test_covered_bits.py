@@ -8,7 +8,7 @@ from scenes import joined, soup, square
 
 import rastercov as rc
 from rastercov.core.coverage import coverage as module
-from rastercov.core.raster.bits import UNITS, area_units, whole_area
+from rastercov.core.raster.contract import UNITS, area_units, whole_area
 
 PINHOLE = rc.Camera(width=64, height=48, fx=40, fy=44)
 CAMERAS = (

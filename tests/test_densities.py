@@ -10,7 +10,7 @@ from scenes import square
 import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.cli import command
-from rastercov.core.coverage.densities import EDITIONS, LEVELS
+from rastercov.core.coverage.task import EDITIONS, LEVELS
 from rastercov.placement.plan.file import read_plan
 from rastercov.reference.regions import jacobian
 

@@ -24,7 +24,7 @@ from rastercov.base.files import (
     write_file,
 )
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.conventions import read_poses, write_poses
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.file import read_plan

@@ -12,8 +12,7 @@ from test_golden import differences
 
 import rastercov as rc
 from rastercov.core.camera.rig import equipment_words
-from rastercov.core.coverage.coverage import FIGURES
-from rastercov.core.coverage.observer import ExactObserver
+from rastercov.core.coverage.coverage import FIGURES, ExactObserver
 from rastercov.report import plan as report
 from rastercov.report.coverage import Options, run
 

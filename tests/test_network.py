@@ -14,10 +14,9 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.coverage import FIGURES, Coverage
+from rastercov.core.coverage.coverage import FIGURES, Coverage, open_observer
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts
 from rastercov.core.coverage.task import Engine, Reason, Task
 from rastercov.core.mesh import Group, Mesh, shapes

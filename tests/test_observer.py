@@ -11,11 +11,11 @@ from rastercov.base.errors import ConfigError
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import METHODS
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.core.raster.contract import BoundKind, Observation
 from rastercov.gl import GLRasterizer
 from rastercov.reference.methods.convergence import fractions
 

@@ -12,13 +12,13 @@ from hypothesis.extra import numpy as hnp
 
 from rastercov.base.errors import PoseError
 from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.conventions import read_poses, write_poses
 from rastercov.core.camera.pose import (
     DRIFT_TOLERANCE,
     ROUNDING,
     check_poses,
     valid_poses,
 )
-from rastercov.core.camera.pose_file import read_poses, write_poses
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh.arrays import inverse

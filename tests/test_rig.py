@@ -14,11 +14,10 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig, cameras_of
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.coverage import FIGURES, open_observer
 from rastercov.core.coverage.evaluation import regions
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 

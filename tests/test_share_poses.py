@@ -13,7 +13,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.threads import POSES_A_TURN, share_poses, thread_count
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.mesh import shapes
 
 CAMERA = Camera(width=160, height=120, fx=140, fy=150)

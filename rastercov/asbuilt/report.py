@@ -17,7 +17,7 @@ from rastercov.asbuilt.resection import pixels_of
 from rastercov.asbuilt.rig import AsBuilt, scene_of
 from rastercov.base import FloatArray, write_json
 from rastercov.core.camera import Camera
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.report.folder import ReportFolder, ReportKind

@@ -42,7 +42,7 @@ from rastercov.base import (
 from rastercov.base.format import area, text_with_sign
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.feature import in_words
-from rastercov.core.area.frames import to_world
+from rastercov.core.area.polygons import to_world
 from rastercov.core.area.zones import face_zones
 from rastercov.core.camera import (
     KEPT,
@@ -54,8 +54,8 @@ from rastercov.core.camera import (
     heads_of,
     names_of,
 )
-from rastercov.core.coverage.densities import DORI, DORI_EDITION
 from rastercov.core.coverage.evaluation import Evaluation
+from rastercov.core.coverage.task import DORI, DORI_EDITION
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.sections import polygons_in, section, solid
 from rastercov.placement.plan.check import Checked, best_change

@@ -29,7 +29,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.cpu import clusters_of, farthest_depths
 from rastercov.core.raster.sample_grid import Box, SampleGrid
-from rastercov.core.raster.tie_order import in_one_order
+from rastercov.core.raster.targets import in_one_order
 from rastercov.gl.resources import Resources, set_uniforms
 from rastercov.gl.strategy import COUNTER_BYTES, Counts, Strategy
 

@@ -27,8 +27,7 @@ from rastercov.core.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.raster.bits import Criteria
-from rastercov.core.raster.contract import Rasterizer
+from rastercov.core.raster.contract import Criteria, Rasterizer
 from rastercov.core.raster.self_test import PASSED
 from rastercov.gl.devices import DeviceInfo, DeviceKind, list_devices, why_no_hardware
 from rastercov.gl.libraries import INSTALL_EGL, egl_library, osmesa_library

@@ -10,7 +10,7 @@ import numpy as np
 
 from rastercov.base import FloatArray
 from rastercov.core.camera import Camera
-from rastercov.core.raster.bits import CoverageBits, Criteria, Judged, area_units, no_bits
+from rastercov.core.raster.contract import CoverageBits, Criteria, Judged, area_units, no_bits
 from rastercov.gl.compute import MAX_GROUPS, Compute, ComputePoses, ComputeScene
 from rastercov.gl.resources import Resources, Staging, set_uniforms
 from rastercov.shaders import source

@@ -31,8 +31,14 @@ from rastercov.base import (
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
-from rastercov.core.raster.bits import Criteria, Judged
-from rastercov.core.raster.contract import FaceCounts, Rasterizer, RasterizerInfo, check_counts
+from rastercov.core.raster.contract import (
+    Criteria,
+    FaceCounts,
+    Judged,
+    Rasterizer,
+    RasterizerInfo,
+    check_counts,
+)
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl.compute import Compute
 from rastercov.gl.context import HeadlessContext, open_context

@@ -30,8 +30,7 @@ from rastercov.base import (
 from rastercov.base.arguments import number, pair, positive
 from rastercov.core.camera import Cameras, EquipmentKind, equipment_on, look_at
 from rastercov.core.camera.catalogue import lamp_entries_of
-from rastercov.core.camera.exposure import Exposure
-from rastercov.core.camera.light_units import check_unit, illuminance
+from rastercov.core.camera.exposure import Exposure, check_unit, illuminance
 from rastercov.core.camera.sun import NORTH_DEG, angle, moment, sun_directions, towards
 from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.light.gltf_lights import GltfLight, read_lights

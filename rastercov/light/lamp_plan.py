@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rastercov.base import ByName, RastercovError, errors_as
 from rastercov.core.camera import Rig
-from rastercov.core.camera.light_units import GLOSSES
+from rastercov.core.camera.exposure import GLOSSES
 from rastercov.core.coverage.task import Task
 from rastercov.light.lamp_file import lamps_of, lamps_on
 from rastercov.light.lamps import SUN, Lamps

@@ -1,7 +1,7 @@
 """Words on light, and on what is not lit as a task asks."""
 
 from rastercov.base.format import number
-from rastercov.core.coverage.words import Wording, Words
+from rastercov.core.coverage.criterion import Wording, Words
 
 
 def _light(value: float) -> str:

@@ -42,8 +42,7 @@ from rastercov.base.arguments import distinct, number, positive, two
 from rastercov.core.camera import Camera, Poses, apparent, fibonacci_sphere, look_at, valid_poses
 from rastercov.core.camera.camera import field_angle
 from rastercov.core.camera.catalogue import KINDS
-from rastercov.core.camera.exposure import Exposure
-from rastercov.core.camera.light_units import check_unit
+from rastercov.core.camera.exposure import Exposure, check_unit
 from rastercov.core.camera.parallel import FAR, SUN_RADIUS_DEG
 from rastercov.core.camera.viewpoints import cone_of_directions
 from rastercov.light.gltf_lights import GltfLight, scene_of

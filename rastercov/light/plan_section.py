@@ -8,8 +8,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from rastercov.base import ByName
 from rastercov.core.camera.catalogue import KINDS
-from rastercov.core.camera.exposure import Exposure
-from rastercov.core.camera.light_units import GLOSSES
+from rastercov.core.camera.exposure import GLOSSES, Exposure
 from rastercov.light.lamp_file import ANGLES, MOMENT, lamps_of
 from rastercov.light.lamps import SUN
 from rastercov.placement.plan.entries import (

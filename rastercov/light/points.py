@@ -27,8 +27,8 @@ from rastercov.base import (
 )
 from rastercov.base.format import number
 from rastercov.core.area.feature import Alone, Areas, Feature, Figures, Scene, most_off
-from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
+from rastercov.core.area.polygons import frames_of, in_front
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Finder, Regions
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, names_of

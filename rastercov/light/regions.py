@@ -28,8 +28,14 @@ from rastercov.base import (
 )
 from rastercov.base.arguments import Quantity
 from rastercov.core.area.cut import Kept
-from rastercov.core.area.frames import frames_of, in_front, rows_at
-from rastercov.core.area.polygons import choose_polygons, even_points, polygon_areas
+from rastercov.core.area.polygons import (
+    choose_polygons,
+    even_points,
+    frames_of,
+    in_front,
+    polygon_areas,
+    rows_at,
+)
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, join, take_rows
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
 from rastercov.core.coverage.task import NAMES, NEEDED, Task, tasks_of

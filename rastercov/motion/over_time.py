@@ -32,8 +32,8 @@ from rastercov.base import (
 )
 from rastercov.base.format import area as in_square_metres
 from rastercov.core.area.advice import general_advice
-from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.remedies import ANY, MOST_PAIRS, Allowed, Change, Remedies, ZoneSpot
 from rastercov.core.area.stages import (
     Divided,

@@ -31,7 +31,7 @@ from rastercov.core.area.cells import Cells
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import Cameras, Poses, led_by, renumber
-from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.coverage import Observer
 from rastercov.core.coverage.phases import MOST_IMAGES
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh

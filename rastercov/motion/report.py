@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image
 
 from rastercov.base import ByName, FloatArray, IntArray, ReadByName
-from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import frames_of
 from rastercov.motion.frames import animate_motion, show_phases
 from rastercov.motion.over_time import OverTime, TimeAreas, time_words
 from rastercov.report.coverage_files import Addition

@@ -64,10 +64,8 @@ from rastercov.core.camera import (
     led_by,
     rows_of_result,
 )
-from rastercov.core.coverage.coverage import evaluate_batches, in_batches
-from rastercov.core.coverage.densities import density_text
+from rastercov.core.coverage.coverage import Observer, evaluate_batches, in_batches, open_observer
 from rastercov.core.coverage.network import ViewSpread, share_of_faces
-from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.task import (
     CONDITIONS,
     NAMES,
@@ -77,6 +75,7 @@ from rastercov.core.coverage.task import (
     Reason,
     Task,
     check_equipment,
+    density_text,
     fails,
     nearer,
     nearness,

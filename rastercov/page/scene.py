@@ -48,9 +48,8 @@ from rastercov.core.camera import (
 from rastercov.core.camera.catalogue import catalogue, product_of
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.camera.viewpoints import distances_to_try
-from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import DORI, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import inverse
 from rastercov.core.mesh.solids import in_solid

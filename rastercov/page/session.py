@@ -36,7 +36,7 @@ from rastercov.base.arguments import number
 from rastercov.base.format import distance
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import task_in_words
-from rastercov.core.area.frames import to_world
+from rastercov.core.area.polygons import to_world
 from rastercov.core.camera import Camera, Rig
 from rastercov.core.coverage.task import Task, check_equipment
 from rastercov.core.mesh.groups import rows_of

@@ -462,9 +462,9 @@ def _measure_cameras(
         for batch in classify_parts(network, observer, poses, wanted, shards, staff):
             network.add(batch)
             if areas is None or elements is None or batch.regions is None:
-                is_scored = mesh.task_mask[batch.rows.face]
-                row = np.searchsorted(batch.poses.ids, batch.rows.pose[is_scored])
-                own = batch.rows.face[is_scored]
+                is_scored = mesh.task_mask[batch.rows["face"]]
+                row = np.searchsorted(batch.poses.ids, batch.rows["pose"][is_scored])
+                own = batch.rows["face"][is_scored]
             else:
                 areas.add(batch.regions)
                 shares = elements.share(batch.regions)

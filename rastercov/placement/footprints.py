@@ -37,7 +37,7 @@ from rastercov.base import (
     read_only,
 )
 from rastercov.core.area import polygons
-from rastercov.core.area.frames import frames_of, to_world
+from rastercov.core.area.polygons import frames_of, to_world
 from rastercov.core.area.regions import RegionPass, check_pointwise
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import Camera, Cameras, Poses, cameras_of, look_at

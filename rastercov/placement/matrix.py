@@ -44,7 +44,7 @@ from rastercov.base.typed import typed
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Cameras, Poses, renumber
-from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.coverage import Observer, open_observer
 from rastercov.core.coverage.shards import LOG, device_of
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

@@ -51,10 +51,9 @@ from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Poses, cameras_of, renumber, rows_of_result
 from rastercov.core.camera.rig import with_places
-from rastercov.core.coverage.bits_alone import NetworkOfBits, can_judge
-from rastercov.core.coverage.coverage import measurements
+from rastercov.core.coverage.coverage import ExactObserver, Observer, measurements, open_observer
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.observer import ExactObserver, Observer, open_observer
+from rastercov.core.coverage.network import NetworkOfBits, can_judge
 from rastercov.core.coverage.shard_inputs import (
     HEADER,
     POSES,
@@ -67,7 +66,7 @@ from rastercov.core.coverage.shard_inputs import (
 )
 from rastercov.core.coverage.shards import PAIRS_OF_COUNTS, hash_of, info_of, inputs_of
 from rastercov.core.coverage.task import Engine, Task
-from rastercov.core.raster.bits import room_for_bits
+from rastercov.core.raster.contract import room_for_bits
 from rastercov.placement.bits import CoveredBits, n_words
 from rastercov.placement.mounts import Mounts, places_on_rigs
 from rastercov.placement.uncovered import CandidateBounds, Greatest, list_pairs

@@ -62,7 +62,7 @@ from rastercov.core.camera import (
     look_at,
     upwards,
 )
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.coverage.task import NAMES, REASONS, Engine, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import components_of, first_equal_row

@@ -45,10 +45,15 @@ from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.camera import Cameras, Poses, axes_of, led_by, renumber
 from rastercov.core.camera.rig import are_central
-from rastercov.core.coverage.coverage import Coverage, evaluate_batches, measurements
+from rastercov.core.coverage.coverage import (
+    Coverage,
+    Observer,
+    evaluate_batches,
+    measurements,
+    open_observer,
+)
 from rastercov.core.coverage.face_pass import FacePass, Measured, Scope, Worker
 from rastercov.core.coverage.network import Network, share_of_faces, shares_by_reason
-from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.task import (
     BITS,
     REASONS,

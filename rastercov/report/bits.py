@@ -19,9 +19,8 @@ import numpy as np
 
 from rastercov.base import ByName, ReadByName
 from rastercov.base.output import write_json, writing
-from rastercov.core.coverage.bits_alone import can_judge, engine_for
 from rastercov.core.coverage.evaluation import Query
-from rastercov.core.coverage.network import share_of_faces
+from rastercov.core.coverage.network import can_judge, engine_for, share_of_faces
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import (
     EvaluationShards,
@@ -31,7 +30,7 @@ from rastercov.core.coverage.shards import (
     open_for,
     remove,
 )
-from rastercov.core.raster.bits import AREAS, HEADER, PACKED, VIEWS, unit_of
+from rastercov.core.raster.contract import AREAS, HEADER, PACKED, VIEWS, unit_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.shards import Staff
 

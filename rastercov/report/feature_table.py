@@ -19,8 +19,7 @@ from rastercov.core.area.features import conditions_at
 from rastercov.core.area.stages import first_failures
 from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of
 from rastercov.core.camera.rig import short_names
-from rastercov.core.coverage.densities import density_text
-from rastercov.core.coverage.task import Reason, Task, nearness
+from rastercov.core.coverage.task import Reason, Task, density_text, nearness
 from rastercov.core.mesh import Mesh
 from rastercov.placement.parts import PartRow
 

@@ -36,8 +36,15 @@ from rastercov.core.camera import (
 from rastercov.core.camera.catalogue import catalogue
 from rastercov.core.camera.rig import RigEntries, are_central
 from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
-from rastercov.core.coverage.densities import DORI
-from rastercov.core.coverage.task import NEEDED, OF_SURFACE, OWN_CRITERIA, REASONS, Task, tasks_of
+from rastercov.core.coverage.task import (
+    DORI,
+    NEEDED,
+    OF_SURFACE,
+    OWN_CRITERIA,
+    REASONS,
+    Task,
+    tasks_of,
+)
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_areas

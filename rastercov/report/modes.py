@@ -29,8 +29,7 @@ from rastercov.base.format import number
 from rastercov.core.area.polygons import quantile
 from rastercov.core.area.zones import DeadZones
 from rastercov.core.camera import Gate
-from rastercov.core.coverage.densities import DORI
-from rastercov.core.coverage.task import NAMES, REASONS
+from rastercov.core.coverage.task import DORI, NAMES, REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.report import theme
 from rastercov.report.images import Key

@@ -42,7 +42,7 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, text_with_sign
 from rastercov.core.area.features import conditions_at
-from rastercov.core.area.frames import rows_at
+from rastercov.core.area.polygons import rows_at
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.stages import first_failures
 from rastercov.core.area.table import Regions

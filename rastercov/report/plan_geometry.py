@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm
-from rastercov.core.area.frames import to_world
+from rastercov.core.area.polygons import to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.coverage.task import Task

@@ -81,7 +81,7 @@ DORI: dict[str, Colour] = {
     "detect": (223, 234, 245), "observe": (207, 232, 207), "recognise": (253, 235, 176),
     "identify": (248, 198, 168),
 }  # fmt: skip
-"""Of the levels of `rastercov.core.coverage.densities.DORI`, on paper and in the viewer."""
+"""Of the levels of `rastercov.core.coverage.task.DORI`, on paper and in the viewer."""
 COARSE = (150, 156, 164)
 """Of what is covered at none of these levels."""
 CAMERAS: tuple[Colour, ...] = (

@@ -35,9 +35,8 @@ from rastercov.core.area.feature import (
     Scene,
     most_off,
 )
-from rastercov.core.area.frames import to_world
-from rastercov.core.area.gates import through
-from rastercov.core.area.polygons import even_points, polygon_areas
+from rastercov.core.area.polygons import even_points, polygon_areas, to_world
+from rastercov.core.area.rows import through
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import (
     Cameras,

@@ -30,7 +30,7 @@ from rastercov.base import (
 from rastercov.base.typed import check_fields
 from rastercov.core.area import polygons
 from rastercov.core.area.cut import Kept
-from rastercov.core.area.frames import frames_of, to_world
+from rastercov.core.area.polygons import frames_of, to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions, join

@@ -7,8 +7,7 @@ import numpy as np
 from rastercov.base import ConfigError, FloatArray, norm
 from rastercov.core.area.criteria import RayAngle, Uncertainty
 from rastercov.core.area.cut import values_of
-from rastercov.core.area.frames import to_world
-from rastercov.core.area.polygons import following
+from rastercov.core.area.polygons import following, to_world
 from rastercov.core.area.table import Regions, any_of
 from rastercov.core.camera import Gate
 from rastercov.core.camera.parallel import FAR

@@ -39,11 +39,10 @@ from rastercov.base import (
     read_only,
     shown,
 )
-from rastercov.core.area.frames import frames_of, to_world
-from rastercov.core.area.records import Criteria, Planes
+from rastercov.core.area.polygons import frames_of, to_world
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.swept import MARGINS, from_both_sides, table_of
-from rastercov.core.area.table import Regions, join, take_rows
+from rastercov.core.area.table import Criteria, Planes, Regions, join, take_rows
 from rastercov.core.camera import (
     MODELS,
     Camera,

@@ -31,7 +31,7 @@ from rastercov.base import (
     shown,
 )
 from rastercov.core.area import polygons
-from rastercov.core.area.frames import frames_of, rows_at, to_world
+from rastercov.core.area.polygons import frames_of, rows_at, to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces, failures_of_rows
 from rastercov.core.area.table import Regions, take_rows

@@ -11,9 +11,8 @@ import math
 import numpy as np
 
 from rastercov.base import TINY, FloatArray, dots
-from rastercov.core.area.frames import frames_of
-from rastercov.core.area.gates import through
-from rastercov.core.area.rows import with_rule
+from rastercov.core.area.polygons import frames_of
+from rastercov.core.area.rows import through, with_rule
 from rastercov.core.area.spread import union_of
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.union import Covered

@@ -17,9 +17,8 @@ import numpy as np
 
 from rastercov.base import ByteArray, FloatArray, IntArray, frozen_record
 from rastercov.core.camera import Camera, Poses
-from rastercov.core.coverage.coverage import arrays_for
+from rastercov.core.coverage.coverage import Observer, arrays_for
 from rastercov.core.coverage.face_pass import FacePass, Measured
-from rastercov.core.coverage.observer import Observer
 from rastercov.core.mesh import Mesh
 
 SWEEPS = {"supersampling": (1.0, 2.0, 4.0, 8.0), "resolution": (0.5, 1.0, 2.0, 4.0)}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, IntArray, frozen_record
-from rastercov.core.raster.observation import KIND_WORDS, BoundKind
+from rastercov.core.raster.contract import KIND_WORDS, BoundKind
 from rastercov.reference.methods.convergence import Convergence
 
 MUST_HOLD = 0.999

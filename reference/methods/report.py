@@ -31,7 +31,7 @@ from rastercov.base import FloatArray, RastercovError, frozen_record, plural
 from rastercov.base.format import number
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.observation import KIND_WORDS
+from rastercov.core.raster.contract import KIND_WORDS
 from rastercov.reference.methods.convergence import Convergence
 from rastercov.reference.methods.error_statistics import (
     MUST_HOLD,

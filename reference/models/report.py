@@ -35,14 +35,13 @@ from rastercov.base import BoolArray, ByName, ByteArray, ConfigError, FloatArray
 from rastercov.base.format import number
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.projection import image_boxes
-from rastercov.core.coverage.coverage import Coverage, evaluate_batches
+from rastercov.core.coverage.coverage import Coverage, evaluate_batches, open_observer
 from rastercov.core.coverage.job import evaluate
-from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
-from rastercov.core.raster.observation import KIND_WORDS, BoundKind
+from rastercov.core.raster.contract import KIND_WORDS, BoundKind
 from rastercov.reference.models import MODELS, zhang
 from rastercov.reference.models.base import ModelCriteria
 from rastercov.reference.pages import milliseconds, open_browser, percent_of, publish

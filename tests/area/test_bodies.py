@@ -11,7 +11,7 @@ from surfaces import surface_of
 from timed import regions_over_time
 
 import rastercov as rc
-from rastercov.core.area.frames import frames_of
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.table import join
 from rastercov.core.mesh.bodies import MOST_PARTNERS

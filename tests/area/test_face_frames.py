@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rastercov.core.area.frames import Frames, frames_of
+from rastercov.core.area.polygons import Frames, frames_of
 from rastercov.core.mesh import Mesh, shapes
 
 pytestmark = pytest.mark.native

@@ -12,7 +12,7 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera.pose import Poses
 from rastercov.core.coverage.exact_pass import room_for
 from rastercov.core.mesh import Group, Mesh
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 
 ARRAYS = ("xy", "starts", "face", "pair_face", "area")
 ROLES = [Group("task"), Group("hides", is_occluder=True), Group("hangs", is_target=True)]

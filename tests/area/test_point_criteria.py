@@ -13,7 +13,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError
 from rastercov.core.area import cut
 from rastercov.core.area.cut import values_of
-from rastercov.core.area.frames import frames_of, to_world
+from rastercov.core.area.polygons import frames_of, to_world
 from rastercov.reference.regions import points_on
 
 pytestmark = pytest.mark.native

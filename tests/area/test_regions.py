@@ -24,7 +24,7 @@ from surface_cases import (
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.frames import frames_of, to_plane, to_world
+from rastercov.core.area.polygons import frames_of, to_plane, to_world
 from rastercov.core.area.regions import OF_A_FACE, RegionPass
 from rastercov.reference.regions import points_on
 

@@ -10,8 +10,8 @@ from timed import evaluate_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.frames import rows_at
 from rastercov.core.area.network import unit_of_result
+from rastercov.core.area.polygons import rows_at
 from rastercov.core.area.spread import SpreadUnion
 from rastercov.reference.regions import covers_points, points_on
 

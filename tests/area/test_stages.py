@@ -10,8 +10,7 @@ import trimesh
 
 import rastercov as rc
 from rastercov.core.area.features import deviations_of
-from rastercov.core.area.frames import rows_at
-from rastercov.core.area.polygons import Overlay, polygon_areas
+from rastercov.core.area.polygons import Overlay, polygon_areas, rows_at
 from rastercov.core.area.zones import areas_by_reason, dead_zones
 from rastercov.core.coverage.task import (
     BETWEEN,

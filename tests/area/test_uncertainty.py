@@ -16,7 +16,7 @@ from rastercov.advice.headline import other_lines
 from rastercov.base.errors import CameraError, ConfigError
 from rastercov.core.area.cut import values_of
 from rastercov.core.area.features import deviations_of
-from rastercov.core.area.frames import frames_of, to_plane, to_world
+from rastercov.core.area.polygons import frames_of, to_plane, to_world
 from rastercov.core.area.stages import CentrePass
 from rastercov.core.camera.rule import rule_of
 from rastercov.core.coverage.task import Reason

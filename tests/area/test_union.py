@@ -12,7 +12,7 @@ from surface_cases import building, hostile_scene, in_regions, off_clipper2, roo
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.frames import frames_of, to_plane
+from rastercov.core.area.polygons import frames_of, to_plane
 from rastercov.core.area.union import RegionUnion
 from rastercov.reference.regions import points_on
 

@@ -15,9 +15,8 @@ from surface_cases import building, cut_at_random, room
 import rastercov as rc
 from rastercov.advice.headline import advice_line
 from rastercov.base.errors import ConfigError
-from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.polygons import frames_of, polygon_areas
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.stages import ReasonPieces, first_failures
 from rastercov.core.area.union import RegionUnion

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import rastercov as rc
 from rastercov.building.plan_sheet import SheetSite, _hatching, frame_of, plan_sheet
 from rastercov.core.camera.projection import to_camera, to_image
-from rastercov.core.coverage.densities import LEVELS
+from rastercov.core.coverage.task import LEVELS
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.sections import section, solid
 from rastercov.placement.plan.sections import SheetSection

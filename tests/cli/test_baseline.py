@@ -16,7 +16,7 @@ import pytest
 from commands import answer, call, refusal, write_part
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.groups import parts_above
 from rastercov.placement.plan.baseline import Tolerated, compare, words

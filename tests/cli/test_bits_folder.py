@@ -14,7 +14,7 @@ import rastercov as rc
 from rastercov.core.coverage import bits_alone
 from rastercov.core.coverage.evaluation import Query
 from rastercov.core.coverage.shards import EvaluationShards
-from rastercov.core.raster.bits import CoverageBits
+from rastercov.core.raster.contract import CoverageBits
 from rastercov.gl import GLRasterizer
 from rastercov.report.bits import write_bits
 from rastercov.shards import ALONE

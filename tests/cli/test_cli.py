@@ -32,7 +32,7 @@ import rastercov
 from rastercov import cli
 from rastercov.base.interrupts import interrupt
 from rastercov.cli.inputs import poses_around
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import shapes
 from rastercov.gl import diagnose

@@ -8,7 +8,7 @@ import pytest
 from commands import done, refusal
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 
 SIDE, HEIGHT, EYE = 8.0, 2.0, 6.0
 DIAGONAL = math.sqrt(2) * SIDE

@@ -16,7 +16,7 @@ from short_search import short_search  # noqa: F401 # a fixture
 
 import rastercov as rc
 from rastercov.base.locks import lock
-from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.conventions import read_poses, write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import schema

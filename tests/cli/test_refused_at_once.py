@@ -6,7 +6,7 @@ import pytest
 from commands import call, content, refusal, write_part
 
 from rastercov import engine as loops
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 
 WORK = {

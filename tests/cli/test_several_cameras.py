@@ -8,7 +8,7 @@ import pytest
 from commands import answer, done, refusal, write_part
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import read_poses, write_poses
+from rastercov.core.camera.conventions import read_poses, write_poses
 from rastercov.formats.cameras import read_views, write_views
 
 WIDE = rc.Camera(width=64, height=48, fx=50, fy=50)

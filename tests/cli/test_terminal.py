@@ -14,7 +14,7 @@ from rich.text import Text
 
 import rastercov as rc
 from rastercov.cli import console
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import Outputs
 

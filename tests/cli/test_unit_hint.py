@@ -8,9 +8,9 @@ import pytest
 from commands import call, write_part
 
 from rastercov.core.camera.camera import Camera
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.camera.doubts import unit_warnings
 from rastercov.core.camera.pose import Poses
-from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh import shapes
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from commands import call, write_part
 
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 
 PLAN = '[[meshes]]\npath = "part.obj"\n[selection]\ngoal = "fewest_cameras"\ncoverage = 0.1\n'

@@ -8,7 +8,7 @@ import pytest
 from commands import call, refusal, write_part
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.formats.cameras import read_views
 from rastercov.placement.plan.file import plan_of

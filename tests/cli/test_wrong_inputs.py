@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from commands import call, content, refusal, write_part
 
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.pose_file import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 
 EVALUATE = "evaluate part.obj -c camera.toml -p rig.json"

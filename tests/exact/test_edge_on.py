@@ -10,7 +10,7 @@ from visible_fractions import fractions_of, visibility
 
 import rastercov as rc
 from rastercov.core.mesh import shapes
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.reference import rational
 
 METHODS = ("certified", "exact")

@@ -25,7 +25,7 @@ from visible_fractions import visibility
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.reference import rational
 from rastercov.reference.criteria import face_geometry
 

@@ -19,13 +19,12 @@ from rastercov.core.camera.lenses.of_camera import blind_area, lens_of, optics_o
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.coverage import FIGURES, open_observer
 from rastercov.core.coverage.exact_pass import room_for
 from rastercov.core.coverage.job import evaluate
-from rastercov.core.coverage.observer import open_observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 
 ROOM = shapes.room()
 TORUS = shapes.torus(40, 20)

@@ -7,7 +7,7 @@ from hypothesis import given
 from nightly import examples
 
 import rastercov as rc
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.reference import rational
 
 

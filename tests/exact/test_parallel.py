@@ -8,9 +8,9 @@ from target_scenes import beside, sheet_at
 
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.mesh import shapes
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.reference import polygons, rational
 
 pytestmark = pytest.mark.native

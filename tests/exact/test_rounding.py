@@ -14,7 +14,7 @@ from scenes import joined, square
 
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.mesh import Mesh, shapes
 
 CAMERA = Camera(width=640, height=512, fx=500, fy=520)

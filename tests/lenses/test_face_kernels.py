@@ -18,7 +18,7 @@ from rastercov.core.coverage.face_pass import (
     workspace,
 )
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.engine.coverage_figures import judge_poses
 from rastercov.engine.coverage_lens_faces import polygon_areas
 

@@ -12,8 +12,8 @@ from surface_cases import hostile_scene, room
 import rastercov as rc
 from rastercov.core.area import cut
 from rastercov.core.area import regions as area_regions
-from rastercov.core.area.frames import frames_of
 from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.table import Regions
 
 

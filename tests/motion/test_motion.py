@@ -10,7 +10,7 @@ from timed import over_time, regions_over_time
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, MeshError
-from rastercov.core.area.frames import frames_of
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.table import join
 
 CAMERA = rc.Camera(width=200, height=160, fx=150, fy=150)

@@ -12,7 +12,7 @@ from rastercov.base.memory import Lists
 from rastercov.core.area.cells import cells
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.coverage.task import Task
 from rastercov.placement.improve import refine as refine_module
 from rastercov.placement.improve.objective import CellObjective, Objective

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov.core.camera.camera import Camera
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 from rastercov.core.mesh.solids import in_solid

@@ -18,7 +18,7 @@ from union_greedy import area_of, greedy_by_area, room_candidates
 
 import rastercov as rc
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.placement.plan import fewer, shortfall
 from rastercov.placement.plan import run as plan_run
 from rastercov.placement.plan.file import plan_of

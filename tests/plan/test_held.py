@@ -9,7 +9,7 @@ from plans import told
 from union_greedy import room_candidates
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.placement.plan import prepare as held_module
 from rastercov.placement.select import methods as integer
 

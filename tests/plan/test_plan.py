@@ -18,7 +18,7 @@ from pydantic import ValidationError
 import rastercov as rc
 from rastercov.base.features import hooks_of
 from rastercov.base.format import distinct_percents
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import shapes

@@ -11,7 +11,7 @@ from plans import told
 from surface_cases import room
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 from rastercov.formats.cameras import write_views
 from rastercov.placement import Objective
 from rastercov.placement.plan import run as plan_run

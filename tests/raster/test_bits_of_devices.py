@@ -13,7 +13,7 @@ import rastercov as rc
 from rastercov.base.errors import PartMadeError
 from rastercov.core.coverage import bits_alone
 from rastercov.core.coverage import shards as evaluation_shards
-from rastercov.core.coverage.bits_alone import LATER
+from rastercov.core.coverage.network import LATER
 from rastercov.gl import GLRasterizer
 from rastercov.gl.libraries import Egl
 from rastercov.shards import Workers

@@ -16,10 +16,10 @@ from test_parallel_samples import views_of
 import rastercov as rc
 from rastercov import shaders
 from rastercov.base.errors import DeviceError, ResourceError
+from rastercov.core.coverage.coverage import SampledObserver
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.observer import SampledObserver
 from rastercov.core.coverage.task import Rules
-from rastercov.core.raster.bits import area_units
+from rastercov.core.raster.contract import area_units
 from rastercov.gl import GLRasterizer, compute, judging
 from rastercov.gl.resources import Resources
 

@@ -33,9 +33,9 @@ from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import shapes
 from rastercov.core.raster import cpu
 from rastercov.core.raster import lens as lens_module
+from rastercov.core.raster.contract import BoundKind
 from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.core.raster.lens import SampleViews, views_of
-from rastercov.core.raster.observation import BoundKind
 from rastercov.core.raster.sample_grid import SampleGrid
 from rastercov.gl import GLRasterizer
 

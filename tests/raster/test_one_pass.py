@@ -9,7 +9,7 @@ from judged_scenes import LENSES, compare, criteria_of, scene_of
 import rastercov as rc
 from rastercov.base.errors import DeviceError
 from rastercov.core.raster import cpu, lens
-from rastercov.core.raster.bits import area_units
+from rastercov.core.raster.contract import area_units
 
 pytestmark = pytest.mark.native
 

@@ -20,7 +20,7 @@ from rastercov import shaders
 from rastercov.base.errors import ConfigError, DeviceError, ResourceError
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.observer import SampledObserver, open_observer
+from rastercov.core.coverage.coverage import SampledObserver, open_observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import shapes
 from rastercov.core.raster import open_rasterizer

@@ -23,10 +23,10 @@ from rastercov import cli
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
-from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.coverage import Observer, open_observer
 from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.core.raster.contract import BoundKind, Observation
 from rastercov.reference import polygons
 from rastercov.reference.criteria import measure_geometry as face_geometry
 from rastercov.reference.methods import comparison as compare_entrants

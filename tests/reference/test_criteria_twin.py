@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.viewpoints import look_at
-from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
+from rastercov.core.coverage.coverage import FIGURES, Observer, evaluate_batches, open_observer
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.core.raster.contract import BoundKind, Observation
 from rastercov.reference import coverage as coverage_twin
 from rastercov.reference.methods.convergence import fractions
 

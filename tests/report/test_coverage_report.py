@@ -26,7 +26,7 @@ from rastercov.core.coverage.judging import CHOICES
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import open_rasterizer
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind
 from rastercov.reference.coverage import rows_of
 from rastercov.report import coverage, coverage_files
 from rastercov.report.coverage import EVALUATION, OF_GROUPS, Options, run

@@ -21,8 +21,7 @@ from rastercov.core.coverage.coverage import FIGURES, Coverage
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.core.raster.contract import RasterizerInfo, VisibilityBuffer
-from rastercov.core.raster.observation import BoundKind
+from rastercov.core.raster.contract import BoundKind, RasterizerInfo, VisibilityBuffer
 from rastercov.reference.coverage import rows_of
 from rastercov.reference.models.report import coverage_picture, coverage_pixels
 from rastercov.report import images as pictures

@@ -6,7 +6,7 @@ import devices_of_worker
 import pytest
 
 import rastercov as rc
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.raster.contract import RasterizerInfo
 from rastercov.gl import devices
 from rastercov.placement.matrix import build_matrix

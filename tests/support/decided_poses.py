@@ -11,7 +11,7 @@ import numpy as np
 import rastercov as rc
 from rastercov.core.camera.sun import towards
 from rastercov.core.camera.viewpoints import cone_of_directions
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.core.mesh.arrays import nearest_rotations, rotation_about
 from rastercov.placement import (
     Circles,

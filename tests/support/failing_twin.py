@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.core.camera.gate import RigRule
+from rastercov.core.camera.rule import RigRule
 from rastercov.core.coverage.task import (
     BASELINE,
     BITS,

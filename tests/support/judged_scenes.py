@@ -14,7 +14,7 @@ from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Group, Mesh, shapes
 from rastercov.core.raster import open_rasterizer
-from rastercov.core.raster.bits import Criteria, area_units
+from rastercov.core.raster.contract import Criteria, area_units
 from rastercov.gl import GLRasterizer
 
 LENSES = (

@@ -8,7 +8,7 @@ import trimesh
 from bungalow import bungalow
 
 import rastercov as rc
-from rastercov.core.camera.pose_file import write_poses
+from rastercov.core.camera.conventions import write_poses
 
 CAMERA = """width = 1280
 height = 1024

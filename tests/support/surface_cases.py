@@ -8,7 +8,7 @@ from exact_cases import box, hostile
 from scenes import joined
 
 import rastercov as rc
-from rastercov.core.area.frames import frames_of, to_plane
+from rastercov.core.area.polygons import frames_of, to_plane
 from rastercov.core.mesh import Mesh
 from rastercov.reference.regions import covers_points, points_on
 

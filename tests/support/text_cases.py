@@ -9,7 +9,7 @@ from rastercov.base import format as texts
 from rastercov.core.area.advice import hidden_by, verdict_of, verdict_of_rigs
 from rastercov.core.camera.camera import depths_in_focus
 from rastercov.core.camera.viewpoints import distances_to_try
-from rastercov.core.coverage.densities import density_text
+from rastercov.core.coverage.task import density_text
 from rastercov.placement import required
 
 SPECS = (

@@ -1,7 +1,6 @@
 """Visible fractions of faces alone, for laws about them."""
 
-from rastercov.core.coverage.coverage import evaluate_batches
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import evaluate_batches, open_observer
 
 FRACTION = "visibility", "visibility_bound", "visibility_kind"
 

@@ -13,7 +13,7 @@ from surface_cases import room
 
 import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
-from rastercov.core.area.frames import frames_of, rows_at
+from rastercov.core.area.polygons import frames_of, rows_at
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.reference.regions import points_on
 from rastercov.reference.tolerance import surely_covers

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from test_search import CAMERA, MESH, TASK
 
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import open_observer
 from rastercov.placement.improve.objective import Objective
 from rastercov.tolerances import placement as tolerance_module
 from rastercov.tolerances.placement import (

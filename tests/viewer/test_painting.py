@@ -7,8 +7,7 @@ import pytest
 from page_in_node import NEEDS_NODE
 from page_in_node import node as node
 
-from rastercov.core.coverage.densities import DORI
-from rastercov.core.coverage.task import NAMES
+from rastercov.core.coverage.task import DORI, NAMES
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.report import live, theme
 from rastercov.report.modes import MODES, MOST_VIEWS, OfCameras, OfUnit, of_devices

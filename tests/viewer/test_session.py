@@ -17,9 +17,8 @@ import rastercov as rc
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
-from rastercov.core.coverage.densities import DORI
 from rastercov.core.coverage.evaluation import regions
-from rastercov.core.coverage.task import NEEDED, NO_CAMERAS, OF_SURFACE, Reason
+from rastercov.core.coverage.task import DORI, NEEDED, NO_CAMERAS, OF_SURFACE, Reason
 from rastercov.page import measurements
 from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene, task_fields

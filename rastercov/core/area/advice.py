@@ -12,8 +12,7 @@ from rastercov.base.format import distance as in_words
 from rastercov.base.format import number
 from rastercov.core.area.regions import OF_A_FACE
 from rastercov.core.camera import Camera, to_camera, to_image
-from rastercov.core.coverage.densities import EDITIONS, density_text
-from rastercov.core.coverage.task import REASONS, WORDINGS, Task
+from rastercov.core.coverage.task import EDITIONS, REASONS, WORDINGS, Task, density_text
 
 LIMITS = (
     ("drawn_pixels", "min_pixels", 0.5, "px"),

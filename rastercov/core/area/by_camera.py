@@ -12,8 +12,8 @@ import numpy as np
 from rastercov.base import BoolArray, ByName, FloatArray, IntArray, ReadByName, matmul
 from rastercov.core.area import polygons
 from rastercov.core.area.features import FEATURES
-from rastercov.core.area.frames import to_world
 from rastercov.core.area.network import AreaNetwork
+from rastercov.core.area.polygons import to_world
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import unite

@@ -23,8 +23,7 @@ from rastercov.base import (
     read_only,
     shown,
 )
-from rastercov.core.area.frames import frames_of, to_world
-from rastercov.core.area.polygons import starts_of
+from rastercov.core.area.polygons import frames_of, starts_of, to_world
 from rastercov.core.area.table import Regions
 from rastercov.core.mesh import Mesh
 from rastercov.engine import area_cell

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import AnyArray, FloatArray, Int32Array, IntArray, read_only
 from rastercov.core.area.criteria import Cut
-from rastercov.core.area.frames import FacePolygons, frames_of
-from rastercov.core.area.polygons import polygon_areas
+from rastercov.core.area.polygons import FacePolygons, frames_of, polygon_areas
 from rastercov.core.mesh import Mesh
 from rastercov.engine import area_cut
 

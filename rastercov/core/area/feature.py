@@ -148,7 +148,7 @@ class Feature:
     def cut_rigs(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
         """Part of what rigs cover where their gate holds beyond its count, by those of its devices.
 
-        Without one of these, the others count; see `rastercov.core.area.gates.through`.
+        Without one of these, the others count; see `rastercov.core.area.table.through`.
         """
         return regions
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, WholeArray, hooks_of, matmul
 from rastercov.core.area.feature import Feature, Judge, PointCondition, Points, Scene
-from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import PointPass
+from rastercov.core.area.polygons import frames_of, in_front
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, join
 from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of
 from rastercov.core.coverage.device import Carried, Device, devices

@@ -6,10 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import BoolArray, ByName, ConfigError, FloatArray, is_one_of, shown
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    ConfigError,
+    FloatArray,
+    is_one_of,
+    shown,
+)
 from rastercov.base.format import area as area_text
 from rastercov.core.area.feature import DOUBTFUL
-from rastercov.core.area.frames import frames_of
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.regions import check_pointwise
 from rastercov.core.area.remedies import ANY, Allowed
 from rastercov.core.area.spread import BETWEEN_CAMERAS, check_poses, union_of

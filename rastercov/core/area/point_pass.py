@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rastercov.base import BoolArray, ByteArray, FloatArray, IntArray, WholeArray, read_only
-from rastercov.core.area.frames import frames_of
+from rastercov.core.area.polygons import frames_of
 from rastercov.core.camera import Cameras, Poses, cameras_of, near_limits
 from rastercov.core.coverage.face_pass import lens_of
 from rastercov.core.coverage.task import Reason, Task, own_reasons, tasks_of

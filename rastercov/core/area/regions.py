@@ -18,11 +18,10 @@ from rastercov.base import BoolArray, ConfigError, check_memory, frozen_record, 
 from rastercov.core.area import polygons
 from rastercov.core.area.criteria import PixelDensity
 from rastercov.core.area.features import FEATURES
-from rastercov.core.area.frames import frames_of, rows_at
-from rastercov.core.area.records import Criteria, LensCriteria, Planes
+from rastercov.core.area.polygons import frames_of, rows_at
 from rastercov.core.area.relaxed import without_borders, without_occlusion
 from rastercov.core.area.rows import with_rule
-from rastercov.core.area.table import Regions, any_of
+from rastercov.core.area.table import Criteria, LensCriteria, Planes, Regions, any_of
 from rastercov.core.camera import (
     MODELS,
     Camera,
@@ -34,27 +33,12 @@ from rastercov.core.camera import (
     rows_of_result,
 )
 from rastercov.core.camera.near_plane import engine_camera, pinhole_numbers
-from rastercov.core.coverage.coverage import in_batches
-from rastercov.core.coverage.exact_pass import (
-    ExactPass,
-    Figures,
-    PlacedPoses,
-    mask_of,
-    room_for,
-)
-from rastercov.core.coverage.observer import ExactObserver
-from rastercov.core.coverage.task import (
-    STEEP,
-    Engine,
-    Reason,
-    Rules,
-    Task,
-    own_reasons,
-    rules_of,
-)
+from rastercov.core.coverage.coverage import ExactObserver, in_batches
+from rastercov.core.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
+from rastercov.core.coverage.task import STEEP, Engine, Reason, Rules, Task, own_reasons, rules_of
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.observation import Observation
+from rastercov.core.raster.contract import Observation
 from rastercov.engine import solver_visibility
 
 GAP_REL = 1e-6

@@ -20,8 +20,8 @@ from rastercov.base import BoolArray, ByName, FloatArray, IntArray, dots, norm
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import text_with_sign
 from rastercov.core.area.advice import figures_of_point, general_advice, short_of
-from rastercov.core.area.frames import frames_of, in_front
 from rastercov.core.area.point_pass import MARGIN_REL
+from rastercov.core.area.polygons import frames_of, in_front
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.stages import failures_of_rows, unite_regions
 from rastercov.core.area.union import RegionUnion

@@ -44,9 +44,8 @@ from rastercov.base import (
 from rastercov.core.area import polygons
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.features import FEATURES, conditions_at
-from rastercov.core.area.frames import frames_of, sides_of
 from rastercov.core.area.point_pass import PointPass
-from rastercov.core.area.polygons import Overlay
+from rastercov.core.area.polygons import Overlay, frames_of, sides_of
 from rastercov.core.area.regions import RegionPass, check_pointwise
 from rastercov.core.area.rows import rule_lists, rule_reasons, with_rule
 from rastercov.core.area.spread import SpreadUnion, union_of

@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 from rastercov.base import BoolArray, FloatArray, read_only
-from rastercov.core.area.records import Criteria
 from rastercov.core.area.regions import GAP_REL, RegionPass
-from rastercov.core.area.table import Regions
+from rastercov.core.area.table import Criteria, Regions
 from rastercov.core.camera import Poses
 from rastercov.core.camera.near_plane import pinhole_numbers
 from rastercov.core.coverage.task import Task

@@ -1,9 +1,12 @@
-"""Regions of poses as one table of convex pieces, and the parts that k poses of a group cover."""
+"""Regions of poses as one table of convex pieces, and the parts that k poses of a group cover.
+
+Records of regions for the engine: faces in their planes, and criteria.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,11 +29,82 @@ from rastercov.base import (
 from rastercov.core.area import polygons
 from rastercov.core.area.criteria import MOST_DEVICES, AreaCriterion
 from rastercov.core.area.cut import Kept, parts_where
-from rastercov.core.area.frames import FacePolygons, frames_of
-from rastercov.core.area.polygons import Overlay
+from rastercov.core.area.polygons import FacePolygons, Overlay, frames_of
 from rastercov.core.camera import Camera, Cameras, Poses
-from rastercov.core.coverage.task import Task
+from rastercov.core.coverage.task import Rules, Task
 from rastercov.core.mesh import Mesh
+
+
+class Planes(NamedTuple):
+    """Frames of the faces of a mesh; `is_asked` are those to be measured."""
+
+    origin: FloatArray
+    x_axis: FloatArray
+    y_axis: FloatArray
+    normal: FloatArray
+    corners: FloatArray
+    areas: FloatArray
+    two_sided: BoolArray
+    is_asked: BoolArray
+
+
+class Criteria(NamedTuple):
+    """Pointwise criteria of a task in the image of a pinhole.
+
+    Attributes
+    ----------
+    lens : Lens
+    rules : Rules
+    gap : float
+        Largest distance between the arc of the incidence criterion and its chords, and mean width
+        of the strips that no test decides, relative to the diagonal of the mesh.
+    """
+
+    lens: Any
+    rules: Rules
+    gap: float
+
+
+class LensCriteria(NamedTuple):
+    """Pointwise criteria of a task in one ideal plane of a lens.
+
+    Attributes
+    ----------
+    pinhole : Criteria
+        What a surface must meet in the plane itself: to be in its image, the angle of incidence.
+    rules : Rules
+        All.
+    by_distance : bool
+        Distances are in focus; if not, depths along `axis` are.
+    axis : (3,) float64
+        Of the lens, in the axes of the plane.
+    gap : float
+        Mean width of the strips that no test decides, relative to the diagonal of the mesh.
+    tree : Tree
+        The field of view.
+    code, params, frame
+        The lens.
+    slopes : Slopes
+        Bounds of its derivatives.
+    has_border : bool
+        The image may show the border of its valid region in the plane.
+    unit : float
+        Length of a unit of the plane of parallel rays, metres; 0 of rays through a point.
+    """
+
+    pinhole: Criteria
+    rules: Rules
+    by_distance: bool
+    axis: FloatArray
+    gap: float
+    tree: Any
+    code: int
+    params: FloatArray
+    frame: FloatArray
+    slopes: Any
+    has_border: bool
+    unit: float
+
 
 Cut = Callable[["Regions", bool], "Regions"]
 """Cuts regions on the front of their faces, or on the rear where it is true."""
@@ -114,7 +188,7 @@ class Regions(FacePolygons):
     pose_ids : (P,) int64
         Row of each pose in the input.
     xy : (C, 2) float64
-        Corners in the plane coordinates of the faces (`rastercov.core.area.frames`), metres,
+        Corners in the plane coordinates of the faces (`rastercov.core.area.polygons`), metres,
         counter-clockwise seen from the front; at most 20 per piece.
     starts : (N + 1,) int64
         The corners of piece i are xy[starts[i]] ... xy[starts[i + 1] - 1].

@@ -19,8 +19,7 @@ from rastercov.base import (
 )
 from rastercov.base.typed import typed
 from rastercov.core.area import polygons
-from rastercov.core.area.frames import FacePolygons, frames_of
-from rastercov.core.area.polygons import Overlay, Progress
+from rastercov.core.area.polygons import FacePolygons, Overlay, Progress, frames_of
 from rastercov.core.area.table import Regions
 from rastercov.core.mesh import Mesh
 

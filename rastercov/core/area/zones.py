@@ -37,7 +37,7 @@ from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.features import deviations_of, device_of, limit_advice, measure_at
-from rastercov.core.area.frames import FacePolygons, frames_of, rows_at, to_world
+from rastercov.core.area.polygons import FacePolygons, frames_of, rows_at, to_world
 from rastercov.core.area.remedies import ANY, Allowed, Remedies, ZoneSpot
 from rastercov.core.area.stages import (
     CodeArray,

@@ -12,7 +12,6 @@ from rastercov.core.camera.conventions import (
     share_frames,
 )
 from rastercov.core.camera.doubts import size_warnings, unit_warnings
-from rastercov.core.camera.gate import Gate
 from rastercov.core.camera.models import MODELS, PROGRAMS, Foreign
 from rastercov.core.camera.near_plane import near_limit, near_limits
 from rastercov.core.camera.pose import Poses, renumber, valid_poses
@@ -40,6 +39,7 @@ from rastercov.core.camera.rig import (
     names_of_poses,
     rows_of_result,
 )
+from rastercov.core.camera.rule import Gate
 from rastercov.core.camera.viewpoints import distance_to_keep, fibonacci_sphere, look_at, upwards
 
 __all__ = [

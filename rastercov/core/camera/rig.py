@@ -45,10 +45,9 @@ from rastercov.base.typed import typed
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.catalogue import head_of
 from rastercov.core.camera.equipment import Equipment
-from rastercov.core.camera.gate import Gate
 from rastercov.core.camera.parallel import FAR
 from rastercov.core.camera.pose import Poses, valid_poses
-from rastercov.core.camera.rule import All, Rule, compile_rule, rename_devices
+from rastercov.core.camera.rule import All, Gate, Rule, compile_rule, rename_devices
 from rastercov.core.camera.rule import Any as AnyOf
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.site import NOWHERE, Site

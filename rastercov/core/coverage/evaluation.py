@@ -51,8 +51,7 @@ from rastercov.core.coverage.shards import is_long
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.coverage.visibility import GroupViews, group_views
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import COVERED, CoverageBits
-from rastercov.core.raster.contract import FaceCounts
+from rastercov.core.raster.contract import COVERED, CoverageBits, FaceCounts
 from rastercov.shards import Staff
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from rastercov.core.camera.rig import shared_rows
 from rastercov.core.coverage.task import Engine
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.observation import Observation
+from rastercov.core.raster.contract import Observation
 from rastercov.engine import solver_visibility
 
 Found = TypeVar("Found")

@@ -31,9 +31,7 @@ from rastercov.core.coverage.task import (
     rules_of,
 )
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import Criteria
-from rastercov.core.raster.contract import FaceCounts
-from rastercov.core.raster.observation import BoundKind, Observation
+from rastercov.core.raster.contract import BoundKind, Criteria, FaceCounts, Observation
 from rastercov.engine.coverage_figures import (
     COLUMNS,
     CURVED_COLUMNS,

@@ -22,18 +22,22 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene
-from rastercov.core.coverage.bits_alone import can_judge, engine_for
-from rastercov.core.coverage.coverage import FIGURES, arrays_for, check_fields
+from rastercov.core.coverage.coverage import FIGURES, Observer, arrays_for, check_fields
 from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
 from rastercov.core.coverage.judging import JudgedPoses
-from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.network import Network, can_judge, engine_for
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import COVERED, add_bits, bits_of_first, no_bits
-from rastercov.core.raster.contract import FaceCounts, RasterizerInfo
+from rastercov.core.raster.contract import (
+    COVERED,
+    FaceCounts,
+    RasterizerInfo,
+    add_bits,
+    bits_of_first,
+    no_bits,
+)
 from rastercov.shards import ALONE, Staff, Workers
 
 EVALUATE_BUDGET = 4 << 30

@@ -18,7 +18,7 @@ from rastercov.base import (
 )
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
-from rastercov.core.coverage.coverage import arrays_for, batch_size, measurements
+from rastercov.core.coverage.coverage import Observer, arrays_for, batch_size, measurements
 from rastercov.core.coverage.face_pass import (
     FIGURES,
     ROW_TYPES,
@@ -33,10 +33,9 @@ from rastercov.core.coverage.face_pass import (
     merge_sums,
     no_sums,
 )
-from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import CoverageBits, bits_of_pairs
+from rastercov.core.raster.contract import CoverageBits, bits_of_pairs
 from rastercov.engine.coverage_figures import judge_poses
 from rastercov.engine.coverage_network import add_poses, add_rows
 

@@ -26,11 +26,10 @@ from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.table import Regions, join
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
-from rastercov.core.coverage.bits_alone import NetworkOfBits
+from rastercov.core.coverage.coverage import Observer, open_observer
 from rastercov.core.coverage.face_pass import ROW_TYPES, Sums, merge, no_sums
 from rastercov.core.coverage.judging import NO_ARRAYS, JudgedPoses, leads_of
-from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.observer import Observer, open_observer
+from rastercov.core.coverage.network import Network, NetworkOfBits
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.shard_inputs import (
     INPUTS,
@@ -43,7 +42,7 @@ from rastercov.core.coverage.shard_inputs import (
 )
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.bits import bits_of
+from rastercov.core.raster.contract import bits_of
 from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.run import count_poses_of
 from rastercov.shards.store import DamagedError

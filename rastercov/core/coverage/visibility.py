@@ -28,12 +28,10 @@ from rastercov.base import (
     frozen_record,
 )
 from rastercov.core.camera import Camera, Cameras, Poses, cameras_of
-from rastercov.core.coverage.coverage import evaluate_batches, in_batches
-from rastercov.core.coverage.observer import open_observer
+from rastercov.core.coverage.coverage import evaluate_batches, in_batches, open_observer
 from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import RasterizerInfo
-from rastercov.core.raster.observation import Observation
+from rastercov.core.raster.contract import Observation, RasterizerInfo
 
 FRACTION = "visibility", "visibility_bound", "visibility_kind"
 """Its fields of `Coverage`."""

@@ -21,6 +21,7 @@ from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.contract import (
+    BACKENDS,
     MAX_SUPERSAMPLE,
     FaceCounts,
     Rasterizer,
@@ -31,7 +32,6 @@ from rastercov.core.raster.contract import (
 __all__ = ["FaceCounts", "Rasterizer", "RasterizerInfo", "VisibilityBuffer", "open_rasterizer"]
 
 LOG = logging.getLogger("rastercov")
-BACKENDS = ("auto", "cpu", "gl")
 
 
 class Drawer:

@@ -51,16 +51,20 @@ from rastercov.core.coverage.face_pass import lens_of, scene_of
 from rastercov.core.coverage.task import Reason, Rules
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
-from rastercov.core.raster.bits import Criteria, Judged, area_units, bits_of, room_for_bits
 from rastercov.core.raster.contract import (
+    Criteria,
     FaceCounts,
+    Judged,
     Rasterizer,
     RasterizerInfo,
     VisibilityBuffer,
+    area_units,
+    bits_of,
     check_counts,
+    room_for_bits,
 )
 from rastercov.core.raster.sample_grid import SampleGrid
-from rastercov.core.raster.tie_order import in_one_order
+from rastercov.core.raster.targets import in_one_order
 from rastercov.engine import solver_raster
 from rastercov.engine.solver_raster import MAX_BAND, RADIUS
 

@@ -42,7 +42,7 @@ from rastercov.core.mesh.arrays import matrices_of
 from rastercov.core.raster import self_test
 from rastercov.core.raster.cpu import CPURasterizer, Drawn, InLoops, canvas_of
 from rastercov.core.raster.sample_grid import SampleGrid
-from rastercov.core.raster.tie_order import corners_of
+from rastercov.core.raster.targets import corners_of
 from rastercov.engine.solver_raster import FINE_STEP_BITS, LANES, SIDE, STRIP_BITS, Canvas
 
 DENSEST = 0.98

@@ -1,4 +1,4 @@
-// Frames of faces, see rastercov.core.area.frames.
+// Frames of faces, see rastercov.core.area.polygons.
 //
 // Twin: tests/area/test_face_frames.py.
 #include "area/frames.hpp"

@@ -1,4 +1,4 @@
-// Frame of a face, see rastercov.core.area.frames.
+// Frame of a face, see rastercov.core.area.polygons.
 //
 // The third corner is orthogonalized against the longest edge twice, so that y is right to its last
 // digits. Scalar products add in one order everywhere.

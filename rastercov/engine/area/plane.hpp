@@ -28,7 +28,7 @@ constexpr double POSITION_ERROR_REL = 8 * 0x1p-52;
 constexpr int64_t STACK_ROOM = 96; // parts that are still to be divided
 constexpr double INF = std::numeric_limits<double>::infinity();
 
-// Faces of a mesh, of rastercov.core.area.frames; `is_asked` are those to be measured.
+// Faces of a mesh, of rastercov.core.area.polygons; `is_asked` are those to be measured.
 struct Planes {
     FloatRows<3> origin, x_axis, y_axis, normal;
     FloatRows<3, 2> corners;

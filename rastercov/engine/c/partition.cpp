@@ -1,6 +1,6 @@
 // Parts of a union for C: read, and completed by the rest of the surface.
 //
-// Twin: rastercov.core.area.union, by tests/native/test_c_border.py.
+// Twin: rastercov.core.area.table, by tests/native/test_c_border.py.
 #include "c/partition.hpp"
 #include "area/sums.hpp"
 

@@ -39,7 +39,7 @@ struct Scene {
 // Bound of visible / drawn of a face that is seen, at most 1.
 //
 // |v/d - v'/d'| <= (|v - v'| + |d - d'|) / d with d the true area; see
-// rastercov.core.raster.observation for counts. `length` is the perimeter, px. Nothing is known of
+// rastercov.core.raster.contract for counts. `length` is the perimeter, px. Nothing is known of
 // a face whose image rounds to nothing, or that owns no sample.
 template <class N>
 INLINE N bound_of_fraction(Whole<N> kind, N drawn, N error, N length, double samples) {

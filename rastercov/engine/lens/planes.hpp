@@ -15,7 +15,7 @@ namespace lens {
 
 using Corners = FloatRows<2>; // of a polygon, in units of a plane
 
-// See rastercov.core.camera.lenses.records. Convex polygons are counter-clockwise in (x, y).
+// See rastercov.core.camera.lenses.of_camera. Convex polygons are counter-clockwise in (x, y).
 struct PlaneRecord {
     int64_t code;
     Params params;

@@ -1,6 +1,6 @@
 // Mesh of a host without Python: checked arrays, roles and frames of its faces, and its surface.
 //
-// Twin: rastercov.core.mesh.mesh, rastercov.core.area.frames.
+// Twin: rastercov.core.mesh.mesh, rastercov.core.area.polygons.
 #include "solver/mesh.hpp"
 #include "area/frames.hpp"
 #include "solver/contacts.hpp"

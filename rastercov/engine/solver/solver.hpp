@@ -10,7 +10,7 @@
 
 namespace rastercov::engine {
 
-// Kinds of bounds, as rastercov.core.raster.observation.BoundKind has them.
+// Kinds of bounds, as rastercov.core.raster.contract.BoundKind has them.
 constexpr uint8_t EXACT = 2; // less 1: certified
 
 // A row to fill with the figures of a pose, in the order of the mesh.

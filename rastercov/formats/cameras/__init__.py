@@ -31,8 +31,7 @@ from rastercov.base import (
 )
 from rastercov.base.files import PROJECTS, reason_of
 from rastercov.core.camera import Border, Conventions, Views
-from rastercov.core.camera.conventions import POSE_CONVENTIONS, what_is_lost
-from rastercov.core.camera.pose_file import read_poses
+from rastercov.core.camera.conventions import POSE_CONVENTIONS, read_poses, what_is_lost
 from rastercov.core.camera.rig import check_central
 from rastercov.formats.cameras import (
     alicevision,

@@ -11,8 +11,7 @@ import numpy as np
 
 from rastercov.base import CameraError, PoseError, errors_as, shown
 from rastercov.core.camera import Border, Views, lens_camera
-from rastercov.core.camera.conventions import motions
-from rastercov.core.camera.pose_file import read_npy
+from rastercov.core.camera.conventions import motions, read_npy
 from rastercov.formats.cameras.source import Source
 
 NAME = "poses_bounds.npy"

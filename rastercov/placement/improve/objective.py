@@ -27,9 +27,8 @@ from rastercov.core.area.cells import Cells
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.stages import CentrePass
 from rastercov.core.camera import Poses, eyes_of, led_by, renumber, rows_of_result
-from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.core.coverage.coverage import Observer, evaluate_batches
 from rastercov.core.coverage.network import least_cosine
-from rastercov.core.coverage.observer import Observer
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.engine.coverage_spread import cameras_until_covered, worth_added

@@ -27,7 +27,7 @@ from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Cameras, Poses
-from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.coverage import Observer
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out

@@ -35,10 +35,15 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, renumber, rows_of_result
 from rastercov.core.camera.conventions import centre_warning
-from rastercov.core.coverage.coverage import Coverage, evaluate_batches, in_batches
+from rastercov.core.coverage.coverage import (
+    Coverage,
+    Observer,
+    evaluate_batches,
+    in_batches,
+    open_observer,
+)
 from rastercov.core.coverage.doubts import find_warnings
 from rastercov.core.coverage.network import Network, share_of_faces
-from rastercov.core.coverage.observer import Observer, open_observer
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
@@ -318,7 +323,7 @@ chords of the angle of incidence cut off as much."""
 
 def whole_faces(areas: AreaNetwork, views: int | Mapping[str, int]) -> BoolArray:
     """(F,) faces that a network covers as a whole."""
-    from rastercov.core.area.frames import frames_of
+    from rastercov.core.area.polygons import frames_of
 
     mesh, rows = areas.mesh, np.arange(areas.mesh.n_faces)
     level = np.clip(views_of(mesh, views), areas.least, areas.views) - 1

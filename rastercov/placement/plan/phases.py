@@ -16,7 +16,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Cameras, Poses
-from rastercov.core.coverage.observer import Observer
+from rastercov.core.coverage.coverage import Observer
 from rastercov.core.coverage.phases import Phases
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh

@@ -8,8 +8,7 @@ from annotated_types import Ge
 from typing_extensions import Doc
 
 from rastercov.base.memory import BoolArray, FloatArray
-from rastercov.core.coverage.criterion import Criterion
-from rastercov.core.coverage.words import Wording, Words
+from rastercov.core.coverage.criterion import Criterion, Wording, Words
 from rastercov.core.mesh import Mesh
 
 

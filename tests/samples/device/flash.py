@@ -7,8 +7,8 @@ from annotated_types import Gt, Le
 from typing_extensions import Doc
 
 from rastercov.core.camera.camera import Camera
+from rastercov.core.coverage.criterion import Words
 from rastercov.core.coverage.device import Carried, Device
-from rastercov.core.coverage.words import Words
 
 
 @dataclass(frozen=True)
