@@ -18,7 +18,7 @@ import numpy as np
 from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
 from rastercov.asbuilt.photograph import DIRECTIONS, Level, pyramid, sample
 from rastercov.asbuilt.resection import displaced, jacobian_of, pixels_of, spread_of
-from rastercov.base import BoolArray, Float32Array, FloatArray, IntArray, norm
+from rastercov.base import BoolArray, Float32Array, FloatArray, IntArray, norm, sort_order
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
@@ -136,7 +136,7 @@ class Aligner:
         steps[:, _free(self.camera) :] = 0
         poses = [displaced(start, step) for step in steps]
         scores = [agreement(coarse, self.camera, seen, pose) for pose in poses]
-        order = np.argsort(scores, kind="stable")[::-1][: KEPT[0]]
+        order = sort_order(scores)[::-1][: KEPT[0]]
         poses = [poses[row] for row in order.tolist()]
         for number, level in enumerate(self.levels):
             if number == len(self.levels) - 1:

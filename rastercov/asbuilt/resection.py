@@ -23,7 +23,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray, norm
+from rastercov.base import BoolArray, FloatArray, IntArray, norm, sort_order
 from rastercov.core.camera import Camera, from_vectors
 from rastercov.core.camera.projection import rays_of, to_camera, to_image
 
@@ -301,7 +301,7 @@ def starts_of(
     poses = [pose for rows in _sets(usable) for pose in p3p(points[rows], rays[rows])]
     if poses:
         agreements = [_agreement(points, pixels, camera, pose, sigma) for pose in poses]
-        best = np.argsort(agreements, kind="stable")[:8]
+        best = sort_order(agreements)[:8]
         found += [poses[row] for row in best.tolist()]
     return np.array(found).reshape(-1, 4, 4)
 

@@ -96,6 +96,7 @@ if TYPE_CHECKING:
         matmul,
         norm,
         sin,
+        sort_order,
         tan,
     )
     from rastercov.base.threads import Closing, Once, once_each, share_poses, thread_count
@@ -178,6 +179,7 @@ __all__ = [
     "shown",
     "sin",
     "size_in_words",
+    "sort_order",
     "suffix_of",
     "tan",
     "thread_count",

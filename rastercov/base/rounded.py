@@ -11,14 +11,14 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import FloatArray
+from rastercov.base.memory import FloatArray, IntArray
 from rastercov.engine import base_rounded
 
 
 class _Function:
     """A kernel over arrays that broadcast, or over numbers; radians."""
 
-    def __init__(self, kernel: Callable[[FloatArray, FloatArray, FloatArray], None]) -> None:
+    def __init__(self, kernel: Callable[..., None]) -> None:
         self._kernel = kernel
 
     @overload
@@ -28,7 +28,8 @@ class _Function:
     def __call__(self, a: ArrayLike, b: ArrayLike = 0.0) -> FloatArray | float:
         pair = np.array(np.broadcast_arrays(a, b), np.float64)
         out = np.empty(pair.shape[1:])
-        self._kernel(pair[0].reshape(-1), pair[1].reshape(-1), out.reshape(-1))
+        one, other = pair.reshape(2, -1)
+        self._kernel(one, other, out.reshape(-1))
         return out if out.ndim else float(out)
 
 
@@ -78,3 +79,8 @@ def draw_between(
 ) -> FloatArray:
     """Random numbers of a shape from `low` to `high`; `Generator.uniform` fuses its last step."""
     return low + (high - low) * rng.random(shape)
+
+
+def sort_order(values: ArrayLike) -> IntArray:
+    """Rows of ascending values along the last axis; equal ones stay in their order."""
+    return np.argsort(values, kind="stable")

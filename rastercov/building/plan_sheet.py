@@ -37,6 +37,7 @@ from rastercov.base import (
     plural,
     shorten,
     shown,
+    sort_order,
     write_bytes,
 )
 from rastercov.base.format import area, text_with_sign
@@ -516,7 +517,7 @@ def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> li
 def _widest(shape: shapely.Geometry, frame: SheetFrame) -> Any:
     """(1,) or (0,) widest part of an area that is in the drawing."""
     parts = polygons_in(shapely.intersection(shape, shapely.box(*frame.box.ravel())))
-    return parts[np.argsort(-shapely.area(parts), kind="stable")[:1]]
+    return parts[sort_order(-shapely.area(parts))[:1]]
 
 
 def _dimensions(poses: Poses, frame: SheetFrame, walls: FloatArray) -> list[ByName]:

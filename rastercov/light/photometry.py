@@ -29,6 +29,7 @@ from rastercov.base import (
     file_bytes,
     printable,
     shown,
+    sort_order,
     suffix_of,
 )
 
@@ -149,7 +150,7 @@ def table_of(profile: Profile) -> FloatArray:
         middle = (low + high) / 2
         low, high, row = np.r_[low, middle], np.r_[middle, high], np.r_[row, row]
     low, high, row = (np.concatenate(each) for each in zip(*done, strict=True))
-    order = np.argsort(-low)  # by ascending cosine
+    order = sort_order(-low)  # by ascending cosine
     low, high, row = low[order], high[order], row[order]
     before, after = _slopes(low, high)  # at `high`, and at `low`
     # Where a share falls to 0, rounding may leave it below.

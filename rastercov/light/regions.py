@@ -25,6 +25,7 @@ from rastercov.base import (
     Once,
     norm,
     once_each,
+    sort_order,
 )
 from rastercov.base.arguments import Quantity
 from rastercov.core.area.cut import Kept
@@ -246,7 +247,7 @@ class Light(Condition):
         )
         cut = replace(cut, eyes=some.eyes, columns=some.columns)
         both = join([cut, regions.of_poses(~is_asked)])
-        order = np.argsort(np.concatenate([np.flatnonzero(is_asked), np.flatnonzero(~is_asked)]))
+        order = sort_order(np.concatenate([np.flatnonzero(is_asked), np.flatnonzero(~is_asked)]))
         return take_rows(both, order)
 
     def _rows(self, leads: Poses) -> list[Lit]:

@@ -31,6 +31,7 @@ from rastercov.base import (
     first_of,
     norm,
     shown,
+    sort_order,
 )
 from rastercov.base.arguments import number
 from rastercov.base.format import distance
@@ -330,7 +331,7 @@ def _open(asked: Stations) -> list[ByName]:
         zones = figures.areas.zones
         faces, sizes = zones.face.astype(np.int64), zones.piece_area
         middles = to_world(mesh, faces, polygons.centroids(zones.xy, zones.starts, sizes))
-    order = np.argsort(-sizes, kind="stable")[:MOST_OPEN]
+    order = sort_order(-sizes)[:MOST_OPEN]
     return [
         {"middle": middle, "normal": [sign * x for x in normal], "area": size}
         for middle, normal, size, sides in zip(

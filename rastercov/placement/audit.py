@@ -31,6 +31,7 @@ from rastercov.base import (
     IntArray,
     frozen_record,
     members,
+    sort_order,
 )
 from rastercov.base.limits import limit_time
 from rastercov.core.area.by_camera import cameras_apart
@@ -194,7 +195,7 @@ def fewest(problem: Problem, needed: int) -> Selection:
 
 def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
     """The problem with groups as candidates, whose poses are views of their own; each costs 1."""
-    order, counts = np.argsort(of_pose, kind="stable"), np.bincount(of_pose, minlength=n_groups)
+    order, counts = sort_order(of_pose), np.bincount(of_pose, minlength=n_groups)
     assert problem.eyes is not None
     return replace(
         problem,

@@ -45,6 +45,7 @@ from rastercov.base import (
     plural,
     sampling,
     shown,
+    sort_order,
 )
 from rastercov.base.arguments import is_number
 from rastercov.base.format import distance
@@ -164,7 +165,7 @@ class WeakRemedies:
         for _ in range(SQUARINGS):
             spread = matmul(spread, spread / max(np.abs(spread).max(), TINY))
         axis = spread[np.abs(spread).sum(axis=1).argmax()]
-        return rows[np.argsort(matmul(away, axis), kind="stable")]
+        return rows[sort_order(matmul(away, axis))]
 
     def _round_point(self, point: FloatArray, away: float) -> tuple[FloatArray, str]:
         """A point to three digits of a distance, and its text with the unit."""
@@ -424,9 +425,9 @@ def weak(audit: Audit) -> Weak:
     rows = np.flatnonzero(kind >= 0)
     zone = _connected_parts(on, rows, kind[rows] + len(KINDS) * _is_unseeable(audit)[rows])
     area = np.bincount(zone, audit.problem.weights[rows]).astype(np.float64)
-    order = np.argsort(-area, kind="stable")
+    order = sort_order(-area)
     zones = np.full(len(kind), -1, np.int64)
-    zones[rows] = np.argsort(order, kind="stable")[zone]
+    zones[rows] = sort_order(order)[zone]
     return Weak(kind, zones, area[order])
 
 
@@ -439,7 +440,7 @@ def _connected_parts(on: Mesh, rows: IntArray, kind: IntArray) -> IntArray:
     step = 1e-9 * max(float(np.abs(on.vertices).max(initial=0)), TINY)
     corner = first_equal_row(np.rint(on.vertices / step).astype(np.int64).view(np.uint64))
     key = (corner[on.faces[rows]] * (2 * len(KINDS)) + kind[:, None]).ravel()
-    around = np.argsort(key, kind="stable")  # elements of one kind around a corner in turn
+    around = sort_order(key)  # elements of one kind around a corner in turn
     turn = np.stack((around[:-1], around[1:]), axis=1)[np.diff(key[around]) == 0] // 3
     return components_of(len(rows), turn)
 
@@ -468,7 +469,7 @@ def overlap(audit: Audit) -> ByName:
 
     tree = sorted(np.flatnonzero(parent >= 0).tolist(), key=lambda row: share[row, parent[row]])
     one, other = np.nonzero(np.triu(share) > 0)
-    order = np.argsort(-share[one, other], kind="stable")[:MOST_PAIRS]
+    order = sort_order(-share[one, other])[:MOST_PAIRS]
     links = (share >= LEAST_OVERLAP).sum(axis=1)
     return {
         "least_percent": 100 * LEAST_OVERLAP,

@@ -25,6 +25,7 @@ from rastercov.base import (
     shorten,
     shown,
     sin,
+    sort_order,
 )
 from rastercov.base.format import area
 from rastercov.base.typed import typed
@@ -129,7 +130,7 @@ def _highest(sheet: Mesh) -> Mesh:
         lower, hidden = lower[is_wide := _are_wide(hidden, tolerance)], hidden[is_wide]
     if not len(lower):
         return sheet
-    order = np.argsort(lower, kind="stable")
+    order = sort_order(lower)
     cut, starts = np.unique(lower[order], return_index=True)
     above = [shapely.union_all(each) for each in np.split(hidden[order], starts[1:])]
     rests, row = shapely.get_parts(shapely.difference(seen[cut], above), return_index=True)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.base import ByName, FloatArray, IntArray, frozen_record
+from rastercov.base import ByName, FloatArray, IntArray, frozen_record, sort_order
 from rastercov.core.camera import Camera, cameras_of, near_limit, to_camera, to_image
 from rastercov.core.camera.near_plane import sides_of
 from rastercov.core.coverage.evaluation import Evaluation
@@ -159,7 +159,7 @@ def _half(polygons: FloatArray, normal: FloatArray, offset: FloatArray | float) 
     across = polygons + part[..., None] * (np.roll(polygons, -1, axis=1) - polygons)
     points = np.stack((polygons, across), axis=2).reshape(len(value), -1, 3)
     is_kept = np.stack((value >= 0, is_cut), axis=2).reshape(len(value), -1)
-    order = np.argsort(~is_kept, axis=1, kind="stable")[:, : max(1, is_kept.sum(axis=1).max())]
+    order = sort_order(~is_kept)[:, : max(1, is_kept.sum(axis=1).max())]
     order = np.where(np.take_along_axis(is_kept, order, axis=1), order, order[:, :1])
     values: FloatArray = np.take_along_axis(points, order[..., None], axis=1)
     values[~is_kept.any(axis=1)] = np.nan

@@ -25,6 +25,7 @@ from rastercov.base import (
     percent,
     plural,
     share_poses,
+    sort_order,
     thread_count,
     with_bound,
 )
@@ -235,7 +236,7 @@ class NetworkPage:
             mode, _, unit = name.rpartition("_")
             table[mode] = OfUnit(*((values / 1e3, "mm") if unit == "um" else (values, unit)))
         if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
-            order = np.argsort(dead.piece_area)
+            order = sort_order(dead.piece_area)
             table["reason"][dead.face[order]] = dead.leads[order]
             table["reason"][table["area"] > 0.5] = Reason.COVERED
         devices = self._devices()
@@ -684,7 +685,7 @@ class NetworkPage:
             if (lost <= self._least).any() and not self.serves_goals:
                 columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names
-                order = np.argsort(-lost, kind="stable")
+                order = sort_order(-lost)
         for goal in self.goals:
             if goal.areas_m2 is not None:
                 what = "seen" if goal.is_most else "lost without it"

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from rastercov.base import ByName, FloatArray, IntArray
+from rastercov.base import ByName, FloatArray, IntArray, sort_order
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.sections import section
@@ -101,7 +101,7 @@ class Openings(NamedTuple):
 
     def plans(self, numbers: Sequence[int], names: Sequence[str], north: float) -> list[ByName]:
         """Parts of a plan of each storey, in mm, for `floor_plan.svg`, from below."""
-        order, plans = np.argsort(self.at[:, 2], kind="stable"), list[ByName]()
+        order, plans = sort_order(self.at[:, 2]), list[ByName]()
         steps = np.flatnonzero(np.diff(self.at[order, 2]) > STOREY) + 1
         for rows in np.split(order, steps)[:MOST_PLANS]:
             cut, xy = float(np.median(self.at[rows, 2])), self.at[rows, :2]

@@ -27,6 +27,7 @@ from rastercov.base import (
     first_of,
     frozen_record,
     norm,
+    sort_order,
 )
 from rastercov.core.area.polygons import quantile
 from rastercov.core.area.zones import DeadZones, zones_at
@@ -331,7 +332,7 @@ def places_of(eyes: ArrayLike) -> FloatArray:
 def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
     """(F,) number of the body of each face; a body around a point is taken apart into planes."""
     body = mesh.topology.components()
-    order = np.argsort(body, kind="stable")
+    order = sort_order(body)
     first = np.flatnonzero(np.diff(body[order], prepend=-1))
     corners = mesh.vertices[mesh.faces[order]]
     low = np.minimum.reduceat(corners.min(axis=1), first)
@@ -406,7 +407,7 @@ def sides(mesh: Mesh, eyes: ArrayLike = ()) -> FloatArray:
     if front is None:
         return best_directions(mesh, mesh.task_mask, eyes=eyes)
     if abs(front[2]) > STEEP:
-        return DIRECTIONS[np.argsort(-DIRECTIONS @ front, kind="stable")[:2]]
+        return DIRECTIONS[sort_order(-DIRECTIONS @ front)[:2]]
     x, y, _ = ASIDE * front / np.hypot(*front[:2])
     return np.asarray(front + np.array([(y, -x, ABOVE), (-y, x, ABOVE)]))
 

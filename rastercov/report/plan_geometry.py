@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm
+from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm, sort_order
 from rastercov.core.area.polygons import to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Camera, Poses
@@ -120,7 +120,7 @@ def middle_part(points: FloatArray, weights: FloatArray) -> FloatArray:
         return np.empty((0, 2))
     ends = []
     for values in points.T:
-        order = np.argsort(values)
+        order = sort_order(values)
         passed = np.cumsum(weights[order]) / weights.sum()
         rows = np.searchsorted(passed, ((1 - 0.99) / 2, (1 + 0.99) / 2))
         ends.append(values[order[np.minimum(rows, len(order) - 1)]])

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray, frozen_record, norm
+from rastercov.base import BoolArray, FloatArray, IntArray, frozen_record, norm, sort_order
 from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.robots.urdf import Joint
 
@@ -149,7 +149,7 @@ class Kinematics:
                     values.append(own)
             left = left[(worst[left] > 0) & np.isfinite(worst[left])]
         pose = np.concatenate(rows)
-        order = np.argsort(pose, kind="stable")
+        order = sort_order(pose)
         return Solutions(pose[order], np.concatenate(values)[order], beyond)
 
     @cached_property

@@ -23,6 +23,7 @@ from rastercov.base import (
     frozen_record,
     norm,
     plural,
+    sort_order,
 )
 from rastercov.base.format import distance, text_with_sign
 from rastercov.base.output import csv_text
@@ -330,7 +331,7 @@ class PlanArm:
             joints, rows = turned[is_within], np.tile(rows, (3, 1))[is_within]
         away = np.abs(self._ways(joints - robot.rest)).max(axis=1, initial=0.0)
         away[: len(np.unique(rows))] = -1.0  # as they were found
-        chosen = np.argsort(away, kind="stable")[:most]
+        chosen = sort_order(away)[:most]
         return joints[chosen], rows[chosen]
 
     def _tour(self, options: Sequence[FloatArray]) -> tuple[IntArray, FloatArray, IntArray]:
@@ -344,7 +345,7 @@ class PlanArm:
         stop = np.repeat(np.arange(len(nodes)), [len(rows) for _, rows in nodes])
         costs = np.abs(self._ways(joints[:, None] - joints[None])).max(axis=2, initial=0.0)
         best = tour(costs, stop)
-        at = best[np.argsort(stop[best])]
+        at = best[sort_order(stop[best])]
         rows = np.concatenate([np.zeros(0, np.int64), *(rows for _, rows in nodes)])
         return stop[best], joints[at + 1], rows[at]
 

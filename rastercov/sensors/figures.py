@@ -21,6 +21,7 @@ from rastercov.base import (
     frozen_record,
     norm,
     size_in_words,
+    sort_order,
     with_bound,
 )
 from rastercov.base.format import coordinates, number
@@ -117,7 +118,7 @@ def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> l
         middle = np.add.reduceat(points, seen.starts[:-1]) / counts[:, None]
         areas = polygon_areas(seen.xy, seen.starts)
         pieces = np.flatnonzero(seen.pose == row[best])
-        pieces = pieces[np.argsort(-areas[pieces], kind="stable")[:MOST_POINTS]]
+        pieces = pieces[sort_order(-areas[pieces])[:MOST_POINTS]]
         at = np.concatenate([points[row == row[best]], _inside(seen, pieces)])
         _, words = _missed_limit(gate, placed.world_from_camera, at, why)
         head = _Head(judge, scene, gate, placed, middle[pieces], seen.face[pieces].astype(np.int64))

@@ -26,6 +26,7 @@ from rastercov.base import (
     dots,
     frozen_record,
     shown,
+    sort_order,
 )
 from rastercov.base.typed import check_fields
 from rastercov.core.area import polygons
@@ -249,7 +250,7 @@ def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
         xy.append(second)
         counts.append(np.diff(starts))
         piece.append(kept[own])
-    order = np.argsort(np.concatenate(piece), kind="stable")
+    order = sort_order(np.concatenate(piece))
     ends = polygons.starts_of(np.concatenate(counts))
     ordered, ends = polygons.choose_polygons(np.concatenate(xy), ends, order)
     with_few_corners, ends, part = polygons.with_few_corners(ordered, ends)

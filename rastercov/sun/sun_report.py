@@ -23,6 +23,7 @@ from rastercov.base import (
     FloatArray,
     ReadByName,
     plural,
+    sort_order,
     write_bytes,
     write_json,
     write_text,
@@ -157,7 +158,7 @@ class Study(NamedTuple):
         is_before = (sunlit.directions @ normals.T > 0) | ~normals.any(axis=1)
         shading = self._shading(openings, is_before)
         entries = list[ByName]()
-        for row in np.argsort(sunlit.pieces.hours, kind="stable").tolist():
+        for row in sort_order(sunlit.pieces.hours).tolist():
             entry = self._entry(names[row], sunlit.pieces.hours[row], errors[row])
             entry |= {"number": len(entries) + 1, "row": row, "room": rooms[row]}
             entry |= {"faces": faces[row], "at": sunlit.pieces.at[row].tolist()}
@@ -195,7 +196,7 @@ class Study(NamedTuple):
         return [
             [
                 {"name": ", ".join(levels_of(mesh, group)), "hours": float(each[group])}
-                for group in np.argsort(-each, kind="stable")[:MOST_SHADING].tolist()
+                for group in sort_order(-each)[:MOST_SHADING].tolist()
                 if each[group] > 0
             ]
             for each in sums
@@ -280,7 +281,7 @@ def write(
         sunlit = study.ways["middle"]
         (summary, openings), mesh, hours = study.summary(options), sunlit.mesh, study.colours()
         order = [each.pop("row") for each in summary["pieces"]]
-        numbers = (np.argsort(order) + 1).tolist()
+        numbers = (sort_order(order) + 1).tolist()
         marks = Marks([str(each) for each in numbers], sunlit.pieces.of_face) if order[1:] else None
         image = mode_picture("sun", mesh, hours, marks=marks)
         picture = Picture.of("Hours of sun, from two sides", image)

@@ -26,6 +26,7 @@ from rastercov.base import (
     once_each,
     plural,
     sampling,
+    sort_order,
 )
 from rastercov.base.format import distance, in_decimals, verb
 from rastercov.core.camera import Poses
@@ -348,7 +349,7 @@ def flight_of(
     """Flight through the poses of a network, each made for a candidate by its number."""
     mounted, mesh = cameras.mounted, space.mesh
     eyes = mounted.eyes
-    rows = np.argsort(candidates, kind="stable")
+    rows = sort_order(candidates)
     home = np.array(asked.home or _home(mesh, eyes[rows[0]]))
     if (place := asked.place) is not None:
         stops = np.concatenate((home[None], eyes))

@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base import ByName, ConfigError, first_of, frozen_record
+from rastercov.base import ByName, ConfigError, first_of, frozen_record, sort_order
 from rastercov.base.format import distinct_percents
 from rastercov.core.camera import Poses, names_of
 from rastercov.core.mesh import Mesh
@@ -185,7 +185,7 @@ class UnderErrors(Demand):
                 if self.errors.distribution == "normal"
                 else 0
             )
-            draw = int(np.argsort(own, kind="stable")[rank]) if len(own) else -1
+            draw = int(sort_order(own)[rank]) if len(own) else -1
             least = float(own[draw]) if len(own) else each.share
             needs = each.limit - SHARE_TOLERANCE
             status = HOLDS if sure >= needs else FAILS if least < needs else UNDECIDED

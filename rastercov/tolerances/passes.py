@@ -38,6 +38,7 @@ from rastercov.base import (
     norm,
     read_only,
     shown,
+    sort_order,
 )
 from rastercov.core.area.polygons import frames_of, to_world
 from rastercov.core.area.regions import GAP_REL, RegionPass
@@ -426,7 +427,7 @@ class TolerancePass:
             arrays, nearest[rows], figures[rows] = result
             parts.append(own._join(some, arrays))
             order.append(rows)
-        regions = take_rows(join(parts), np.argsort(np.concatenate(order)))
+        regions = take_rows(join(parts), sort_order(np.concatenate(order)))
         return MountedRegions(regions, nearest, figures)
 
 

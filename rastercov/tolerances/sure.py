@@ -29,6 +29,7 @@ from rastercov.base import (
     percent,
     plural,
     shown,
+    sort_order,
 )
 from rastercov.core.area import polygons
 from rastercov.core.area.polygons import frames_of, rows_at, to_world
@@ -526,7 +527,7 @@ def _dead_zones_of(sure_coverage: SureCoverage) -> DeadZones:
     cut = [polygons.choose_polygons(each.xy, each.starts, rows) for each, rows in parts]
     counts = np.concatenate([np.diff(starts) for _, starts in cut])
     face = np.concatenate([each.face[rows] for each, rows in parts])
-    order = np.argsort(face, kind="stable")
+    order = sort_order(face)
     xy, starts = polygons.choose_polygons(
         np.concatenate([own for own, _ in cut]), polygons.starts_of(counts), order
     )

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from rastercov.base import TINY, FloatArray, dots
+from rastercov.base import TINY, FloatArray, dots, sort_order
 from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.rows import through, with_rule
 from rastercov.core.area.spread import union_of
@@ -78,7 +78,7 @@ def rows_with_errors(
                 part = through(part, changed, one_side=of == SURE)
             parts.append(part)
             rows.append(at)
-    return take_rows(join(parts), np.argsort(rows))
+    return take_rows(join(parts), sort_order(rows))
 
 
 def unite_regions(

@@ -35,6 +35,7 @@ from rastercov.base import (
     once_each,
     read_only,
     shown,
+    sort_order,
 )
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
@@ -123,7 +124,7 @@ def quantile(values: FloatArray, weights: FloatArray, mask: BoolArray, share: fl
     chosen = np.flatnonzero(mask & (weights > 0))
     if not len(chosen):
         return 0.0
-    order = chosen[np.argsort(values[chosen], kind="stable")]
+    order = chosen[sort_order(values[chosen])]
     below = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(below, share * below[-1])]])
 
@@ -425,7 +426,7 @@ class FacePolygons(InOneLine):
     @cached_property
     def _lookup(self) -> tuple[IntArray, IntArray, FloatArray, IntArray, FloatArray]:
         """Rows in the order of their faces, the first of each face, corners, starts and boxes."""
-        order = np.argsort(self.face, kind="stable")
+        order = sort_order(self.face)
         of_face = np.searchsorted(self.face[order], np.arange(self.mesh.n_faces + 1))
         return (
             read_only(order, np.int64),

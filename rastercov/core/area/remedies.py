@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, IntArray, dots, norm
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, arctan2, dots, norm, sort_order
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import text_with_sign
 from rastercov.core.area.advice import figures_of_point, general_advice, short_of
@@ -306,7 +306,7 @@ class Remedies:
         """The camera that comes nearest to covering a zone, of those with a line of sight."""
         eyes = self.poses.eyes
         away = norm(eyes - spot.at)
-        near = np.sort(np.argsort(away, kind="stable")[: self.most_judged])
+        near = np.sort(sort_order(away)[: self.most_judged])
         some = np.unique(np.append(np.linspace(0, len(spot.face) - 1, 8).astype(int), spot.middle))
         free = self._sees(self.poses[near], spot.points[some], spot.face[some])
         return min(
@@ -516,7 +516,7 @@ class Remedies:
         places = places[norm(places - spot.at) > 0]
         if self.allowed.places is not None:
             places = self.allowed.places(spot.at, places)
-        nearest = np.argsort(norm(places - origin), kind="stable")
+        nearest = sort_order(norm(places - origin))
         return np.asarray(places[nearest])
 
     def _place_changes(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
@@ -584,8 +584,8 @@ def _off_image(camera: Camera, local: FloatArray) -> float:
     ):
         return 0.0
     border = view_border(camera, 4)
-    half = np.arccos(np.clip(border[:, 2] / norm(border), -1, 1)).min()
-    angle = math.acos(min(max(float(local[2]) / max(float(norm(local)), 1e-300), -1), 1))
+    half = arctan2(norm(border[:, :2]), border[:, 2]).min()
+    angle = float(arctan2(norm(local[:2]), local[2]))
     return max(angle / max(float(half), 1e-9) - 1, 1e-9)
 
 

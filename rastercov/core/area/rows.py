@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rastercov.base import ByteArray, FloatArray, Int32Array, hooks_of
+from rastercov.base import ByteArray, FloatArray, Int32Array, hooks_of, sort_order
 from rastercov.core.area.feature import Feature
 from rastercov.core.area.table import Cut, Regions, join, take_rows
 from rastercov.core.camera import Cameras, Gate, Poses, apparent, by_gate, gates_of, led_by
@@ -81,7 +81,7 @@ def with_rule(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
         rows.append(row)
     if len(parts) == 1:
         return parts[0]
-    return take_rows(join(parts), np.argsort(np.concatenate(rows))) if parts else regions
+    return take_rows(join(parts), sort_order(np.concatenate(rows))) if parts else regions
 
 
 def rule_lists(

@@ -30,6 +30,7 @@ from rastercov.base import (
     first_of,
     matmul,
     shown,
+    sort_order,
 )
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import text_with_sign
@@ -162,7 +163,7 @@ class DeadZones(FacePolygons):
         names = [group.name for group in mesh.groups]
         most_views = int(self.views[self.zone < n].max(initial=0))
         centroids = polygons.centroids(self.xy, self.starts, self.piece_area)
-        order = np.argsort(self.zone, kind="stable")
+        order = sort_order(self.zone)
         limits = np.searchsorted(self.zone[order], np.arange(n + 1))
         items = []
         for row, area in enumerate(self.area[:n].tolist()):  # some 0.1 ms each
@@ -177,11 +178,7 @@ class DeadZones(FacePolygons):
                 "percent": 100 * area / self.total(),
                 "centroid": (matmul(weight, to_world(mesh, face, centroids[own])) / area).tolist(),
                 "extent": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()],
-                "groups": [
-                    names[each]
-                    for each in np.argsort(-of_group, kind="stable")
-                    if of_group[each] > 0
-                ],
+                "groups": [names[each] for each in sort_order(-of_group) if of_group[each] > 0],
                 "m2_by_views": by_views.tolist(),
             }
             items.append(entry)
@@ -403,8 +400,8 @@ def face_zones(mesh: Mesh, why: IntArray, views: IntArray, wanted: IntArray) -> 
 def _largest_first(zone: IntArray, areas: FloatArray) -> tuple[IntArray, FloatArray]:
     """Zone of each piece, (N,), numbered by falling area, and the areas of zones."""
     sums: FloatArray = np.asarray(np.bincount(zone, weights=areas), np.float64)
-    order = np.argsort(-sums, kind="stable")
-    rank: IntArray = np.argsort(order)
+    order = sort_order(-sums)
+    rank = sort_order(order)
     return rank[zone], sums[order]
 
 
@@ -691,7 +688,7 @@ class _Judged:
         bits = BITS[self.in_pose[:, own]]
         fails = (self.in_pose[:, own] == winner) | ((bits > 0) & (bits & ~np.uint32(some) == 0))
         failing = np.flatnonzero(fails.any(axis=1))
-        failing = failing[np.argsort(-fails[failing].sum(axis=1), kind="stable")]
+        failing = failing[sort_order(-fails[failing].sum(axis=1))]
         counts, device = self.hidden[own].sum(axis=0), ""
         hides = Reason.OCCLUDED in rows_in(winner) and counts.any()
         hider = self.zones.mesh.groups[int(counts.argmax())].name if hides else None
@@ -708,7 +705,7 @@ def points_of(zones: DeadZones, n: int, each: int) -> tuple[FloatArray, IntArray
     At equal steps of the area of the triangles that the pieces are fans of.
     """
     pieces = np.flatnonzero(zones.zone < n)
-    pieces = pieces[np.argsort(zones.zone[pieces], kind="stable")]
+    pieces = pieces[sort_order(zones.zone[pieces])]
     fans = np.diff(zones.starts)[pieces] - 2
     piece = np.repeat(pieces, fans)
     number = np.arange(len(piece)) - np.repeat(np.cumsum(fans) - fans, fans)

@@ -45,6 +45,7 @@ from rastercov.base import (
     frozen_record,
     plural,
     shown,
+    sort_order,
     thread_count,
 )
 from rastercov.base.memory import align_array
@@ -102,7 +103,7 @@ class Rasterizers:
         if len(parts) <= 1:
             return self._of(parts[0][0] if parts else 0).count(poses)
         counts = [self._of(index).count(poses[rows]) for index, rows in parts]
-        order = np.argsort(np.concatenate([rows for _, rows in parts]))
+        order = sort_order(np.concatenate([rows for _, rows in parts]))
         names = "visible", "drawn", "background", "clipped"
         joined: ByName = {
             name: np.concatenate([getattr(each, name) for each in counts])[order] for name in names

@@ -26,6 +26,7 @@ from rastercov.base import (
     IntArray,
     WholeArray,
     frozen_record,
+    sort_order,
 )
 from rastercov.core.camera import Camera, Cameras, Poses, cameras_of
 from rastercov.core.coverage.coverage import evaluate_batches, in_batches, open_observer
@@ -206,7 +207,7 @@ def group_views(mesh: Mesh, camera: Cameras, poses: Poses, engine: Engine) -> Gr
 def places_of(values: WholeArray, rows: IntArray) -> list[IntArray]:
     """Places (N,) of each of some numbers in an array, in order: all by one sort."""
     flat = values.ravel()
-    order = np.argsort(flat, kind="stable")
+    order = sort_order(flat)
     starts = np.searchsorted(flat, rows, sorter=order)
     stops = np.searchsorted(flat, rows, "right", order)
     return [order[start:stop] for start, stop in zip(starts, stops, strict=True)]

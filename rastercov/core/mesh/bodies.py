@@ -30,6 +30,7 @@ from rastercov.base import (
     matmul,
     norm,
     read_only,
+    sort_order,
 )
 from rastercov.core.mesh.arrays import apply_pose, frozen, inverse
 from rastercov.core.mesh.contacts import (
@@ -344,7 +345,7 @@ class Within:
                 np.stack((np.repeat(part.rows, np.diff(own.starts)), part.rows[own.faces]), axis=1)
             )
         pairs = np.concatenate(lists)
-        order = np.argsort(pairs[:, 0], kind="stable")
+        order = sort_order(pairs[:, 0])
         starts = np.concatenate(([0], np.cumsum(counts)))
         return Partners(starts.astype(np.int64), pairs[order, 1].astype(np.int32))
 

@@ -27,6 +27,7 @@ from rastercov.base import (
     WholeArray,
     frozen_record,
     read_only,
+    sort_order,
     thread_count,
 )
 from rastercov.core.mesh.arrays import normals_and_areas
@@ -84,7 +85,7 @@ class TriangleTree:
         placed: AnyArray = np.ascontiguousarray(faces)
         keys = np.empty(len(faces), np.uint64)
         mesh_tree.order_keys(points, placed, keys)
-        order = np.argsort(keys, kind="stable")
+        order = sort_order(keys)
         del keys
         placed = placed[order]
         leaves = 1 << max((-(-len(faces) // LEAF) - 1).bit_length(), 1)

@@ -41,6 +41,7 @@ from rastercov.base import (
     shown,
     sin,
     size_in_words,
+    sort_order,
     suffix_of,
 )
 from rastercov.base.files import is_file, similar
@@ -646,7 +647,7 @@ class Mesh(InNotebook):
     def _by_group(self) -> list[IntArray]:
         """Faces of each group."""
         ends = np.cumsum(np.bincount(self.face_group, minlength=len(self.groups)))
-        return np.split(np.argsort(self.face_group, kind="stable"), ends[:-1])
+        return np.split(sort_order(self.face_group), ends[:-1])
 
     @cached_property
     def task_mask(self) -> BoolArray:

@@ -9,7 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import BoolArray, FloatArray, IntArray, finite_points, matmul, once_each
+from rastercov.base import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    finite_points,
+    matmul,
+    once_each,
+    sort_order,
+)
 from rastercov.base.typed import typed
 from rastercov.core.mesh.arrays import encloses_volume, rotation_about
 from rastercov.core.mesh.contacts import TriangleTree
@@ -156,7 +164,7 @@ def closed_parts(mesh: Mesh) -> ClosedParts:
     """Components where every edge has two faces that traverse it in opposite senses."""
     rows = np.flatnonzero(closed_faces(mesh))
     _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
-    rows = rows[np.argsort(part, kind="stable")]
+    rows = rows[sort_order(part)]
     starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
     corners = mesh.vertices[mesh.faces[rows]]
     low = np.minimum.reduceat(corners.min(axis=1), starts[:-1])

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base import AnyArray, BoolArray, IntArray, WholeArray, frozen_record
+from rastercov.base import AnyArray, BoolArray, IntArray, WholeArray, frozen_record, sort_order
 from rastercov.core.mesh.arrays import blocks, frozen
 from rastercov.engine import solver_surface
 
@@ -93,7 +93,7 @@ def edge_table(faces: WholeArray, n_vertices: int) -> EdgeTable:
         np.bitwise_and(key, np.uint64(2**n_bits - 1), out=code, casting="unsafe")
         key >>= np.uint64(n_bits)
     else:
-        order = np.argsort(key, kind="stable")
+        order = sort_order(key)
         key, code = key[order], code[order]
     is_forward = np.bitwise_and(code, 1, out=np.empty(n, bool), casting="unsafe")
     code >>= 1

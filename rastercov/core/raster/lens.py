@@ -32,6 +32,7 @@ from rastercov.base import (
     norm,
     share_poses,
     sin,
+    sort_order,
 )
 from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of, unit_of
@@ -243,7 +244,7 @@ class SampleViews:
             filled = np.bincount(block, minlength=strips * height // SIDE)
             if filled.max() <= LANES:
                 break
-        order = np.argsort(block, kind="stable")
+        order = sort_order(block)
         rank = np.arange(len(block)) - (np.cumsum(filled) - filled)[block[order]]
         left, order = order[rank >= LANES], order[rank < LANES]
         lanes = (block[order] * LANES + rank[rank < LANES]).astype(np.int32)

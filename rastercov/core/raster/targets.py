@@ -11,7 +11,7 @@ Order of a face's corners that makes coincident faces come out at equal depth.
 
 import numpy as np
 
-from rastercov.base import FloatArray, Int32Array, IntArray, frozen_record
+from rastercov.base import FloatArray, Int32Array, IntArray, frozen_record, sort_order
 from rastercov.core.mesh import Mesh
 
 
@@ -30,7 +30,7 @@ def by_position(mesh: Mesh) -> IntArray:
     x, y, z = mesh.vertices.T
     rank = np.empty(mesh.n_vertices, np.int64)
     rank[np.lexsort((z, y, x))] = np.arange(mesh.n_vertices)
-    order = np.argsort(rank[mesh.faces], axis=1)
+    order = sort_order(rank[mesh.faces])
     return np.take_along_axis(mesh.faces, order, axis=1)
 
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rastercov.base import FloatArray, arctan2
+from rastercov.base import arctan2
 from rastercov.core.camera import Border, Camera, Views, inverse_of, lens_camera
 from rastercov.core.camera.conventions import motions
 from rastercov.formats.cameras.source import Entries, Source, keys_of
@@ -38,13 +38,12 @@ def read(source: Source, border: Border) -> Views:
     border.note("cameras are those of the full sensor; a mode of the device may crop or bin it")
     names = [each.text("Location", "camera").removeprefix("CALIBRATION_Camera") for each in tables]
     cameras = [_camera(each) for each in tables]
-    places = [_place(each.table("Rt")) for each in tables]
-    return border.views_of_rig(cameras, names, inverse_of(np.array(places)), "the depth camera")
-
-
-def _place(motion: Entries) -> FloatArray:
-    rotation = motion.array("Rotation", (9,)).reshape(1, 3, 3)
-    return motions(rotation, motion.array("Translation", (3,)))[0]
+    places = [each.table("Rt") for each in tables]
+    turns = np.array([each.array("Rotation", (9,)).reshape(3, 3) for each in places])
+    shifts = np.array([each.array("Translation", (3,)) for each in places])
+    return border.views_of_rig(
+        cameras, names, inverse_of(motions(turns, shifts)), "the depth camera"
+    )
 
 
 def _camera(entries: Entries) -> Camera:

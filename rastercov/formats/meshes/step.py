@@ -28,6 +28,7 @@ from rastercov.base import (
     matmul,
     norm,
     shown,
+    sort_order,
 )
 from rastercov.formats.meshes.gltf import TRIANGLES, nodes_below, roots_of_scene, scene_polygons
 from rastercov.formats.meshes.gltf_file import Accessors, chunks, json_list, json_name, json_object
@@ -198,7 +199,7 @@ def _of_facets(
     _, row, uses = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True)
     uses = uses[row.ravel()]
     lacks += float((length**2 * least).ravel()[uses == 1].sum()) / 6
-    order = np.argsort(row.ravel(), kind="stable")
+    order = sort_order(row.ravel())
     one, other = order[uses[order] == 2].reshape(-1, 2).T // 3
     cosine = dots(n[one], n[other])[size[one] * size[other] > 0]
     angle = arccos(np.clip(cosine, -1, 1)).max(initial=0.0)

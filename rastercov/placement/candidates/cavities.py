@@ -55,6 +55,7 @@ from rastercov.base import (
     norm,
     percent,
     plural,
+    sort_order,
 )
 from rastercov.base.typed import typed
 from rastercov.core.camera import Camera, box_corners, look_at
@@ -228,7 +229,7 @@ class OpenDirections:
         share = is_open.mean(axis=0)
         wide = sum(hemicube.blur(share, max(1, hemicube.side // n)) for n in (32, 8))
         score = share * wide * hemicube.directions[:, 2]
-        order = np.argsort(-score, kind="stable")
+        order = sort_order(-score)
         order = order[share[order] > 0]
         chosen = far_apart(hemicube.directions, order, math.radians(APART_DEG), FIRST_RAYS)
         more = order[:: max(1, len(order) // MORE_RAYS)]

@@ -28,6 +28,7 @@ from rastercov.base import (
     matmul,
     norm,
     sin,
+    sort_order,
 )
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.camera import MODELS, Camera, Poses, look_at, valid_poses
@@ -154,7 +155,7 @@ def square_views(
     n_groups, n_rolls = int(group.max(initial=-1)) + 1, len(framing.rolls_deg)
     if not n_groups:
         return np.zeros((0, 4, 4)), np.zeros(0, np.int64)
-    order = np.argsort(group, kind="stable")
+    order = sort_order(group)
     faces, group = faces[order], group[order]
     starts = np.searchsorted(group, np.arange(n_groups))
     total = np.bincount(group)[:, None]
@@ -175,7 +176,7 @@ def square_views(
         ]
         owner = np.concatenate([own for own, _ in views])
         turns = np.repeat(np.arange(n_rolls), [len(own) for own, _ in views])
-        order = np.argsort(owner, kind="stable")
+        order = sort_order(owner)
         places = np.concatenate([places for _, places in views])[order]
         axes, owner = frames[owner, turns][order], owner[order]
         shifts = dots(axes, places[:, None])

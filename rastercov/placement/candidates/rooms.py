@@ -36,6 +36,7 @@ from rastercov.base import (
     norm,
     plural,
     shown,
+    sort_order,
 )
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.coverage.doubts import name_places
@@ -498,7 +499,7 @@ class Room:
 
         middle, levels = (low[2] + high[2]) / 2, np.unique(solid.vertices[:, 2])
         heights = np.append((levels[1:] + levels[:-1]) / 2, middle)
-        heights = heights[np.argsort(np.abs(heights - middle), kind="stable")]
+        heights = heights[sort_order(np.abs(heights - middle))]
         # The solid may have a gap at half height, but its volume is at one of these.
         items = ((outline(height), height) for height in heights.tolist())
         place = next(each for each in items if not each[0].is_empty)
@@ -547,7 +548,7 @@ class _Space:
         self.tree = TriangleTree.over((mesh.vertices - self.centre) / self.size, rows)
         ways = np.indices((2 * REACH + 1,) * 3).reshape(3, -1).T - REACH
         ways = ways[norm(ways) <= REACH]
-        self.ways = ways[np.argsort(dots(ways, ways), kind="stable")]
+        self.ways = ways[sort_order(dots(ways, ways))]
         start = self._place_near(inside[None])
         self.is_room = self._flood(start[start >= 0])
         reached = np.append(self._position(np.flatnonzero(self.is_room)), inside[None], axis=0)

@@ -42,6 +42,7 @@ from rastercov.base import (
     parse_json,
     percent,
     plural,
+    sort_order,
 )
 from rastercov.base.arguments import is_number, share_meant
 from rastercov.base.format import area, points
@@ -388,7 +389,7 @@ class Checked(InOneLine, InNotebook):
             return []
         lost = self.by_camera[1]
         lost = np.where(lost > LEAST_LOST_REL * float(self.mesh.areas.sum()), lost, 0.0)
-        ranked = np.argsort(-lost, kind="stable")[: np.count_nonzero(lost)].tolist()
+        ranked = sort_order(-lost)[: np.count_nonzero(lost)].tolist()
         items = [f"{self.heads[1][row]} {area(float(lost[row]))}" for row in ranked]
         return [f"lost without it: {first_of(items)}"] if items else []
 

@@ -29,6 +29,7 @@ from rastercov.base import (
     frozen_record,
     name_file,
     percent,
+    sort_order,
     suffix_of,
 )
 from rastercov.base.format import distance
@@ -628,7 +629,7 @@ def _shares(
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
     counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
-    order, total = np.argsort(-counts, kind="stable"), max(1, counts.sum())
+    order, total = sort_order(-counts), max(1, counts.sum())
     table = {NAMES[row]: float(counts[row] / total) for row in order.tolist() if counts[row]}
     return "reasons of faces in front of a camera", table
 

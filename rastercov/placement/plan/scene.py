@@ -24,6 +24,7 @@ from rastercov.base import (
     frozen_record,
     norm,
     plural,
+    sort_order,
 )
 from rastercov.core.area.remedies import IsFree, Places, outside_of_matter
 from rastercov.core.camera.conventions import unique_names
@@ -489,7 +490,7 @@ def free_places(plan: Plan, mesh: Mesh, kept: float) -> IsFree:
 def places_of_candidates(eyes: FloatArray) -> Places:
     """For places that advice would name, as many of those of candidates, (N, 3), the nearest."""
     eyes = np.unique(eyes, axis=0)
-    return lambda at, places: eyes[np.argsort(norm(eyes - at), kind="stable")[: len(places)]]
+    return lambda at, places: eyes[sort_order(norm(eyes - at))[: len(places)]]
 
 
 def keep_outs(plan: Plan) -> Sequence[KeepOutBox | KeepOutSphere]:

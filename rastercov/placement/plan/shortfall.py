@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rastercov.advice.headline import advice_line, gain_in_area
-from rastercov.base import ByName, first_of, percent, plural
+from rastercov.base import ByName, first_of, percent, plural, sort_order
 from rastercov.base.format import area, coordinates
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import even_points
@@ -172,7 +172,7 @@ def _by_group(zones: DeadZones, rows: Sequence[int], reason: int) -> str:
     m2 = np.bincount(mesh.face_group[zones.face], own, len(mesh.groups))[list(rows)]
     if len(rows) < 2 or not m2.any():
         return ""
-    order = [at for at in np.argsort(-m2, kind="stable")[:MOST_MISSING] if m2[at] > 1e-3 * m2.sum()]
+    order = [at for at in sort_order(-m2)[:MOST_MISSING] if m2[at] > 1e-3 * m2.sum()]
     return f" ({', '.join(f'{mesh.groups[rows[at]].name} {area(m2[at])}' for at in order)})"
 
 

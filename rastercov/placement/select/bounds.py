@@ -30,7 +30,7 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base import AnyArray, FloatArray, Int32Array, IntArray, frozen_record
+from rastercov.base import AnyArray, FloatArray, Int32Array, IntArray, frozen_record, sort_order
 from rastercov.engine import placement_lagrange as kernels
 from rastercov.placement.select.cover import Cover, LazyCover
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
@@ -281,11 +281,11 @@ def most_earned(
     cost, the last one in part. Each is a bound under both limits; the lesser is taken.
     """
     amounts = np.zeros(len(earned))
-    amounts[np.argsort(-earned, kind="stable")[:cameras]] = 1.0
+    amounts[sort_order(-earned)[:cameras]] = 1.0
     income = float((amounts * earned).sum())
     if math.isinf(budget):
         return income, amounts
-    order = np.argsort(-earned / np.maximum(costs, LEAST_COST), kind="stable")
+    order = sort_order(-earned / np.maximum(costs, LEAST_COST))
     own, parts = costs[order], np.ones(len(earned))
     np.divide(_first(own, budget), own, parts, where=own > 0)
     by_cost = float((parts * earned[order]).sum())
@@ -315,7 +315,7 @@ def cheapest(
     ]
     share = np.empty(len(price))
     share[order] = _first(own, (least + before)[of_kind]) / own
-    order = np.argsort(price, kind="stable")
+    order = sort_order(price)
     rest = (weights * (1 - share))[order]
     share[order] += _first(rest, total - float((share * weights).sum())) / weights[order]
     return share

@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray
+from rastercov.base import BoolArray, FloatArray, IntArray, sort_order
 from rastercov.engine import placement_selection as kernels
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import PROGRESS_BITS
@@ -259,7 +259,7 @@ class LazyCover(Cover):
             return result
 
         most = scores(self.limit, slice(None))
-        order = np.argsort(-most, kind="stable")[: np.count_nonzero(most)]
+        order = sort_order(-most)[: np.count_nonzero(most)]
         best, best_score, at = -1, 0.0, 0
         while at < len(order) and most[order[at]] >= best_score:
             n = max(FEWEST_AT_ONCE, int(SHARE_AT_ONCE * at))
