@@ -6,8 +6,9 @@ Every command that writes files to a folder does it through `ReportFolder`:
 2. A file that a report of this kind could replace, and that no manifest names as ours, is refused
    before the work begins. So is one of ours whose content has been changed since.
 3. New files are written to a hidden folder inside it, and are on the disk before any of them moves.
-4. `publish` puts the manifest to come beside them, which begins the swap; removes the files of the
-   earlier report, its last file first; renames the new ones, its last file last; then the manifest.
+4. `publish` puts the manifest to come beside them, twice: the second begins the swap. It removes
+   the files of the earlier report, its last file first; renames the new ones, then the manifest,
+   then the last file; and ends with the second manifest, over the first.
 
 The last file of a kind (`summary.json`, say) is therefore there only beside all others of the same
 report, and files of two reports are never there together. A run that is killed, or whose disk
@@ -134,7 +135,8 @@ class ReportFolder:
                 )
             for journal in self._journals():  # of killed runs
                 self._files = _read(self.path / journal.name)[1]
-                if others := self._not_ours(chain(*self._moves(journal))):
+                moves = {*chain(*self._moves(journal))} - {journal.name}
+                if others := self._not_ours(moves):
                     raise ConfigError(
                         f"{_name(others[0])}: expected a file of an interrupted report, got "
                         "another file; move it away"
@@ -209,10 +211,11 @@ class ReportFolder:
             "last": self.kind.last,
             "files": files,
         }
-        with replacing(journal) as part:
-            part.write_bytes(json_bytes(content, indent=2) + b"\n")
-            sync(part)
-            sync(self._new)
+        for path in (self._new / journal.name, journal):
+            with replacing(path) as part:
+                part.write_bytes(json_bytes(content, indent=2) + b"\n")
+                sync(part)
+                sync(self._new)
         sync(self._staging)
         return journal
 
@@ -236,10 +239,10 @@ class ReportFolder:
     def _moves(self, journal: Path) -> tuple[list[str], list[str]]:
         """Files to remove and files to rename that are left of a recorded swap, each in order.
 
-        The last file of a report goes first and comes last.
+        The last file of a report goes first and comes last, after the manifest.
         """
         last, new = _read(journal)
-        coming = [name for name in new if os.path.lexists(self._new / name)]
+        coming = [name for name in (*new, journal.name) if os.path.lexists(self._new / name)]
         going = [name for name in self._files if name not in new or name in coming]
         going.sort(key=lambda name: name != last)
         coming.sort(key=lambda name: name == last)
@@ -262,11 +265,11 @@ class ReportFolder:
         """Delete files of killed runs in the hidden folder, except those of an unfinished swap."""
         if self._journals():
             return
+        names = self.kind.files, JOURNAL, PART
         for folder in (self._new, self._staging):
             with suppress(OSError):
                 for path in folder.iterdir():
-                    is_new = folder == self._new and self.kind.files.fullmatch(path.name)
-                    if is_new or PART.fullmatch(path.name):
+                    if any(own.fullmatch(path.name) for own in names):
                         remove_file(path)
             remove_folder(folder)
 

@@ -284,6 +284,21 @@ def test_a_kill_before_any_operation_leaves_one_whole_report_or_no_last_file(tmp
     assert min(*content["killed"].values(), *content["after"].values()) > 5
 
 
+@pytest.mark.slow
+def test_a_kill_of_any_command_at_any_moment_leaves_an_old_a_new_or_a_marked_folder(tmp_path):
+    """Of evaluate, place and check; a manifest in its place lists the files that are there."""
+    program = Path(__file__).parents[1] / "support" / "stop_commands.py"
+    table = json.loads(run_python(program, tmp_path, OPENBLAS_NUM_THREADS="1").stdout)
+    for name, (found, opened, again) in table.items():
+        marked = {"unfinished"} if name == "place False" else set()
+        assert found.keys() == {"old", "new", "incomplete"} | marked
+        assert opened.keys() - {"left"} == {"old", "new"} | marked
+        assert again.keys() == {"new", "left"}
+        assert not opened["left"] + again["left"]
+        assert opened["old"] > 5
+        assert opened["new"] > 5
+
+
 def failing(real, number, first, last):
     """An operation that fails from its `first` call to its `last`, from 1."""
     calls = count(1)
@@ -343,7 +358,7 @@ def half_swapped(tmp_path, monkeypatch):
     """A folder as an end in the midst of a swap leaves it: the new report is on record."""
     write(tmp_path, OLD)
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", failing(Path.replace, errno.ENOSPC, 3, 1000))
+        patch.setattr(Path, "replace", failing(Path.replace, errno.ENOSPC, 4, 1000))
         with pytest.raises(OSError, match="No space"):
             write(tmp_path, NEW)
     assert reports(tmp_path) == {"b.txt": NEW["b.txt"]}

@@ -13,6 +13,7 @@ import re
 import shutil
 import sys
 from collections import Counter
+from hashlib import sha256
 from pathlib import Path
 
 from rastercov.report.folder import STAGING, ReportFolder, ReportKind
@@ -59,11 +60,18 @@ def killed(number, work, *arguments):
 
 
 def state(folder):
-    """The report that is whole in a folder; "incomplete" for one without its last file."""
+    """The report that is whole in a folder; "incomplete" for one without its last file.
+
+    Whole is one whose manifest lists these files with their hashes, and no others.
+    """
     table = {path.name: path.read_bytes() for path in folder.glob("*.txt")}
     assert (folder / "notes.md").read_bytes() == MINE
+    listed = json.loads((folder / KIND.manifest).read_bytes())["files"]
+    is_listed = {name: entry["sha256"] for name, entry in listed.items()} == {
+        name: sha256(data).hexdigest() for name, data in table.items()
+    }
     for name, files in REPORTS.items():
-        if table == files:
+        if table == files and is_listed:
             return name
     is_part = any(table.items() <= files.items() for files in REPORTS.values())
     return "incomplete" if "last.txt" not in table and is_part else "torn"
