@@ -2,7 +2,8 @@
 
 `data/cameras.toml` has them, one line a model, in the tables `cameras`, `lenses`, `lamps`, and
 `heads`: two cameras side by side, NAME, NAME:BASELINE or NAME:BASELINE:CAMERA. Entries of a lamp
-are those of a file of lamps, and `OF_SHOP`. A file of the same form adds
+are those of a file of lamps, and `OF_SHOP`. Its `families` have what models share, by table and
+begin of their names. A file of the same form, without families, adds
 models and changes entries of those that are there: one that is given, or that RASTERCOV_CATALOGUE
 names in the environment. Entries of a camera are those of a camera file, and `OF_SHOP`. Lengths are
 metres, prices of one currency.
@@ -132,8 +133,15 @@ def misfit(camera: Entries, lens: Entries) -> str:
 
 @cache
 def _sold() -> Catalogue:
-    """The catalogue of the package."""
-    return Catalogue(**read_toml(Path(__file__).parents[2] / "data" / "cameras.toml"))
+    """The catalogue of the package, with the entries of the families of each name."""
+    tables = read_toml(Path(__file__).parents[2] / "data" / "cameras.toml")
+    for what, families in tables.pop("families").items():
+        for begin, shared in families.items():
+            own = {
+                name: shared | each for name, each in tables[what].items() if name.startswith(begin)
+            }
+            tables[what] |= own
+    return Catalogue(**tables)
 
 
 def catalogue(file: StrPath | None = None) -> Catalogue:
