@@ -3,7 +3,7 @@
  * The server has the last word; here they only stop a drag where it would.
  */
 
-import { BOX_EDGES, add, boxCorners, centreOf, distance, movePose, subtract } from "rastercov/maths.js";
+import { BOX_EDGES, add, boxCorners, centreOf, clamp, distance, movePose, subtract } from "rastercov/maths.js";
 
 const ALLOWED = [0.1, 0.6, 0.35, 0.8];
 const FORBIDDEN = [0.85, 0.15, 0.2, 0.9];
@@ -67,9 +67,7 @@ export function allowPose(constraints, state, wanted) {
 }
 
 function nearestPlace(boxes, point) {
-  const places = boxes.map(([low, high]) =>
-    point.map((x, axis) => Math.min(high[axis], Math.max(low[axis], x))),
-  );
+  const places = boxes.map(([low, high]) => point.map((x, axis) => clamp(x, low[axis], high[axis])));
   if (!places.length) return point;
   return places.reduce((best, place) => (distance(place, point) < distance(best, point) ? place : best));
 }

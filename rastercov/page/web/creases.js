@@ -4,7 +4,7 @@
  * Corners are equal where their coordinates are, to the bit.
  */
 
-import { dot, normalOf, unit } from "rastercov/maths.js";
+import { dot, normalOf, soupCorners, unit } from "rastercov/maths.js";
 
 /** Angle between two normals from which their edge is a crease. */
 const COSINE_OF_CREASE = Math.cos((30 * Math.PI) / 180);
@@ -46,10 +46,7 @@ export function creasesOf(corners, faceGroups) {
   );
 }
 
-function directionOf(corners, face) {
-  const twice = normalOf([0, 3, 6].map((at) => [...corners.subarray(9 * face + at, 9 * face + at + 3)]));
-  return Math.hypot(...twice) > 0 ? unit(twice) : twice;
-}
+const directionOf = (corners, face) => unit(normalOf(soupCorners(corners, face)));
 
 /** First row with the same bits, for each row of `width` values of 4 bytes. */
 function firstOfEqual(values, width) {

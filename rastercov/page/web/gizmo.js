@@ -12,6 +12,7 @@ import {
   column,
   cross,
   directionFromCamera,
+  distance,
   dot,
   length,
   movePose,
@@ -252,10 +253,9 @@ export class Gizmo {
       wanted = rotatePose(wanted, column(wanted, 0), step[1] * angle);
       wanted = rotatePose(wanted, column(wanted, 2), step[2] * angle);
     } else {
-      const size = NUDGE * fine * length(subtract(bounds[1], bounds[0]));
-      const right = unit(
-        subtract(column(this.view.look().pose, 0), scale(up, dot(column(this.view.look().pose, 0), up))),
-      );
+      const size = NUDGE * fine * distance(...bounds);
+      const across = column(this.view.look().pose, 0);
+      const right = unit(subtract(across, scale(up, dot(across, up))));
       const ahead = cross(up, right);
       const by = [scale(right, step[0]), scale(ahead, step[1]), scale(up, step[2])].reduce(add);
       wanted = movePose(pose, scale(by, size));

@@ -5,6 +5,7 @@
 
 import { base64Of, refuse } from "rastercov/api.js";
 import { through } from "rastercov/live_link.js";
+import { distance } from "rastercov/maths.js";
 
 const AT_RIG = [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => Number(row === column)));
 
@@ -123,7 +124,7 @@ function requirementOf(required) {
 }
 
 /** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
-function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, high], is_room: isRoom, required = [] }) {
+function placementOf({ stations, cameras, gates = [] }, { unit, bounds, is_room: isRoom, required = [] }) {
   const used = [...new Set(stations.map((each) => each.camera))];
   const goal = requirementOf(required);
   if (unit !== "m" || gates.length || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) {
@@ -133,7 +134,7 @@ function placementOf({ stations, cameras, gates = [] }, { unit, bounds: [low, hi
     `[cameras.${toml(name)}]`,
     ...Object.entries(cameras[name].plain).map(([key, value]) => `${key} = ${toml(value)}`),
   ]);
-  const size = Math.hypot(...high.map((value, axis) => value - low[axis]));
+  const size = distance(...bounds);
   const where = isRoom
     ? ['generator = "on_walls"', `spacing = ${size / 8}`, `inset = ${size / 100}`]
     : ['generator = "on_sphere"', "count = 200"];

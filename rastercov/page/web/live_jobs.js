@@ -9,7 +9,7 @@
 import { refuse } from "rastercov/api.js";
 import { editState, focusOf, stationOf } from "rastercov/live_rig.js";
 import { polygonsOf } from "rastercov/live_zones.js";
-import { add, clamp, column, cross, dot, length, multiply, normalOf, poseOf, scale, subtract, unit } from "rastercov/maths.js";
+import { add, clamp, column, cross, distance, dot, length, movePose, multiply, normalOf, poseOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 import { distances_to_try } from "rastercov/texts.js";
 
@@ -100,11 +100,9 @@ export class Work {
     const state = live.shown(before);
     const own = stationOf(state, id);
     if (!own.is_on) throw new Error(`expected a camera that is on, got ${own.name}; switch it on`);
-    const { bounds } = live.data.scene;
-    const size = length(subtract(bounds[1], bounds[0]));
+    const { size } = this;
     const worth = async (pose) => {
-      if (job.isCancelled) throw CANCELLED;
-      if (history.revision !== revision) throw EDITED;
+      this.#check(job, revision);
       const stations = state.stations.map((each) => (each === own ? { ...each, pose } : each));
       return live.worth({ ...state, stations }, state, before);
     };
@@ -171,8 +169,7 @@ export class Work {
     if (drawn.length && !tried.length && seed === 0) throw new Error(`none of ${drawn.length} places tried is free for a camera; change the lens`);
     job.total = tried.length;
     for (const more of tried) {
-      if (job.isCancelled) throw CANCELLED;
-      if (live.history.revision !== revision) throw EDITED;
+      this.#check(job, revision);
       const stations = [...state.stations, ...more.map((each, at) => ({ ...each, id: -1 - at, name: "tried", is_on: true }))];
       const gain = (await worth({ ...state, stations })) - least;
       if (gain > Math.max(best?.gain ?? 0, LEAST_GAIN * this.size ** 2)) best = { more, gain };
@@ -190,10 +187,15 @@ export class Work {
     return spots.map(({ eye, middle }, row) => lookingAt(eyes ? eyes[row] : eye, middle, up));
   }
 
+  /** Ends work that was cancelled, or whose rig was edited. */
+  #check(job, revision) {
+    if (job.isCancelled) throw CANCELLED;
+    if (this.live.history.revision !== revision) throw EDITED;
+  }
+
   /** Size of the scene. */
   get size() {
-    const [low, high] = this.live.data.scene.bounds;
-    return length(subtract(high, low));
+    return distance(...this.live.data.scene.bounds);
   }
 
   /** Those of some cameras, {camera, pose} of a rig each, at allowed places; or that are outside of bodies and as far from surfaces as their size; or at a place. */
@@ -228,7 +230,7 @@ function placeRule({ gates = [] }, camera, pose) {
 function neighbours(pose, step, angle) {
   const signs = [1, -1];
   const moved = [0, 1, 2].flatMap((axis) =>
-    signs.map((sign) => pose.map((value, k) => (k % 4 === 3 && k < 12 ? value + sign * step * pose[k - 3 + axis] : value))),
+    signs.map((sign) => movePose(pose, scale(column(pose, axis), sign * step))),
   );
   const turned = [0, 1, 2].flatMap((axis) =>
     signs.map((sign) => {
@@ -261,7 +263,7 @@ function openParts(parts) {
 /** Places before open parts, {eye, middle}, drawn by their area. */
 function* spotsBefore(live, camera, parts, random) {
   const { bounds, is_room: isRoom, placement } = live.data.scene;
-  const size = length(subtract(bounds[1], bounds[0]));
+  const size = distance(...bounds);
   const { plain, origins, depth_of_field: sharp } = camera;
   const focus = sharp ? [sharp[0], sharp[1] ?? Infinity] : [0, Infinity];
   const whole = origins ? size : (size * Math.max(plain.fx, plain.fy)) / Math.min(plain.width, plain.height);
@@ -277,7 +279,7 @@ function* spotsBefore(live, camera, parts, random) {
     const direction = unit(add(normal, subtract(slope, scale(normal, dot(slope, normal)))));
     const away = near * (far / near) ** random();
     const eye = add(middle, scale(direction, away)).map((x, axis) => clamp(x, low[axis], high[axis]));
-    if (length(subtract(middle, eye)) > 1e-9) yield { eye, middle };
+    if (distance(middle, eye) > 1e-9) yield { eye, middle };
   }
 }
 

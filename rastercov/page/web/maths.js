@@ -29,6 +29,8 @@ export function unit(a) {
 /** Corners of a face. */
 export const cornersOf = ({ vertices, faces }, face) =>
   [0, 1, 2].map((k) => [...vertices.subarray(3 * faces[3 * face + k], 3 * faces[3 * face + k] + 3)]);
+/** Corners of a face of which all are in a row. */
+export const soupCorners = (soup, face) => [0, 3, 6].map((at) => [...soup.subarray(9 * face + at, 9 * face + at + 3)]);
 /** Normal of a triangle, as long as twice its area. */
 export const normalOf = ([a, b, c]) => cross(subtract(b, a), subtract(c, a));
 export const centroid = ([a, b, c]) => scale(add(a, add(b, c)), 1 / 3);

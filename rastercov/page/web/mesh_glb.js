@@ -1,6 +1,7 @@
 /** Scenes of GLB files; see rastercov/formats/meshes/gltf.py. One group a node, in the order of the tree. */
 
 import { refuse } from "rastercov/api.js";
+import { cross, dot, multiply } from "rastercov/maths.js";
 
 const COMPONENTS = {
   5120: [1, "getInt8", 127],
@@ -117,9 +118,6 @@ function checkNames(kind, owner) {
 
 const EYE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 
-const times = (a, b) =>
-  Array.from({ length: 16 }, (_, k) => [0, 1, 2, 3].reduce((sum, j) => sum + a[4 * (k >> 2) + j] * b[4 * j + (k & 3)], 0));
-
 class Scene {
   names = [];
 
@@ -151,7 +149,7 @@ class Scene {
       if (seen.has(index)) refuse(`expected nodes that form a tree, got two parents of node ${index}; export it again`);
       seen.add(index);
       const name = nameOf(node) || above;
-      const matrix = node.extras?.rastercov_world === true ? EYE : times(parent, matrixOf(index, node));
+      const matrix = node.extras?.rastercov_world === true ? EYE : multiply(parent, matrixOf(index, node));
       for (const child of [...listOf(node, "children")].reverse()) stack.push({ index: child, above: name, parent: matrix });
       yield { node, name, matrix };
     }
@@ -204,7 +202,8 @@ class Scene {
         made.points.push(matrix[4 * row] * p[0] + matrix[4 * row + 1] * p[1] + matrix[4 * row + 2] * p[2] + matrix[4 * row + 3]);
       }
     }
-    const isMirrored = determinant(matrix) < 0;
+    const [x, y, z] = [0, 4, 8].map((at) => matrix.slice(at, at + 3));
+    const isMirrored = dot(x, cross(y, z)) < 0;
     for (const [a, b, c] of trianglesOf(corners, mode)) {
       checkCount(made, made.groupOf.length + 1);
       made.corners.push(...(isMirrored ? [a, c, b] : [a, b, c]).map((corner) => first + corner));
@@ -283,9 +282,6 @@ function matrixOf(index, node) {
   const place = numbersOf(node, "translation", [0, 0, 0]);
   return turn.flatMap((row, k) => [...row.map((value, column) => value * size[column]), place[k]]).concat([0, 0, 0, 1]);
 }
-
-const determinant = (m) =>
-  m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
 
 /** Triangles of corners; odd ones of a strip are reversed; the first corner of a fan is the last of each. */
 function* trianglesOf(corners, mode) {

@@ -4,7 +4,7 @@
  */
 
 import { count } from "rastercov/dom.js";
-import { cross, dot, subtract } from "rastercov/maths.js";
+import { cross, dot, length, normalOf, soupCorners, subtract } from "rastercov/maths.js";
 import { keyOf } from "rastercov/session.js";
 
 const REST = 500; // ms without an act
@@ -123,8 +123,7 @@ function trianglesOf(session, payload) {
     const frame = frameOf(session.corners, face);
     const polygon = Array.from({ length: count }, (_, k) => corner(k));
     let twice = 0;
-    for (let k = 2; k < count; k++)
-      twice += Math.hypot(...cross(subtract(polygon[k - 1], polygon[0]), subtract(polygon[k], polygon[0])));
+    for (let k = 2; k < count; k++) twice += length(normalOf([polygon[0], polygon[k - 1], polygon[k]]));
     areas.set(level, (areas.get(level) ?? 0) + twice / 2);
     first += count;
     if (twice > WHOLE * Math.sqrt(frame.size)) {
@@ -145,7 +144,7 @@ function trianglesOf(session, payload) {
 
 /** Corner, sides and normal of a face, for `weightsOf`. */
 function frameOf(soup, face) {
-  const [a, b, c] = [0, 3, 6].map((at) => [...soup.subarray(9 * face + at, 9 * face + at + 3)]);
+  const [a, b, c] = soupCorners(soup, face);
   const [u, v] = [subtract(b, a), subtract(c, a)];
   const normal = cross(u, v);
   return { a, u, v, normal, size: dot(normal, normal) || 1 };

@@ -6,7 +6,7 @@
 import { Refused } from "rastercov/api.js";
 import { button, choice, count, element, figure, fill } from "rastercov/dom.js";
 import { inflate } from "rastercov/live.js";
-import { cross, dot, subtract } from "rastercov/maths.js";
+import { cornersOf, cross, distance, dot, subtract } from "rastercov/maths.js";
 import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
 
 const CUT_AT = 0.6; // height of the floor plan, as a part of that of the scene
@@ -102,8 +102,8 @@ function boundsOf(vertices) {
 /** Six times the volume that faces enclose: negative for a room, whose faces look inward. */
 function volumeOf(vertices, faces, origin) {
   let sum = 0;
-  for (let f = 0; f < faces.length; f += 3) {
-    const [a, b, c] = [0, 1, 2].map((k) => subtract([...vertices.subarray(3 * faces[f + k], 3 * faces[f + k] + 3)], origin));
+  for (let face = 0; face < faces.length / 3; face++) {
+    const [a, b, c] = cornersOf({ vertices, faces }, face).map((corner) => subtract(corner, origin));
     sum += dot(a, cross(b, c));
   }
   return sum;
@@ -122,7 +122,7 @@ function withSurface(data, { title, vertices, faces, groupOf, groups }) {
   const entries = groups.map(({ name, role = "task", is_two_sided: isTwoSided = false }, row) => {
     return { name, role, is_two_sided: isTwoSided, faces: counts.get(row) ?? 0, first: firsts.get(row) ?? -1 };
   });
-  const size = Math.hypot(...subtract(high, low));
+  const size = distance(low, high);
   const isSite = size >= data.leastSite;
   const scene = {
     ...data.scene,

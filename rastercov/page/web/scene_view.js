@@ -7,7 +7,7 @@
 
 import { creasesOf } from "rastercov/creases.js";
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
-import { add, centroid, inCamera, multiply, scale, forwardOf, centreOf, subtract } from "rastercov/maths.js";
+import { add, centroid, inCamera, multiply, scale, forwardOf, centreOf, soupCorners, subtract } from "rastercov/maths.js";
 import { piecesToShow } from "rastercov/pieces.js";
 import { SKETCH_STAGES, Sketch, SketchPass } from "rastercov/sketch_pass.js";
 import { loadShaders } from "rastercov/shaders.js";
@@ -353,9 +353,7 @@ export class SceneView {
   /** Corners of a face, world. */
   corners(face) {
     const { corners, origin } = this.session;
-    return [0, 1, 2].map((at) =>
-      add([...corners.subarray(9 * face + 3 * at, 9 * face + 3 * at + 3)], origin),
-    );
+    return soupCorners(corners, face).map((corner) => add(corner, origin));
   }
 }
 

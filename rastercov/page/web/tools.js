@@ -4,7 +4,7 @@
  * Also the section that cuts the scene open, and the marks of the picked face and of a dead zone.
  */
 
-import { centroid, distance, dot, mix, subtract, cross, unit } from "rastercov/maths.js";
+import { centroid, distance, dot, length, mix, normalOf, subtract, unit } from "rastercov/maths.js";
 import { element, metres } from "rastercov/dom.js";
 import { keyOf } from "rastercov/session.js";
 
@@ -129,9 +129,9 @@ export class Tools {
 }
 
 /** Normal and area of a face by its corners, metres and square metres. */
-export function planeOf([a, b, c]) {
-  const twice = cross(subtract(b, a), subtract(c, a));
-  return { normal: unit(twice), area: Math.hypot(...twice) / 2, centre: centroid([a, b, c]) };
+export function planeOf(corners) {
+  const twice = normalOf(corners);
+  return { normal: unit(twice), area: length(twice) / 2, centre: centroid(corners) };
 }
 
 /**
