@@ -12,7 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import ByName, FloatArray, ReadByName, norm, percent, plural
+from rastercov.base import (
+    ByName,
+    FloatArray,
+    IntArray,
+    ReadByName,
+    norm,
+    percent,
+    plural,
+)
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import coordinates, distance
 from rastercov.core.area.network import AreaNetwork, unit_of_result
@@ -43,18 +51,20 @@ Placed = tuple[Cameras, Poses]
 """Cameras, and their poses."""
 
 
-def lost_zones(before: Covered, now: Covered, divide: Divide | None, left: int) -> DeadZones:
-    """Zones of what as many cameras as are counted covered before, and do not cover now.
+def lost_zones(
+    before: Covered, now: Covered, wanted: IntArray, divide: Divide | None, left: int
+) -> DeadZones:
+    """Zones of what as many cameras as are wanted, (F,), covered before, and do not cover now.
 
     `divide` and `left` are those of `zones_of`.
     """
-    mesh, before, k = now.mesh, with_rest(before), len(now.area)
+    mesh, before = now.mesh, with_rest(before)
     union = RegionUnion(mesh)
     # What is covered now, and what was not covered before, overlap: the rest is lost.
-    union.add_parts(before, before.views < k)
-    union.add_parts(now, now.views >= k)
-    wanted, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, np.bool_)
-    return zones_of(union.covered(), wanted, never, divide, left)
+    union.add_parts(before, before.views < wanted[before.face])
+    union.add_parts(now, now.views >= wanted[now.face])
+    ones, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, np.bool_)
+    return zones_of(union.covered(), ones, never, divide, left)
 
 
 def check(now: Placed, before: Placed, task: Task) -> None:
@@ -190,7 +200,7 @@ def _tell_changes(before: Covered, now: Covered, rig: Placed, task: Task) -> ByN
     mesh, k, (camera, poses) = now.mesh, len(now.area), rig
     divide = division(mesh, camera, task, poses) if k == 1 else None
     left = TOO_FEW_VIEWS if len(poses) else NO_CAMERAS
-    zones = lost_zones(before, now, divide, left)
+    zones = lost_zones(before, now, np.full(mesh.n_faces, k), divide, left)
     n, total = zones.count(), zones.total()
     scored = mesh.task_mask
     m2 = float(zones.area[:n].sum())

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rastercov.advice.before import lost_zones
 from rastercov.base import (
     BoolArray,
     ByName,
@@ -29,15 +30,14 @@ from rastercov.base import (
     percent,
     plural,
     shown,
-    sort_order,
 )
 from rastercov.core.area import polygons
 from rastercov.core.area.polygons import frames_of, rows_at, to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.stages import CodeArray, Divided, ReasonPieces, failures_of_rows
 from rastercov.core.area.table import Regions, take_rows
-from rastercov.core.area.union import Covered, with_rest
-from rastercov.core.area.zones import DeadZones, points_of, zone_line, zones_of
+from rastercov.core.area.union import Covered
+from rastercov.core.area.zones import DeadZones, points_of, zone_line
 from rastercov.core.camera import (
     Camera,
     Cameras,
@@ -184,7 +184,15 @@ class SureCoverage(InOneLine, InNotebook):
         The reason of a part is the first criterion that some error breaks for the camera that comes
         nearest to covering it.
         """
-        return _dead_zones_of(self)
+        mesh, most = self.mesh, int(self.views.max(initial=1))
+        scene = self.camera, self.poses, self.task, most
+        planned = unite_regions(self.nominal_regions, *scene)
+        sure = unite_regions(self.regions, *scene, (self.sizes, self.nearest, SURE))
+
+        def divide(rest: ReasonPieces) -> Divided:
+            return Divided(rest._replace(reason=_reasons(self, rest)), np.zeros(mesh.n_faces), {})
+
+        return lost_zones(planned, sure, self.views, divide, NOT_SURE)
 
     def list_losses(self, n: int = MOST_LOST) -> list[ByName]:
         """Area, place, reason and hiding group of the first n zones, ready for JSON."""
@@ -509,46 +517,6 @@ def scale_camera(camera: Camera, scale: float) -> Camera:
 
 
 # --- what is lost ---
-
-
-def _dead_zones_of(sure_coverage: SureCoverage) -> DeadZones:
-    """Zones of what is covered as planned and not sure."""
-    mesh, most = sure_coverage.mesh, int(sure_coverage.views.max(initial=1))
-    scene = sure_coverage.camera, sure_coverage.poses, sure_coverage.task, most
-    planned = with_rest(unite_regions(sure_coverage.nominal_regions, *scene))
-    sure = unite_regions(
-        sure_coverage.regions, *scene, (sure_coverage.sizes, sure_coverage.nearest, SURE)
-    )
-    # What is sure, and what is not covered as planned: the rest is lost.
-    parts = [
-        (planned, np.flatnonzero(planned.views < sure_coverage.views[planned.face])),
-        (sure, np.flatnonzero(sure.views >= sure_coverage.views[sure.face])),
-    ]
-    cut = [polygons.choose_polygons(each.xy, each.starts, rows) for each, rows in parts]
-    counts = np.concatenate([np.diff(starts) for _, starts in cut])
-    face = np.concatenate([each.face[rows] for each, rows in parts])
-    order = sort_order(face)
-    xy, starts = polygons.choose_polygons(
-        np.concatenate([own for own, _ in cut]), polygons.starts_of(counts), order
-    )
-    areas = polygons.polygon_areas(xy, starts)
-    nothing = np.zeros(mesh.n_faces)
-    kept = Covered(
-        mesh,
-        xy,
-        starts,
-        face[order],
-        np.bincount(face[order], areas, mesh.n_faces)[None].astype(np.float64),
-        nothing,
-        nothing,
-        np.ones(len(order), np.int32),
-    )
-
-    def divide(rest: ReasonPieces) -> Divided:
-        return Divided(rest._replace(reason=_reasons(sure_coverage, rest)), nothing, {})
-
-    ones, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, np.bool_)
-    return zones_of(kept, ones, never, divide, NOT_SURE)
 
 
 def _reasons(sure_coverage: SureCoverage, parts: ReasonPieces) -> CodeArray:
