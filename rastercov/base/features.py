@@ -34,7 +34,6 @@ FEATURES: dict[str, dict[str, str]] = {
         "PlanFeature": "motion.plan_over_time",
         "FeatureModes": "motion.time_modes",
         "ReportHooks": "motion.report",
-        "SceneFile": "cli.motion",
         "page": "time",
     },
     "sun": {"FeatureModes": "sun.sun_modes"},

@@ -39,7 +39,6 @@ from rastercov.cli.console import (
     warn,
 )
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
-from rastercov.cli.scene_files import SceneFiles
 from rastercov.core.area.features import narrow
 from rastercov.core.camera import Camera, Cameras, Conventions, Poses, names_of_poses, unit_warnings
 from rastercov.core.camera.rig import with_equipment
@@ -117,7 +116,7 @@ def evaluate(
     meshes: options.Meshes,
     poses: options.PosesOption,
     scene: SceneOptions,
-    files: SceneFiles,
+    files: options.SceneFiles,
     conventions: Conventions,
     task: Task,
     report: ReportOptions,

@@ -34,7 +34,6 @@ from rastercov.base.arguments import MOST_POSES
 from rastercov.base.files import is_file, is_same_file, path_from
 from rastercov.base.typed import fits
 from rastercov.cli import options
-from rastercov.cli.scene_files import SceneFiles, scene_files
 from rastercov.core.camera import (
     Border,
     Camera,
@@ -156,7 +155,7 @@ class SceneOptions(NamedTuple):
 
 def further_files() -> list[str]:
     """Words of further files of a scene that a result may have."""
-    return [*(each.word for each in scene_files()), *equipment_words()]
+    return [*(each.word for each in options.phased()), *equipment_words()]
 
 
 def are_arguments(value: object) -> bool:
@@ -209,7 +208,7 @@ def read_again(
             kept[name] = [move(entry) for entry in entries]
     meshes = [Path(mesh) for mesh in kept.pop("meshes")]
     mesh = SceneOptions(**kept).read(meshes)
-    read = SceneFiles({name: Path(now[file]) for name, file in others.items()})
+    read = options.SceneFiles({name: Path(now[file]) for name, file in others.items()})
     equipment = {word: read[word] for word in equipment_words() if word in read}
     return read.phases(mesh) or mesh, equipment
 

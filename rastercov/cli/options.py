@@ -9,7 +9,16 @@ from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    NamedTuple,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from typer import Argument, Option
 
@@ -17,12 +26,15 @@ from rastercov.base import ByName, ConfigError, hooks_of
 from rastercov.base.arguments import annotations_of, document_fields, reader_of
 from rastercov.base.threads import THREADS, thread_count
 from rastercov.cli.console import out_option
-from rastercov.cli.scene_files import SceneFile, SceneFiles, scene_files
 from rastercov.core.camera import Conventions, EquipmentKind
 from rastercov.core.camera.conventions import POSE_CONVENTIONS
 from rastercov.core.coverage.task import THESIS, Task
-from rastercov.core.mesh import shapes
+from rastercov.core.mesh import Mesh, shapes
 from rastercov.shards import Workers
+
+if TYPE_CHECKING:
+    from rastercov.core.coverage.phases import Phased
+    from rastercov.placement.plan.phases import PlanPhases
 
 Meshes = Annotated[
     list[Path],
@@ -92,6 +104,25 @@ Thesis = Annotated[
 CameraName = Annotated[
     str | None, Option(help="Name of the camera to use, for files with several.")
 ]
+
+
+def phased() -> "tuple[Phased, ...]":
+    """Features of which a file of the scene may ask for phases."""
+    from rastercov.core.coverage.phases import phased_features
+
+    return phased_features()
+
+
+class SceneFiles(dict[str, Path | None]):
+    """Further files of a scene, by the names of their options, None for those not given."""
+
+    def phases(self, mesh: Mesh, method: str = "certified") -> "PlanPhases | None":
+        """Phases of a scene by the file that gives some; None without."""
+        for each in phased():
+            if (path := self.get(each.word)) is not None:
+                phases: PlanPhases = each.read(path, mesh, method)
+                return phases
+        return None
 
 
 class EquipmentOptions(dict[str, Path | None]):
@@ -187,7 +218,7 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
         elif kind is Task:
             own, make = _of_task(), _task
         elif kind is SceneFiles:
-            own, make = _of_files(scene_files()), SceneFiles
+            own, make = _of_files(phased()), SceneFiles
         elif kind is EquipmentOptions:
             own, make = _of_files(hooks_of(EquipmentKind)), EquipmentOptions
         elif hasattr(kind, "_fields"):
@@ -227,7 +258,7 @@ def _tuple(kind: Callable[..., object], values: ByName) -> object:
     return kind(**values)
 
 
-def _of_files(kinds: Iterable[SceneFile | EquipmentKind]) -> list[inspect.Parameter]:
+def _of_files(kinds: "Iterable[Phased | EquipmentKind]") -> list[inspect.Parameter]:
     return [
         _parameter(each.word, None, Annotated[Path | None, Option(help=each.help)])
         for each in kinds

@@ -1,6 +1,7 @@
 """Motion of bodies as an argument of queries: frames are phases of the scene."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rastercov.base import frozen_record
 from rastercov.core.area.table import Regions
@@ -17,6 +18,9 @@ from rastercov.motion.regions import (
     regions_of_frames,
 )
 from rastercov.shards import Staff
+
+if TYPE_CHECKING:
+    from rastercov.motion.plan_over_time import PlanMotion
 
 
 @frozen_record
@@ -61,11 +65,18 @@ class OfMotion(Phased):
     """Motion of bodies, see `rastercov.motion.motion`."""
 
     word = "motion"
+    help = "Motion file: TOML with [[bodies]] and [motion], or poses (JSON, CSV, animated glTF)."
     key = "over_time"
 
     def phases_of(self, mesh: Mesh, value: object) -> OfFrames:
         """See `Phased`."""
         return OfFrames(query_of(value, mesh))
+
+    def read(self, path: Path, mesh: Mesh, method: str) -> "PlanMotion":
+        """See `Phased`."""
+        from rastercov.motion.plan_over_time import PlanMotion
+
+        return PlanMotion.read(path, mesh, method)
 
 
 HOOKS = OfMotion()

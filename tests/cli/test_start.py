@@ -9,7 +9,6 @@ from nightly import amount
 from processes import run_python
 
 from rastercov import cli
-from rastercov.base.features import FEATURES
 from rastercov.cli.console import COMMANDS, IN_MODULE, LazyCommand
 
 OF_PLANS = tuple(
@@ -45,10 +44,7 @@ def test_the_list_has_the_first_line_of_each_help(name):
 
 def test_every_command_module_is_listed():
     modules = {path.stem for path in Path(cli.__file__).parent.glob("*.py")}
-    others = {"__init__", "console", "inputs", "options", "scene_files"}
-    others |= {
-        rows["SceneFile"].rpartition(".")[2] for rows in FEATURES.values() if "SceneFile" in rows
-    }
+    others = {"__init__", "console", "inputs", "options"}
     assert set(COMMANDS) == {*IN_MODULE, *modules - others}
 
 

@@ -5,7 +5,7 @@ the scene at rest.
 """
 
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from rastercov.base import ReadByName, hooks_of
 from rastercov.core.area.network import AreaNetwork
@@ -45,11 +45,17 @@ class Phased:
 
     word = ""
     """Its argument of `evaluate`."""
+    help = ""
+    """Words of its file, an option of the same name."""
     key = ""
     """Its entry of a summary: `in_words`, on the phases in which parts are covered, and `lines`."""
 
     def phases_of(self, mesh: Mesh, value: object) -> Phases:
         """The phases of that argument; ConfigError for another value."""
+        raise NotImplementedError  # each feature has its own
+
+    def read(self, path: Path, mesh: Mesh, method: str) -> Any:
+        """Phases of a scene by that file, `PlanPhases`; ConfigError where it is none."""
         raise NotImplementedError  # each feature has its own
 
 
