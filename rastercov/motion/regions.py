@@ -43,7 +43,7 @@ from rastercov.core.coverage.phases import MOST_IMAGES
 from rastercov.core.coverage.task import Engine, Task, key_of, tasks_of
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.bodies import corners_of, move_boxes
+from rastercov.core.mesh.bodies import boxes_of, corners_of, move_boxes
 from rastercov.motion.motion import Motion
 
 BESIDE_REL = 1e-9
@@ -327,12 +327,9 @@ class ViewKeys:
         self._boxes = _grow_boxes(motion.boxes, BESIDE_REL * diagonal)
         hides = np.unique(motion.body[scored | ~motion.mesh.target_mask])
         self._boxes[np.isin(np.arange(len(motion.names)), hides, invert=True)] = np.nan
-        low, high = np.full((2, len(motion.names), 3), np.inf)
-        used = motion.mesh.vertices[motion.mesh.faces[scored]].reshape(-1, 3)
-        of = np.repeat(motion.body[scored], 3)
-        np.minimum.at(low, of, used)
-        np.minimum.at(high, of, -used)
-        self._task = _grow_boxes(corners_of(low, -high), BESIDE_REL * diagonal)
+        used = motion.mesh.vertices[motion.mesh.faces[scored]]
+        boxes = boxes_of(motion.body[scored], used, len(motion.names))
+        self._task = _grow_boxes(corners_of(*boxes), BESIDE_REL * diagonal)
         self._has_task = ~np.isnan(self._task[:, 0, 0])
 
     def of(self, row: int, placed: Poses, near: FloatArray, axes: FloatArray) -> list[bytes]:

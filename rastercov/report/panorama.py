@@ -43,6 +43,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.projection import rays_of, starts_of
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.bodies import boxes_of
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.raster.contract import VisibilityBuffer
 from rastercov.report.images import (
@@ -332,12 +333,8 @@ def places_of(eyes: ArrayLike) -> FloatArray:
 def _bodies(mesh: Mesh, middle: ArrayLike) -> IntArray:
     """(F,) number of the body of each face; a body around a point is taken apart into planes."""
     body = mesh.topology.components()
-    order = sort_order(body)
-    first = np.flatnonzero(np.diff(body[order], prepend=-1))
-    corners = mesh.vertices[mesh.faces[order]]
-    low = np.minimum.reduceat(corners.min(axis=1), first)
-    high = np.maximum.reduceat(corners.max(axis=1), first)
-    is_around = np.all((low <= middle) & (middle <= high), axis=1)
+    (low, high), at = boxes_of(body, mesh.vertices[mesh.faces]), np.asarray(middle, np.float64)
+    is_around = np.all((low <= at) & (at <= high), axis=1)
     size = mesh.diagonal
     offset = dots(mesh.normals, mesh.vertices[mesh.faces[:, 0]]) / size
     plane = np.column_stack((mesh.normals.round(2), offset.round(3))) * is_around[body, None]

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm, sort_order
+from rastercov.base import BoolArray, FloatArray, dots, norm, sort_order
 from rastercov.core.area.polygons import to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh
-from rastercov.core.mesh.bodies import crease_edges
+from rastercov.core.mesh.bodies import boxes_of, crease_edges
 from rastercov.core.mesh.sections import cross, polygons_in, section, solid
 from rastercov.core.mesh.solids import closed_faces
 from rastercov.core.mesh.topology import components_of, edge_table
@@ -97,21 +97,14 @@ def _without_gaps(shape: shapely.Geometry) -> shapely.Geometry:
 def is_foliage(mesh: Mesh) -> BoolArray:
     """(F,) faces of leaves: of groups with many small pieces that are no solids, those pieces."""
     piece = mesh.topology.components()
-    is_small = norm(_sizes(piece, mesh.vertices[mesh.faces])) < LEAF
+    low, high = boxes_of(piece, mesh.vertices[mesh.faces])
+    is_small = norm(high - low) < LEAF
     is_small[piece[closed_faces(mesh)]] = False
     small = is_small[piece]
     count = max(len(is_small), 1)
     pieces = np.unique(mesh.face_group[small].astype(np.int64) * count + piece[small])
     n_small = np.bincount(pieces // count, minlength=len(mesh.groups))
     return small & (n_small >= LEAVES)[mesh.face_group]
-
-
-def _sizes(piece: IntArray, corners: FloatArray) -> FloatArray:
-    """(P, D) sides of the boxes of P pieces, by the piece, (N,), of corners (N, C, D)."""
-    low, high = np.full((2, int(piece.max(initial=-1)) + 1, corners.shape[2]), np.inf)
-    np.minimum.at(low, piece, corners.min(axis=1))
-    np.minimum.at(high, piece, -corners.max(axis=1))
-    return np.asarray(-high - low)
 
 
 def middle_part(points: FloatArray, weights: FloatArray) -> FloatArray:
@@ -160,7 +153,8 @@ def _buildings(walls: FloatArray) -> FloatArray:
     lines = shapely.linestrings(walls)
     near = shapely.STRtree(lines).query(lines, "dwithin", APART_FROM_OTHERS)
     block = components_of(len(walls), near.T)
-    around = np.prod(_sizes(block, walls), axis=1)
+    low, high = boxes_of(block, walls)
+    around = np.prod(high - low, axis=1)
     return walls[(around >= LEAST_BUILDING * around.max())[block]]
 
 

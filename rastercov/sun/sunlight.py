@@ -48,6 +48,7 @@ from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.bodies import boxes_of
 from rastercov.core.mesh.topology import Topology, components_of
 from rastercov.shards import Progress, silent
 
@@ -280,9 +281,9 @@ def sunlit(
     rows_of = [[units[own] for own in some] for some in (parts.values(), single)]
     sizes = [np.concatenate([each[:, rows] for each in integrals]) for rows in rows_of]
     least = [min(each, key=sizes[1][0].tolist().__getitem__) for each in parts.values()]
-    boxes = _least_by(piece[mesh.task_mask], _boxes(mesh)[mesh.task_mask])
+    low, high = boxes_of(piece[mesh.task_mask], mesh.vertices[mesh.faces[mesh.task_mask]])
     figures = piece, *sizes[1], *every[2:].take(rows_of[1], axis=2)
-    pieces = SunlitPieces._make((*figures, (boxes[:, :3] - boxes[:, 3:]) / 2))
+    pieces = SunlitPieces._make((*figures, (low + high) / 2))
     totals = *every.take(rows_of[0], axis=2), *sizes[0], tuple(parts.values()), pieces
     names = tuple(parts)
     return Sunlight(*(mesh, towards, hours, power, *sums, names, *totals, np.array(least, int)))
@@ -342,7 +343,8 @@ def pieces_of(mesh: Mesh) -> IntArray:
     component = Topology.of(
         mesh.welded_faces + piece[:, None] * n_vertices, n * n_vertices
     ).components()
-    boxes, group = _least_by(component, _boxes(mesh)), np.zeros(int(component.max()) + 1, np.int64)
+    boxes = np.stack(boxes_of(component, mesh.vertices[mesh.faces]), axis=1)
+    group = np.zeros(len(boxes), np.int64)
     group[component] = piece
     margin = TOUCHING * float(norm(np.ptp(mesh.bounds, axis=0)))
     number = group.copy()
@@ -357,28 +359,15 @@ def pieces_of(mesh: Mesh) -> IntArray:
     return number[component]
 
 
-def _boxes(mesh: Mesh) -> FloatArray:
-    """(F, 6) least coordinates of faces, and the greatest ones, negated."""
-    places = mesh.vertices[mesh.faces]
-    return np.concatenate((places.min(axis=1), -places.max(axis=1)), axis=1)
-
-
-def _least_by(label: IntArray, values: FloatArray) -> FloatArray:
-    """Least values, (N, 6), of rows by their labels, (N,)."""
-    least = np.full((int(label.max(initial=-1)) + 1, values.shape[1]), np.inf)
-    np.minimum.at(least, label, values)
-    return least
-
-
 def _separate(boxes: FloatArray, margin: float) -> IntArray:
-    """(C,) number of the cluster of each of `_boxes`, so that those around clusters are apart."""
+    """(C,) number of the cluster of each box, (C, 2, 3); those around clusters are apart."""
     cluster = np.arange(len(boxes))
     while True:
-        touch = (boxes[:, None] + np.roll(boxes, 3, axis=1) <= margin).all(axis=2)
-        of = components_of(len(boxes), np.argwhere(touch))
+        is_below = (boxes[:, None, 0] - boxes[:, 1] <= margin).all(axis=2)
+        of = components_of(len(boxes), np.argwhere(is_below & is_below.T))
         if of.max() == len(boxes) - 1:
             return cluster
-        cluster, boxes = of[cluster], _least_by(of, boxes)
+        cluster, boxes = of[cluster], np.stack(boxes_of(of, boxes), axis=1)
 
 
 def _totals(areas: FloatArray, piece: IntArray) -> FloatArray:

@@ -24,6 +24,7 @@ from rastercov.base import (
     MeshError,
     Once,
     StrPath,
+    WholeArray,
     cos,
     dots,
     frozen_record,
@@ -185,11 +186,7 @@ class Rest:
     @cached_property
     def boxes(self) -> FloatArray:
         """(B, 8, 3) corners of the box of each body, NaN for one that is not there."""
-        points = self.mesh.vertices
-        low, high = np.full((2, self.n_bodies, 3), np.inf)
-        np.minimum.at(low, self.vertex_body, points)
-        np.minimum.at(high, self.vertex_body, -points)
-        return corners_of(low, -high)
+        return corners_of(*boxes_of(self.vertex_body, self.mesh.vertices[:, None], self.n_bodies))
 
     def at(self, poses: FloatArray, diagonal: float, *, of_occluders: bool = True) -> Mesh:
         """The mesh by poses (B, 4, 4) of its bodies.
@@ -244,6 +241,20 @@ class Rest:
     def _within(self) -> "Within":
         mesh = self.mesh
         return Within(mesh.vertices, mesh.faces, mesh.degenerate_mask, self.body, self.boxes)
+
+
+def boxes_of(
+    label: WholeArray, corners: FloatArray, n: int | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest coordinates, (n, D), of corners (N, C, D) by their labels, (N,).
+
+    Without n there are as many as labels. inf and -inf where nothing has a label.
+    """
+    count = int(label.max(initial=-1)) + 1 if n is None else n
+    low, high = np.full((2, count, corners.shape[2]), np.inf)
+    np.minimum.at(low, label, corners.min(axis=1))
+    np.minimum.at(high, label, -corners.max(axis=1))
+    return low, -high
 
 
 def corners_of(low: FloatArray, high: FloatArray) -> FloatArray:
