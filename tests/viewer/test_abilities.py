@@ -161,7 +161,7 @@ def text_of(name):
 
 def test_each_edit_has_a_row():
     edits = text_of("live_rig").partition("const EDITS = {")[2].partition("\n};")[0]
-    own = set(re.findall(r"^  (\w+): \(", edits, re.M))
+    own = set(re.findall(r"^  (\w+): (?:ofStation)?\(", edits, re.M))
     steps = set(re.findall(r'do: "(\w+)"', "".join(map(text_of, ("bars", "object_panel")))))
     steps |= set(re.findall(r'do: "(\w+)"', text_of("variants")))
     assert EDITS.keys() >= own | steps

@@ -43,21 +43,15 @@ function saveMenu(session) {
   const save = async (what) => {
     root.open = false;
     if (what === "report") session.emit("notice", "Writing the report…");
-    try {
+    await session.attempt(async () => {
       const { words } = await session.server.save(what);
       session.emit("notice", words);
       session.takeOver();
-    } catch (error) {
-      session.emit("fault", error.message);
-    }
+    });
   };
   const download = async (what, name) => {
     root.open = false;
-    try {
-      offerFile(name, await session.server.download(what));
-    } catch (error) {
-      session.emit("fault", error.message);
-    }
+    await session.attempt(async () => offerFile(name, await session.server.download(what)));
   };
   const canSave = ([what]) => session.server.canSave?.(what) ?? true;
   const copyLink = async () => {

@@ -11,6 +11,7 @@ import {
   figure,
   fill,
   keepingFocus,
+  later,
   metres,
   percent,
   section,
@@ -35,8 +36,7 @@ function stationMenu(session) {
       : element("span.soft", "none");
     keepingFocus(root, () => fill(root, element("span.field-label", "Camera"), menu));
   };
-  session.on("state chosen", show);
-  show();
+  session.follow("state chosen", show);
   return root;
 }
 
@@ -58,8 +58,7 @@ function coverageSection(session, view) {
           ],
     );
   };
-  session.on("frame chosen", show);
-  show();
+  session.follow("frame chosen", show);
   return section("What it covers", [
     facts,
     modeList(session, "camera"),
@@ -148,14 +147,9 @@ export function cameraPanel(session, view, isVisible, large) {
   picture.addEventListener("click", () => large.show());
   const blur = element("p.blur", { "aria-live": "polite" });
   const isRecorded = session.server.isRecorded;
-  let timer = 0;
   const show = () => {
     enlarge.disabled = !session.station();
     if (isVisible() && !isRecorded) load();
-  };
-  const later = () => {
-    clearTimeout(timer);
-    timer = setTimeout(show, IMAGE_AFTER);
   };
   const showBlur = () => {
     const station = session.station();
@@ -168,7 +162,7 @@ export function cameraPanel(session, view, isVisible, large) {
     const at = `Picked point: depth ${metres(depth)}`;
     blur.textContent = diameter === null ? at : `${at}, blur diameter ${figure(diameter)} px`;
   };
-  session.on("state chosen frame", later);
+  session.on("state chosen frame", later(show, IMAGE_AFTER));
   session.on("state chosen face poses", showBlur);
   const panel = element(
     "div",

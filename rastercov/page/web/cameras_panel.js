@@ -10,8 +10,7 @@ import { control, labelOf, numberBox, ofRig } from "rastercov/fields.js";
 export function camerasPanel(session, { view, tools, jobs }) {
   const list = element("div.cameras", { role: "group", "aria-label": "Cameras" });
   const showList = () => keepingFocus(list, () => fill(list, stationRows(session)));
-  session.on("state frame chosen", showList);
-  showList();
+  session.follow("state frame chosen", showList);
   const panel = element(
     "div",
     section("Rig", [list, session.canEdit ? rigButtons(session, view, jobs) : null]),
@@ -30,13 +29,11 @@ function devicesSection(session) {
   const list = element("div.cameras", { role: "group", "aria-label": group });
   const show = () => keepingFocus(list, () => fill(list, session.state.devices.map((device) => {
     const isChosen = device.id === session.chosen;
-    const options = { type: "button", "aria-current": String(isChosen), disabled: !device.pose };
-    const name = element("button.link", { ...options, on: { click: () => session.choose(device.id) } }, device.name);
+    const name = chooser(session, device, { disabled: !device.pose });
     const words = device.pose ? device.words : `${device.words}, on the rig`;
     return element(isChosen ? "div.row.device.chosen" : "div.row.device", element("span.who", name), element("span.soft", words));
   })));
-  session.on("state chosen", show);
-  show();
+  session.follow("state chosen", show);
   return section(group, [list]);
 }
 
@@ -68,15 +65,7 @@ function stationRows(session) {
     box.addEventListener("change", () =>
       session.act({ do: "switch", station: station.id, is_on: box.checked }),
     );
-    const name = element(
-      "button.link",
-      {
-        type: "button",
-        "aria-current": String(isChosen),
-        on: { click: () => session.choose(station.id) },
-      },
-      station.name,
-    );
+    const name = chooser(session, station);
     const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station), role: "img", "aria-label": placeWords(station) }, "⚠");
     return element(
       isChosen ? "div.row.chosen" : "div.row",
@@ -88,6 +77,9 @@ function stationRows(session) {
   });
   return rows.length ? [head, rows] : [element("p.soft.empty", "No camera yet.")];
 }
+
+const chooser = (session, { id, name }, more = {}) =>
+  button(name, () => session.choose(id), { kind: "link", "aria-current": String(id === session.chosen), ...more });
 
 const isAllowed = (station) => !station.place || station.place === "allowed";
 const placeWords = (station) =>
@@ -124,8 +116,7 @@ function rigButtons(session, view, jobs) {
   const show = () => {
     remove.disabled = copy.disabled = !session.station();
   };
-  session.on("chosen state", show);
-  show();
+  session.follow("chosen state", show);
   return element(
     "div.buttons",
     button("Add here", () => addHere(session, view), { title: "a camera with the pose of the current view" }),
@@ -216,8 +207,7 @@ function poseSection(session, { view, tools, jobs }) {
     // Typed poses keep all digits of what is not typed; these are for reading.
     for (const { key, box } of fields) box.set(Number(now[key].toFixed(key.length > 1 ? 2 : decimals)));
   };
-  session.on("state chosen poses", show);
-  show();
+  session.follow("state chosen poses", show);
   return root;
 }
 
@@ -278,8 +268,7 @@ function typeSection(session) {
     for (const each of made.controls) each.control.set(camera[each.field.name]);
     body.querySelector(".focus-words")?.replaceWith(focusWords(camera));
   };
-  session.on("state chosen", show);
-  show();
+  session.follow("state chosen", show);
   return root;
 }
 

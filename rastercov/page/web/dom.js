@@ -144,6 +144,15 @@ export function side(name, label, ...children) {
   return made;
 }
 
+/** A function that calls another one when a time in ms has passed since its own last call. */
+export function later(call, wait) {
+  let timer = 0;
+  return () => {
+    clearTimeout(timer);
+    timer = setTimeout(call, wait);
+  };
+}
+
 /** Replaces all children. */
 export function fill(parent, ...children) {
   parent.replaceChildren(...flat(children));

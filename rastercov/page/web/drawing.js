@@ -60,13 +60,11 @@ export class Drawing {
   }
 
   /** Gives changes of the drawing to the program, which saves it with the rig; {} removes it. */
-  async #keep(changes) {
-    try {
+  #keep(changes) {
+    return this.session.attempt(async () => {
       await this.session.server.keepDrawing(changes);
       this.session.takeOver(); // it is not saved
-    } catch (error) {
-      this.session.emit("fault", error.message);
-    }
+    });
   }
 
   #build() {

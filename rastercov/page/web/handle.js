@@ -41,7 +41,7 @@ export function testHandle(session, view, tools, frusta, gizmo) {
     state: () => session.state,
     summary: () => session.figures.summary,
     figures: () => session.figures,
-    palette: (level) => [...session.palette.subarray(3 * level, 3 * level + 3)],
+    palette: (level) => session.colourOf(level),
     shadeLeast: SHADE_LEAST,
     setView: (pose, field) => view.frame(() => view.camera.pin(pose, radians(field))),
     setOption: (name, value) => view.setOption(name, value),

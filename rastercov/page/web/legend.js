@@ -73,7 +73,7 @@ function showScale(session, scale, ramp, ends) {
   const row = context.createImageData(256, 1);
   for (let x = 0; x < 256; x++) {
     const level = Math.round(scale.first + (x / 255) * (scale.last - scale.first));
-    row.data.set([...session.palette.subarray(3 * level, 3 * level + 3), 255], 4 * x);
+    row.data.set([...session.colourOf(level), 255], 4 * x);
   }
   context.putImageData(row, 0, 0);
   const middle = scale.is_log ? Math.sqrt(scale.low * scale.high) : (scale.low + scale.high) / 2;

@@ -16,7 +16,7 @@ import { LIVE_MODES, paintFaces } from "rastercov/live_paint.js";
 import { isWithin, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
 import { advice_of, area, density_text, ends_in_words, hidden_by, number, outcome_line, percent, share_of, short_by, status_of, verdict_of, verdict_of_rigs } from "rastercov/texts.js";
-import { spotsOf, zonesOf } from "rastercov/live_zones.js";
+import { polygonsOf, spotsOf, zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";
 
@@ -492,21 +492,14 @@ export class Live {
     }
   }
 
-  /** Pieces that too few cameras cover, as the answer to "pieces" has them. */
+  /** Pieces that too few cameras cover, from the origin of the page, with levels for reasons. */
   async pieces() {
-    if (!this.isOwn()) return this.ask("pieces");
-    const { faces, counts, corners, reasons } = await this.#pieces();
-    const names = Object.keys(this.data.scene.reasons);
-    const n = faces.length;
-    const payload = new Uint8Array(4 + 12 * n + 4 * corners.length);
-    const numbers = new Uint32Array(payload.buffer, 0, 1 + 3 * n);
-    numbers[0] = n;
-    numbers.set(faces, 1);
-    numbers.set(reasons.map((name) => names.indexOf(names.includes(name) ? name : name.split("+")[0])), 1 + n);
-    numbers.set(counts, 1 + 2 * n);
-    const { origin } = this.data;
-    new Float32Array(payload.buffer, 4 + 12 * n).set(corners.map((value, k) => value - origin[k % 3]));
-    return { json: {}, payload };
+    if (!this.isOwn()) return piecesOf(await this.ask("pieces"));
+    const { origin, scene } = this.data;
+    const names = Object.keys(scene.reasons);
+    const pieces = await this.#pieces();
+    const reasons = pieces.reasons.map((name) => names.indexOf(names.includes(name) ? name : name.split("+")[0]));
+    return polygonsOf({ ...pieces, reasons, corners: pieces.corners.map((value, k) => value - origin[k % 3]) });
   }
 
   /** The pieces of the present rig, kept until it changes. */
@@ -633,6 +626,15 @@ export class Live {
     const own = this.data.candidates?.[camera];
     return (body && own?.map((pose) => multiply(body, pose))) ?? own ?? null;
   }
+}
+
+/** Pieces of the answer to "pieces". */
+function piecesOf({ json, payload }) {
+  if (json.fault) throw new Error(json.fault);
+  const data = payload.slice().buffer;
+  const [n] = new Uint32Array(data, 0, 1);
+  const [faces, reasons, counts] = [0, 1, 2].map((row) => new Uint32Array(data, 4 + 4 * row * n, n));
+  return polygonsOf({ faces, reasons, counts, corners: new Float32Array(data, 4 + 12 * n) });
 }
 
 /** {goal, status, words, asked} of a share {name, limit, ...} that is required or, where `is_most`, permitted,

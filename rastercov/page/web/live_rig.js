@@ -75,47 +75,31 @@ function aim(pose, point) {
   return poseOf(right, cross(forward, right), forward, eye);
 }
 
+/** An edit that takes the station of its action, too. */
+const ofStation = (edit) => (state, action) => edit(state, stationOf(state, action.station), action);
+
 const EDITS = {
   none: (state) => [state, ""],
-  pose: (state, { station, pose }) => {
-    const own = stationOf(state, station);
-    return [withStation(state, { ...own, pose: checkPose(pose) }), `move ${own.name}`];
-  },
+  pose: ofStation((state, own, { pose }) => [withStation(state, { ...own, pose: checkPose(pose) }), `move ${own.name}`]),
   device: (state, { device, pose }) => {
     const own = state.devices?.find((each) => each.id === device && each.pose) ?? refuse(`expected equipment of the scene, got '${device}'; choose another`);
     const moved = { ...own, pose: checkPose(pose) };
     return [{ ...state, devices: state.devices.map((each) => (each === own ? moved : each)) }, `move ${own.name}`];
   },
-  aim: (state, { station, point }) => {
-    const own = stationOf(state, station);
-    return [withStation(state, { ...own, pose: checkPose(aim(own.pose, point)) }), `aim ${own.name}`];
-  },
+  aim: ofStation((state, own, { point }) => [withStation(state, { ...own, pose: checkPose(aim(own.pose, point)) }), `aim ${own.name}`]),
   add: (state, { camera, pose }) => [withNew(state, camera, pose), "add a camera"],
-  duplicate: (state, { station }) => {
-    const own = stationOf(state, station);
-    return [withNew(state, own.camera, own.pose, own.name), `duplicate ${own.name}`];
-  },
-  delete: (state, { station }) => {
-    const own = stationOf(state, station);
-    return [{ ...state, stations: state.stations.filter((each) => each !== own) }, `delete ${own.name}`];
-  },
-  rename: (state, { station, name }) => {
-    const own = stationOf(state, station);
+  duplicate: ofStation((state, own) => [withNew(state, own.camera, own.pose, own.name), `duplicate ${own.name}`]),
+  delete: ofStation((state, own) => [{ ...state, stations: state.stations.filter((each) => each !== own) }, `delete ${own.name}`]),
+  rename: ofStation((state, own, { name }) => {
     const words = name.trim();
     if (!words || words.length > LONGEST_NAME || /\p{C}/u.test(words)) refuse(`expected a name of 1 to ${LONGEST_NAME} printable characters`);
     if (words !== own.name && state.stations.some((each) => each.name === words)) {
       refuse(`there is a camera “${words}” already; choose another name`);
     }
     return [withStation(state, { ...own, name: words }), `rename ${own.name}`];
-  },
-  switch: (state, { station, is_on: isOn }) => {
-    const own = stationOf(state, station);
-    return [withStation(state, { ...own, is_on: isOn }), `switch ${own.name} ${isOn ? "on" : "off"}`];
-  },
-  use: (state, { station, camera }) => {
-    const own = stationOf(state, station);
-    return [withStation(withCamera(state, camera), { ...own, camera }), `use ${camera} at ${own.name}`];
-  },
+  }),
+  switch: ofStation((state, own, { is_on: isOn }) => [withStation(state, { ...own, is_on: isOn }), `switch ${own.name} ${isOn ? "on" : "off"}`]),
+  use: ofStation((state, own, { camera }) => [withStation(withCamera(state, camera), { ...own, camera }), `use ${camera} at ${own.name}`]),
   camera: (state, { camera, changes }) => {
     if (!(camera in state.cameras)) refuse(`there is no camera ${camera}; choose one from the list`);
     const cameras = { ...state.cameras, [camera]: changeCamera(state.cameras[camera], changes, state.models) };
@@ -306,66 +290,67 @@ export function described(camera, models) {
 
 /** States in the order of the edits; a gesture is one step. */
 export class History {
-  #steps;
-  #at = 0;
-  #saved = 0;
-  #gesture = "";
+  #own; // {steps, at, saved, gesture}
 
   constructor(state, { steps = [[state, ""]], at = 0, saved = 0 } = {}) {
-    [this.#steps, this.#at, this.#saved] = [steps.slice(), at, saved];
+    this.#own = { steps: steps.slice(), at, saved, gesture: "" };
     this.revision = 0;
   }
 
   get state() {
-    return this.#steps[this.#at][0];
+    const { steps, at } = this.#own;
+    return steps[at][0];
   }
 
   /** What another page needs to go on: see the constructor. */
   get all() {
-    return { steps: this.#steps, at: this.#at, saved: this.#saved };
+    return this.#own;
   }
 
   take(state, words, isDrag = false) {
-    if (this.#gesture === words && words) this.#steps[this.#at] = [state, words];
+    const own = this.#own;
+    if (own.gesture === words && words) own.steps[own.at] = [state, words];
     else {
-      this.#steps.length = this.#at + 1;
-      if (this.#saved > this.#at) this.#saved = -1;
-      this.#steps.push([state, words]);
-      this.#at += 1;
+      own.steps.length = own.at + 1;
+      if (own.saved > own.at) own.saved = -1;
+      own.steps.push([state, words]);
+      own.at += 1;
     }
-    this.#gesture = isDrag ? words : "";
+    own.gesture = isDrag ? words : "";
     this.revision += 1;
   }
 
   /** A function that puts back what is kept now. */
   kept() {
-    const [steps, at, saved, gesture, revision] = [this.#steps.slice(), this.#at, this.#saved, this.#gesture, this.revision];
+    const [own, revision] = [{ ...this.#own, steps: this.#own.steps.slice() }, this.revision];
     return () => {
-      [this.#steps, this.#at, this.#saved, this.#gesture, this.revision] = [steps, at, saved, gesture, revision];
+      [this.#own, this.revision] = [own, revision];
     };
   }
 
   go(by) {
-    this.#gesture = "";
-    if (!this.#steps[this.#at + by]) return;
-    this.#at += by;
+    const own = this.#own;
+    own.gesture = "";
+    if (!own.steps[own.at + by]) return;
+    own.at += by;
     this.revision += 1;
   }
 
   saved() {
-    this.#saved = this.#at;
+    this.#own.saved = this.#own.at;
   }
 
   described() {
-    const undo = this.#steps[this.#at][1];
-    const redo = this.#steps[this.#at + 1]?.[1] ?? "";
+    const { steps, at, saved } = this.#own;
+    const undo = steps[at][1];
+    const redo = steps[at + 1]?.[1] ?? "";
     return {
       revision: this.revision,
       can_undo: Boolean(undo),
       can_redo: Boolean(redo),
       undo_label: undo,
       redo_label: redo,
-      is_saved: this.#at === this.#saved,
+      is_saved: at === saved,
     };
   }
 }

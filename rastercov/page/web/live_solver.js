@@ -13,16 +13,31 @@ import { isWithin } from "rastercov/live_rules.js";
 
 /** Names of the bits of a reason that has no number, the last criterion first. */
 const CRITERIA = ["uncertain", "baseline", "too_oblique", "occluded", "too_coarse", "out_of_focus", "outside"];
-/** Lenses that are kept, some MB each; a rig of more of them makes them anew. */
-const MOST_LENSES = 16;
+/** Lenses that are kept, some MB each, and solvers; a rig of more of them makes them anew. */
+const MOST_KEPT = 16;
 const TINY = 2.2250738585072014e-308;
 /** Sums over groups. */
 const SUMMED = ["m2", "bound_m2", "doubtful_m2", "of_m2"];
 
+/** Makes what a key has, once while it is kept. */
+function keep(make, free) {
+  const known = new Map();
+  return (key, ...of) => {
+    if (!known.has(key)) {
+      if (known.size >= MOST_KEPT) {
+        known.forEach(free);
+        known.clear();
+      }
+      known.set(key, make(...of));
+    }
+    return known.get(key);
+  };
+}
+
 export class Solver {
   #engine;
-  #solvers = new Map(); // by camera
-  #lenses = new Map();
+  #solverOf; // of a camera: what judges whole faces through it
+  #lensOf;
   #parts = {}; // part of each face of the task, or -1: 0 for the whole, or its group
   #covered = null; // the last answer of `cover`
 
@@ -33,6 +48,11 @@ export class Solver {
     this.call = engine.call.bind(engine);
     this.reasons = engine.constants;
     this.surface = this.#surfaceOf(mesh.roles);
+    this.#lensOf = keep((lens) => this.call("rc_lens_create", lens, lens.length), (lens) => this.call("rc_lens_free", lens));
+    this.#solverOf = keep(
+      () => this.call("rc_solver_create", this.surface, this.reasons.RC_CERTIFIED, 1),
+      (solver) => this.call("rc_solver_free", solver),
+    );
     this.areas = new Float64Array(this.n);
     this.call("rc_surface_areas", this.surface, this.n, this.areas);
     const partsBy = (of) => Int32Array.from(mesh.isTask, (isTask, f) => (isTask ? of(f) : -1));
@@ -64,31 +84,7 @@ export class Solver {
   /** A camera as the engine takes it. */
   #cameraOf(camera) {
     const { lens, lensName } = camera;
-    if (!lens) return camera;
-    if (!this.#lenses.has(lensName)) {
-      if (this.#lenses.size >= MOST_LENSES) this.#forgetLenses();
-      this.#lenses.set(lensName, this.call("rc_lens_create", lens, lens.length));
-    }
-    return { ...camera, lens: this.#lenses.get(lensName) };
-  }
-
-  #forgetLenses() {
-    for (const lens of this.#lenses.values()) this.call("rc_lens_free", lens);
-    this.#lenses.clear();
-  }
-
-  /** What judges whole faces through a camera. */
-  #solverOf(camera) {
-    if (!this.#solvers.has(camera)) {
-      if (this.#solvers.size >= 16) this.#forgetSolvers();
-      this.#solvers.set(camera, this.call("rc_solver_create", this.surface, this.reasons.RC_CERTIFIED, 1));
-    }
-    return this.#solvers.get(camera);
-  }
-
-  #forgetSolvers() {
-    for (const solver of this.#solvers.values()) this.call("rc_solver_free", solver);
-    this.#solvers.clear();
+    return lens ? { ...camera, lens: this.#lensOf(lensName, lens) } : camera;
   }
 
   /** The network of a rig, a row for each of its own; it keeps what it found of cameras that are equal. */

@@ -2,7 +2,7 @@
 
 import { inUnit, squareMetres } from "rastercov/dom.js";
 import { isWithin, labelOf } from "rastercov/live_rules.js";
-import { add, centroid, cornersOf, cross, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
+import { add, centroid, cornersOf, cross, fanOf, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 import { text_with_sign } from "rastercov/texts.js";
 
 const SLIVER_REL = 1e-9; // of the area of the task below which a zone is rounding
@@ -54,7 +54,7 @@ async function judgedOf(zones, page) {
 
 /** Points of a zone at equal steps of the area of the triangles that its pieces are fans of, as `points_of` in core/area/zones.py. */
 export function spotsOf(parts, each, first, page) {
-  const fans = parts.flatMap(({ corners: [a, ...rest], face }) => rest.slice(1).map((c, k) => ({ a, u: subtract(rest[k], a), v: subtract(c, a), face })));
+  const fans = parts.flatMap(({ corners, face }) => fanOf(corners).map(([a, b, c]) => ({ a, u: subtract(b, a), v: subtract(c, a), face })));
   let sum = 0;
   const ends = fans.map(({ u, v }) => (sum += length(cross(u, v)) / 2));
   return Array.from({ length: each }, (_, k) => {
@@ -83,18 +83,19 @@ function whatFails(points, reason, { data: { scene }, groupOf, history: { state 
   };
 }
 
+/** Pieces {face, corners, area, reason}. */
 export function polygonsOf({ faces, counts, corners, areas, reasons }) {
   let at = 0;
   return Array.from(faces, (face, row) => {
     const own = Array.from({ length: counts[row] }, (_, k) => [...corners.subarray(at + 3 * k, at + 3 * k + 3)]);
     at += 3 * counts[row];
-    return { face, corners: own, area: areas[row], reason: reasons[row] };
+    return { face, corners: own, area: areas?.[row], reason: reasons[row] };
   });
 }
 
 /** Centroid of a convex polygon. */
-function middleOf([first, ...rest]) {
-  const triangles = rest.slice(1).map((corner, k) => [first, rest[k], corner]);
+function middleOf(polygon) {
+  const triangles = fanOf(polygon);
   const sizes = triangles.map((each) => length(normalOf(each)));
   const sum = triangles.reduce((total, each, k) => add(total, scale(centroid(each), sizes[k])), [0, 0, 0]);
   return scale(sum, 1 / sizes.reduce((total, size) => total + size));

@@ -33,6 +33,8 @@ export const cornersOf = ({ vertices, faces }, face) =>
 export const soupCorners = (soup, face) => [0, 3, 6].map((at) => [...soup.subarray(9 * face + at, 9 * face + at + 3)]);
 /** Normal of a triangle, as long as twice its area. */
 export const normalOf = ([a, b, c]) => cross(subtract(b, a), subtract(c, a));
+/** Triangles of a convex polygon. */
+export const fanOf = ([first, ...rest]) => rest.slice(1).map((corner, k) => [first, rest[k], corner]);
 export const centroid = ([a, b, c]) => scale(add(a, add(b, c)), 1 / 3);
 
 /** Point between `a` (t = 0) and `b` (t = 1). */

@@ -32,8 +32,7 @@ export function modeList(session, panel) {
       fill(options, isOn ? optionControls(session, mode) : []);
     }
   };
-  session.on("mode", show);
-  show();
+  session.follow("mode", show);
   return modes.length ? root : null;
 }
 

@@ -38,8 +38,7 @@ function goals(session) {
     root.hidden = !required.length;
     keepingFocus(list, () => fill(list, [...task, ...required].map(row)));
   };
-  session.on("frame", show);
-  show();
+  session.follow("frame", show);
   return root;
 }
 

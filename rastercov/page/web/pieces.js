@@ -3,8 +3,8 @@
  * colour of their reason, and the rest of each face that of what is covered. Whole faces meanwhile.
  */
 
-import { count } from "rastercov/dom.js";
-import { cross, dot, length, normalOf, soupCorners, subtract } from "rastercov/maths.js";
+import { count, later } from "rastercov/dom.js";
+import { cross, dot, fanOf, length, normalOf, soupCorners, subtract } from "rastercov/maths.js";
 import { keyOf } from "rastercov/session.js";
 
 const REST = 500; // ms without an act
@@ -16,7 +16,6 @@ const WHOLE = 0.99999;
 
 /** Keeps `session.pieces` for the present rig, and emits "pieces" when they come or go. */
 export function followPieces(session, view) {
-  let timer = 0;
   let refused = -1;
   const isWanted = () =>
     session.canEdit &&
@@ -32,22 +31,16 @@ export function followPieces(session, view) {
     if (!stations.length || !(isAsked || isWanted())) return;
     if (!isAsked && areMany(session)) return;
     try {
-      const { json, payload } = await session.server.pieces();
-      if (json.fault) throw new Error(json.fault);
+      const pieces = await session.server.pieces();
       if (key !== keyOf(session.state)) return;
-      session.pieces = { key, ...trianglesOf(session, payload) };
+      session.pieces = { key, ...trianglesOf(session, pieces) };
       session.emit("frame", session.figures);
     } catch (error) {
       refused = key; // by a threshold of whole faces, or the rig has moved on
       if (isAsked) session.emit("fault", error.message);
     }
   };
-  const later = () => {
-    clearTimeout(timer);
-    timer = setTimeout(ask, REST);
-  };
-  session.on("idle mode view", later);
-  later();
+  session.follow("idle mode view", later(ask, REST));
   session.drawPieces = () => ask(true);
 }
 
@@ -90,53 +83,38 @@ export function legendOfPieces(session, figures, pieces) {
     ...(legend.find((each) => each.level === level) ?? {
       level,
       label: labels[level],
-      colour: colourOf(session, level),
+      colour: session.colourOf(level),
     }),
     percent: share(level),
   }));
   const covered = { level: pieces.covered, label: "covered", percent: whole };
-  const rows = [{ ...covered, colour: colourOf(session, pieces.covered) }, ...known];
+  const rows = [{ ...covered, colour: session.colourOf(pieces.covered) }, ...known];
   const some = rows.filter((each) => each.percent > 0).sort((a, b) => b.percent - a.percent);
   return [...some, ...others.filter(({ percent: by }) => by === null)];
 }
 
-const colourOf = (session, level) => [...session.palette.subarray(3 * level, 3 * level + 3)];
-
 /** Triangles of the pieces with their levels, those of each face beside them, and area by level. */
-function trianglesOf(session, payload) {
+function trianglesOf(session, pieces) {
   const names = Object.keys(session.scene.reasons);
   const covered = names.indexOf("covered");
-  const data = payload.slice().buffer;
-  const n = new Uint32Array(data, 0, 1)[0];
-  const faces = new Uint32Array(data, 4, n);
-  const reasons = new Uint32Array(data, 4 + 4 * n, n);
-  const counts = new Uint32Array(data, 4 + 8 * n, n);
-  const corners = new Float32Array(data, 4 + 12 * n);
   const base = session.levels.slice();
   base.forEach((each, face) => (base[face] = each < names.length ? covered : each));
   const areas = new Map();
   const made = { positions: [], weights: [], parents: [], levels: [] };
-  let first = 0;
-  for (let piece = 0; piece < n; piece++) {
-    const [face, level, count] = [faces[piece], reasons[piece], counts[piece]];
-    const corner = (k) => [0, 1, 2].map((axis) => corners[3 * (first + k) + axis]);
+  for (const { face, reason: level, corners } of pieces) {
     const frame = frameOf(session.corners, face);
-    const polygon = Array.from({ length: count }, (_, k) => corner(k));
-    let twice = 0;
-    for (let k = 2; k < count; k++) twice += length(normalOf([polygon[0], polygon[k - 1], polygon[k]]));
+    const triangles = fanOf(corners);
+    const twice = triangles.reduce((sum, each) => sum + length(normalOf(each)), 0);
     areas.set(level, (areas.get(level) ?? 0) + twice / 2);
-    first += count;
     if (twice > WHOLE * Math.sqrt(frame.size)) {
       base[face] = level;
       continue;
     }
-    for (let k = 2; k < count; k++) {
-      for (const point of [polygon[0], polygon[k - 1], polygon[k]]) {
-        made.positions.push(...point);
-        made.weights.push(...weightsOf(frame, point));
-        made.parents.push(face);
-        made.levels.push(level);
-      }
+    for (const point of triangles.flat()) {
+      made.positions.push(...point);
+      made.weights.push(...weightsOf(frame, point));
+      made.parents.push(face);
+      made.levels.push(level);
     }
   }
   return { ...made, base, areas, covered };

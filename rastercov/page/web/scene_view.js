@@ -6,6 +6,7 @@
  */
 
 import { creasesOf } from "rastercov/creases.js";
+import { later } from "rastercov/dom.js";
 import { MESH_STAGES, GROUP, MeshPass } from "rastercov/mesh_pass.js";
 import { add, centroid, inCamera, multiply, scale, forwardOf, centreOf, soupCorners, subtract } from "rastercov/maths.js";
 import { piecesToShow } from "rastercov/pieces.js";
@@ -26,6 +27,10 @@ export class SceneView {
   #isAsked = false;
   #flight = null;
   #framing = () => {};
+  #rest = later(() => {
+    this.isMoving = false;
+    this.request();
+  }, STILL_AFTER);
   #waiting = [];
 
   constructor(session, canvas) {
@@ -208,11 +213,7 @@ export class SceneView {
     this.#flight = null;
     this.#framing = () => {};
     this.isMoving = true;
-    clearTimeout(this.stillTimer);
-    this.stillTimer = setTimeout(() => {
-      this.isMoving = false;
-      this.request();
-    }, STILL_AFTER);
+    this.#rest();
     this.request();
   }
 

@@ -54,8 +54,23 @@ export class Session {
     }
   }
 
+  /** Listens, and begins with the present. */
+  follow(events, listener) {
+    this.on(events, listener);
+    listener();
+  }
+
   emit(event, detail) {
     for (const listener of this.#listeners.get(event) ?? []) listener(detail);
+  }
+
+  /** Does what may fail, and says why it did. */
+  async attempt(act) {
+    try {
+      await act();
+    } catch (error) {
+      this.emit("fault", error.message);
+    }
   }
 
   /** Reads the scene and the state; the first frame comes by `act`. */
@@ -110,6 +125,11 @@ export class Session {
 
   cameraOf(station) {
     return this.state.cameras[station.camera];
+  }
+
+  /** Colour of a level of the frame. */
+  colourOf(level) {
+    return [...this.palette.subarray(3 * level, 3 * level + 3)];
   }
 
   modeOf(id = this.mode) {

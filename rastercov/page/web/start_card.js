@@ -51,8 +51,7 @@ export function startCard(session, view, jobs) {
   const show = () => {
     root.hidden = !session.canEdit || session.state.stations.length > 0 || jobs.isRunning;
   };
-  session.on("state job", show);
-  show();
+  session.follow("state job", show);
   return root;
 }
 

@@ -106,17 +106,14 @@ export class Jobs {
     this.isRunning = true;
     this.session.isWorking = true;
     this.session.emit("job");
-    try {
+    await this.session.attempt(async () => {
       await begin();
       await this.#follow();
-    } catch (error) {
-      this.session.emit("fault", error.message);
-    } finally {
-      this.isRunning = false;
-      this.session.isWorking = false;
-      this.root.hidden = true;
-      this.session.emit("job");
-    }
+    });
+    this.isRunning = false;
+    this.session.isWorking = false;
+    this.root.hidden = true;
+    this.session.emit("job");
   }
 
   async #follow() {
@@ -147,13 +144,9 @@ export class Jobs {
     }
   }
 
-  async #cancel() {
+  #cancel() {
     this.words.textContent = "cancelling…";
-    try {
-      await this.session.server.cancelJob();
-    } catch (error) {
-      this.session.emit("fault", error.message);
-    }
+    this.session.attempt(() => this.session.server.cancelJob());
   }
 }
 

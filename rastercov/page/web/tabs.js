@@ -1,6 +1,6 @@
 /** Panels behind tabs; arrows go from tab to tab, as the ARIA pattern has it. */
 
-import { element, remember, recall } from "rastercov/dom.js";
+import { button, element, remember, recall } from "rastercov/dom.js";
 
 /**
  * @param {[string, HTMLElement][]} panels titles and contents
@@ -8,18 +8,13 @@ import { element, remember, recall } from "rastercov/dom.js";
  */
 export function tabs(panels, first) {
   const heads = panels.map(([title], at) =>
-    element(
-      "button.tab",
-      {
-        type: "button",
-        role: "tab",
-        id: `tab-${at}`,
-        "aria-controls": `panel-${at}`,
-        title: `press ${at + 1}`,
-        on: { click: () => show(at) },
-      },
-      title,
-    ),
+    button(title, () => show(at), {
+      kind: "tab",
+      role: "tab",
+      id: `tab-${at}`,
+      "aria-controls": `panel-${at}`,
+      title: `press ${at + 1}`,
+    }),
   );
   const bodies = panels.map(([, body], at) =>
     element("div.panel", { role: "tabpanel", id: `panel-${at}`, "aria-labelledby": `tab-${at}` }, body),

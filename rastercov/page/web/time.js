@@ -110,8 +110,7 @@ function timePanel(session) {
     const start = motion.durations.slice(0, session.frame).reduce((sum, each) => sum + each, 0);
     words.textContent = `frame ${session.frame} (0 to ${last}), starts at ${percent((100 * start) / whole)} of the duration`;
   };
-  session.on("phase", show);
-  show();
+  session.follow("phase", show);
   const soft = session.canEdit ? element("p.soft", "Figures and cameras are those of this frame.") : null;
   return section("Time", [element("div.time", slider, element("div.buttons", play, words), soft)]);
 }

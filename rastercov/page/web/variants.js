@@ -33,8 +33,7 @@ export function variantsSection(session) {
         ? ""
         : "Keep the rig as a variant, change it, and compare.";
   };
-  session.on("state frame", show);
-  show();
+  session.follow("state frame", show);
   return section("Variants", [table, note, element("div.buttons.keep", name, keeping)]);
 }
 

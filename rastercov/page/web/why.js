@@ -1,6 +1,6 @@
 /** Panel at the right: why a face is covered or not, and the dead zones of the network. */
 
-import { button, count, element, fill, percent, section, squareMetres } from "rastercov/dom.js";
+import { button, count, element, fill, later, percent, section, squareMetres } from "rastercov/dom.js";
 import { piecesToShow } from "rastercov/pieces.js";
 import { keyOf } from "rastercov/session.js";
 import { planeOf } from "rastercov/tools.js";
@@ -23,7 +23,6 @@ export function whyPanel(session, view) {
         body,
         element(
           "p.soft",
-          {},
           session.server.isRecorded
             ? "Click a face for its figures."
             : "Click a face to see, for each camera, whether it covers the face, or why not, with the figures; the occluder is striped in the view.",
@@ -31,14 +30,14 @@ export function whyPanel(session, view) {
       );
       return;
     }
-    if (body.dataset.face !== String(face)) fill(body, element("p.soft", {}, "computing…"));
+    if (body.dataset.face !== String(face)) fill(body, element("p.soft", "computing…"));
     try {
       const answer = await session.server.why(face);
       if (turn !== asked) return;
       body.dataset.face = face;
       fill(body, answer.levels ? recordedAnswer(session, view, answer) : explain(session, view, answer));
     } catch (error) {
-      if (turn === asked) fill(body, element("p.fault", {}, error.message));
+      if (turn === asked) fill(body, element("p.fault", error.message));
     }
   };
   session.on("face", show);
@@ -54,22 +53,23 @@ function explain(session, view, answer) {
   const telling = answer.cameras.filter((camera) => !UNTELLING.has(camera.reason)).slice(0, MOST_OPEN);
   const isOpen = (camera) => camera.station === session.chosen || telling.includes(camera);
   return [
-    element("p.verdict", {}, answer.words),
+    element("p.verdict", answer.words),
     faceFacts(answer.face, answer.group),
     piecesToShow(session, view)
-      ? element("p.soft", {}, "Reasons and figures refer to the whole face; the view shows the parts that are not covered.")
+      ? element("p.soft", "Reasons and figures refer to the whole face; the view shows the parts that are not covered.")
       : null,
-    button("Centre the view on the face", () => flyToFace(view, answer.face), { kind: "link" }),
+    flight(view, answer.face),
     answer.cameras.map((camera) => cameraCard(session, view, camera, isOpen(camera))),
   ];
 }
 
 function cameraCard(session, view, camera, isOpen) {
   const isCovered = camera.reason === "covered";
-  const figures = (camera.figures ?? []).map(({ label, value }) =>
-    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)),
-  );
-  const { occluder } = camera;
+  const { figures = [], occluder } = camera;
+  const choose = (event) => {
+    event.preventDefault();
+    session.choose(camera.station);
+  };
   const show = (isOn) => view.highlight(isOn ? occluder.group : null);
   const body = occluder
     ? element(
@@ -97,25 +97,12 @@ function cameraCard(session, view, camera, isOpen) {
     { open: isOpen },
     element(
       "summary",
-      {},
-      element(
-        "button.link",
-        {
-          type: "button",
-          on: {
-            click: (event) => {
-              event.preventDefault();
-              session.choose(camera.station);
-            },
-          },
-        },
-        camera.name,
-      ),
-      element("span", {}, ` ${camera.words}`),
+      button(camera.name, choose, { kind: "link" }),
+      element("span", ` ${camera.words}`),
     ),
     body,
-    camera.help ? element("p.advice", {}, camera.help) : null,
-    figures.length ? element("table.figures", {}, figures) : null,
+    camera.help ? element("p.advice", camera.help) : null,
+    figures.length ? tableOf(figures) : null,
   );
 }
 
@@ -123,27 +110,32 @@ function cameraCard(session, view, camera, isOpen) {
 function recordedAnswer(session, view, answer) {
   const group = session.scene.groups[session.faceGroups[answer.face]];
   const { area } = planeOf(view.corners(answer.face));
-  const rows = answer.levels.map(({ label, value }) =>
-    element("tr", {}, element("th", { scope: "row" }, label), element("td", {}, value)),
-  );
   return [
     faceFacts(answer.face, group?.name, area),
-    element("table.figures", {}, rows),
-    button("Centre the view on the face", () => flyToFace(view, answer.face), { kind: "link" }),
+    tableOf(answer.levels),
+    flight(view, answer.face),
   ];
 }
+
+const tableOf = (figures) =>
+  element(
+    "table.figures",
+    figures.map(({ label, value }) => element("tr", element("th", { scope: "row" }, label), element("td", value))),
+  );
 
 const faceFacts = (face, group, area) =>
   element(
     "p.soft",
-    {},
     `Face ${count(face)}${group ? ` of “${group}”` : ""}${area ? `, ${squareMetres(area)}` : ""}`,
   );
 
-function flyToFace(view, face) {
-  const { centre, normal, area } = planeOf(view.corners(face));
-  const reach = 6 * Math.sqrt(area) + 0.02 * view.camera.range;
-  view.flyTo(view.camera.placeBefore(centre, normal, reach), face);
+function flight(view, face) {
+  const fly = () => {
+    const { centre, normal, area } = planeOf(view.corners(face));
+    const reach = 6 * Math.sqrt(area) + 0.02 * view.camera.range;
+    view.flyTo(view.camera.placeBefore(centre, normal, reach), face);
+  };
+  return button("Centre the view on the face", fly, { kind: "link" });
 }
 
 /** Dead zones, the largest first; a click flies there. They are asked for while their list is open. */
@@ -153,7 +145,6 @@ export function zonesPanel(session, tools) {
   const root = section("Dead zones", [note, list], { isOpen: false, name: null }); // it begins work
   root.id = "zones";
   root.hidden = session.server.hasZones === false;
-  let timer = 0;
   let known = -1;
   const show = async () => {
     if (!root.open || known === keyOf(session.state)) return;
@@ -174,21 +165,19 @@ export function zonesPanel(session, tools) {
     }
   };
   root.addEventListener("toggle", show);
-  session.on("idle", () => {
-    clearTimeout(timer);
-    timer = setTimeout(show, ZONES_AFTER);
-  });
+  session.on("idle", later(show, ZONES_AFTER));
   return root;
 }
 
 const zoneRow = (zone, tools) =>
   element(
     "li",
-    {},
-    element(
-      "button.zone",
-      { type: "button", title: `fly to the ${zone.words}`, on: { click: () => tools.showZone(zone) } },
-      element("strong", {}, percent(zone.percent)),
-      element("span", {}, `${squareMetres(zone.area)} of ${zone.group}: ${zone.words.split(": ").at(-1)}`),
+    button(
+      [
+        element("strong", percent(zone.percent)),
+        element("span", `${squareMetres(zone.area)} of ${zone.group}: ${zone.words.split(": ").at(-1)}`),
+      ],
+      () => tools.showZone(zone),
+      { kind: "zone", title: `fly to the ${zone.words}` },
     ),
   );
