@@ -4,10 +4,10 @@
  * Corners are equal where their coordinates are, to the bit.
  */
 
-import { dot, normalOf, soupCorners, unit } from "rastercov/maths.js";
+import { dot, normalOf, radians, soupCorners, unit } from "rastercov/maths.js";
 
 /** Angle between two normals from which their edge is a crease. */
-const COSINE_OF_CREASE = Math.cos((30 * Math.PI) / 180);
+const COSINE_OF_CREASE = Math.cos(radians(30));
 
 /**
  * Bits 1, 2, 4 of each face: the edge opposite its corner 0, 1, 2 is drawn.

@@ -5,6 +5,7 @@
  */
 
 import { check, choice, element, figure, inUnit, toggle } from "rastercov/dom.js";
+import { clamp } from "rastercov/maths.js";
 import { formatNumber } from "rastercov/plain.js";
 
 /**
@@ -205,7 +206,7 @@ function spanOf(field, value) {
       const t = isLog
         ? Math.log(x / low) / Math.log(high / low)
         : Math.max(0, (x - low) / (high - low)) ** (1 / power);
-      return Math.min(1, Math.max(0, Number.isFinite(t) ? t : 0));
+      return clamp(Number.isFinite(t) ? t : 0, 0, 1);
     },
   };
 }
@@ -239,17 +240,15 @@ export function labelOf(name) {
 
 /** Control of any kind of field: {root, set}. */
 export function control(field, value, onValue) {
+  const label = field.label ?? labelOf(field.name);
+  const options = { title: field.words ?? "" };
   if (field.kind === "choice") {
     const choices = field.choices.map((each) => (Array.isArray(each) ? each : [each, labelOf(each)]));
-    const menu = choice(field.label ?? labelOf(field.name), choices, value, (next) => onValue(next, false));
+    const menu = choice(label, choices, value, (next) => onValue(next, false));
     const root = element(
       "div.field",
-      { title: field.words ?? "" },
-      element(
-        "label.field-head",
-        element("span.field-label", field.label ?? labelOf(field.name)),
-        menu,
-      ),
+      options,
+      element("label.field-head", element("span.field-label", label), menu),
     );
     const set = (next) => {
       menu.selectedIndex = choices.findIndex(([key]) => key === next);
@@ -257,9 +256,7 @@ export function control(field, value, onValue) {
     return { root, set };
   }
   if (field.kind === "bool") {
-    const root = check(field.label ?? labelOf(field.name), value, (next) => onValue(next, false), {
-      title: field.words ?? "",
-    });
+    const root = check(label, value, (next) => onValue(next, false), options);
     return { root, set: (next) => (root.querySelector("input").checked = Boolean(next)) };
   }
   return numberField(field, value, onValue);

@@ -9,6 +9,7 @@
 import {
   add,
   centreOf,
+  clamp,
   column,
   cross,
   directionFromCamera,
@@ -16,9 +17,10 @@ import {
   dot,
   length,
   movePose,
+  radians,
+  rotatePose,
   scale,
   subtract,
-  rotatePose,
   unit,
 } from "rastercov/maths.js";
 import { allowPose } from "rastercov/constraints.js";
@@ -39,7 +41,7 @@ const TINTS = [
 ];
 const TAKEN = [1, 0.75, 0.1, 1];
 const NUDGE = 0.004; // of the scene's size, a key
-const TURN_STEP = (2 * Math.PI) / 180;
+const TURN_STEP = radians(2);
 
 export class Gizmo {
   constructor(view, session, navigation) {
@@ -299,6 +301,6 @@ function onPlane(centre, normal, { from, along }) {
 function toSegment([x, y], a, b) {
   const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
   const square = dx * dx + dy * dy;
-  const t = square > 0 ? Math.min(1, Math.max(0, ((x - a[0]) * dx + (y - a[1]) * dy) / square)) : 0;
+  const t = square > 0 ? clamp(((x - a[0]) * dx + (y - a[1]) * dy) / square, 0, 1) : 0;
   return Math.hypot(x - a[0] - t * dx, y - a[1] - t * dy);
 }

@@ -7,7 +7,7 @@
 
 import { button, element, section } from "rastercov/dom.js";
 import { control } from "rastercov/fields.js";
-import { radians } from "rastercov/maths.js";
+import { clamp, radians } from "rastercov/maths.js";
 
 /** Joints of a session; null where it has none that can be moved. */
 export function joints(session) {
@@ -23,7 +23,7 @@ function panel(session, { fields, frames }) {
     const own = { ...field, label: field.name, kind: "float", low: field.low / per, high: field.high / per };
     return control(own, now()[at] / per, (value, isDrag) => {
       session.further = now().slice();
-      session.further[at] = Math.min(field.high, Math.max(field.low, value * per));
+      session.further[at] = clamp(value * per, field.low, field.high);
       session.act({ do: "none" }, { isDrag });
     });
   });

@@ -14,7 +14,7 @@ import { Work } from "rastercov/live_jobs.js";
 import { History, described, editState, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, paintFaces } from "rastercov/live_paint.js";
 import { isWithin, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
-import { centreOf, centroid, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
+import { centreOf, centroid, clamp, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
 import { advice_of, area, density_text, ends_in_words, hidden_by, number, outcome_line, percent, share_of, short_by, status_of, verdict_of, verdict_of_rigs } from "rastercov/texts.js";
 import { polygonsOf, spotsOf, zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
@@ -537,7 +537,7 @@ export class Live {
       const ray = subtract(centreOf(station.pose), point);
       const signed = dot(ray, normal) / (length(ray) * length(normal) || 1);
       const cosine = this.part.roles[face] & TWO_SIDED ? Math.abs(signed) : signed;
-      const own = { share: each.share, incidence: Math.acos(Math.min(1, Math.max(-1, cosine))), distance: distance(centreOf(station.pose), point) };
+      const own = { share: each.share, incidence: Math.acos(clamp(cosine, -1, 1)), distance: distance(centreOf(station.pose), point) };
       const occluder = isWithin("occluded", name) ? occluderOf(each.hiders, this.groupOf, scene.groups) : null;
       const { focus, task } = rig.cameras[station.camera];
       const depths = corners.map((corner) => dot(subtract(corner, centreOf(station.pose)), column(station.pose, 2)));

@@ -5,7 +5,7 @@
  * `own` has n faces, their areas, isTask, and the `total` of these areas.
  */
 
-import { centreOf, centroid, cornersOf, degrees, dot, normalOf, subtract, unit } from "rastercov/maths.js";
+import { centreOf, centroid, clamp, cornersOf, degrees, dot, normalOf, subtract, unit } from "rastercov/maths.js";
 
 /** Values of modes: above 0 on a scale, else rows of classes, with -1 for none. */
 const VALUES = {
@@ -66,7 +66,7 @@ function onScale(own, { palette, words, scale }, values) {
   const { first, last, is_log: isLog } = scale;
   const [low, high] = isLog ? endsOf(own, values) : [scale.low, scale.high];
   const part = (value) => (isLog ? Math.log(value / low) / Math.log(high / low) : value / high);
-  const at = (value) => first + roundEven(Math.min(1, Math.max(0, part(value))) * (last - first));
+  const at = (value) => first + roundEven(clamp(part(value), 0, 1) * (last - first));
   const levels = own.isTask.map((isTask, f) => (!isTask ? 1 : values[f] > 0 ? at(values[f]) : 0));
   return { levels, palette, legend: legendOf(own, levels, palette, words, []), scale: { ...scale, low, high } };
 }

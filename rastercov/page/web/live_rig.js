@@ -6,7 +6,7 @@
  */
 
 import { refuse } from "rastercov/api.js";
-import { column, cross, dot, length, poseOf, scale, subtract, unit } from "rastercov/maths.js";
+import { column, cross, degrees, dot, length, poseOf, radians, scale, subtract, unit } from "rastercov/maths.js";
 import { depths_in_focus } from "rastercov/texts.js";
 
 const LONGEST_NAME = 120;
@@ -196,7 +196,7 @@ const CHANGES = {
     if (camera.model !== "pinhole") refuse(`expected a pinhole for hfov_deg, got lens model ${camera.model}; change fx`);
     if (!(value >= 0.01 && value <= 179)) refuse(`expected hfov_deg of 0.01 to 179, got ${value}`);
     const { width, cx, fx } = camera.plain;
-    const half = (0.5 * width) / Math.tan((value * Math.PI) / 180);
+    const half = (0.5 * width) / Math.tan(radians(value));
     const apart = cx * (width - cx);
     return scaleCamera(camera, (half + Math.sqrt(Math.max(0, half ** 2 + apart))) / fx);
   },
@@ -275,7 +275,7 @@ export function described(camera, models) {
     return { ...made, cx: plain.cx, cy: plain.cy, ...Object.fromEntries(coefficients) };
   }
   const { width, height, fx, fy, cx, cy } = plain;
-  made.hfov_deg = ((Math.atan(cx / fx) + Math.atan((width - cx) / fx)) * 180) / Math.PI;
+  made.hfov_deg = degrees(Math.atan(cx / fx) + Math.atan((width - cx) / fx));
   const parts = camera.border.length / 4;
   const corners = [[0, 0], [width, 0], [width, height], [0, height], [0, 0]];
   made.border = corners.slice(0, 4).flatMap(([u, v], side) => {

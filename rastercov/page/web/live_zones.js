@@ -2,7 +2,7 @@
 
 import { inUnit, squareMetres } from "rastercov/dom.js";
 import { isWithin, labelOf } from "rastercov/live_rules.js";
-import { add, centroid, cornersOf, cross, fanOf, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
+import { add, centroid, clamp, cornersOf, cross, fanOf, length, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 import { text_with_sign } from "rastercov/texts.js";
 
 const SLIVER_REL = 1e-9; // of the area of the task below which a zone is rounding
@@ -31,7 +31,7 @@ export async function zonesOf(pieces, page) {
     const { hider, device } = whatFails(judged[row], reason, page);
     const by = hider === bodyOf(group) ? `self-${reasons.occluded}` : `${reasons.occluded} by ${hider}`;
     const label = labelOf(reasons, reason).replace(reasons.occluded, hider ? by : "$&") + (device ? ` (${device})` : "");
-    const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(Math.sqrt(area)))), 9);
+    const digits = clamp(1 - Math.floor(Math.log10(Math.sqrt(area))), 0, 9);
     const at = centre.map((value) => text_with_sign(value, digits)).join(", ");
     const words = `dead zone ${squareMetres(area)} around (${at}) ${inUnit("m")} in group ${group}: ${label}`;
     return { area, percent: (100 * area) / total, centre, normal: unit(normal), group, reason, words, faces: on.slice(0, MOST_FACES) };
@@ -44,7 +44,7 @@ const bodyOf = (group) => group.replace(/^(.+)\/face \d+$/, "$1");
 /** What fails at points of each zone in each row, see `Solver.failures`; nothing of those that no criterion explains. */
 async function judgedOf(zones, page) {
   const { length: n } = page.history.state.stations.filter((each) => each.is_on);
-  const each = Math.trunc(Math.min(Math.max(PAIRS / Math.max(1, zones.length * n), LEAST_POINTS), MOST_POINTS));
+  const each = Math.trunc(clamp(PAIRS / Math.max(1, zones.length * n), LEAST_POINTS, MOST_POINTS));
   const spots = zones.flatMap(({ parts }, zone) => (UNEXPLAINED.has(parts[0].reason) ? [] : spotsOf(parts, each, zone * each, page)));
   const judged = await page.failures(spots);
   const found = zones.map(() => []);

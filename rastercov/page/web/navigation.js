@@ -6,6 +6,8 @@
  * {move(x, y, event), end(), cancel()}.
  */
 
+import { clamp } from "rastercov/maths.js";
+
 const CLICK_SLACK = 4; // pixels that a click may move
 const TURN = 0.007; // radians a pixel
 
@@ -131,7 +133,7 @@ export class Navigation {
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : 1;
     const found = this.#anchor(event);
-    this.view.camera.zoom(Math.exp(0.0012 * lines * Math.max(-200, Math.min(200, event.deltaY))), found);
+    this.view.camera.zoom(Math.exp(0.0012 * lines * clamp(event.deltaY, -200, 200)), found);
     this.view.moving();
   }
 

@@ -88,7 +88,16 @@ export class SketchPass {
       gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
       gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(numbers), gl.DYNAMIC_DRAW);
     };
-    const each = (paint) => {
+    const start = ({ program: used, uniforms }) => {
+      gl.useProgram(used);
+      gl.uniformMatrix4fv(uniforms.clip_from_world, true, look.clipFromWorld);
+      return uniforms;
+    };
+    const each = (uniforms, drawAll) => {
+      const paint = (fade) => {
+        gl.uniform1f(uniforms.fade, fade);
+        drawAll();
+      };
       if (isOnTop) {
         gl.disable(gl.DEPTH_TEST);
         paint(1);
@@ -104,28 +113,18 @@ export class SketchPass {
       paint(1);
     };
     if (sketch.fills.length) {
-      const { program: used, uniforms } = this.fillProgram;
-      gl.useProgram(used);
-      gl.uniformMatrix4fv(uniforms.clip_from_world, true, look.clipFromWorld);
+      const uniforms = start(this.fillProgram);
       gl.uniform1f(uniforms.pull, isOnTop ? 0 : 2e-4);
       upload(this.fills, sketch.fills);
-      each((fade) => {
-        gl.uniform1f(uniforms.fade, fade);
-        gl.drawArrays(gl.TRIANGLES, 0, sketch.fills.length / 7);
-      });
+      each(uniforms, () => gl.drawArrays(gl.TRIANGLES, 0, sketch.fills.length / 7));
     }
     if (sketch.lines.length) {
-      const { program: used, uniforms } = this.lineProgram;
-      gl.useProgram(used);
-      gl.uniformMatrix4fv(uniforms.clip_from_world, true, look.clipFromWorld);
+      const uniforms = start(this.lineProgram);
       gl.uniform2f(uniforms.screen, look.width, look.height);
       gl.uniform1f(uniforms.density, look.density);
       gl.uniform1f(uniforms.near, look.near);
       upload(this.lines, sketch.lines);
-      each((fade) => {
-        gl.uniform1f(uniforms.fade, fade);
-        gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, sketch.lines.length / 11);
-      });
+      each(uniforms, () => gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, sketch.lines.length / 11));
     }
     gl.depthMask(true);
     gl.depthFunc(gl.LEQUAL);

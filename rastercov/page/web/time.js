@@ -8,6 +8,7 @@
 
 import { bytesOf } from "rastercov/api.js";
 import { button, element, percent, section } from "rastercov/dom.js";
+import { clamp } from "rastercov/maths.js";
 
 /** Mean time for which a frame is shown, ms. */
 const FRAME_MS = 160;
@@ -101,7 +102,7 @@ function timePanel(session) {
   const play = button("Play", session.play);
   const go = (frame) => {
     stop();
-    session.setFrame(Math.min(last, Math.max(0, frame)));
+    session.setFrame(clamp(frame, 0, last));
   };
   session.stepFrame = (by) => go(session.frame + by);
   slider.addEventListener("input", () => go(Number(slider.value)));
