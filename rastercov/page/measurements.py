@@ -339,18 +339,22 @@ class NetworkFigures:
     Attributes
     ----------
     state : RigState
-    rows : list of Row
+    rows : list of CameraFaces
         Of the stations that are on, in their order.
+    heads, of_heads : list of Head, list of CameraFaces
+        Heads and single cameras that count, and their rows.
+    sights : (H, 3) float64
+        Points that these see from, by their first sensors.
     views : int32
-        Cameras that cover the face.
+        Heads and cameras that cover the face.
     need : int64
         Cameras that must cover it.
     best : float32
         Greatest coverage.
     best_row : int32
-        Row of the camera that gives it, -1 where it is 0.
+        Row in `heads` of what gives it, -1 where it is 0.
     reason : uint8
-        `Reason` of the camera that came nearest to covering the face.
+        `Reason` of what came nearest to covering the face.
     covered : bool
         Faces that enough cameras cover, from directions that differ as asked.
     areas : Areas or None
@@ -375,7 +379,12 @@ class NetworkFigures:
         self.best_row = np.full(n, -1, np.int32)
         self.reason = np.zeros(n, np.uint8)
         spread = ViewSpread(mesh.centroids, math.radians(task.min_angle_deg))
-        for index, (eye, row) in enumerate(zip(state.sights, rows, strict=True)):
+        self.heads = [each for each in state.heads if each.counts]
+        place = {each.id: at for at, each in enumerate(state.on)}
+        self._own = [[place[each.id] for each in head.stations] for head in self.heads]
+        self.sights = state.sights[np.array([own[0] for own in self._own], int)]
+        self.of_heads = self._join_rows() if state.whole.gates else rows
+        for index, (eye, row) in enumerate(zip(self.sights, self.of_heads, strict=True)):
             self.views += row.covers
             better = row.coverage > self.best
             self.best[better] = row.coverage[better]
@@ -406,15 +415,24 @@ class NetworkFigures:
     @cached_property
     def reasons(self) -> ByteArray:
         """(F,) row of `rastercov.core.coverage.task.REASONS`."""
-        return reason_rows(self.reason, self.covered, len(self.rows))
+        return reason_rows(self.reason, self.covered, len(self.heads))
 
     def _cameras(self) -> OfCameras:
-        """The camera that covers each face best; the first of equals."""
-        place = {each.id: row for row, each in enumerate(self.state.stations)}
-        every = camera_colours(max(1, len(place)))
+        """The camera or head that covers each face best; the first of equals."""
+        every = camera_colours(max(1, len(self.state.heads)))
         row = np.where(self.views > 0, self.best_row, -1)
-        on = self.state.on
-        return OfCameras(row, [each.name for each in on], every[[place[each.id] for each in on]])
+        counts = [each.counts for each in self.state.heads]
+        return OfCameras(row, [each.name for each in self.heads], every[: len(counts)][counts])
+
+    def _join_rows(self) -> list[CameraFaces]:
+        """A row for each head: the best of its sensors on faces that its rule covers."""
+        judged = iter(self._judged[0])
+        return [
+            self.rows[own[0]]
+            if head.stations[0].camera not in self._judged[3]
+            else _join_sensors([self.rows[row] for row in own], next(judged))
+            for head, own in zip(self.heads, self._own, strict=True)
+        ]
 
     @cached_property
     def _judged(self) -> tuple[IntArray, IntArray, FloatArray, tuple[str, ...]]:
@@ -467,14 +485,14 @@ class NetworkFigures:
     def _best(self, name: str) -> Float32Array:
         """Greatest of a density of `CameraFaces` by a camera that covers the face, px/m."""
         best = np.zeros(self.mesh.n_faces, np.float32)
-        for row in self.rows:
+        for row in self.of_heads:
             np.maximum(best, np.where(row.covers, getattr(row, name), np.float32(0)), out=best)
         return best
 
     def _least_incidence(self) -> FloatArray:
         """Least angle of incidence at which a camera covers each face; see `by_incidence`."""
         mesh, least = self.mesh, np.full(self.mesh.n_faces, np.inf)
-        for eye, row in zip(self.state.sights, self.rows, strict=True):
+        for eye, row in zip(self.sights, self.of_heads, strict=True):
             away = eye - mesh.centroids
             against = np.abs(dots(away, mesh.normals))
             cosine = against / np.maximum(norm(away), TINY)
@@ -485,10 +503,10 @@ class NetworkFigures:
     def widest_angle(self) -> FloatArray:
         """Greatest angle between rays to two cameras that cover the face, degrees; 0 for none."""
         n, points = self.mesh.n_faces, read_only(self.mesh.centroids, np.float64)
-        covers = np.array([row.covers for row in self.rows]).reshape(-1, n)
+        covers = np.array([row.covers for row in self.of_heads]).reshape(-1, n)
         face, camera = np.nonzero(covers.T)
         starts, widest = np.searchsorted(face, np.arange(n + 1)), np.zeros(n)
-        widest_angles(starts, camera.astype(np.int32), points, self.state.sights, widest)
+        widest_angles(starts, camera.astype(np.int32), points, self.sights, widest)
         return np.where(self.views > 1, np.degrees(widest), 0.0)
 
     def summary(self) -> ByName:
@@ -509,6 +527,16 @@ class NetworkFigures:
         own = [(each.sum(), areas[each].sum(), areas[each & single].sum()) for each in covers]
         faces, seen, lost = np.array(own).reshape(-1, 3).T
         return figures_of(network, faces, seen, lost, total, [each.id for each in self.state.on])
+
+
+def _join_sensors(rows: Sequence[CameraFaces], reason: ByteArray) -> CameraFaces:
+    """Row of a head by the reason of its rule, and the best of its sensors where that covers."""
+    result = replace(rows[0], reason=reason.astype(np.uint8))
+    best = {
+        name: np.max([np.where(row.covers, getattr(row, name), 0) for row in rows], axis=0)
+        for name in ("coverage", "density", "facing")
+    }
+    return replace(result, **{name: each * result.covers for name, each in best.items()})
 
 
 OF_A_FACE = (

@@ -6,6 +6,7 @@ from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,6 +61,14 @@ class Station:
     camera: str
     pose: FloatArray
     is_on: bool = True
+
+
+class Head(NamedTuple):
+    """Stations that measure together by a rule, or a single one; those that are on count."""
+
+    name: str
+    stations: tuple[Station, ...]
+    counts: bool
 
 
 def check_pose(pose: FloatArray) -> FloatArray:
@@ -128,30 +137,43 @@ class RigState:
         own = rig._with(tasks={name: every[name] for name in rig.tasks})
         return cls(stations, own, task)
 
-    def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
-        """Cameras with the rules of their rigs, and stations of rigs whose cameras are all on.
+    @cached_property
+    def heads(self) -> list[Head]:
+        """Heads and single cameras, in the order of their stations.
 
-        A rig is stations that follow one another, in the order of its cameras.
+        Sensors of a head follow one another, in the order of its rule; others do not count.
         """
+        names, at = self.whole.names, 0
+        heads: list[Head] = []
+        sensors = {
+            name: names[row : row + gate.n]
+            for row, gate in self.whole.gates.items()
+            for name in names[row : row + gate.n]
+        }
+        while at < len(self.stations):
+            first = self.stations[at]
+            own = sensors.get(first.camera, (first.camera,))
+            some = self.stations[at : at + len(own)]
+            counts = tuple(each.camera for each in some) == own
+            some = some if counts else (first,)
+            common, is_part, _ = first.name.rpartition("/")
+            is_named = is_part and all(each.name.startswith(f"{common}/") for each in some)
+            name = common if is_named else f"head {len(heads) + 1}"
+            name = name if len(some) > 1 else first.name
+            heads.append(Head(name, some, counts and all(each.is_on for each in some)))
+            at += len(some)
+        return heads
+
+    def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
+        """Cameras with the rules of their rigs, and stations of heads that count."""
         gates = sorted(self.whole.gates.items())
         rig = self.whole._only([at + row for at, gate in gates for row in range(gate.n)])
-        stations: list[Station] = []
-        for row in range(len(self.stations)):
-            for at, gate in rig.gates.items():
-                own, some = rig.names[at : at + gate.n], self.stations[row : row + gate.n]
-                if tuple(each.camera for each in some) == own and all(each.is_on for each in some):
-                    stations += some
+        stations = [each for each in self.cameras_that_count()[1] if each.camera in rig.names]
         return rig, _place_rig(rig, stations), stations
 
     def cameras_that_count(self) -> tuple[Poses, tuple[Station, ...]]:
-        """Stations that are on and count, with their poses; `Poses.camera` counts those of `whole`.
-
-        A camera of a rig with a rule counts where all cameras of the rig are on.
-        """
-        ruled = {at + row for at, gate in self.whole.gates.items() for row in range(gate.n)}
-        of_rule = {self.whole.names[at] for at in ruled}
-        whole = {each.id for each in self.of_rules()[2]} if ruled else set()
-        values = tuple(e for e in self.on if e.camera not in of_rule or e.id in whole)
+        """Stations of heads that count, and their poses; `Poses.camera` counts those of `whole`."""
+        values = tuple(one for each in self.heads if each.counts for one in each.stations)
         return _place_rig(self.whole, values), values
 
     @cached_property

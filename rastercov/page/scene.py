@@ -508,7 +508,6 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     start = replace(start, catalogue=plan.folder / plan.catalogue if plan.catalogue else None)
     if isinstance(plan.task.views, dict):
         start = replace(start, needed=dict(plan.task.views))
-    notes += rule_notes(cameras or (rig.rig if rig is not None else None))
     phases = phases_of(plan, mesh)
     task_mesh, goals = separate_goals(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
@@ -520,18 +519,7 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
 
 def open_mesh(mesh: Mesh, views: Views, task: Task, title: str) -> Scene:
     """Scene of a mesh and cameras."""
-    notes = (*views.notes, *rule_notes(views.rig))
-    return Scene(title, mesh, state_of(views, task), notes=notes)
-
-
-def rule_notes(rig: Rig | None) -> tuple[str, ...]:
-    """A line on a rule of a rig, which the colours of the page are without."""
-    if rig is None or not rig.gates:
-        return ()
-    return (
-        "colours show single cameras, except in modes Failing sensor or lamp and Uncertainty; the "
-        "covered area follows the rule of the rig",
-    )
+    return Scene(title, mesh, state_of(views, task), notes=views.notes)
 
 
 def run_of(folder: Path) -> ReadByName:
@@ -612,7 +600,7 @@ def _open_scene(folder: Path, load: Callable[[list[str]], Shown]) -> Scene:
     if isinstance(needed, Mapping):  # by group
         start = replace(start, needed=dict(needed))
     result = {"kind": kind, "words": f"of rastercov {kind}, in {folder}"}
-    notes = rule_notes(read_views(rig_file).rig)
+    notes: tuple[str, ...] = ()
     for each in hooks_of(EquipmentKind):
         notes += (
             (_answer_of(each.word),) if each.entry in told and each.word not in equipment else ()

@@ -242,17 +242,37 @@ def test_a_click_names_what_fails_of_the_rule_as_python_does(opened):
 
 @SLOW
 @WITHOUT
-def test_missing_sensors_and_uncertainty_have_the_colours_of_a_served_page(opened):
+def test_faces_have_the_colours_of_heads_as_on_a_served_page(opened):
+    """Modes count, rate and name heads, whose sensors have one row; the page had single sensors."""
     session, page = opened
+    figures = session.figures()
+    n = len(EYES)
+    heads = [f"head {row + 1}" for row in range(n)]
+    assert [each["name"] for each in page.state()["heads"]] == heads
+    assert figures.values["camera"]().names == heads
+    assert len(figures.of_heads) == n == len(figures.rows) / len(session.state.whole)
+    assert 0 < figures.views.max() <= n
+    reason = figures._judged[0]
+    assert np.array_equal(figures.views, (reason == Reason.COVERED).sum(axis=0))
+    shown = page.page.locator(".row.of-head .who").all_text_contents()
+    assert shown == heads
+    assert page.page.locator(".cameras .row:not(.head):not(.of-head) .figure").count() == 0
     modes = page.js("rastercov.session.scene.modes.map(each => each.id)")
     gate = session.state.whole.gates[0]
     assert "device" in modes
     assert ("uncertainty" in modes) == gate.has_deviation
-    for mode in {"device", "uncertainty", "incidence"} & set(modes):
+    for mode in (
+        "camera",
+        "views",
+        "reason",
+        "density",
+        "coverage",
+        *{"device", "uncertainty", "incidence"} & set(modes),
+    ):
         page.js("mode => rastercov.session.setMode(mode)", mode)
         page.idle()
         head, levels = acted(session, mode)
-        assert len(np.unique(levels)) > 2
+        assert len(np.unique(levels)) > (mode != "views")
         off = np.abs(np.frombuffer(page.levels(), np.uint8).astype(int) - levels) > 1
         assert off.mean() < 0.005, mode
         legend = page.js("rastercov.session.figures.legend")

@@ -45,13 +45,14 @@ function coverageSection(session, view) {
   const facts = element("dl.facts");
   const show = () => {
     const station = session.station();
+    const head = session.state.heads?.find(({ ids }) => ids.length > 1 && ids.includes(station?.id));
     const row = session.figures?.summary.by_camera?.find((each) => each.station === station?.id);
     fill(
       facts,
       !station || !row
         ? []
         : [
-            element("dt", "Covers"),
+            element("dt", head ? `${head.name} covers` : "Covers"),
             element("dd", row.area_percent === null ? `${count(row.faces)} faces` : `${percent(row.area_percent)} of the area${when(session)}`),
             row.alone_percent === null ? null : element("dt", "Lost without it"),
             row.alone_percent === null ? null : element("dd", `${percent(row.alone_percent)} of the area`),

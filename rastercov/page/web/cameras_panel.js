@@ -37,7 +37,7 @@ function devicesSection(session) {
   return section(group, [list]);
 }
 
-/** One row a camera: on or off, name, what it covers, and what it alone covers. */
+/** One row a camera: on or off, name, what it covers, and what it alone covers; of sensors of a head its row has that. */
 function stationRows(session) {
   const shares = new Map((session.figures?.summary.by_camera ?? []).map((row) => [row.station, row]));
   const covers = (row) => (row && row.area_percent === null ? count(row.faces) : percent(row?.area_percent));
@@ -53,8 +53,13 @@ function stationRows(session) {
       : element("span", { title: `share of the area that this camera covers${when(session)}` }, "covers"),
     element("span", { title: "share of the area lost without this camera" }, isAloneKnown ? "lost without" : ""),
   );
-  const rows = session.state.stations.map((station) => {
+  const figuresOf = (share) => [element("span.figure", covers(share)), element("span.figure", alone(share))];
+  const nameOfHead = new Map((session.state.heads ?? []).filter(({ ids }) => ids.length > 1).map(({ name, ids }) => [ids[0], name]));
+  const sensors = new Set((session.state.heads ?? []).flatMap(({ ids }) => (ids.length > 1 ? ids : [])));
+  const rows = session.state.stations.flatMap((station) => {
     const share = shares.get(station.id);
+    const head = nameOfHead.get(station.id);
+    const ofHead = head ? [element("div.row.of-head", element("span"), element("span.who", head), figuresOf(share))] : [];
     const isChosen = station.id === session.chosen;
     const box = element("input", {
       type: "checkbox",
@@ -67,13 +72,13 @@ function stationRows(session) {
     );
     const name = chooser(session, station);
     const place = isAllowed(station) ? null : element("span.bad", { title: placeWords(station), role: "img", "aria-label": placeWords(station) }, "⚠");
-    return element(
+    const own = element(
       isChosen ? "div.row.chosen" : "div.row",
       box,
       element("span.who", name, place),
-      element("span.figure", covers(share)),
-      element("span.figure", alone(share)),
+      sensors.has(station.id) ? [] : figuresOf(share),
     );
+    return [...ofHead, own];
   });
   return rows.length ? [head, rows] : [element("p.soft.empty", "No camera yet.")];
 }

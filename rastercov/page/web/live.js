@@ -13,7 +13,7 @@ import { pageOf, planFile, rigFile, surfaceFiles, taskFile } from "rastercov/liv
 import { Work } from "rastercov/live_jobs.js";
 import { History, described, editState, focusOf, opticsOf } from "rastercov/live_rig.js";
 import { LIVE_MODES, paintFaces } from "rastercov/live_paint.js";
-import { isWithin, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
+import { headsOf, isWithin, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, clamp, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
 import { advice_of, area, density_text, ends_in_words, hidden_by, number, outcome_line, percent, share_of, short_by, status_of, verdict_of, verdict_of_rigs } from "rastercov/texts.js";
 import { polygonsOf, spotsOf, zonesOf } from "rastercov/live_zones.js";
@@ -326,7 +326,8 @@ export class Live {
       is_shown: state === this.history.state,
       is_of_task: state.task === task,
     }));
-    const rest = { session: this.name, is_kept: this.isKept, variants, at: this.#phase.at, goal: this.goal, devices };
+    const heads = headsOf(this.history.state).map(({ name, ids, counts }) => ({ name, ids, counts }));
+    const rest = { session: this.name, heads, is_kept: this.isKept, variants, at: this.#phase.at, goal: this.goal, devices };
     const own = this.history.described();
     return { ...own, ...rest, is_saved: own.is_saved && this.#isDrawingSaved, stations, cameras, task, needed };
   }
@@ -418,8 +419,8 @@ export class Live {
       ...others.map((part) => this.asking.ask("cover", this.rigOf(this.history.state, part), isPartial)),
     ]);
     const areas = new Map([[this.goal, found.required], ...others.map(({ name }, at) => [name, rest[at].required])]);
-    const stations = this.history.state.stations.flatMap(({ id, name, is_on: isOn }, row) => (isOn ? [{ id, name, row }] : []));
-    const figures = { ...found.faces, stations, levels: this.data.scene.levels };
+    const heads = headsOf(this.history.state).flatMap(({ name, counts }, row) => (counts ? [{ name, row }] : []));
+    const figures = { ...found.faces, heads, levels: this.data.scene.levels };
     const { levels, palette, ...shown } = paintFaces(this.own, mode, figures);
     // The engine has no figures of what is lost where groups need other numbers of views.
     const lost = this.server && rig.needed && !isDrag ? await this.ask("by_camera") : [];
@@ -484,7 +485,7 @@ export class Live {
     const known = this.#variants;
     if (what === "keep_variant") {
       const { covered, covered_area, cost } = this.#frame.summary;
-      const cameras = this.history.state.stations.filter((each) => each.is_on).length;
+      const cameras = headsOf(this.history.state).filter(({ counts }) => counts).length;
       this.#variants = new Map([...known, [name, [this.history.state, { covered, covered_area, cost, cameras }]]]);
     } else if (what === "drop_variant") {
       if (!known.has(name)) refuse(`expected a saved variant, got '${name}'; pick another`);

@@ -5,6 +5,7 @@
 
 import { base64Of, refuse } from "rastercov/api.js";
 import { through } from "rastercov/live_link.js";
+import { headsOf } from "rastercov/live_rules.js";
 import { distance } from "rastercov/maths.js";
 
 const AT_RIG = [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => Number(row === column)));
@@ -12,7 +13,9 @@ const AT_RIG = [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => Number(row
 /** The rig, as JSON, without cameras that it does not use, which equipment may be on. */
 export function rigFile({ stations, cameras, devices = [], gates = [], rigs = [], fixed = [], rig_from_camera: places = {} }, hasUnit) {
   if (!stations.length) refuse("expected a camera to save, got none; add one");
-  checkWhole(stations, gates);
+  if (headsOf({ stations, gates }).some(({ isWhole }) => !isWhole)) {
+    refuse("expected all cameras of each rig with a rule, in its order, got others; complete the rig, or delete it");
+  }
   const used = new Set(devices.length ? Object.keys(cameras) : stations.map((each) => each.camera));
   const ofRigs = Object.keys(cameras).filter((name) => used.has(name)).map((name) => rigs.find((each) => each.cameras.includes(name)) ?? name);
   const names = [...new Set(ofRigs.flatMap((each) => each.cameras ?? each))];
@@ -31,17 +34,6 @@ export function rigFile({ stations, cameras, devices = [], gates = [], rigs = []
     images: stations.map((each) => each.name),
   };
   return `${JSON.stringify(content)}\n`;
-}
-
-/** Refuses stations that are not those of whole rigs where cameras have rules. */
-function checkWhole(stations, gates) {
-  for (let at = 0; at < stations.length; ) {
-    const names = gates.find((each) => each.names.includes(stations[at].camera))?.names ?? [stations[at].camera];
-    if (names.some((name, k) => stations[at + k]?.camera !== name)) {
-      refuse("expected all cameras of each rig with a rule, in its order, got others; complete the rig, or delete it");
-    }
-    at += names.length;
-  }
 }
 
 /** Surfaces as OBJ, [{name, text, role, groups, twoSided}]: the task with what hides, and targets. */

@@ -35,13 +35,13 @@ function roundEven(x) {
 }
 
 /** Classes of a mode, of those of Python: cameras and devices of a rig after them. */
-function classesOf(own, mode, values, { stations, measured }) {
+function classesOf(own, mode, values, { heads, measured }) {
   const { classes, cameraColours, covered } = own;
   if (mode === "views") return classes.views[values.reduce((most, n, f) => (own.isTask[f] && n > most ? n : most), 0)];
   if (mode in classes) return classes[mode];
   const { first, words, colours } = classes.none;
-  const names = mode === "camera" ? stations.map(({ name }) => name) : measured.labels;
-  const rows = mode === "camera" ? stations.map(({ row }) => row) : [...names.keys()];
+  const names = mode === "camera" ? heads.map(({ name }) => name) : measured.labels;
+  const rows = mode === "camera" ? heads.map(({ row }) => row) : [...names.keys()];
   const more = rows.map((row) => cameraColours[row % cameraColours.length]);
   if (mode === "device") more[more.length - 1] = covered;
   const upTo = 256 - first;
@@ -101,19 +101,19 @@ function legendOf(own, levels, palette, words, hatches) {
   return entries.filter(({ level }) => counts[level]).sort((a, b) => (b.percent ?? -1) - (a.percent ?? -1));
 }
 
-/** Least angle of incidence at which a station covers each face, at its centroid, degrees; or infinity. */
-export function leastIncidence(mesh, rig, judged) {
+/** Least angle of incidence at which a row covers each face, at its centroid, degrees; or infinity. */
+export function leastIncidence(mesh, rig, rows) {
   const covered = Object.keys(rig.reasons).indexOf("covered");
-  return Float64Array.from(judged[0]?.reasons ?? [], (_, f) => {
+  return Float64Array.from(rows[0]?.reasons ?? [], (_, f) => {
     const corners = cornersOf(mesh, f);
     const normal = unit(normalOf(corners));
-    const rays = rig.stations.map(({ pose }) => unit(subtract(centreOf(pose), centroid(corners))));
-    const cosines = rays.filter((_, row) => judged[row].reasons[f] === covered).map((ray) => Math.abs(dot(ray, normal)));
+    const rays = rig.rows.map(({ stations: [at] }) => unit(subtract(centreOf(rig.stations[at].pose), centroid(corners))));
+    const cosines = rays.filter((_, row) => rows[row].reasons[f] === covered).map((ray) => Math.abs(dot(ray, normal)));
     return cosines.length ? degrees(Math.acos(Math.min(1, Math.max(...cosines)))) : Infinity;
   });
 }
 
-/** Figures of whole faces by all stations, of what the solver judged of each, in their order. */
+/** Figures of whole faces by all heads and cameras, of what was judged of each, in their order. */
 export function facesOf({ n, reasons, nearness }, judged, need) {
   const [best, densities, facing] = [0, 0, 0].map(() => new Float64Array(n));
   const [views, bestRow] = [0, 0].map(() => new Int32Array(n));

@@ -8,19 +8,33 @@
 import { centroid, cornersOf, normalOf } from "rastercov/maths.js";
 
 /**
- * Rows of the figures of a state, {stations, gate}: a camera that is on, or those of a rig that are all on and
- * follow one another. Stations are counted among those that are on; `gate` is null for a single camera.
+ * Heads and single cameras of a state, {name, ids, gate, isWhole, counts}, as rastercov/page/rig_state.py has them:
+ * sensors of a head follow one another, and count if all are on; `gate` is null for a single camera.
  */
-export function rowsOf({ stations, cameras, gates = [] }) {
-  const ruled = new Map(gates.flatMap((gate) => gate.names.map((name) => [name, gate])));
-  const place = new Map(stations.filter((each) => each.is_on).map(({ id }, row) => [id, row]));
-  return stations.flatMap((station, at) => {
-    const gate = ruled.get(station.camera);
-    if (!gate) return station.is_on ? [{ stations: [place.get(station.id)], gate: null }] : [];
-    const own = stations.slice(at, at + gate.names.length);
-    const isWhole = gate.names.every((name, k) => own[k]?.camera === name && own[k].is_on);
-    return isWhole ? [{ stations: own.map(({ id }) => place.get(id)), gate: { ...gate, noise: noiseOf(gate, cameras) } }] : [];
-  });
+export function headsOf({ stations, gates = [] }) {
+  const heads = [];
+  for (let at = 0; at < stations.length; at += heads.at(-1).ids.length) {
+    const gate = gates.find(({ names }) => names.includes(stations[at].camera)) ?? null;
+    const isWhole = !gate || gate.names.every((name, k) => stations[at + k]?.camera === name);
+    const own = stations.slice(at, at + (gate && isWhole ? gate.names.length : 1));
+    const common = own[0].name.slice(0, own[0].name.lastIndexOf("/") + 1);
+    const isNamed = common.length > 1 && own.every(({ name }) => name.startsWith(common));
+    const several = isNamed ? common.slice(0, -1) : `head ${heads.length + 1}`;
+    const name = own.length > 1 ? several : own[0].name;
+    heads.push({ name, ids: own.map(({ id }) => id), gate, isWhole, counts: isWhole && own.every((each) => each.is_on) });
+  }
+  return heads;
+}
+
+/** Rows of the figures of a state, {stations, gate}, by heads that count; stations are counted among those that are on. */
+export function rowsOf(state) {
+  const place = new Map(state.stations.filter((each) => each.is_on).map(({ id }, row) => [id, row]));
+  return headsOf(state)
+    .filter(({ counts }) => counts)
+    .map(({ ids, gate }) => ({
+      stations: ids.map((id) => place.get(id)),
+      gate: gate && { ...gate, noise: noiseOf(gate, state.cameras) },
+    }));
 }
 
 /** Noise of the cameras of a gate, radians; null where it does not matter. */
@@ -44,23 +58,44 @@ export function nearest({ rows }, failed) {
   return ofRules.reduce((most, each) => (most?.nearness >= each.nearness ? most : each), undefined);
 }
 
+/** Centroids and normals of the faces of meshes. */
+const SPOTS = new WeakMap();
+
+/** What was judged of whole faces in each row: by a camera, or by the rule of a head and the best of its sensors. */
+export function joinRows(mesh, rig, judged, solver) {
+  if (rig.rows.every(({ gate }) => !gate)) return rig.rows.map(({ stations: [at] }) => judged[at]);
+  if (!SPOTS.has(mesh)) {
+    const corners = Array.from({ length: judged[0].reasons.length }, (_, f) => cornersOf(mesh, f));
+    SPOTS.set(mesh, { points: corners.flatMap(centroid), normals: corners.flatMap(normalOf) });
+  }
+  const spots = { ...SPOTS.get(mesh), reasons: judged.map(({ reasons }) => reasons) };
+  const { RC_COVERED } = solver.reasons;
+  return solver.together(rig, spots).map(({ reasons, devices }, row) => {
+    const own = rig.rows[row].stations.map((at) => judged[at]);
+    if (!rig.rows[row].gate) return own[0];
+    const best = (key) =>
+      Float64Array.from(reasons, (reason, f) =>
+        reason === RC_COVERED ? Math.max(...own.map((each) => (each.reasons[f] === RC_COVERED ? each[key][f] : 0))) : 0,
+      );
+    return { reasons, devices, coverage: best("coverage"), densities: best("densities"), facing: best("facing") };
+  });
+}
+
 /**
- * Whole faces by the rules of a rig, of what was judged of each through its stations: the place in `labels` of
+ * Whole faces by the rules of a rig, of what was judged in each row: the place in `labels` of
  * the camera or limit that fails, the last where none does, or -1; and the largest `deviation` at the corners
  * of those that are measured, metres.
  */
-export function measureFaces(mesh, rig, judged, solver) {
+export function measureFaces(mesh, rig, rows, solver) {
   const names = [...new Set(rig.rows.flatMap(({ gate }) => gate?.names ?? []))];
-  const n = judged[0]?.reasons.length ?? 0;
+  const n = rows[0]?.reasons.length ?? 0;
   const labels = [...names.map((name) => `${name} fails`), rig.reasons.baseline, rig.reasons.uncertain, "covered"];
   const found = { labels, device: new Int32Array(n).fill(-1), deviation: new Float64Array(n) };
   if (!names.length) return found;
   const { RC_COVERED, RC_TOO_UNCERTAIN, RC_ANGLE_OUT_OF_RANGE } = solver.reasons;
   const place = { [RC_COVERED]: names.length + 2, [RC_TOO_UNCERTAIN]: names.length + 1, [RC_ANGLE_OUT_OF_RANGE]: names.length };
-  const corners = Array.from({ length: n }, (_, f) => cornersOf(mesh, f));
-  const spots = { points: corners.flatMap(centroid), normals: corners.flatMap(normalOf), reasons: judged.map(({ reasons }) => reasons) };
   const best = new Int32Array(n).fill(-1);
-  solver.together(rig, spots).forEach(({ reasons, devices }, row) => {
+  rows.forEach(({ reasons, devices }, row) => {
     const { stations, gate } = rig.rows[row];
     if (!gate) return;
     for (let f = 0; f < n; f++) {
@@ -70,7 +105,7 @@ export function measureFaces(mesh, rig, judged, solver) {
     }
     if (!(gate.most_deviation > 0)) return;
     const measured = [...reasons.keys()].filter((f) => reasons[f] === RC_COVERED);
-    const own = solver.deviations(rig, { stations, gate }, measured.flatMap((f) => corners[f].flat()));
+    const own = solver.deviations(rig, { stations, gate }, measured.flatMap((f) => cornersOf(mesh, f).flat()));
     measured.forEach((f, at) => (found.deviation[f] = Math.max(found.deviation[f], ...own.subarray(3 * at, 3 * at + 3))));
   });
   return found;

@@ -8,7 +8,7 @@
 import { Engine, EngineError } from "rastercov/live_engine.js";
 import { Solver } from "rastercov/live_solver.js";
 import { OF_RULES, facesOf, leastIncidence } from "rastercov/live_paint.js";
-import { measureFaces } from "rastercov/live_rules.js";
+import { joinRows, measureFaces } from "rastercov/live_rules.js";
 
 const RAYS_OF_SIDE = 8;
 const NO_MEMORY = "expected enough memory for this rig, got too little; close other pages, delete cameras, or use rastercov view";
@@ -54,9 +54,10 @@ export class Figures {
     if (mode === "area") return { ...found, alone, faces: { share } };
     const own = { n: solver.n, reasons: rig.reasons, nearness: solver.nearness };
     const judged = rig.stations.map((station) => this.#judgedOf(rig, station));
-    const faces = facesOf(own, judged, rig.need);
-    if (mode === "incidence") faces.incidence = leastIncidence(this.mesh, rig, judged);
-    if (OF_RULES.includes(mode)) faces.measured = measureFaces(this.mesh, rig, judged, solver);
+    const rows = joinRows(this.mesh, rig, judged, solver);
+    const faces = facesOf(own, rows, rig.need);
+    if (mode === "incidence") faces.incidence = leastIncidence(this.mesh, rig, rows);
+    if (OF_RULES.includes(mode)) faces.measured = measureFaces(this.mesh, rig, rows, solver);
     return { ...found, alone, faces };
   }
 

@@ -13,11 +13,11 @@ export function variantsSection(session) {
   name.addEventListener("keydown", (event) => event.key === "Enter" && keep());
   const keeping = button("Keep as variant", keep, { title: "the rig and the thresholds as they are now" });
   const show = () => {
-    const { stations, variants = [] } = session.state;
+    const { stations, heads, variants = [] } = session.state;
     const summary = session.figures?.summary ?? {};
     const present = {
       name: "current rig",
-      cameras: stations.filter((station) => station.is_on).length,
+      cameras: (heads ?? stations).filter((each) => each.counts ?? each.is_on).length,
       ...summary,
       is_of_task: true,
     };
@@ -48,7 +48,7 @@ function free(session) {
 
 function tableOf(session, rows) {
   const columns = [
-    ["cameras", "cameras that are on", (row) => String(row.cameras)],
+    [session.state.heads?.some(({ ids }) => ids.length > 1) ? "heads" : "cameras", "those that are on", (row) => String(row.cameras)],
     ["covers", "of the evaluated area", (row) => percent(coverageText(row)) + (row.is_of_task ? "" : "*")],
     ["cost", "total cost; each camera costs as much as the nearest candidate of the plan", (row) => figure(row.cost, 4), "cost"],
   ].filter(([, , , key]) => !key || rows.some((row) => typeof row[key] === "number"));
