@@ -17,6 +17,9 @@ from rastercov.core.coverage.phases import question_in
 from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh.groups import at_level
 
+MOST_REASONS = 6
+"""Reasons in a line, the largest."""
+
 Summary = ReadByName
 
 
@@ -194,19 +197,28 @@ def _zones(summary: Summary) -> list[Summary]:
 
 
 def by_reason(why: Mapping[str, ReadByName]) -> str:
-    """Areas by reason of `areas_by_reason`, the largest first, each with the gain by it alone."""
+    """Areas by reason of `areas_by_reason`, the largest first, each with the gain by it alone.
+
+    In one unit; after `MOST_REASONS` the sum of the others.
+    """
     m2 = {name: each["m2"] for name, each in why.items()}
-    whole, ranked = sum(m2.values()), sorted(m2, key=m2.__getitem__, reverse=True)
-    return ", ".join(
-        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}{gain_in_area(why[name])}"
-        for name in ranked
-        if m2[name] > SLIVER_REL * whole
-    )
+    ranked = sorted(m2, key=m2.__getitem__, reverse=True)
+    ranked = [name for name in ranked if m2[name] > SLIVER_REL * sum(m2.values())]
+    said = [
+        f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}"
+        f"{gain_in_area(why[name], m2[ranked[0]])}"
+        for name in ranked[:MOST_REASONS]
+    ]
+    if others := ranked[MOST_REASONS:]:
+        rest = area(sum(m2[name] for name in others), whole=m2[ranked[0]])
+        said.append(f"{rest} for {plural(len(others), 'other reason')}")
+    return ", ".join(said)
 
 
-def gain_in_area(entry: ReadByName) -> str:
+def gain_in_area(entry: ReadByName, whole: float = 0.0) -> str:
     """Words in brackets on the gain by one criterion alone, m^2; "" for several."""
-    return f" (gain by this alone: {area(entry['gain_m2'])})" if "gain_m2" in entry else ""
+    gain = area(entry["gain_m2"], whole=whole) if "gain_m2" in entry else ""
+    return f" (gain by this alone: {gain})" if gain else ""
 
 
 def gain_in_faces(entry: ReadByName) -> str:

@@ -504,9 +504,15 @@ class NetworkPage:
 
     @cached_property
     def features(self) -> list[FeatureRow]:
-        """Rows of features, with those of goals; none for one, or a scene of several phases."""
+        """Rows of features, with those of goals; none for one, or a scene of several phases.
+
+        What must not be seen has no best camera: its goal says who sees it.
+        """
         rows = sorted(
-            chain(self._features(), *(goal.page._features() for goal in self.goals)),
+            chain(
+                self._features(),
+                *(goal.page._features() for goal in self.goals if not goal.is_most),
+            ),
             key=lambda each: (each.covered_percent, -each.area_m2),
         )
         return rows if len(rows) > 1 else []
@@ -596,7 +602,9 @@ class NetworkPage:
             return ""
         some = area(exact["m2"], self.unit, exact["of_m2"]) if exact["m2"] else "None"
         by_fewer = in_words(exact, self.noun).partition(" of the area")[2]
-        return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
+        bound = f" (error bound {exact['bound_percent']:.2g} %)"
+        words = f"{some} of {area(exact['of_m2'], self.unit)} is covered{bound}{by_fewer}"
+        return f"{words}{self._long}"
 
     def sentences(self) -> list[str]:
         """Sentences on what is covered, by area with its bound, and on cameras."""

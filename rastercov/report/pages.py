@@ -100,6 +100,7 @@ def _environment(package: str) -> "Environment":
     )
     environment.filters |= {
         "area": area,
+        "breaks": _with_breaks,
         "column_kinds": _column_kinds,
         "count": "{:,}".format,
         "image": image_name,
@@ -129,12 +130,18 @@ def _column_kinds(headings: Sequence[str], rows: Sequence[Sequence[Any]]) -> lis
     kinds = []
     for column in range(len(headings)):
         cells = [str(row[column]) for row in rows if row[column] != ""]
-        if 2 * sum(FIGURE.match(cell) is None for cell in cells) <= len(cells):
-            kinds.append("")
-        else:
-            is_long = max(map(len, cells)) > LONGEST_WORD
-            kinds.append(Markup(f' class="words{" long" if is_long else ""}"'))
+        has_words = 2 * sum(FIGURE.match(cell) is None for cell in cells) > len(cells)
+        is_long = max(map(len, cells), default=0) > LONGEST_WORD
+        own = [name for name, has in (("words", has_words), ("long", is_long)) if has]
+        kinds.append(Markup(f' class="{" ".join(own)}"') if own else "")
     return kinds
+
+
+def _with_breaks(text: object) -> str:
+    """A cell of a table whose names may be broken after their parts."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"([/_])(?=\w)", r"\1<wbr>", str(escape(text))))
 
 
 def image_name(name: str, noun: str = "image") -> str:

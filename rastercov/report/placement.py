@@ -13,6 +13,7 @@ import numpy as np
 
 from rastercov.base import ByName, ReadByName, percent
 from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.area.zones import ZONES
 from rastercov.core.camera import heads_of, led_by
 from rastercov.core.coverage.evaluation import regions
@@ -103,12 +104,14 @@ def pages_of(
 
 
 def _hiders(left: ReadByName | None) -> list[tuple[tuple[str, str], float]]:
-    """Parts, what hides them, and the hidden area, m^2: the `MOST_ROWS` largest."""
+    """Parts, what hides them, and the hidden area, m^2: `MOST_ROWS` at most, the largest."""
     values: dict[tuple[str, str], float] = defaultdict(float)
     for group in left["groups"] if left else ():
         for name, m2 in group["hidden_by"].items():
             values[body_of(group["name"]), body_of(name)] += m2
-    return sorted(values.items(), key=lambda each: -each[1])[:MOST_ROWS]
+    least = SLIVER_REL * max(values.values(), default=0.0)
+    ranked = sorted(values.items(), key=lambda each: -each[1])
+    return [each for each in ranked[:MOST_ROWS] if each[1] > least]
 
 
 def _out_of_reach(openings: Openings | None) -> list[str]:

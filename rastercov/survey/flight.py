@@ -174,9 +174,10 @@ class Flight(Product):
     def lines_flown(self) -> list[tuple[int, int]]:
         """First waypoint of each straight line of equal steps and equal views, and the one after.
 
+        Lines and steps are those on the map, whatever the height, which may follow the ground.
         Lines have `LEAST_OF_LINE` waypoints or more; others are alone.
         """
-        n, ways = len(self.rows), np.diff(self.places, axis=0)
+        n, ways = len(self.rows), np.diff(self.places[:, :2], axis=0)
         pitch = self.views[1]
         turn = np.abs((np.diff(self.headings_deg) + 180) % 360 - 180)
         is_same = (turn < SAME_ANGLE_DEG) & (np.abs(np.diff(pitch)) < SAME_ANGLE_DEG)

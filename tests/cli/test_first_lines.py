@@ -12,7 +12,13 @@ import pytest
 from commands import call, write_part
 
 import rastercov as rc
+from rastercov.advice.headline import MOST_REASONS, by_reason
+from rastercov.base import percent
+from rastercov.core.area.feature import in_words
+from rastercov.core.area.stages import SLIVER_REL
+from rastercov.core.coverage.task import NAMES, REASONS
 from rastercov.report import coverage
+from rastercov.report.placement import _hiders
 from rastercov.report.plan import cameras_table, source_of
 
 CAMERA = "width = 96\nheight = 72\nfx = 60\nfy = 60\n"
@@ -85,6 +91,45 @@ def test_by_face_the_worst_reason_takes_the_place_of_a_zone(capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_reasons_in_a_line_are_few_have_one_unit_and_add_up(seed):
+    """Lines had forty reasons, down to 0.003 %, in two units."""
+    rng = np.random.default_rng(seed)
+    known = [name for name in NAMES if name in REASONS and "," not in REASONS[name].label]
+    some = rng.permutation(known)[: rng.integers(2, len(known))].tolist()
+    sizes = 10 ** rng.uniform(-5, 1, (2, len(some)))
+    why = {
+        name: {"m2": m2, "gain_m2": m2 * gain}
+        for name, (m2, gain) in zip(some, sizes.T, strict=True)
+    }
+    text = by_reason(why)
+    assert len({*re.findall(r"[cm]?m²", text)}) == 1
+    own = re.findall(r"(?:^|, )([\d.,e-]+) ([cm]?m)²", text)
+    assert 0 < len(own) <= MOST_REASONS + 1
+    metres = {"m": 1.0, "cm": 1e-4, "mm": 1e-6}
+    m2 = [float(size.replace(",", "")) * metres[unit] for size, unit in own]
+    assert sum(m2) == pytest.approx(sizes[0].sum(), rel=0.01)
+    assert m2[:MOST_REASONS] == sorted(m2[:MOST_REASONS], reverse=True)
+
+
+@pytest.mark.parametrize("doubtful", [0.0, 1e-13, 1e-5, 0.0004, 0.06, 0.5, 12.0])
+def test_what_is_edge_on_is_said_where_its_figure_is_not_0(doubtful):
+    figures = {"percent": 50.0, "bound_percent": 0.0, "views": 1, "doubtful_percent": doubtful}
+    assert ("edge-on" in in_words(figures)) == (percent(doubtful / 100) != "0.0 %")
+    assert "0.0 % more" not in in_words(figures)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_hides_little_beside_the_rest_is_not_listed(seed):
+    """A page listed walls that hide 0.00009 square micrometres."""
+    hidden = 10 ** np.random.default_rng(seed).uniform(-18, 1, 12)
+    by = {f"wall {row}": m2 for row, m2 in enumerate(hidden.tolist())}
+    listed = _hiders({"groups": [{"name": "hall", "hidden_by": by}]})
+    assert listed
+    assert all(m2 > SLIVER_REL * hidden.max() for _, m2 in listed)
+    assert sum(m2 for _, m2 in listed) >= hidden.max()
+
+
 def test_cameras_that_add_under_one_percent_are_named(here, capsys):
     goal = 'goal = "best_coverage", cameras = 12'
     (here / "plan.toml").write_text(PLAN.replace("SELECTION", goal))

@@ -186,6 +186,29 @@ def test_answers_of_plans_and_checks_have_all_features_those_of_goals_too(
         assert places == sorted(places)
 
 
+def test_what_must_not_be_seen_has_no_best_camera_and_targets_have_one_row(tmp_path, monkeypatch):
+    """A private window was listed by what it lacks, and each target as a part and a feature."""
+    monkeypatch.chdir(tmp_path)
+    plan = {
+        "meshes": [{"built_in": "box", "role": "occluder"}],
+        "camera": {"width": 640, "height": 480, "hfov_deg": 60.0},
+        "targets": [
+            {"name": name, "above": "mesh", "height": height}
+            for name, height in (("lobby", 0.2), ("desk", 0.4), ("private", 0.6))
+        ],
+        "candidates": [{"generator": "on_hemisphere", "count": 6, "distances": [3.0]}],
+        "selection": {"goal": "fewest_cameras", "coverage": 0.3},
+        "goals": {"private": {"groups": ["private"], "at_most": 0.9}},
+        "task": {"resolution_of_result": 0.5},
+    }
+    rc.place(plan, out="out")
+    told = json.loads((tmp_path / "out/plan.json").read_text())["features"]
+    assert {each["name"] for each in told} == {"lobby", "desk"}
+    text = (tmp_path / "out/page.html").read_text()
+    table = text[text.index("<h2>Features</h2>") :]
+    assert [table.count(f">{name}") for name in ("lobby", "desk")] == [1, 1]
+
+
 def test_parts_and_their_features_are_one_table(tmp_path):
     """Parts, whose groups are CAD faces of several bodies, stand before their features."""
     parts = ("bolt", "nut", "plate")

@@ -102,6 +102,20 @@ def test_each_mission_has_its_files_and_waypoints_keep_their_numbers():
     assert list(files_of(one)) == ["flight.csv"]
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_lines_that_follow_the_ground_are_those_on_the_map(seed):
+    """Each waypoint was a line of its own, because the height of steps differs."""
+    rng = np.random.default_rng(seed)
+    n_lines, n = rng.integers(2, 5), rng.integers(3, 8)
+    across, along = np.meshgrid(np.arange(n_lines) * 20.0, np.arange(n) * 8.0, indexing="ij")
+    along[1::2] = along[1::2, ::-1]
+    level = np.column_stack((across.ravel(), along.ravel(), np.full(across.size, 30.0)))
+    rough = level + np.outer(rng.uniform(0, 12, len(level)), (0, 0, 1))
+    lines = [flown(places, ground(), speed=5.0).lines_flown for places in (level, rough)]
+    assert lines[0] == lines[1]
+    assert [end - first for first, end in lines[1]] == [n] * n_lines
+
+
 def test_the_page_and_the_answer_list_photographs_and_heights_of_each_mission(tmp_path):
     ground_of = {"built_in": "box", "transform": {"scale": 60, "translation": [0, 0, -30]}}
     strips = {"generator": "strips", "height": 20, "front": 0.3, "side": 0.2}

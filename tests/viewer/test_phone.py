@@ -8,6 +8,9 @@ from browser import Tab
 
 import rastercov as rc
 
+ARM_FILE = Path(__file__).resolve().parents[2] / "examples" / "arm.urdf"
+A4 = 210 - 2 * 12
+"""Width of a printed page without margins, mm."""
 WIDE = """() => {
   document.querySelectorAll("details:not(.scene)").forEach((each) => { each.open = true; });
   const root = document.documentElement;
@@ -39,6 +42,46 @@ generator = "on_sphere"
 count = 9
 distances = [4.0]
 """
+ARM = """
+[[meshes]]
+path = "cell.obj"
+[camera]
+width = 320
+height = 256
+hfov_deg = 38
+[task]
+resolution_of_result = 0.1
+[[bodies]]
+name = "arm"
+urdf = "arm.urdf"
+[[candidates]]
+generator = "on_arm"
+body = "arm/head"
+mount = { translation = [0, 0, 0.06] }
+of = { generator = "on_hemisphere", centre = [0.5, 0.05, 0.08], count = 12, distances = [0.38] }
+[selection]
+goal = "best_coverage"
+cameras = 2
+"""
+FLIGHT = """
+meshes = [{ built_in = "box", transform = { scale = 30 } }]
+camera = { preset = "dji-mavic3e" }
+task = { resolution_of_result = 10 }
+selection = { goal = "all" }
+flight = { home = [0, 0, 15], battery = 9 }
+candidates = [{ generator = "strips", gsd = 0.02, front = 0.5, side = 0.3 }]
+"""
+HEADS = """
+rule = "all"
+cameras = [
+  { name = "camera_with_a_long_name", width = 96, height = 72, fx = 60, fy = 60 },
+  { name = "projector_with_a_long_name", width = 96, height = 72, fx = 60, fy = 60 },
+]
+rig_from_camera = [
+  [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+  [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+]
+"""
 LINES = {
     "evaluated/report.html": "evaluate {mesh} -c camera.toml -p rig.json -o evaluated",
     "placed/page.html": "place plan.toml -o placed",
@@ -47,6 +90,10 @@ LINES = {
     "sun/sun.html": "sun {mesh} screen.obj --latitude 50 --longitude 14 --day 2026-03-01 --step 60 "
     "--at-least 1.5h -o sun",
     "placed/view.html": None,
+    "armed/page.html": "place arm.toml -o armed",
+    "flown/page.html": "place flight.toml -o flown",
+    "heads/report.html": "evaluate {mesh} -c heads.toml -p rig.json -o heads",
+    "heads/view.html": None,
 }
 
 
@@ -66,7 +113,11 @@ def folder(tmp_path_factory):
             n += part.n_vertices
         Path(mesh).write_text("\n".join(text))
         rc.shapes.box((9, 0.1, 3), centre=(2, -1.5, 0)).to_trimesh().export("screen.obj")
-        Path("plan.toml").write_text(PLAN)
+        for name, content in (("plan", PLAN), ("arm", ARM), ("flight", FLIGHT), ("heads", HEADS)):
+            Path(f"{name}.toml").write_text(content)
+        joints = ARM_FILE.read_text().replace('<joint name="', '<joint name="shoulder_of_arm_')
+        Path("arm.urdf").write_text(joints)
+        rc.shapes.teapot(5).moved(translation=(0.5, 0.05, 0)).to_trimesh().export("cell.obj")
         Path("camera.toml").write_text("width = 96\nheight = 72\nfx = 60\nfy = 60\n")
         eyes = [(6, 3, 2), (-3, 4, 1), (2, -5, 1), (2, 5, 4)]
         rc.write_poses("rig.json", rc.look_at(eyes, np.array((2.0, 0, 0))))
@@ -106,6 +157,19 @@ def test_no_page_is_wider_than_a_phone(page, folder, phone):
     opened.wait_for_timeout(200)
     wide, room, those = opened.evaluate(WIDE)
     assert wide <= room == 390, those
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [each for each in LINES if "view" not in each])
+def test_no_page_is_wider_than_its_paper(page, folder, browser):
+    """The last column of a table, such as the clearance of an arm, was cut off."""
+    opened = browser.new_page(viewport={"width": round(A4 / 25.4 * 96), "height": 844})
+    opened.emulate_media(media="print")
+    opened.goto((folder / page).as_uri())
+    opened.wait_for_timeout(200)
+    wide, room, those = opened.evaluate(WIDE)
+    opened.close()
+    assert wide <= room, those
 
 
 @pytest.mark.every_day

@@ -53,7 +53,7 @@ def most_off(figures: ReadByName, unit: str) -> float:
 def in_words(figures: ReadByName, noun: str = "camera") -> str:
     """Covered area with its bound, in words; `noun` is a word for a pose."""
     text = f"{with_bound(figures['percent'], figures['bound_percent'])} of the area"
-    if "doubtful_percent" in figures:
+    if percent(figures.get("doubtful_percent", 0.0) / 100) != percent(0):
         text += f", up to {percent(figures['doubtful_percent'] / 100)} more is visible edge-on"
     if isinstance(figures["views"], int) and figures["views"] > 1:
         fewer = [(each["percent"] / 100, each["views"]) for each in figures["by_views"][:-1]]

@@ -415,7 +415,7 @@ class Checked(InOneLine, InNotebook):
         if requirement.status == HOLDS:
             return lines
         words, left = self._turned(requirement)
-        return [*lines, f"advice: {words}: {percent(left)} of it would be seen"]
+        return [*lines, f"advice: {words}: {percent(left) if left else 'none'} of it would be seen"]
 
     @cached_property
     def _seeing(self) -> list[tuple[str, str]]:
