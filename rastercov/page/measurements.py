@@ -426,36 +426,33 @@ class NetworkFigures:
 
     def _join_rows(self) -> list[CameraFaces]:
         """A row for each head: the best of its sensors on faces that its rule covers."""
-        judged = iter(self._judged[0])
         return [
-            self.rows[own[0]]
-            if head.stations[0].camera not in self._judged[3]
-            else _join_sensors([self.rows[row] for row in own], next(judged))
-            for head, own in zip(self.heads, self._own, strict=True)
+            _join_sensors([self.rows[row] for row in own], reason)
+            for own, reason in zip(self._own, self._judged[0], strict=False)  # one more for none
         ]
 
     @cached_property
     def _judged(self) -> tuple[IntArray, IntArray, FloatArray, tuple[str, ...]]:
-        """Reasons of each face for each of R rigs, devices, both (R, F), deviations, and names.
+        """Reasons of each face for each of H heads, sensors, both (H, F), deviations, and names.
 
-        Rows of `REASONS`, and of the names; -1 for no device. Each device is judged by its reason
+        Rows of `REASONS`, and of the names; -1 for no sensor. Each sensor is judged by its reason
         of the face, and the angle and uncertainty are those at its centroid. The deviation, (F,),
-        is the largest at the corners by rigs that measure the face, metres; 0 for none.
+        is the largest at the corners by heads that measure the face, metres; 0 for none.
         """
-        mesh, worst = self.mesh, np.zeros(self.mesh.n_faces)
-        rig, poses, stations = self.state.of_rules() if self.state.whole.gates else (None, None, [])
-        if rig is None or poses is None or not stations:
-            return np.zeros((1, mesh.n_faces), int), np.full((1, mesh.n_faces), -1), worst, ()
-        place = {each.id: row for row, each in enumerate(self.state.on)}
-        own = np.array([self.rows[place[each.id]].reason for each in stations])
+        mesh, rig, worst = self.mesh, self.state.whole, np.zeros(self.mesh.n_faces)
+        if all(len(own) < 2 for own in self._own):
+            none = np.zeros((len(self._own) + 1, mesh.n_faces), int)
+            return none, none - 1, worst, ()
+        poses, _ = self.state.cameras_that_count()
+        own = np.array([self.rows[row].reason for some in self._own for row in some])
         result, row = rule_reasons(own, rig, poses, mesh.centroids, mesh.normals)
         reason, device = result.astype(np.int64), poses.camera[row].astype(np.int64)
         device[row < 0] = -1
         for at, lead in enumerate(led_by(rig, poses).tolist()):
             faces = np.flatnonzero(reason[at] == Reason.COVERED)
             corners = mesh.vertices[mesh.faces[faces]].reshape(-1, 3)
-            row_of_rig = poses[lead : lead + rig.gates[int(poses.camera[lead])].n]
-            if (most := deviations_of(rig, row_of_rig, corners)) is not None:
+            of_head = poses[lead : lead + len(self._own[at])]
+            if (most := deviations_of(rig, of_head, corners)) is not None:
                 worst[faces] = np.maximum(worst[faces], most.reshape(-1, 3).max(axis=1, initial=0))
         return reason, device, worst, rig.names
 
@@ -531,6 +528,8 @@ class NetworkFigures:
 
 def _join_sensors(rows: Sequence[CameraFaces], reason: ByteArray) -> CameraFaces:
     """Row of a head by the reason of its rule, and the best of its sensors where that covers."""
+    if len(rows) < 2:
+        return rows[0]
     result = replace(rows[0], reason=reason.astype(np.uint8))
     best = {
         name: np.max([np.where(row.covers, getattr(row, name), 0) for row in rows], axis=0)

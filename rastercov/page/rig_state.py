@@ -164,13 +164,6 @@ class RigState:
             at += len(some)
         return heads
 
-    def of_rules(self) -> tuple[Rig, Poses, list[Station]]:
-        """Cameras with the rules of their rigs, and stations of heads that count."""
-        gates = sorted(self.whole.gates.items())
-        rig = self.whole._only([at + row for at, gate in gates for row in range(gate.n)])
-        stations = [each for each in self.cameras_that_count()[1] if each.camera in rig.names]
-        return rig, _place_rig(rig, stations), stations
-
     def cameras_that_count(self) -> tuple[Poses, tuple[Station, ...]]:
         """Stations of heads that count, and their poses; `Poses.camera` counts those of `whole`."""
         values = tuple(one for each in self.heads if each.counts for one in each.stations)

@@ -116,7 +116,7 @@ export function leastIncidence(mesh, rig, rows) {
 /** Figures of whole faces by all heads and cameras, of what was judged of each, in their order. */
 export function facesOf({ n, reasons, nearness }, judged, need) {
   const [best, densities, facing] = [0, 0, 0].map(() => new Float64Array(n));
-  const [views, bestRow] = [0, 0].map(() => new Int32Array(n));
+  const [views, bestRow, nearest] = [0, 0, 0].map(() => new Int32Array(n));
   const rows = new Uint8Array(n);
   const names = Object.keys(reasons);
   const [covered, none, few] = ["covered", "no_cameras", "too_few_views"].map((name) => names.indexOf(name));
@@ -127,11 +127,11 @@ export function facesOf({ n, reasons, nearness }, judged, need) {
         views[f] += 1;
         densities[f] = Math.max(densities[f], each.densities[f]);
         facing[f] = Math.max(facing[f], each.facing[f]);
-      } else if (nearness[each.reasons[f]] > nearness[rows[f]]) rows[f] = each.reasons[f];
+      } else if (!row || nearness[each.reasons[f]] > nearness[rows[f]]) [rows[f], nearest[f]] = [each.reasons[f], row];
     });
     if (!views[f]) bestRow[f] = -1;
     if (!judged.length) rows[f] = none;
     else if (views[f]) rows[f] = views[f] >= need[f] ? covered : few;
   }
-  return { rows, views, best, bestRow, densities, facing };
+  return { rows, views, best, bestRow, nearest, densities, facing };
 }

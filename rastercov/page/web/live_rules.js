@@ -82,31 +82,27 @@ export function joinRows(mesh, rig, judged, solver) {
 }
 
 /**
- * Whole faces by the rules of a rig, of what was judged in each row: the place in `labels` of
- * the camera or limit that fails, the last where none does, or -1; and the largest `deviation` at the corners
- * of those that are measured, metres.
+ * The place in `labels` of the sensor or limit that fails in the row that comes nearest to covering a face, of the
+ * `faces` of `facesOf`, the last where one covers it, or -1; and the largest `deviation` at the corners of those that
+ * are measured, metres.
  */
-export function measureFaces(mesh, rig, rows, solver) {
-  const names = [...new Set(rig.rows.flatMap(({ gate }) => gate?.names ?? []))];
-  const n = rows[0]?.reasons.length ?? 0;
+export function measureFaces(mesh, rig, rows, faces, solver) {
+  const names = Object.keys(rig.cameras);
   const labels = [...names.map((name) => `${name} fails`), rig.reasons.baseline, rig.reasons.uncertain, "covered"];
-  const found = { labels, device: new Int32Array(n).fill(-1), deviation: new Float64Array(n) };
-  if (!names.length) return found;
-  const { RC_COVERED, RC_TOO_UNCERTAIN, RC_ANGLE_OUT_OF_RANGE } = solver.reasons;
-  const place = { [RC_COVERED]: names.length + 2, [RC_TOO_UNCERTAIN]: names.length + 1, [RC_ANGLE_OUT_OF_RANGE]: names.length };
-  const best = new Int32Array(n).fill(-1);
-  rows.forEach(({ reasons, devices }, row) => {
-    const { stations, gate } = rig.rows[row];
-    if (!gate) return;
-    for (let f = 0; f < n; f++) {
-      if (solver.nearness[reasons[f]] <= best[f]) continue;
-      best[f] = solver.nearness[reasons[f]];
-      found.device[f] = place[reasons[f]] ?? names.indexOf(gate.names[devices[f]]);
-    }
-    if (!(gate.most_deviation > 0)) return;
-    const measured = [...reasons.keys()].filter((f) => reasons[f] === RC_COVERED);
-    const own = solver.deviations(rig, { stations, gate }, measured.flatMap((f) => cornersOf(mesh, f).flat()));
-    measured.forEach((f, at) => (found.deviation[f] = Math.max(found.deviation[f], ...own.subarray(3 * at, 3 * at + 3))));
+  const codes = Object.keys(rig.reasons);
+  const limits = { [codes.indexOf("baseline")]: names.length, [codes.indexOf("uncertain")]: names.length + 1 };
+  const device = faces.nearest.map((row, f) => {
+    if (faces.views[f]) return names.length + 2;
+    const { stations, gate } = rig.rows[row] ?? { stations: [] };
+    return limits[faces.rows[f]] ?? names.indexOf(gate ? gate.names[rows[row].devices[f]] : rig.stations[stations[0]]?.camera);
   });
-  return found;
+  const deviation = new Float64Array(device.length);
+  rows.forEach(({ reasons }, row) => {
+    const { stations, gate } = rig.rows[row];
+    if (!(gate?.most_deviation > 0)) return;
+    const measured = [...reasons.keys()].filter((f) => reasons[f] === solver.reasons.RC_COVERED);
+    const own = solver.deviations(rig, { stations, gate }, measured.flatMap((f) => cornersOf(mesh, f).flat()));
+    measured.forEach((f, at) => (deviation[f] = Math.max(deviation[f], ...own.subarray(3 * at, 3 * at + 3))));
+  });
+  return { labels, device, deviation };
 }

@@ -57,7 +57,7 @@ export class Figures {
     const rows = joinRows(this.mesh, rig, judged, solver);
     const faces = facesOf(own, rows, rig.need);
     if (mode === "incidence") faces.incidence = leastIncidence(this.mesh, rig, rows);
-    if (OF_RULES.includes(mode)) faces.measured = measureFaces(this.mesh, rig, rows, solver);
+    if (OF_RULES.includes(mode)) faces.measured = measureFaces(this.mesh, rig, rows, faces, solver);
     return { ...found, alone, faces };
   }
 
