@@ -133,13 +133,16 @@ def _in_focus(camera: Camera, pose: FloatArray, point: FloatArray, task: Task) -
 def table_of(rows: Sequence[FeatureRow], unit: str = "m") -> tuple[list[str], list[list[str]]]:
     """Headings and cells of a table, without columns that no row has."""
     said = {None: "", True: "yes", False: "no"}
+    most = max((each.px_per_m for each in rows), default=0.0)  # one unit for the column
     columns = {
         "feature": [each.name for each in rows],
         "area": [area(each.area_m2, unit) for each in rows],
         "covered": [percent(each.covered_percent / 100) for each in rows],
         "missing": [each.missing for each in rows],
         "best camera": short_names([each.camera for each in rows]),
-        "pixels": [density_text(each.px_per_m, f"px/{unit}") * bool(each.camera) for each in rows],
+        "pixels": [
+            density_text(each.px_per_m, f"px/{unit}", most) * bool(each.camera) for each in rows
+        ],
         "incidence": [f"{each.incidence_deg:.1f}°" * bool(each.camera) for each in rows],
         "in focus": [said[each.in_focus] for each in rows],
         "lit": [said[each.lit] for each in rows],

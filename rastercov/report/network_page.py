@@ -560,9 +560,10 @@ class NetworkPage:
 
     @property
     def _used(self) -> list[int]:
-        """Indices of the cameras that have poses, or of all of a rig with a rule."""
+        """Indices of the cameras that have poses, or else of those of rigs with a rule."""
         index: IntArray = np.unique(self._placed[0].camera)
-        return [*range(len(names_of(self.camera)))] if gates_of(self.camera) else index.tolist()
+        gates = gates_of(self.camera).items()
+        return index.tolist() or [at + row for at, gate in gates for row in range(gate.n)]
 
     def _kinds(self) -> list[str]:
         """Words on each type of camera that is used, with its name where there are several."""
@@ -571,7 +572,8 @@ class NetworkPage:
         if len(set(words)) == 1:
             return words[:1]
         said = [f"{names[row]}: {text}" for row, text in zip(used, words, strict=True)]
-        return said[:MOST_KINDS] + ["..."] * (len(said) > MOST_KINDS)
+        more = len(said) - MOST_KINDS
+        return said[:MOST_KINDS] + ([f"and {more} more"] if more > 0 else [])
 
     @property
     def answer(self) -> str:

@@ -485,7 +485,7 @@ def test_the_goal_that_lacks_most_has_its_zone_in_the_first_lines_and_on_the_pag
     assert first[1].startswith("change that gains most: ")
     assert first[3].startswith("seen by camera 1 (")
     assert first[3] not in "\n".join(others)
-    said = "advice: turn, move or mask camera 1: 0.0 % of it would be seen"
+    said = "advice: turn, move or mask camera 1: none of it would be seen"
     assert ([said] == first[4:]) != (f"  {said}" in others)
     assert any(line.startswith("  dead zone ") and "west" in line for line in others)
     junit = {case.name: case.lines for case in cases(checked)}

@@ -648,6 +648,7 @@ def test_heads_that_are_placed_are_counted_and_named_as_heads():
     assert [shown.noun, *shown.labels] == ["head", *map(str, range(1, n + 1))]
     assert len(shown.seen_m2) == len(shown.lost_m2) == n
     assert max(shown.seen_m2) <= sum(shown.seen_m2) <= n * shown.task_m2
+    assert shown._used == [1, 2]  # not the type of which no camera is placed by itself
     page = placement_page.pages_of(result, plan_report.summary(result), [], silent)["page.html"]
     assert f"{n} heads cover " in page
     assert f"{len(result.cameras.placed)} cameras" not in page

@@ -15,7 +15,7 @@ import rastercov as rc
 from rastercov.core.area.advice import focus_in_words
 from rastercov.core.mesh import shapes
 from rastercov.report.coverage import html_of
-from rastercov.report.feature_table import feature_rows, table_of
+from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
 
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
@@ -184,6 +184,17 @@ def test_answers_of_plans_and_checks_have_all_features_those_of_goals_too(
         table = text[text.index("<h2>Features</h2>") :]
         places = [table.index(f">{each['name']}</td>") for each in told]
         assert places == sorted(places)
+
+
+@pytest.mark.parametrize("most", [1.0, 700.0, 1e3, 5e4])
+def test_pixels_of_a_table_have_one_unit(most):
+    densities = most * np.geomspace(1e-3, 1, 7)
+    rows = [FeatureRow("a", 1.0, 50.0, "", "1", px, 10.0) for px in densities.tolist()]
+    heads, cells = table_of(rows)
+    texts = [row[heads.index("pixels")] for row in cells]
+    assert len({text.partition(" ")[2] for text in texts}) == 1
+    factor = 1e3 if texts[0].endswith("px/mm") else 1.0
+    assert [factor * float(text.split()[0]) for text in texts] == pytest.approx(densities, rel=1e-2)
 
 
 def test_what_must_not_be_seen_has_no_best_camera_and_targets_have_one_row(tmp_path, monkeypatch):
