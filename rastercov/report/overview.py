@@ -42,7 +42,6 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, text_with_sign
 from rastercov.core.area.features import conditions_at
-from rastercov.core.area.polygons import rows_at
 from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.stages import first_failures
 from rastercov.core.area.table import Regions
@@ -685,9 +684,7 @@ def _with_zones(
     part = zones.piece_area < (1 - WHOLE_REL) * mesh.areas[zones.face]
     known[zones.face[part]] = ASKED
 
-    def zone_of(face: Int32Array, points: FloatArray) -> IntArray:
-        is_inside = rows_at(zones, row_of.astype(np.int32), len(own_reasons), face, points)
-        return np.where(is_inside.any(axis=1), is_inside.argmax(axis=1), -1)
+    zone_of = partial(zones_at, zones, n=len(own_reasons) - 1, row=row_of)
 
     def own(face: FaceImage, at: IntArray) -> Pixels:
         take = known.take(face, mode="wrap")

@@ -72,6 +72,7 @@ def pages_of(
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
     shown = replace(network_of(placement, summary), level=level)
     drawn, leads = shown.draw(progress), led_by(plan.rig, cameras.placed)
+    unmet = [note for note in prepared.notes if note.startswith("rig ") and not len(leads)]
     columns = {
         "source": [source_of(placement.origin[row]) for row in cameras.owner[leads]],
         "covered so far": [
@@ -84,7 +85,7 @@ def pages_of(
         answer=shown.answer,
         passed=placement.is_met if placement.requirements else None,
         title_block=plan.sheet.words(plan=plan.name),
-        lines=[*change_of(placement), *verdicts(placement.requirements)],
+        lines=[*change_of(placement), *verdicts(placement.requirements), *unmet],
         log=notes,
         notes=[*summary["warnings"], *summary["result_warnings"]],
         columns=columns,

@@ -6,7 +6,6 @@ the cut is a target, of which cameras cover the part that they see.
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,10 +64,7 @@ def views_on_plan(
     """
     placed, height = poses.world_from_camera.copy(), scene.vertices[-1, 2]
     placed[np.abs(placed[:, 2, 3] - height) < APART, 2, 3] = height + APART
-    sharp = [
-        replace(each, aperture=None, f_number=None, focus_distance=None, focus_range=None)
-        for each in cameras
-    ]
+    sharp = [each._without_focus() for each in cameras]
     task = Task(min_facing_density=density)
     with closing(RegionPass(scene, sharp, task, only_task=True)) as finder:
         result = finder.find(Poses.of(placed, camera=poses.camera))

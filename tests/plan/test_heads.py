@@ -570,7 +570,12 @@ def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
     placement = placed(PLAN | {"rigs": {"fringe": own}}, outputs={"page": True})
     assert not len(placement.cameras.placed)
     assert len([x for x in placement.prepared.notes if x.endswith("; no camera is chosen")]) == 1
-    assert "too uncertain" in Path("out/page.html").read_text()
+    page = Path("out/page.html").read_text()
+    assert "too uncertain" in page
+    assert "0 heads cover 0 % of the area" in page
+    (limit,) = (each for each in placement.prepared.notes if each.startswith("rig fringe: unc"))
+    verdict = page[page.index('<div class="verdict') :].partition("</div>")[0]
+    assert limit.partition(":")[2].strip() in verdict.replace("&#39;", "'")
     # The camera alone would cover a zone from many of the places, and is no candidate.
     zones = told()["dead_zones"]
     assert not any(each["tried"] for each in zones)

@@ -436,7 +436,9 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
     return areas
 
 
-def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> IntArray:
+def zones_at(
+    zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int, row: IntArray | None = None
+) -> IntArray:
     """(N,) dead zone of each point of faces (N,): its row, n for the n-th or later, -1 for none.
 
     Parameters
@@ -447,9 +449,11 @@ def zones_at(zones: DeadZones, face: ArrayLike, points: ArrayLike, n: int) -> In
         As for `rastercov.core.area.regions.covering_poses`.
     n : int
         Zones that are distinguished.
+    row : (K,) int, optional
+        Numbers of the pieces instead of their zones.
     """
-    row = np.minimum(zones.zone, n).astype(np.int32)
-    is_inside = rows_at(zones, row, n + 1, face, points)
+    given = np.minimum(zones.zone if row is None else row, n).astype(np.int32)
+    is_inside = rows_at(zones, given, n + 1, face, points)
     return np.where(is_inside.any(axis=1), is_inside.argmax(axis=1), -1)
 
 

@@ -914,6 +914,10 @@ class Camera:
         blur = self.max_blur * min(across, down)
         return replace(self, width=width, height=height, **scaled, pixel_size=sizes, max_blur=blur)
 
+    def _without_focus(self) -> "Camera":
+        """The camera with everything in focus."""
+        return replace(self, aperture=None, f_number=None, focus_distance=None, focus_range=None)
+
     def depth_of_field(self, max_blur: float | None = None) -> tuple[float, float]:
         """Depths between which the blur circle stays within `max_blur`.
 

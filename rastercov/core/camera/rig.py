@@ -651,7 +651,7 @@ def heads_of(
     """
     leads, cameras = led_by(camera, poses), names_of(camera)
     own = zip(leads.tolist(), poses.camera[leads].tolist(), strict=True)
-    is_head = len(leads) < len(poses)
+    is_head = len(leads) < len(poses) or (not len(poses) and bool(gates_of(camera)))
     said = [names[row].removesuffix(f"/{cameras[index]}") for row, index in own]
     said = [
         f"head {n}" if is_head and text in names else text for n, text in enumerate(said, start=1)

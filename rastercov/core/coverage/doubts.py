@@ -6,7 +6,6 @@ figure that it is based on, and names what to try.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -254,10 +253,7 @@ def _sides(network: Network, cameras: Sequence[Camera], poses: Poses) -> list[st
     faces = faces[_spread(len(faces), MOST_FACES)]
     points = mesh.centroids[faces]
     areas = np.zeros(2)  # seen from behind, and from the front
-    sharp = [
-        replace(each, aperture=None, f_number=None, focus_distance=None, focus_range=None)
-        for each in cameras
-    ]
+    sharp = [each._without_focus() for each in cameras]
     both_sides = mesh.with_groups(two_sided="all")
     failures = first_failures(both_sides, sharp, Task(), poses, points, faces)
     for eye, (reason, _) in zip(eyes_of(cameras, poses), failures, strict=True):
