@@ -11,8 +11,8 @@ import numpy as np
 
 from rastercov.base import AnyArray, BoolArray, ByteArray, FloatArray
 from rastercov.core.camera import Camera, near_limit, to_image
-from rastercov.core.coverage.coverage import FIGURES, Coverage
-from rastercov.core.coverage.face_pass import ROW_TYPES, PairRows
+from rastercov.core.coverage.coverage import Coverage
+from rastercov.core.coverage.face_pass import FIGURES, ROW_TYPES, PairRows
 from rastercov.core.coverage.task import BITS, ROW_OF, STEEP, Reason, Task, own_reasons
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import BoundKind, Observation

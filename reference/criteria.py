@@ -12,8 +12,7 @@ import numpy as np
 from rastercov.base import BoolArray, ByName, FloatArray, IntArray, frozen_record
 from rastercov.core.camera import MODELS, Camera, Poses, near_limit, to_camera, to_image
 from rastercov.core.camera.lenses.of_camera import planes_of
-from rastercov.core.coverage.coverage import FIGURES
-from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.face_pass import FIGURES, FacePass
 from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import BoundKind, Observation

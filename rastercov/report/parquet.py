@@ -28,7 +28,7 @@ from rastercov.base.output import replacing, writing
 from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered
-from rastercov.core.coverage.coverage import FIGURES
+from rastercov.core.coverage.face_pass import FIGURES
 from rastercov.core.coverage.task import NAMES
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import BoundKind

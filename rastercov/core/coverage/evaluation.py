@@ -41,9 +41,9 @@ from rastercov.core.camera import (
     led_by,
 )
 from rastercov.core.camera.rig import with_equipment
-from rastercov.core.coverage.coverage import FIGURES, Coverage, arrays_for
+from rastercov.core.coverage.coverage import Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
-from rastercov.core.coverage.face_pass import FacePass
+from rastercov.core.coverage.face_pass import FIGURES, FacePass
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased_features
 from rastercov.core.coverage.provenance import provenance_of

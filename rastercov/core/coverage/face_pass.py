@@ -114,7 +114,7 @@ FIGURES: ByName = {
 NO_FIGURES: ByName = {name: np.empty((0, 0), kind) for name, kind in FIGURES.items()}
 
 
-def figures_of(arrays: Mapping[str, AnyArray]) -> tuple[AnyArray, ...]:
+def figures_of(arrays: Mapping[str, AnyArray]) -> tuple[Any, ...]:
     """The (P, F) arrays that are given, by their names, for the engine; (0, 0) for the others."""
     return tuple(arrays.get(name, none) for name, none in NO_FIGURES.items())
 
@@ -201,7 +201,7 @@ class Sink(NamedTuple):
     choice: int  # index of `network.CHOICES`
     pose_ids: IntArray
     counts: IntArray
-    rows: tuple[AnyArray, ...]  # of `ROW_TYPES`
+    rows: tuple[Any, ...]  # of `ROW_TYPES`
 
 
 @once_each

@@ -22,8 +22,9 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene
-from rastercov.core.coverage.coverage import FIGURES, Observer, arrays_for, check_fields
+from rastercov.core.coverage.coverage import Observer, arrays_for, check_fields
 from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
+from rastercov.core.coverage.face_pass import FIGURES
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network, can_judge, engine_for
 from rastercov.core.coverage.provenance import provenance_of
