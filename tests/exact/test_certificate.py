@@ -6,6 +6,7 @@ from exact_cases import AHEAD, grid, hostile, window
 from exact_views import (
     PATHS,
     SEEDS,
+    Certificate,
     HalfPlanes,
     assert_agree,
     assert_within_bounds,
@@ -202,9 +203,9 @@ def test_a_fold_of_which_the_border_leaves_a_strip_is_decided_by_index_there(ang
 BEFORE, ABOVE, BEHIND = (0.3, -0.4, 3.0), (1.0, -2.2, 1.5), (-1.5, 1.5, -2.0)
 
 
-def compared(vertices, faces, path, eye=BEFORE):
+def compared(vertices, faces, path, eye=BEFORE, middle=(0, 0, 0)):
     """Faces compared with event edges, or taken from others, by a camera before a mesh."""
-    pose = look_at(eye, (0, 0, 0))[0]
+    pose = look_at(eye, middle)[0]
     return look(Mesh(vertices, faces), window(1280, 960, 1200), pose, path).n_compared
 
 
@@ -220,11 +221,18 @@ def coincident(n):
     return nearly_coincident(n, 1e-12)
 
 
-def thin_on_one_side(n):
+def stack(n):
+    """Triangles behind one another, which hardly differ."""
+    corners = np.array([(-1.0, -0.7, 0.1), (1.1, -0.6, -0.2), (0.1, 0.9, 0.3)])
+    gaps = 1e-7 * np.arange(n)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    return (corners + gaps).reshape(-1, 3), np.arange(3 * n).reshape(-1, 3)
+
+
+def thin_on_one_side(n, slant=0.0):
     """Thin faces along one side of a triangle."""
     x = np.linspace(-1, 1, n + 1)
     side = np.column_stack((x, np.zeros((n + 1, 2))))
-    tips = np.column_stack((x[:-1], np.full(n, 0.8), np.zeros(n)))
+    tips = np.column_stack((x[:-1] + slant, np.full(n, 0.8), np.zeros(n)))
     row = np.arange(n)
     thin = np.column_stack((4 + row, 3 + row, 4 + n + row))
     vertices = np.concatenate(([(-1, 0, 0), (1, 0, 0), (0, -1, 0)], side, tips))
@@ -293,6 +301,46 @@ def cone_around(n, height):
 def test_a_face_that_the_near_plane_clips_is_compared_with_few_others(eye, height, path):
     vertices, faces = cone_around(2010, height)
     assert compared(vertices, faces, path, eye) < 200 * 2010  # of all pairs, ten times
+
+
+def fan(n, wave=0.0):
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    rim = np.column_stack((np.cos(angle), np.sin(angle), wave * np.sin(5 * angle)))
+    row = np.arange(n)
+    return np.concatenate(([(0, 0, 0)], rim)), np.column_stack(
+        (0 * row, 1 + row, 1 + (row + 1) % n)
+    )
+
+
+CLOSE = ((-0.29, -0.74, 1.27), (0.11, 0.49, 0.13)), ((0.95, 0.94, -0.68), (-0.01, 0.27, -0.08))
+"""Eyes, and what they look at, from which the image or the near plane clips many faces."""
+
+
+@on_both_paths
+@pytest.mark.parametrize(
+    ("scene", "eye", "middle"),
+    [(scene, *at) for scene in (pages, coincident) for at in CLOSE]
+    + [(stack, *CLOSE[1]), (fan, (0.05, -0.1, 0.35), (0, 0, 0)), (fan, *CLOSE[0])]
+    + [
+        (lambda n: fan(n, 0.1), eye, middle)
+        for eye, middle in (
+            ((0.05, -0.1, 0.35), (0, 0, 0)),
+            ((-0.08, -0.13, -0.02), (0.08, 0.23, 0.02)),
+            ((-0.5, -0.62, 0.1), (-0.22, 0.23, 0.14)),
+        )
+    ],
+)
+def test_faces_that_the_image_clips_are_compared_with_few_of_those_they_touch(
+    scene, eye, middle, path
+):
+    few, many = (compared(*in_any_order(scene)(n), path, eye, middle) for n in (510, 2010))
+    assert many < 9 * few + 2010  # of all pairs, 16 times
+
+
+def test_an_edge_is_compared_with_few_faces_whose_boxes_hold_it():
+    n = 16010
+    vertices, faces = in_any_order(lambda n: thin_on_one_side(n, 0.5))(n)
+    assert compared(vertices, faces, Certificate, *CLOSE[0]) < 8 * n * np.log2(n)
 
 
 def folded_fan(n, rng):

@@ -120,11 +120,11 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     int64_t m = grid.hider[at];
     int64_t index = -1;
     int64_t n = 0;
-    const double margin = SURE * camera.pixel_error; // of an outline, see covers
+    const double margin = MOST_OF_OUTLINE * SURE * camera.pixel_error; // see covers
     const Bounds point = {u, u, v, v};
     const Depths depths = {farthest, -INF, INF};
     const auto may = [&](const Group &group, const Place &) {
-        return touches(group, point, depths) && !is_outside(group, u, v, margin);
+        return touches(group, point, depths) && !is_outside(group, u, v, u, v, margin);
     };
     while (index < n || walk.next(may)) {
         if (index == n) {

@@ -136,8 +136,7 @@ struct Passage {
     Part part;
     double ua, ub, va, vb, wa, wb; // its ends
     double reach;                  // of values of its line, within the tolerance
-    Line line, across; // see straddles; from its first end, to where `across` is `along`
-    double along;
+    Line line;                     // see straddles
 
     Passage(const Course &course, Part part)
         : course(course), s(ends_of(course.segment)), part(part) {
@@ -150,8 +149,6 @@ struct Passage {
         wb = s.w0 + part.last * dw;
         line = {s.u0, s.v0, du, dv, 0.0};
         reach = slack_of(line, course.tolerance);
-        across = {ua, va, dv, -du, 0.0};
-        along = across.value(ub, vb);
     }
 
     Bounds rectangle() const {
@@ -166,14 +163,13 @@ struct Passage {
     // crossing with it may be listed.
     bool may_meet(Group &group, const Place &place, bool are_in_front) const {
         if (is_beside(values_at_corners(group, line, s.a, s.b))) return false;
-        // Far from its ends: needles of one line all touch its line. At a tip the sides of a grown
-        // needle meet as far as AROUND tolerances away.
+        // Beyond a side of them: needles of one line all touch its line. At a tip the sides of a
+        // grown needle meet as far as AROUND tolerances away.
         constexpr double AROUND = 0x1p10;
-        const Range at = values_at_corners(group, across);
-        if ((at.least > along + AROUND * reach) | (at.most < -AROUND * reach)) return false;
+        if (is_outside(group, ua, va, ub, vb, AROUND * course.tolerance)) return false;
         bool has_a = false;
         bool has_b = false;
-        for (const CornerOfMany &corner : group.corners) {
+        for (const CornerOfMany &corner : group.all_corners()) {
             has_a |= corner.common >= 0 && corner.common == s.a;
             has_b |= corner.common >= 0 && corner.common == s.b;
         }

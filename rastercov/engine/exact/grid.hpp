@@ -6,6 +6,7 @@
 // Twins: tests/exact/test_blocks.py lists faces by their boxes.
 #pragma once
 #include "exact/setup.hpp"
+#include <span>
 #include <tuple>
 
 namespace rastercov::exact {
@@ -15,6 +16,7 @@ constexpr int64_t ENTRIES_AT_A_TIME = 64;    // entries of a cell that are compa
 constexpr int64_t MANY = 256;                // entries of a cell whose corners are compared, too
 constexpr int64_t CORNER = 6;                // their first row in CellGrid.bounds
 constexpr int64_t GROUP_SIZE = 32;           // entries of the least groups
+constexpr double MOST_OF_OUTLINE = 4; // error of the outline of a face, in roundings of a position
 constexpr int FRONT = 32;
 constexpr int KEYS = 9; // of a face, by which groups are made: its box and the sum of its corners
 constexpr int64_t BUCKETS = 64; // ranges of 1/z by which the faces of a cell are sorted first
@@ -79,40 +81,38 @@ inline void ask_for_cells(const Cells &cells, const CellGrid &grid) {
 struct Slab {
     double u, v, slope_u, slope_v, least, most;
 
+    // A bound of it at a point; NaN where rounding may count, of faces whose 1/z is w there.
+    double value(double bound, double at_u, double at_v, double w) const {
+        constexpr double MOST_REL = 1e4; // of 1/z, for the rounding
+        const double along_u = slope_u * (at_u - u), along_v = slope_v * (at_v - v);
+        const bool is_known =
+            std::abs(bound) + std::abs(along_u) + std::abs(along_v) <= MOST_REL * w;
+        return is_known ? along_u + along_v + bound : NAN;
+    }
     // True if it is surely not above w at a point, or surely above it, except by ties and rounding.
     bool is_below(double at_u, double at_v, double w) const {
-        return is_bounded(most, at_u, at_v, w) &&
-               along(at_u, at_v) + most <= w * (1 + DEPTH_TIE_REL);
+        return value(most, at_u, at_v, w) <= w * (1 + DEPTH_TIE_REL);
     }
     bool is_above(double at_u, double at_v, double w) const {
-        return is_bounded(least, at_u, at_v, w) &&
-               along(at_u, at_v) + least >= w * (1 + 4 * DEPTH_TIE_REL);
-    }
-
-  private:
-    static constexpr double MOST_REL = 1e4; // of 1/z, for the rounding
-    double along(double at_u, double at_v) const {
-        return slope_u * (at_u - u) + slope_v * (at_v - v);
-    }
-    bool is_bounded(double bound, double at_u, double at_v, double w) const {
-        return std::abs(bound) + std::abs(slope_u * (at_u - u)) + std::abs(slope_v * (at_v - v)) <=
-               MOST_REL * w;
+        return value(least, at_u, at_v, w) >= w * (1 + 4 * DEPTH_TIE_REL);
     }
 };
 
 // Bounds of u, v and w of a corner of some faces, all of them for one that is not known; the vertex
-// that all have there, -1 for none.
+// that all have there, or `on_edge` of an edge that all have, -1 for none.
 struct CornerOfMany {
     Range at[3];
     int32_t common;
 };
+inline int64_t on_edge(int64_t edge) { return -2 - edge; }
 
 // Entries of a cell of MANY that are near one another, GROUP_SIZE of them or the two groups which
 // it was divided into: bounds of the columns of their boxes, of their corners, and of 1/z of their
 // planes in the cell; the key by which it is divided, and the least of its upper part.
 struct Group {
     Range of[6];
-    CornerOfMany corners[3];
+    CornerOfMany corners[CORNERS];
+    int32_t n_corners;
     Slab slab;
     int32_t axis;
     double middle, per_w; // that of all groups of a cell has what their keys have, see key_of
@@ -120,6 +120,7 @@ struct Group {
     int32_t front[FRONT]; // of all groups of a cell: entries that hid what was left of a face, the
                           // last first
     bool is_joined;       // each is known to coincide with another, see is_loose
+    std::span<const CornerOfMany> all_corners() const { return {corners, size_t(n_corners)}; }
 };
 
 // The first entry of a group, and how many GROUP_SIZE it has.
@@ -179,38 +180,46 @@ inline bool has_own_corners(int64_t f, const Projected &projected) {
     return !(projected.state[f] & (CLIPPED | DOUBTFUL | THIN));
 }
 
-// Lays three parts of the corners of the image of a clipped face, those near one another together,
-// with what they may be off: bounds of each.
-inline void lay_clipped_corners(int64_t f, const View &view, CornerOfMany (&corners)[3]) {
-    const Clipped &clipped = view.projected.clipped;
-    const int64_t s = view.projected.clipped_index[f];
-    const Plane plane = plane_of(f, view.camera, view.projected);
-    const double off = SURE * outline_error(f, view.camera, view.projected);
-    CornerOfMany parts[CORNERS];
-    int n = 0;
-    for (; n < clipped.n_corners[s]; n++) {
-        const double u = clipped.polygons(s, n, U), v = clipped.polygons(s, n, V);
+// Lays the corners of the image of a clipped face, with what they may be off.
+inline void lay_clipped_corners(int64_t f, const View &view, Group &group) {
+    const auto &[camera, projected] = std::tie(view.camera, view.projected);
+    const auto &[clipped, uvw] = std::tie(projected.clipped, projected.uvw);
+    const int64_t s = projected.clipped_index[f];
+    const Plane plane = plane_of(f, camera, projected);
+    const double error = outline_error(f, camera, projected), off = SURE * error;
+    const auto corner_at = [&](double u, double v, double around, int64_t common) {
         const auto [w, size] = plane.at(u, v);
-        const double error = plane.error + W_ARITHMETIC_ERROR_REL * size;
-        parts[n] = {{{u - off, u + off}, {v - off, v + off}, {w - error, w + error}}, -1};
-    }
-    const auto extent = [&](int k) {
-        const auto &at = parts[k].at, &next = parts[(k + 1) % n].at;
-        double total = 0.0;
-        for (const int axis : {U, V})
-            total += std::max(at[axis].most, next[axis].most) -
-                     std::min(at[axis].least, next[axis].least);
-        return total;
+        const double more = plane.error + W_ARITHMETIC_ERROR_REL * size;
+        return CornerOfMany{
+            {{u - around, u + around}, {v - around, v + around}, {w - more, w + more}},
+            int32_t(common)};
     };
-    while (n > 3) {
-        int best = 0;
-        for (int k = 1; k < n; k++)
-            if (extent(k) < extent(best)) best = k;
-        std::rotate(parts, parts + (best + 2) % n, parts + n); // the two are the last
-        n--;
-        for (const int axis : {U, V, W}) parts[n - 1].at[axis].add(parts[n].at[axis]);
+    CornerOfMany *const end = group.corners + clipped.n_corners[s];
+    group.n_corners = clipped.n_corners[s];
+    for (int64_t n = 0; n < group.n_corners; n++) {
+        const double u = clipped.polygons(s, n, U), v = clipped.polygons(s, n, V);
+        int64_t common = -1;
+        for (int side = 0; side < 3; side++) {
+            const Line line = line_at(clipped.lines[s], side);
+            if (std::abs(line.value(u, v)) <= slack_of(line, off))
+                common = on_edge(view.edges.of_face(f, side));
+        }
+        group.corners[n] = corner_at(u, v, off, common);
     }
-    std::copy_n(parts, 3, corners);
+    if (error > MOST_OF_OUTLINE * camera.pixel_error) return;
+    // Those of the face are the same to the bit in all that have them.
+    for (int k = 0; k < 3; k++) {
+        const int64_t vertex = projected.faces(f, k);
+        const double u = uvw(vertex, U), v = uvw(vertex, V);
+        if (!(uvw(vertex, W) > 0 && u > 0 && u < camera.width && v > 0 && v < camera.height))
+            continue;
+        const auto distance_to = [&](const CornerOfMany &its) {
+            return std::abs(its.at[U].least + off - u) + std::abs(its.at[V].least + off - v);
+        };
+        *std::min_element(group.corners, end, [&](const auto &its, const auto &other) {
+            return distance_to(its) < distance_to(other);
+        }) = corner_at(u, v, 0.0, vertex);
+    }
 }
 
 // A group of one face.
@@ -221,6 +230,7 @@ inline Group group_of(int64_t f, const View &view) {
     group.slab = {plane.u, plane.v, plane.a, plane.b, plane.w, plane.w};
     for (int column = U_MIN; column <= W_MAX; column++)
         group.of[column].add(projected.box(f, column));
+    group.n_corners = 3;
     for (int k = 0; k < 3; k++) {
         CornerOfMany &corner = group.corners[k];
         corner.common = projected.faces(f, k);
@@ -230,7 +240,7 @@ inline Group group_of(int64_t f, const View &view) {
             else corner.at[axis] = {-INF, INF};
     }
     if ((projected.state[f] & (CLIPPED | DOUBTFUL | THIN)) == CLIPPED)
-        lay_clipped_corners(f, view, group.corners);
+        lay_clipped_corners(f, view, group);
     return group;
 }
 
@@ -238,7 +248,13 @@ inline Group group_of(int64_t f, const View &view) {
 // one of its own.
 inline void widen(Group &group, Group other, const Bounds &rectangle) {
     for (int column = U_MIN; column <= W_MAX; column++) group.of[column].add(other.of[column]);
-    for (int k = 0; k < 3; k++) {
+    for (Group *const each : {&group, &other})
+        while (each->n_corners < std::max(group.n_corners, other.n_corners)) {
+            each->corners[each->n_corners] = each->corners[each->n_corners - 1];
+            each->n_corners++;
+        }
+    const int n = group.n_corners;
+    for (int k = 0; k < n; k++) {
         const auto distance_to = [&](const CornerOfMany &its) {
             double total = 0.0;
             for (const int axis : {U, V})
@@ -246,7 +262,7 @@ inline void widen(Group &group, Group other, const Bounds &rectangle) {
                                   group.corners[k].at[axis].least - group.corners[k].at[axis].most);
             return total;
         };
-        for (int j = k + 1; j < 3; j++)
+        for (int j = k + 1; j < n; j++)
             if (distance_to(other.corners[j]) < distance_to(other.corners[k]))
                 std::swap(other.corners[j], other.corners[k]);
         for (const int axis : {U, V, W}) group.corners[k].at[axis].add(other.corners[k].at[axis]);
@@ -395,7 +411,7 @@ inline Range values_at_corners(int64_t entry, const Line &line, const CellGrid &
 inline Range values_at_corners(const Group &group, const Line &line, int64_t without = -1,
                                int64_t or_without = -1) {
     Range all;
-    for (const auto &[at, common] : group.corners) {
+    for (const auto &[at, common] : group.all_corners()) {
         if (common >= 0 && (common == without || common == or_without)) continue;
         const auto &[u, v, w] = at;
         const bool rises = line.dv <= 0, falls = line.du <= 0;
@@ -407,18 +423,20 @@ inline Range values_at_corners(const Group &group, const Line &line, int64_t wit
     return all;
 }
 
-// True if a point is surely outside of all faces of a group, by more than `margin` pixels along u
-// and v: all are on one side of a line through it along the middle of a side of them.
-inline bool is_outside(const Group &group, double u, double v, double margin) {
-    for (int k = 0; k < 3; k++) {
-        const auto &from = group.corners[k].at, &to = group.corners[(k + 1) % 3].at;
+// True if a segment, or a point, is surely outside of all faces of a group, by more than `margin`
+// pixels along u and v: all are beyond it along the middle of a side of them.
+inline bool is_outside(const Group &group, double ua, double va, double ub, double vb,
+                       double margin) {
+    for (int k = 0; k < group.n_corners; k++) {
+        const auto &from = group.corners[k].at, &to = group.corners[(k + 1) % group.n_corners].at;
         const auto step = [&](int axis) {
             return to[axis].least + to[axis].most - from[axis].least - from[axis].most;
         };
-        const Line line = {u, v, step(U), step(V), 0.0};
+        const Line line = {ua, va, step(U), step(V), 0.0};
         const Range at = values_at_corners(group, line);
-        const double width = slack_of(line, margin);
-        if (at.least > width || at.most < -width) return true;
+        const double width = slack_of(line, margin), end = line.value(ub, vb);
+        if (at.least > std::max(end, 0.0) + width || at.most < std::min(end, 0.0) - width)
+            return true;
     }
     return false;
 }

@@ -166,18 +166,25 @@ struct Separators {
     }
 };
 
+// True if face t has what all faces of a group have at a corner: a vertex, or an edge.
+bool has(int64_t t, int32_t common, const View &view) {
+    const auto &faces = view.projected.faces;
+    if (common >= -1 || t >= view.edges.of_face.rows())
+        return common == faces(t, 0) || common == faces(t, 1) || common == faces(t, 2);
+    const auto edges = view.edges.of_face[t];
+    return common == on_edge(edges[0]) || common == on_edge(edges[1]) ||
+           common == on_edge(edges[2]);
+}
+
 // True if all faces of a group are surely behind a part: its plane, which is off by more the
 // farther it is from the face, is before all of their corners that the face does not have.
 bool is_behind(const PartOfFace &part, const Group &group) {
     const auto &[t, plane, view] = std::tie(part.t, part.plane, part.view);
-    const auto &faces = view.projected.faces;
     const bool is_clipped = part.n_own != 3;
     const auto &own = view.work.own;
     const double twice = is_clipped ? 1.0 : std::abs(line_at(own, 0).value(own(2, U), own(2, V)));
-    for (const auto &[at, common] : group.corners) {
-        if (!is_clipped &&
-            (common == faces(t, 0) || common == faces(t, 1) || common == faces(t, 2)))
-            continue;
+    for (const auto &[at, common] : group.all_corners()) {
+        if (has(t, common, view)) continue;
         for (const double u : {at[U].least, at[U].most})
             for (const double v : {at[V].least, at[V].most}) {
                 const auto [w, size] = plane.at(u, v);
@@ -338,16 +345,26 @@ Closeness closeness(int64_t f, int64_t n, int64_t n_own, int64_t m, const View &
     return is_ambiguous ? AMBIGUOUS : APART;
 }
 
-// True if all faces of a group surely coincide with a face, whose plane is given, where they
-// overlap.
-bool coincides(const Group &group, const Plane &plane, double tie) {
+// Closeness of all faces of a group to a face, in a rectangle within a cell: CLOSE where they
+// surely coincide; APART where that is up to rounding, or they are surely more than `far` before or
+// behind it.
+Closeness closeness_of_group(const Group &group, const Plane &plane, const Bounds &rectangle,
+                             double far) {
+    const Slab &slab = group.slab;
     bool is_close = true;
-    for (const CornerOfMany &corner : group.corners)
-        for (const double u : {corner.at[U].least, corner.at[U].most})
-            for (const double v : {corner.at[V].least, corner.at[V].most})
-                for (const double w : {corner.at[W].least, corner.at[W].most})
-                    is_close &= std::abs(plane.at(u, v).w - w) <= tie / 2;
-    return is_close;
+    Range all;
+    for (const double u : {rectangle.u_min, rectangle.u_max})
+        for (const double v : {rectangle.v_min, rectangle.v_max}) {
+            const double w = plane.at(u, v).w;
+            const double low = slab.value(slab.least, u, v, w) - w,
+                         high = slab.value(slab.most, u, v, w) - w;
+            if (!(low <= high)) return AMBIGUOUS;
+            is_close &= std::max(-low, high) <= DEPTH_TIE_REL / 2 * w;
+            all.add({low, high});
+        }
+    if (all.least > far || all.most < -far) return APART;
+    if (!is_close) return AMBIGUOUS;
+    return std::max(-all.least, all.most) <= plane.error ? APART : CLOSE;
 }
 
 // True if closeness of all faces of a group is known and none is LOOSE.
@@ -381,9 +398,17 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     const Plane plane = plane_of(f, view.camera, projected);
     const Depths depths = {box(f, W_MIN) * (1 - NEARLY_REL), -INF,
                            box(f, W_MAX) * (1 + 2 * NEARLY_REL)};
+    Bounds rectangle = own; // within a cell
+    const double slack = state[f] & CLIPPED ? outline_error(f, view.camera, projected) : 0.0;
     const auto may = [&](const Group &group, const Place &place) {
-        return touches(group, own, depths) &&
-               !(coincides(group, plane, DEPTH_TIE_REL * box(f, W_MIN)) && is_joined(place, view));
+        if (!touches(group, own, depths)) return false;
+        for (int64_t s = 0; s < n_own; s++) {
+            const Line line = line_at(images.own(), s);
+            if (values_at_corners(group, line).most <= slack_of(line, slack)) return false;
+        }
+        const Closeness all =
+            closeness_of_group(group, plane, rectangle, 2 * NEARLY_REL * box(f, W_MAX));
+        return all != APART && !(all == CLOSE && is_joined(place, view));
     };
     // Of two faces alone, as far apart as just counts as one, either may be in front.
     int64_t one = -1;
@@ -393,9 +418,9 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
         const Bounds its = bounds_in(box, m);
         if (m == f || are_apart(its, own)) return false;
         poll();
+        view.work.n_compared[0]++;
         const Closeness found = closeness(f, n, n_own, m, view, images);
         if (found == APART) return false;
-        view.work.n_compared[0]++;
         if (one < 0) one = m;
         is_ambiguous |= found == AMBIGUOUS || state[m] & LOOSE;
         if (is_ambiguous && (m != one || members.size() > 2)) return true;
@@ -407,6 +432,9 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     };
     return any_cell_of(f, view, [&](int64_t at) {
         lay_bounds(at, view);
+        const Bounds cell = rectangle_of_cell(at, view);
+        rectangle = {std::max(own.u_min, cell.u_min), std::min(own.u_max, cell.u_max),
+                     std::max(own.v_min, cell.v_min), std::min(own.v_max, cell.v_max)};
         for (Walk walk(at, grid); walk.next(may);)
             for (int64_t entry = walk.first; entry < walk.last; entry++)
                 if (takes(grid.entries[entry])) return true;
