@@ -156,10 +156,8 @@ class RigState:
             some = self.stations[at : at + len(own)]
             counts = tuple(each.camera for each in some) == own
             some = some if counts else (first,)
-            common, is_part, _ = first.name.rpartition("/")
-            is_named = is_part and all(each.name.startswith(f"{common}/") for each in some)
-            name = common if is_named else f"head {len(heads) + 1}"
-            name = name if len(some) > 1 else first.name
+            common = first.name.rpartition("/")[0] or f"head {len(heads) + 1}"
+            name = common if len(some) > 1 else first.name
             heads.append(Head(name, some, counts and all(each.is_on for each in some)))
             at += len(some)
         return heads

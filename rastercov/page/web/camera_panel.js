@@ -45,7 +45,7 @@ function coverageSection(session, view) {
   const facts = element("dl.facts");
   const show = () => {
     const station = session.station();
-    const head = session.state.heads?.find(({ ids }) => ids.length > 1 && ids.includes(station?.id));
+    const head = session.headOf(station?.id);
     const row = session.figures?.summary.by_camera?.find((each) => each.station === station?.id);
     fill(
       facts,

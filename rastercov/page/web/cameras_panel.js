@@ -54,12 +54,11 @@ function stationRows(session) {
     element("span", { title: "share of the area lost without this camera" }, isAloneKnown ? "lost without" : ""),
   );
   const figuresOf = (share) => [element("span.figure", covers(share)), element("span.figure", alone(share))];
-  const nameOfHead = new Map((session.state.heads ?? []).filter(({ ids }) => ids.length > 1).map(({ name, ids }) => [ids[0], name]));
-  const sensors = new Set((session.state.heads ?? []).flatMap(({ ids }) => (ids.length > 1 ? ids : [])));
   const rows = session.state.stations.flatMap((station) => {
     const share = shares.get(station.id);
-    const head = nameOfHead.get(station.id);
-    const ofHead = head ? [element("div.row.of-head", element("span"), element("span.who", head), figuresOf(share))] : [];
+    const head = session.headOf(station.id);
+    const isFirst = head?.ids[0] === station.id;
+    const ofHead = isFirst ? [element("div.row.of-head", element("span"), element("span.who", head.name), figuresOf(share))] : [];
     const isChosen = station.id === session.chosen;
     const box = element("input", {
       type: "checkbox",
@@ -76,7 +75,7 @@ function stationRows(session) {
       isChosen ? "div.row.chosen" : "div.row",
       box,
       element("span.who", name, place),
-      sensors.has(station.id) ? [] : figuresOf(share),
+      head ? [] : figuresOf(share),
     );
     return [...ofHead, own];
   });

@@ -17,10 +17,8 @@ export function headsOf({ stations, gates = [] }) {
     const gate = gates.find(({ names }) => names.includes(stations[at].camera)) ?? null;
     const isWhole = !gate || gate.names.every((name, k) => stations[at + k]?.camera === name);
     const own = stations.slice(at, at + (gate && isWhole ? gate.names.length : 1));
-    const common = own[0].name.slice(0, own[0].name.lastIndexOf("/") + 1);
-    const isNamed = common.length > 1 && own.every(({ name }) => name.startsWith(common));
-    const several = isNamed ? common.slice(0, -1) : `head ${heads.length + 1}`;
-    const name = own.length > 1 ? several : own[0].name;
+    const common = own[0].name.slice(0, Math.max(0, own[0].name.lastIndexOf("/")));
+    const name = own.length > 1 ? common || `head ${heads.length + 1}` : own[0].name;
     heads.push({ name, ids: own.map(({ id }) => id), gate, isWhole, counts: isWhole && own.every((each) => each.is_on) });
   }
   return heads;

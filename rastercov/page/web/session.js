@@ -117,6 +117,11 @@ export class Session {
     return this.station(id) ?? this.devices.find((device) => device.id === id) ?? null;
   }
 
+  /** Head of several sensors that a station is of; undefined for a single camera. */
+  headOf(id) {
+    return this.state.heads?.find(({ ids }) => ids.length > 1 && ids.includes(id));
+  }
+
   /** Puts a camera or a device at a pose. */
   place(device, pose, options = {}) {
     const action = "rides" in device ? { do: "device", device: device.id, pose } : { do: "pose", station: device.id, pose };
