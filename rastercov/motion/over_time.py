@@ -86,6 +86,8 @@ from rastercov.motion.regions import (
     for_long_enough,
     in_units,
     move_with_carrier,
+    query_of,
+    regions_of_frames,
 )
 from rastercov.shards import ALONE, Staff, fill
 from rastercov.shards.store import whole
@@ -703,3 +705,41 @@ def _open_frames(folder: Path, inputs: Inputs) -> MovingFrames:
     motion = Motion._make(inputs.mesh, inputs.header["bodies"], *own, np.ones(len(own[-1])))
     scene = motion, inputs.cameras, inputs.poses
     return MovingFrames(*scene, task, wanted.engine, tables["carried"], tables["source"])
+
+
+@frozen_record
+class OfFrames:
+    """Frames of a motion as `Phases`."""
+
+    asked: MotionQuery
+
+    def check(self, mesh: Mesh, camera: Cameras, poses: Poses, task: Task) -> None:
+        """See `Phases`."""
+        check_over_time(task)
+        query_of(self.asked, mesh)
+        carriers(self.asked, camera, poses[:0])  # refuses bodies
+
+    def check_motion(self, placed: Poses) -> None:
+        """See `Phases`."""
+        self.asked._check_motion(placed)
+
+    def images(self, placed: Poses) -> int:
+        """See `Phases`."""
+        return len(self.asked.motion) * len(placed)
+
+    def regions(self, camera: Cameras, placed: Poses, task: Task, engine: Engine) -> Regions:
+        """See `Phases`."""
+        return regions_of_frames(self.asked, camera, placed, task, engine)
+
+    def network(
+        self, scene: tuple[Cameras, Poses, Task], engine: Engine, folder: Path | None, staff: Staff
+    ) -> TimeAreas:
+        """See `Phases`.
+
+        Shards of some frames each stay in the folder, so that a run that was ended continues, and
+        any number of frames is taken: docs/scale.md. The figures are the same to the bit.
+        """
+        if folder is None:
+            return OverTime(self.asked, *scene, self.regions(*scene, engine)).areas
+        job = MovingFrames.of(self.asked, *scene, engine)
+        return OverTime(self.asked, *scene, regions_in_shards(job, folder, staff)).areas

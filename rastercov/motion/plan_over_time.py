@@ -38,8 +38,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import Jointed, JointPath
 from rastercov.motion.motion import Motion, conveyor, describe_motion, turntable
 from rastercov.motion.motion_file import OF_GLTF, load_motion, read_gltf_motion, read_motion
-from rastercov.motion.moving import OfFrames
-from rastercov.motion.over_time import OverTime, TimeAreas, never_seeable
+from rastercov.motion.over_time import OfFrames, OverTime, TimeAreas, never_seeable
 from rastercov.motion.plan_section import MotionSection, Over
 from rastercov.motion.regions import (
     MotionQuery,

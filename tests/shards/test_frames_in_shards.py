@@ -137,7 +137,7 @@ def test_a_run_that_was_ended_goes_on_and_other_motions_do_not_mix(tmp_path, mon
 
 
 def test_a_report_of_a_motion_is_that_of_one_run(tmp_path, monkeypatch):
-    from rastercov.motion.moving import OfFrames
+    from rastercov.motion.over_time import OfFrames
     from rastercov.report.coverage import Options, run
 
     phases = OfFrames(rc.MotionQuery(motion_of(), "all"))
