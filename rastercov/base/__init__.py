@@ -101,94 +101,6 @@ if TYPE_CHECKING:
     )
     from rastercov.base.threads import Closing, Once, once_each, share_poses, thread_count
 
-__all__ = [
-    "LARGEST_COORDINATE",
-    "TINY",
-    "AnyArray",
-    "BoolArray",
-    "ByName",
-    "ByteArray",
-    "CameraError",
-    "Closing",
-    "ConfigError",
-    "DeviceError",
-    "Float32Array",
-    "FloatArray",
-    "InNotebook",
-    "InOneLine",
-    "Int32Array",
-    "IntArray",
-    "Lists",
-    "MeshError",
-    "Once",
-    "PoseError",
-    "RastercovError",
-    "ReadByName",
-    "ResourceError",
-    "StrPath",
-    "UnknownNames",
-    "UnparsedError",
-    "UnreadableError",
-    "Vocabulary",
-    "WholeArray",
-    "arccos",
-    "arcsin",
-    "arctan2",
-    "check_array",
-    "check_choice",
-    "check_kind",
-    "check_limits",
-    "check_memory",
-    "check_place",
-    "check_seed",
-    "cos",
-    "decimals_of",
-    "dots",
-    "draw_between",
-    "errors_as",
-    "file_bytes",
-    "finite_number",
-    "finite_points",
-    "first_of",
-    "flag",
-    "frozen_record",
-    "hooks_of",
-    "hypot",
-    "image_side",
-    "is_one_of",
-    "json_bytes",
-    "json_text",
-    "matmul",
-    "members",
-    "name_file",
-    "norm",
-    "once_each",
-    "one_line",
-    "own_folder",
-    "parse_json",
-    "percent",
-    "plural",
-    "printable",
-    "read_json",
-    "read_only",
-    "read_toml",
-    "remove_folder",
-    "sampling",
-    "share_poses",
-    "shorten",
-    "shown",
-    "sin",
-    "size_in_words",
-    "sort_order",
-    "suffix_of",
-    "tan",
-    "thread_count",
-    "with_bound",
-    "write_bytes",
-    "write_json",
-    "write_text",
-]
-
 LATER = ("memory", "arguments", "files", "output", "rounded", "threads")
 """Modules that load numpy, which `rastercov --help` does without."""
 
@@ -196,8 +108,9 @@ if not TYPE_CHECKING:
 
     def __getattr__(name):
         """Name of a module that is imported when it is asked for."""
-        if name not in __all__:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         modules = (import_module(f"{__name__}.{each}") for each in LATER)
-        value = globals()[name] = next(getattr(m, name) for m in modules if hasattr(m, name))
+        value = next((getattr(each, name) for each in modules if hasattr(each, name)), None)
+        if value is None:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = value
         return value
