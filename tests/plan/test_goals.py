@@ -31,10 +31,12 @@ from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.goals import (
     OF_GOALS,
     OF_TASK,
+    AlikeGoals,
     _stack_goals,
     open_objectives,
     problems_of,
     separate_goals,
+    with_goals,
 )
 from rastercov.placement.plan.network import counting
 from rastercov.placement.plan.outcome import cases
@@ -387,7 +389,7 @@ def test_wrong_goals_are_refused_in_one_line(room, entries, line):
     assert "\n" not in str(caught.value)
 
 
-def of_squares(n, tmp_path):
+def of_squares(n, tmp_path, task=None, **goal):
     """A plan of n + 1 squares side by side, and the n goals of all but the first."""
     lines = []
     for row in range(n + 1):
@@ -401,8 +403,9 @@ def of_squares(n, tmp_path):
         lines += ["f -4 -3 -2", "f -4 -2 -1"]
     path = tmp_path / f"{n}.obj"
     path.write_text("\n".join(lines))
-    goals = {f"of {row}": {"groups": [f"g{row}"], "coverage": 0.5} for row in range(1, n + 1)}
-    return name_scene(plan_of(plan(path, goals=goals)))[:2]
+    goal = goal or {"coverage": 0.5}
+    goals = {f"of {row}": {"groups": [f"g{row}"]} | goal for row in range(1, n + 1)}
+    return name_scene(plan_of(plan(path, goals=goals, **({"task": task} if task else {}))))[:2]
 
 
 def test_twice_as_many_goals_make_twice_as_many_groups(tmp_path, monkeypatch):
@@ -633,7 +636,9 @@ def test_candidates_measured_together_have_the_bits_of_each_goal_alone(
             assert own.weights.tobytes() == wanted.weights.tobytes()
 
 
-def test_poses_are_measured_once_for_any_number_of_goals(tmp_path, monkeypatch):
+@pytest.mark.parametrize("goal", [{"coverage": 0.5}, {"at_most": 0.4}])
+@pytest.mark.parametrize("unit", ["area", "count"])
+def test_poses_are_measured_once_for_any_number_of_goals(tmp_path, monkeypatch, goal, unit):
     """Passes, and poses in them, of a check and of the choice among candidates do not grow."""
     measured, run = [], ExactPass._run
     monkeypatch.setattr(
@@ -643,15 +648,37 @@ def test_poses_are_measured_once_for_any_number_of_goals(tmp_path, monkeypatch):
     )
     rng, counts = np.random.default_rng(1), []
     for n in (5, 10, 40):
-        mesh, goals = separate_goals(*reversed(of_squares(n, tmp_path)))
+        asked = of_squares(n, tmp_path, KINDS[unit], **goal)
+        mesh, goals = separate_goals(*reversed(asked))
         placed = over_squares(rng, n, 3)
         measured.clear()
         CheckedGoals(goals, placed, ["a", "b", "c"])
+        task, wanted = problem_of_matrix(np.ones((3, 2)), BestCoverage(0)), FewestCameras()
         with open_objectives(goals[0].plan, mesh, None, goals) as opened:
-            problems_of(opened.goals, placed, quiet)
+            with_goals(task, wanted, opened.goals, placed, (), quiet)
         counts.append((len(measured), sum(measured)))
     assert counts == [counts[0]] * 3
-    assert counts[0][1] == 3 * 3  # by face, by area, and of candidates
+    by_area = unit == "area"
+    assert counts[0][1] == 3 * (2 + by_area)  # by face, by area, and of candidates
+
+
+@examples(4, at_night=40)
+@given(seed=st.integers(0, 10**6), kind=st.sampled_from([*KINDS]))
+def test_shares_of_candidates_measured_together_are_those_of_each_goal_alone(
+    tmp_path_factory, seed, kind
+):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 7))
+    _, goals = of_random_squares(rng, n, tmp_path_factory.mktemp("squares"), KINDS[kind])
+    placed = over_squares(rng, n, 6)
+    for alike in AlikeGoals.of([each for each in goals if each.is_most]):
+        found = alike.most_shares(placed, lambda *_: None)
+        for goal in alike.goals:
+            alone = AlikeGoals([goal]).most_shares(placed, lambda *_: None)
+            assert found[goal.name].tobytes() == alone[goal.name].tobytes()
+            permits = [goal.permits(goal.limit, goal.plan.rig, placed[[row]]) for row in range(6)]
+            if kind == "area":
+                assert [*(found[goal.name] <= goal.limit + 1e-9)] == permits
 
 
 def test_of_many_goals_the_worst_alone_are_explained(tmp_path, monkeypatch):

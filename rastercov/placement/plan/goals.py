@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from rastercov.base import (
+    BoolArray,
     ByName,
     ConfigError,
     FloatArray,
@@ -100,11 +101,15 @@ class OwnGoal:
 
     @cached_property
     def mesh(self) -> Mesh:
-        """The scene, in which only the groups of the goal are evaluated.
+        """The scene, in which only the groups of the goal are evaluated."""
+        return self.scene_with(self.scored)
+
+    def scene_with(self, scored: Collection[str]) -> Mesh:
+        """The scene, in which some groups are evaluated.
 
         What must not be seen counts from either side, however it is wound.
         """
-        mesh = keep_scored(self.scene, self.scored)
+        mesh = keep_scored(self.scene, scored)
         if not self.is_most:
             return mesh
         return mesh.with_groups(two_sided=[g.name for g in mesh.groups if not g.is_occluder])
@@ -113,12 +118,12 @@ class OwnGoal:
     def kind(self) -> tuple[object, ...]:
         """Key of what poses are measured by; goals of one kind are measured together.
 
-        Sides, targets and what can be seen may differ by the groups of a goal.
+        Targets and what can be seen may differ by the groups of a goal.
         """
         task = self.plan.task
-        is_alone = self.is_most or self.scene.has_targets or task.weight_by == "seeable"
+        is_alone = self.scene.has_targets or task.weight_by == "seeable"
         apart = self.name if is_alone or not self.plan.is_still else ""
-        return task.model_dump_json(), apart
+        return task.model_dump_json(), self.is_most, apart
 
     @property
     def asked(self) -> str:
@@ -297,9 +302,36 @@ class AlikeGoals:
     @cached_property
     def mesh(self) -> Mesh:
         """The scene, in which the groups of all of them are evaluated."""
+        first = self.goals[0]
         if len(self.goals) == 1:
-            return self.goals[0].mesh
-        return keep_scored(self.goals[0].scene, {name for e in self.goals for name in e.scored})
+            return first.mesh
+        return first.scene_with({name for each in self.goals for name in each.scored})
+
+    def step(
+        self, step: Callable[[str], AbstractContextManager[Progress]]
+    ) -> AbstractContextManager[Progress]:
+        """A step that names them."""
+        names = first_of([goal.name for goal in self.goals], 3)
+        return step(f"{'goal' if len(self.goals) == 1 else 'goals'} {names}")
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Groups of each goal by their rows."""
+        row_of = {group.name: row for row, group in enumerate(self.mesh.groups)}
+        return {each.name: sorted(row_of[name] for name in each.scored) for each in self.goals}
+
+    @property
+    def own_faces(self) -> Iterator[tuple[str, BoolArray]]:
+        """Each goal by its name, with the (F,) mask of the faces in it."""
+        for name, rows in self.rows.items():
+            yield name, np.isin(self.mesh.face_group, rows)
+
+    @property
+    def whole_weights(self) -> Iterator[tuple[str, IntArray]]:
+        """Each goal by its name, with the (F,) integer weights of faces in it."""
+        weights = weights_of(self.mesh, self.plan.task.weight_by)
+        for name, is_own in self.own_faces:
+            yield name, in_whole_numbers(np.where(is_own, weights, 0.0))
 
     def requirements(
         self, placed: Poses, step: Callable[[str], AbstractContextManager[Progress]]
@@ -308,8 +340,7 @@ class AlikeGoals:
         plan, mesh = self.plan, self.mesh
         with observer_of(plan, mesh) as observer:
             cameras = measure_rig(plan, mesh, observer, placed, None, step)
-        row_of = {group.name: row for row, group in enumerate(mesh.groups)}
-        rows: Rows = {e.name: sorted(row_of[name] for name in e.scored) for e in self.goals}
+        rows = self.rows
         limits: dict[str | None, float] = {each.name: each.limit for each in self.goals}
         seeable = seeable_areas(plan, cameras.network, cameras.areas)
         found: list[Requirement] = []
@@ -318,14 +349,41 @@ class AlikeGoals:
             found += classify_areas(cameras.areas, limits, views, rows=rows, seeable=seeable)
         else:
             masks = cameras.covered, cameras.certain, cameras.possible
-            weights = weights_of(mesh, plan.task.weight_by)
-            for name, limit in limits.items():
-                is_own = np.isin(mesh.face_group, rows[name])
-                whole_numbers = in_whole_numbers(np.where(is_own, weights, 0.0))
-                found += classify_network(mesh, whole_numbers, {name: limit}, *masks, rows=rows)
+            for name, weights in self.whole_weights:
+                limit: dict[str | None, float] = {name: limits[name]}
+                found += classify_network(mesh, weights, limit, *masks, rows=rows)
         whole: ByName = {"group": None, "n_groups": len(mesh.groups)}
         pairs = zip(self.goals, found, strict=True)
         return {goal.name: goal.requirement_of(replace(each, **whole)) for goal, each in pairs}
+
+    def most_shares(self, placed: Poses, progress: Progress) -> dict[str, FloatArray]:
+        """(C,) share of each goal's area, or faces, that each candidate may cover, its bound in it.
+
+        Of a rig, that of its cameras together at most.
+        """
+        plan, mesh = self.plan, self.mesh
+        with open_objectives(plan, mesh, None) as opened:
+            faces = opened.faces
+            if plan.unit_of_result()[0] != "area":
+                covers = faces.covers(placed).reshape(len(placed), faces.width, mesh.n_faces)
+                covered = np.asarray(covers.any(axis=1))
+                own = [(name, replace(faces, integer_weights=w)) for name, w in self.whole_weights]
+                return {name: each.share(each.worth(covered)) for name, each in own}
+            cameras, owner = faces.cameras(placed)
+            rows = owner if faces.mounts is None else faces.mounts.rows(cameras, owner)
+            most, done = {name: np.zeros(len(rows)) for name in self.rows}, 0
+            with closing(_finder_of(plan, mesh)) as finder:
+                for regions in finder.batches(cameras):
+                    own_most, pose = regions.area + regions.bound, done + regions.pair_pose
+                    for name, is_own in self.own_faces:
+                        its = is_own[regions.pair_face]
+                        np.add.at(most[name], pose[its], own_most[its])
+                    done += len(regions.pose_ids)
+                    progress(done, len(rows))
+        return {
+            name: np.bincount(rows, most[name], len(placed)) / mesh.areas[is_own].sum()
+            for name, is_own in self.own_faces
+        }
 
 
 def requirements_of(
@@ -410,31 +468,6 @@ class OpenGoal:
         goal = self.goal
         return self.opened.enter_context(open_objectives(goal.plan, goal.mesh, self.cells))
 
-    def problem(self, placed: Poses, progress: Progress) -> Problem:
-        """The problem of choosing candidates, (C,) mounts in their places, by face."""
-        of, counted = self.of.faces, counting(self.goal.plan.task)
-        matrix = build_matrix(of.observer, placed, of.task, mounts=of.mounts, progress=progress)
-        return problem_of(matrix, self.goal.mesh, NOTHING, mounts=of.mounts, **counted)
-
-    def most_shares(self, placed: Poses, progress: Progress) -> FloatArray:
-        """(C,) share of the goal's area, or faces, that each candidate may cover, its bound in it.
-
-        Of a rig, that of its cameras together at most.
-        """
-        faces, on, mesh = self.of.faces, self.of.cells, self.goal.mesh
-        if on is None:
-            covers = faces.covers(placed).reshape(len(placed), faces.width, mesh.n_faces)
-            return faces.share(faces.worth(np.asarray(covers.any(axis=1))))
-        cameras, owner = faces.cameras(placed)
-        rows = owner if faces.mounts is None else faces.mounts.rows(cameras, owner)
-        most, done = np.zeros(len(rows)), 0
-        for regions in on.finder.batches(cameras):
-            np.add.at(most, done + regions.pair_pose, regions.area + regions.bound)
-            done += len(regions.pose_ids)
-            progress(done, len(rows))
-        of_mounts = np.bincount(rows, most, len(placed))
-        return np.asarray(of_mounts / mesh.areas[mesh.task_mask].sum(), np.float64)
-
 
 @frozen_record
 class WithGoals:
@@ -481,13 +514,14 @@ def with_goals(
     parts: list[tuple[str, float, Problem]] = []
     barred = np.zeros(len(placed), np.bool_)
     to_cover = problems_of([each for each in goals if not each.goal.is_most], placed, step)
+    for alike in AlikeGoals.of([each.goal for each in goals if each.goal.is_most]):
+        with alike.step(step) as progress:
+            shares |= alike.most_shares(placed, progress)
     for each in goals:
         goal = each.goal
         if not goal.is_most:
             parts.append((goal.name, goal.limit, to_cover[goal.name]))
             continue
-        with step(f"goal {goal.name}") as progress:
-            shares[goal.name] = each.most_shares(placed, progress)
         is_over = shares[goal.name] > goal.limit + SHARE_TOLERANCE
         own = [f"{row}" for row, is_one in zip(given, is_over, strict=False) if is_one]
         if own:
@@ -525,17 +559,22 @@ def problems_of(
     for alike in AlikeGoals.of([each.goal for each in goals]):
         plan, mesh = alike.plan, alike.mesh
         own = [opened[goal.name] for goal in alike.goals]
-        names, counted = [goal.name for goal in alike.goals], counting(plan.task)
+        counted: ByName = {"mounts": mounts_of(plan)} | counting(plan.task)
         on = [each.cells for each in own if each.cells is not None]
-        with step(f"{'goal' if len(names) == 1 else 'goals'} {first_of(names, 3)}") as progress:
+        with alike.step(step) as progress, observer_of(plan, mesh) as observer:
             if not on:
-                found |= {each.goal.name: each.problem(placed, progress) for each in own}
+                task = plan.build_task()
+                matrix = build_matrix(
+                    observer, placed, task, mounts=counted["mounts"], progress=progress
+                )
+                for each in own:
+                    problem = problem_of(matrix, each.goal.mesh, NOTHING, **counted)
+                    found[each.goal.name] = problem
                 continue
-            mounts = mounts_of(plan)
-            with observer_of(plan, mesh) as observer, closing(_finder_of(plan, mesh)) as finder:
-                seen = matrices_of_cells(observer, finder, placed, on, mounts, progress)
-            for name, matrix, patches in zip(names, seen, on, strict=True):
-                found[name] = problem_of(matrix, patches, NOTHING, mounts=mounts, **counted)
+            with closing(_finder_of(plan, mesh)) as finder:
+                seen = matrices_of_cells(observer, finder, placed, on, counted["mounts"], progress)
+            for each, matrix, patches in zip(own, seen, on, strict=True):
+                found[each.goal.name] = problem_of(matrix, patches, NOTHING, **counted)
     return found
 
 
