@@ -11,7 +11,7 @@ from gl_device import DEVICE
 from plans import write_obj
 
 import rastercov as rc
-from rastercov.core.coverage import bits_alone
+from rastercov.core.coverage import network
 from rastercov.core.coverage.evaluation import Query
 from rastercov.core.coverage.shards import EvaluationShards
 from rastercov.core.raster.contract import CoverageBits
@@ -93,9 +93,9 @@ def test_an_interrupt_keeps_the_earlier_result_and_the_next_run_continues(capsys
     kept = {each.name: each.stat().st_mtime_ns for each in shards.iterdir()}
     assert len(kept) >= 3
     measured = []
-    judge = bits_alone.Network.judge
+    judge = network.Network.judge
     monkeypatch.setattr(
-        bits_alone.Network,
+        network.Network,
         "judge",
         lambda self, observer, poses, **kept: (
             measured.append(len(poses)) or judge(self, observer, poses, **kept)

@@ -10,7 +10,7 @@ from nightly import examples
 from scenes import joined, square
 
 import rastercov as rc
-from rastercov.core.area import cells, frames, point_pass, regions, stages
+from rastercov.core.area import cells, point_pass, polygons, regions, stages
 from rastercov.engine import area_cell, area_point
 
 pytestmark = pytest.mark.native
@@ -75,7 +75,7 @@ def calls():
     with pytest.MonkeyPatch.context() as patch:
         for module, (user, names) in CALLS.items():
             patch.setattr(user, module.__name__.rsplit(".")[-1], Spy(module, names, kept))
-        patch.setattr(frames, "area_point", Spy(area_point, ("find_covering",), kept))
+        patch.setattr(polygons, "area_point", Spy(area_point, ("find_covering",), kept))
         parts = rc.cells(mesh, 0.4)
         for task in TASKS:
             for camera in (PINHOLE, WIDE, ROUND):

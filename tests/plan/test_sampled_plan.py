@@ -8,7 +8,7 @@ from gl_device import DEVICE
 from plans import placed, told, write_obj
 
 import rastercov as rc
-from rastercov.core.coverage import bits_alone
+from rastercov.core.coverage import network
 from rastercov.gl import GLRasterizer
 
 CAMERA = {"width": 64, "height": 48, "hfov_deg": 50}
@@ -60,8 +60,8 @@ def test_a_gpu_judges_the_candidates_of_a_plan_to_the_same_choice(monkeypatch, c
     host = told()
     monkeypatch.setattr(GLRasterizer, "_choose_plan", lambda self, plan: "compute")
     hooks = type("Hooks", (), {"find_gpu": lambda self: DEVICE})()
-    monkeypatch.setattr(bits_alone, "drawer", lambda: hooks)
-    monkeypatch.setattr(bits_alone, "LEAST_PAIRS", 1)
+    monkeypatch.setattr(network, "drawer", lambda: hooks)
+    monkeypatch.setattr(network, "LEAST_PAIRS", 1)
     placed(PLAN)
     device = told()
     assert f"device auto is {DEVICE}, for 60 poses" in caplog.messages

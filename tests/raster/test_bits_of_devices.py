@@ -11,7 +11,7 @@ from gl_device import DEVICE, IN_SOFTWARE
 
 import rastercov as rc
 from rastercov.base.errors import PartMadeError
-from rastercov.core.coverage import bits_alone
+from rastercov.core.coverage import network
 from rastercov.core.coverage import shards as evaluation_shards
 from rastercov.core.coverage.network import LATER
 from rastercov.gl import GLRasterizer
@@ -115,8 +115,8 @@ def test_two_devices_share_a_folder_by_a_process_each(judged, tmp_path, monkeypa
 
 @pytest.mark.parametrize("seconds", [0.0, 1e9])
 def test_how_many_poses_are_judged_at_a_time_changes_no_bit(judged, monkeypatch, seconds):
-    monkeypatch.setattr(bits_alone, "SECONDS_JUDGED", seconds)
-    monkeypatch.setattr(bits_alone, "batch_size", lambda n_faces, threads: 4)
+    monkeypatch.setattr(network, "SECONDS_JUDGED", seconds)
+    monkeypatch.setattr(network, "batch_size", lambda n_faces, threads: 4)
     ours = evaluate(MESH, CAMERA, POSES, TASK, DEVICE, fields=("covered",))
     assert judged == ([4, 8, 11] if seconds else [4, 2, *[1] * 17])
     check_same(ours, evaluate(MESH, CAMERA, POSES, TASK, "cpu", fields=("covered",)))
@@ -173,8 +173,8 @@ def gpu(monkeypatch):
     """The device of the tests takes the place of a GPU that passed its self-test."""
     asked = []
     hooks = type("Hooks", (), {"find_gpu": lambda self: asked.append(1) or DEVICE})()
-    monkeypatch.setattr(bits_alone, "drawer", lambda: hooks)
-    monkeypatch.setattr(bits_alone, "LEAST_PAIRS", len(POSES) * MESH.n_faces)
+    monkeypatch.setattr(network, "drawer", lambda: hooks)
+    monkeypatch.setattr(network, "LEAST_PAIRS", len(POSES) * MESH.n_faces)
     return asked
 
 
@@ -209,7 +209,7 @@ def test_auto_is_the_cpu_where_a_gpu_is_of_no_use(judged, gpu, device, n, camera
 
 @pytest.mark.parametrize("after", [0, 1, 2])
 def test_the_cpu_continues_where_a_device_fails(judged, monkeypatch, caplog, after):
-    monkeypatch.setattr(bits_alone, "batch_size", lambda n_faces, threads: 4)
+    monkeypatch.setattr(network, "batch_size", lambda n_faces, threads: 4)
     noted = GLRasterizer._judge
 
     def lost(self, poses, criteria):
