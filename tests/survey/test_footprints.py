@@ -182,5 +182,6 @@ def test_faces_that_touch_on_the_plan_between_corners_are_united():
     corners = [np.array(each)[:, :2] for each in (low, high)]
     wanted = shapely.union_all([shapely.Polygon(each) for each in corners])
     assert shapely.area(result.polygons[0]) == pytest.approx(shapely.area(wanted), rel=1e-7)
-    with pytest.raises(shapely.GEOSException, match="noded"):
-        shapely.coverage_union_all([shapely.Polygon(each) for each in corners])
+    if shapely.geos_version >= (3, 14):  # 3.13 leaves them as two
+        with pytest.raises(shapely.GEOSException, match="noded"):
+            shapely.coverage_union_all([shapely.Polygon(each) for each in corners])

@@ -173,7 +173,7 @@ def matrices_of(linear: ArrayLike, translation: ArrayLike = 0.0) -> FloatArray:
 
 def inverse(poses: FloatArray) -> FloatArray:
     """camera_from_world of world_from_camera, or the reverse; (..., 4, 4)."""
-    rotation = np.swapaxes(poses[..., :3, :3], -1, -2)
+    rotation = poses[..., :3, :3].swapaxes(-1, -2)
     return matrices_of(rotation, -matmul(rotation, poses[..., :3, 3, None])[..., 0])
 
 
@@ -189,9 +189,7 @@ def nearest_rotations(matrices: FloatArray) -> FloatArray:
     Decomposition. 1986.
     """
     for _ in range(6):
-        matrices = matmul(
-            matrices, 1.5 * np.eye(3) - matmul(np.swapaxes(matrices, 1, 2), matrices) / 2
-        )
+        matrices = matmul(matrices, 1.5 * np.eye(3) - matmul(matrices.swapaxes(1, 2), matrices) / 2)
     return matrices
 
 
