@@ -181,7 +181,20 @@ GEOMETRIES: dict[str, Callable[[int], Geometry]] = {
         0.01 * triangle() + np.random.default_rng(n).uniform(-1, 1, (n, 1, 3))
     ),
     "far away": lambda n: (grid(n, 0.01)[0] + 1e6, grid(n, 0.01)[1]),
+    "wavy fan, close": lambda n: fan(n, wave=0.1),
+    "pages of one edge, close": pages,
+    "slanted T-junctions, close": lambda n: teeth(n, 0.5),
+    "moved by 1e-12, close": lambda n: moved(n, 1e-12),
+    "fine stack, close": lambda n: stack(n, 1e-7),
 }
+EYES = {
+    "wavy fan, close": ((0.05, -0.1, 0.35), (0.0, 0.0, 0.0)),
+    "pages of one edge, close": ((-0.29, -0.74, 1.27), (0.11, 0.49, 0.13)),
+    "slanted T-junctions, close": ((-0.29, -0.74, 1.27), (0.11, 0.49, 0.13)),
+    "moved by 1e-12, close": ((-0.29, -0.74, 1.27), (0.11, 0.49, 0.13)),
+    "fine stack, close": ((0.95, 0.94, -0.68), (-0.01, 0.27, -0.08)),
+}
+"""Eyes, and what they look at, from which the image clips faces; others are before the mesh."""
 
 
 def _lines_of(points: NDArray[np.float64], faces: NDArray[np.int64]) -> list[str]:
@@ -351,8 +364,9 @@ def _work(kind: str, n: int, how: str, results: Any) -> None:
 
 def scene_of(kind: str, n: int) -> tuple[rc.Mesh, NDArray[np.float64]]:
     points, faces = GEOMETRIES[kind](n)
-    centre = points.mean(axis=0)[None]
-    pose = rc.look_at(centre + np.array((0.3, -0.4, 3.0)), centre)
+    centre = points.mean(axis=0)
+    eye, middle = EYES.get(kind, (centre + np.array((0.3, -0.4, 3.0)), centre))
+    pose = rc.look_at([eye], [middle])
     return rc.Mesh(vertices=points, faces=faces), pose
 
 
@@ -462,7 +476,7 @@ def attack(report: Report, effort: float) -> None:
     for kind in ("T-junctions, tips at any depth", "crossing needles"):
         at_crossings(report, kind, first)
     print(*(f"{each}: no end" for _, each in failed), *steep, sep="\n", file=sys.stderr)
-    report.add("doubling: kinds of geometry", len(GEOMETRIES), "kinds", must=34)
+    report.add("doubling: kinds of geometry", len(GEOMETRIES), "kinds", must=39)
     report.add("doubling: kinds of files", len(FILES), "kinds", must=20)
     report.add("doubling: kinds of scenes", len(SCENES), "kinds", must=14)
     report.add(f"doubling: exponents {MOST_ABOVE} above that of the output", len(steep), "kinds")
