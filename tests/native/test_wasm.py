@@ -63,7 +63,8 @@ def case_of(name, seed, camera):
     roles = [each.is_occluder + 2 * each.is_target + 4 * each.is_two_sided for each in mesh.groups]
     spots = rng.integers(0, mesh.n_faces, 40)
     weights = rng.dirichlet((1, 1, 1), 40)
-    task = {"min_depth": 0.0, "max_depth": None, "max_incidence_deg": float(rng.choice((90, 70)))}
+    incidence = float(rng.choice((90, rng.uniform(20, 85))))  # of which circles have chords
+    task = {"min_depth": 0.0, "max_depth": None, "max_incidence_deg": incidence}
     task |= dict.fromkeys(("min_pixel_density", "min_facing_density", "min_pixels_per_m2"), 0.0)
     task["min_pixel_density"] = float(rng.choice((0.0, 60.0)))
     return {

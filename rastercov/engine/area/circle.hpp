@@ -11,6 +11,7 @@
 // Twins: rastercov.reference.regions, point by point.
 #pragma once
 #include "area/density.hpp"
+#include "lens/rounded.hpp"
 #include <numbers>
 #include <tuple>
 
@@ -22,7 +23,7 @@ constexpr int64_t CHORDS = 8; // that an arc is divided by at a time
 // Corners of the polygon in the circle.
 constexpr int64_t FEWEST_CHORDS = 16, MOST_CHORDS = 1 << 20;
 // Radius within the chords of any circle of incidence, relative to its own.
-inline const double LEAST_INNER_REL = std::cos(pi / FEWEST_CHORDS) * (1 - 1e-9);
+inline const double LEAST_INNER_REL = rounded::cos(pi / FEWEST_CHORDS) * (1 - 1e-9);
 
 // A point or a direction in the plane of a face.
 struct Point {
@@ -67,7 +68,7 @@ class Circle {
         const double wanted = std::ceil(pi * std::sqrt(radius / (2 * gap)));
         n_chords =
             wanted > FEWEST_CHORDS ? int64_t(std::min(wanted, double(MOST_CHORDS))) : FEWEST_CHORDS;
-        inner = radius * std::cos(pi / n_chords) - error;
+        inner = radius * rounded::cos(pi / n_chords) - error;
     }
 
     // Fills `arcs` with the parts of an arc, at most CHORDS; their number.
@@ -84,7 +85,7 @@ class Circle {
             const int64_t begin = start + (end - start) * c / n;
             const int64_t stop = start + (end - start) * (c + 1) / n;
             const Point to = corner(stop);
-            const double turn = std::cos(pi * (stop - begin) / n_chords);
+            const double turn = rounded::cos(pi * (stop - begin) / n_chords);
             arcs[c] = {begin, stop, from, to, radius * (1 - turn) + error};
             from = to;
         }
@@ -104,7 +105,7 @@ class Circle {
 
     Point corner(int64_t k) const {
         const double angle = 2 * pi * k / n_chords;
-        const double c = radius * std::cos(angle), s = radius * std::sin(angle);
+        const double c = radius * rounded::cos(angle), s = radius * rounded::sin(angle);
         return {plane.foot_x + (c * towards.x - s * towards.y),
                 plane.foot_y + (c * towards.y + s * towards.x)};
     }
