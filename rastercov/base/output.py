@@ -91,8 +91,7 @@ def own_place(path: Path) -> Path:
 
 def own_folder(path: Path) -> Path:
     """The folder of ours, made when it is missing; errors as of `is_own_folder`."""
-    if not is_own_folder(path):
-        path.mkdir(exist_ok=True)
+    own_place(path).mkdir(exist_ok=True)
     return own_place(path)
 
 
@@ -160,9 +159,9 @@ OF_SYSTEM = ("/dev", "/dev/fd", "/proc/self/fd")
 
 def _follow_links(path: Path) -> Path:
     """Path of a file, whole, after links within its folder."""
-    folder, name = Path(os.path.realpath(path.parent)), path.name
+    folder = Path(os.path.realpath(path.parent))
     if not path.is_symlink():
-        return folder / name
+        return folder / path.name
     there = Path(os.path.realpath(path))  # itself in a ring of links
     if there.parent != folder or there.is_symlink():
         raise ConfigError(
@@ -200,7 +199,7 @@ SCALARS, NUMBERS = {str, int, bool, type(None)}, {int, float}
 _line = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
 
 
-def _indent(plain: object, indent: int, width: int = 0, depth: int = 0) -> str:
+def _indent(plain: object, indent: int, width: int, depth: int = 0) -> str:
     """JSON over several lines, but a list of numbers, and what fits into the width, on one.
 
     The encoder of the standard library that indents is written in Python, and a report has as many

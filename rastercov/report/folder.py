@@ -135,15 +135,14 @@ class ReportFolder:
                 )
             for journal in self._journals():  # of killed runs
                 self._files = _read(self.path / journal.name)[1]
-                moves = {*chain(*self._moves(journal))} - {journal.name}
-                if others := self._not_ours(moves):
+                if others := self._not_ours({*chain(*self._moves(journal))} - {journal.name}):
                     raise ConfigError(
                         f"{_name(others[0])}: expected a file of an interrupted report, got "
                         "another file; move it away"
                     )
                 self._swap(journal)
             self._clean()
-            _, self._files = _read(self.path / self.kind.manifest, self.kind.files)
+            self._files = _read(self.path / self.kind.manifest, self.kind.files)[1]
             if _is_of_another(self.path, self._files):
                 raise ConfigError(
                     f"{_name(self.path)}: expected a report of your own in a shared folder, got "
@@ -338,15 +337,13 @@ def _is_of_another(folder: Path, names: Iterable[str]) -> bool:
     own = folder.stat()
     if not own.st_mode & stat.S_ISVTX or (user := os.geteuid()) in (0, own.st_uid):
         return False
-    there = [folder / name for name in names if os.path.lexists(folder / name)]
+    there = filter(os.path.lexists, map(folder.joinpath, names))
     return any(path.lstat().st_uid != user for path in there)
 
 
 def _is(path: Path, of_file: ByName | None) -> bool:
     """True when a file is unchanged since it was written."""
     if of_file is None or not stat.S_ISREG(path.lstat().st_mode):
-        return False
-    if path.stat().st_size != of_file["bytes"]:
         return False
     with path.open("rb") as file:
         return _digest(file) == of_file
