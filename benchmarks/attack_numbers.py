@@ -6,6 +6,7 @@ result, or one line and exit code 2, with nothing written; never a traceback, a 
 
 import json
 import re
+import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -150,6 +151,8 @@ distortion_coefficients: !!opencv-matrix
 """
 FLOOR = "v -2 -2 -1\nv 2 -2 -1\nv 2 2 -1\nv -2 2 -1\ng floor\nf 1 2 3\nf 1 3 4\n"
 RULED = {"rule": "all", "min_baseline_deg": 2, "max_baseline_deg": 90}
+CHECK = "check costs.toml --json --junit checked/junit.xml --summary checked/summary.md -p"
+"""Without a page, whose pictures cost ten times the check; these two files say refusals, too."""
 OWN: dict[str, tuple[str, str]] = {
     "costs.toml": (SCENE + FEWEST, "place {} -o out"),
     "search.toml": (SCENE + BEST, "place {} -o out"),
@@ -160,8 +163,8 @@ OWN: dict[str, tuple[str, str]] = {
     "table.json": ("", EVALUATE + " -o out --motion {}"),
     "table.csv": ("", EVALUATE + " -o out --motion {}"),
     "ruled.json": ("", "evaluate part.obj -p {} --pictures 0 --by area -o out"),
-    "base.json": ("", "check costs.toml -p six.json --baseline {} -o out"),
-    "six.json": ("", "check costs.toml -p {} -o out --junit out/junit.xml"),
+    "base.json": ("", f"{CHECK} six.json --baseline {{}}"),
+    "six.json": ("", f"{CHECK} {{}}"),
     "transforms.json": ("", "convert {} out/rig.json --pose-unit 1 --overwrite"),
 }
 """Files beside those of `attack_inputs`, and the commands that read them; empty ones are made."""
@@ -249,8 +252,10 @@ def attack(report: Report, effort: float) -> None:
         own_files()
         all_of = replaced()
         for name in commands():
-            line = commands()[name].format(name)
-            report.check(f"{name}: is read as it is", not fault_of_command(line))
+            Path("out").mkdir(exist_ok=True)
+            code, _ = command(commands()[name].format(name))
+            report.check(f"{name}: is read as it is", code in (0, 1))
+            shutil.rmtree("out")
         order = np.random.default_rng(0).permutation(len(all_of))
         most = max(len(commands()), round(COMMANDS * effort))
         chosen = [all_of[row] for row in order[:most]]
