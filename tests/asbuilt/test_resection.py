@@ -127,3 +127,12 @@ def test_pairs_are_checked() -> None:
     for bad in (pairs[:3], pairs[:, :4], np.where(pairs == pairs[0, 0], np.nan, pairs)):
         with pytest.raises(rc.ConfigError, match="points"):
             located(camera, bad)
+
+
+def test_the_robust_fit_is_nearly_as_exact_as_its_covariance_says() -> None:
+    """Variance of the estimate of a place from normal errors, relative to that of the mean."""
+    lengths = np.random.default_rng(0).rayleigh(size=200_000)  # of errors in two coordinates
+    limit = resection.HUBER
+    bent = np.minimum(lengths, limit)
+    slope = np.where(lengths < limit, 1, limit / lengths / 2)
+    assert np.mean(bent**2) / 2 / np.mean(slope) ** 2 < 1.025
