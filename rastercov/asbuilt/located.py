@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.asbuilt import resection
-from rastercov.asbuilt.alignment import Aligner, Basin, Optimum
+from rastercov.asbuilt.alignment import Aligner, Optimum
 from rastercov.asbuilt.photograph import brightness, read_photograph
 from rastercov.base import (
     BoolArray,
@@ -29,11 +29,8 @@ from rastercov.base import (
 from rastercov.base.files import reason_of
 from rastercov.base.typed import typed
 from rastercov.core.camera import Camera, check_scene, valid_poses
-from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
 
-BASIN = Basin(math.radians(4), 0.06)
-"""Range around the plan in which edges are looked for."""
 LEAST_RIGHT = 0.6
 """Share of the pairs that must agree."""
 RIVAL = 2.0
@@ -173,27 +170,23 @@ class Located(InOneLine):
         )
 
     def to_json(self) -> ByName:
-        """The record of a file."""
+        """The record of a file; numbers may be infinite or NaN."""
         place, turn = self.deviations
         return {
             "accepted": self.accepted,
             "why": self.why,
             "world_from_camera": self.pose.tolist(),
             "covariance": np.where(np.isfinite(self.covariance), self.covariance, -1).tolist(),
-            "place_deviation_m": _finite(place),
-            "turn_deviation_deg": _finite(turn),
-            "pixel_deviation_px": _finite(self.spread),
-            "explained": _finite(self.explained),
-            "moved_m": _finite(self.moved),
-            "turned_deg": _finite(self.turned_deg),
+            "place_deviation_m": place,
+            "turn_deviation_deg": turn,
+            "pixel_deviation_px": self.spread,
+            "explained": self.explained,
+            "moved_m": self.moved,
+            "turned_deg": self.turned_deg,
             "residuals_px": self.residuals.tolist(),
             "is_inlier": self.is_inlier.tolist(),
             "poses": self.poses.tolist(),
         }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _length(metres: float) -> str:
@@ -346,7 +339,7 @@ def _by_points(
         spread,
         math.nan,
         near,
-        float(norm(to_camera(points, best.pose)).mean()),
+        float(norm(points - pose[:3, 3]).mean()),
     )
 
 
@@ -380,7 +373,7 @@ def _doubt_of_points(optima: Sequence[resection.Fit], camera: Camera, spread: fl
 
 def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
     """Pose by edges."""
-    optima, distance = aligner.find(near, BASIN)
+    optima, distance = aligner.find(near)
     if not optima:
         return _nothing(0, near, f"the plan's pose shows too few edges of the model; {CLICK}")
     best = optima[0]
@@ -408,13 +401,14 @@ def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float
     if not best.spread <= MOST_SPREAD:
         return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
     chance = aligner.chance(best.pose, distance)
-    z = chance.z(best.score)
-    if z < LEAST_Z or best.score <= chance.largest:
+    deviation = max(chance.std(), 1e-9)
+    if best.score - chance.mean() < LEAST_Z * deviation or best.score <= chance.max():
         return f"its edges agree with the photograph hardly better than displaced ones; {CLICK}"
     rivals = [
         each
         for each in optima[1:]
-        if z - chance.z(each.score) < RIVAL and aligner.lead(best.pose, each.pose) < RIVAL
+        if best.score - each.score < RIVAL * deviation
+        and aligner.lead(best.pose, each.pose) < RIVAL
     ]
     if rivals:
         return f"{plural(len(rivals) + 1, 'pose')} agree as well; {CLICK}"
@@ -438,11 +432,11 @@ class Tolerance:
 
     def to_json(self) -> ByName:
         """The record of a file."""
-        return {"place_m": _finite(self.place), "turn_deg": self.turn_deg}
+        return {"place_m": self.place, "turn_deg": self.turn_deg}
 
     def verdict(self, found: Located) -> str:
         """Verdict "as planned", "moved" or "undecided", by two standard deviations of the pose."""
-        if not found.accepted or found.near is None:
+        if not found.accepted:
             return "undecided"
         place, turn = found.deviations
         if found.moved - 2 * place > self.place or found.turned_deg - 2 * turn > self.turn_deg:

@@ -66,7 +66,7 @@ def _row(result: AsBuilt, row: int) -> list[object]:
     place, turn = found.deviations
     limit = result.tolerances[row]
     right, up, clockwise = found.to_plan_deg()
-    known = found.accepted and found.near is not None
+    known = found.accepted
     return [
         result.planned.names[row],
         result.verdicts[row],

@@ -1,6 +1,5 @@
 """The command `locate`: poses of installed cameras from photographs, and what they cover now."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import typer
 from typer import Argument, Option
 
 from rastercov.base import ConfigError
+from rastercov.base.output import json_text
 from rastercov.cli.console import out_option, print_lines, say, warn
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import AsJson, CameraOptions, Pdf, expand_options
@@ -98,7 +98,7 @@ def locate(
     outcome.write(junit, None, plan, result.cases())
     warn(*eyes.notes)
     if as_json:
-        print(json.dumps(result.to_json(), indent=2))
+        print(json_text(result.to_json()))
     else:
         print_lines(*result.lines())
         if out is not None:

@@ -5,7 +5,10 @@ import pytest
 
 import rastercov as rc
 from rastercov.asbuilt import resection
+from rastercov.asbuilt.alignment import Aligner
+from rastercov.asbuilt.alignment import _along as along
 from rastercov.asbuilt.located import Tolerance
+from rastercov.asbuilt.photograph import brightness
 
 CAMERA = rc.Camera.from_fov(480, 360, hfov_deg=50)
 
@@ -106,3 +109,42 @@ def test_what_moved_is_told_from_what_did_not() -> None:
     assert abs(right + 1) < 0.1
     assert abs(up) < 0.1
     assert abs(clockwise) < 0.1
+
+
+def test_gradients_are_averaged_along_each_edge_alone() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        edge = np.repeat(rng.permutation(9), rng.integers(0, 15, 9))
+        values = rng.normal(size=(len(edge), 3)) + 1j * rng.normal(size=(len(edge), 3))
+        got, count = along(values, edge)
+        for row in range(len(edge)):
+            near = np.flatnonzero((edge == edge[row]) & (np.abs(np.arange(len(edge)) - row) <= 4))
+            assert count[row] == len(near)
+            np.testing.assert_allclose(got[row], values[near].mean(axis=0), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
+def test_noise_that_hides_each_pixel_of_an_edge_does_not_hide_the_edge(seed: int) -> None:
+    true = pose_of(seed)
+    photo = photograph(MESH, true, seed)
+    photo += np.random.default_rng(seed + 9).normal(size=photo.shape) * 0.35
+    found = rc.locate(MESH, CAMERA, photo, off(true, seed + 50, 1.0, 0.01))
+    assert found.accepted, found.why
+    apart = resection.pixels_of(MESH.vertices, CAMERA, found.pose) - resection.pixels_of(
+        MESH.vertices, CAMERA, true
+    )
+    assert np.nanmax(np.linalg.norm(apart, axis=1)) < 2
+
+
+def test_poses_beside_the_best_are_tried_in_every_direction() -> None:
+    """Each moves an edge by 5 px, as far as parallel edges may be apart, in six directions."""
+    true = pose_of(1)
+    aligner = Aligner(MESH, CAMERA, brightness(photograph(MESH, true, 1), CAMERA))
+    beside = aligner._beside(true)
+    seen = aligner.points_at(aligner.levels[-1], true, 4.0).points
+    before = resection.pixels_of(seen, CAMERA, true)
+    moved = [resection.pixels_of(seen, CAMERA, pose) - before for pose in beside]
+    for each in moved:
+        assert abs(np.nanmax(np.linalg.norm(each, axis=1)) - 5) < 0.5
+    sizes = np.linalg.svd(np.nan_to_num([each.ravel() for each in moved]), compute_uv=False)
+    assert (sizes > 0.02 * sizes[0]).sum() >= 6
