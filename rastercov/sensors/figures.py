@@ -46,13 +46,14 @@ from rastercov.core.camera import (
     Rig,
     apparent,
     by_gate,
+    cameras_of,
     gates_of,
     led_by,
     names_of,
 )
 from rastercov.core.camera.rig import are_central
 from rastercov.core.camera.rule import Limited, limits_of
-from rastercov.core.coverage.task import BASELINE, CONDITIONS, UNCERTAIN, Reason, Task
+from rastercov.core.coverage.task import BASELINE, CONDITIONS, UNCERTAIN, Reason, Task, tasks_of
 from rastercov.core.mesh.arrays import cross_matrix
 from rastercov.sensors.ray_limits import measure_limits, within_limits, worst_deviations
 
@@ -217,6 +218,12 @@ class _Head:
         """True where at least some number of the points meet the limits from other poses."""
         return int(np.count_nonzero(_lacks(self.gate, placed, self.points)[2] <= 1)) >= least
 
+    def _focus_starts(self) -> float:
+        """Distance from which on all devices are in focus, metres."""
+        cameras, tasks = cameras_of(self.scene[1]), tasks_of(*self.scene[1:])
+        own = set(self.poses.camera.tolist())
+        return max(cameras[row].depth_of_field(tasks[row].max_blur)[0] for row in own)
+
     def remedies(self, least: int, *, of_limit: bool = False) -> Iterator[str]:
         """The least change of each kind that covers some number of the points.
 
@@ -241,6 +248,7 @@ class _Head:
                 _nearer(placed, factor, target),
             )
             for factor in NEARER
+            if factor * away >= self._focus_starts()
         ]
         for kind in (wider, nearer):
             within = [each for each in kind if self._meets(each[1], least)]

@@ -147,3 +147,23 @@ def test_the_best_value_is_looked_for_within_large_faces():
     best = 1e6 * deviations_of(rig, poses, grid).min()
     value = float(re.search(r"uncertainty ([\d.]+) µm at the best point", line)[1])
     assert value == pytest.approx(best, rel=5e-3)
+
+
+@pytest.mark.parametrize("start", [0.01, 0.1, 0.2, 0.3])
+def test_no_distance_is_advised_that_is_out_of_focus(start):
+    mesh = rc.shapes.box((0.2, 0.1, 0.02), centre=(0, 0, 0.41))
+    camera = rc.Camera.from_fov(640, 512, hfov_deg=40, focus_range=(start, 5))
+    places = np.tile(np.eye(4), (2, 1, 1))
+    places[:, 0, 3] = -0.06, 0.06
+    said = []
+    for limit in np.geomspace(5e-6, 1e-4, 8):
+        rig = rc.Rig(
+            [camera] * 2, ["l", "r"], places, rule=rc.All(max_uncertainty=limit, noise_px=0.2)
+        )
+        poses = rig.poses(np.eye(4)[None])
+        with closing(RegionPass(mesh, rig, rc.Task())) as finder:
+            lines = unmet_lines(failures_of_rows, finder.find(poses), (mesh, rig, rc.Task()), poses)
+        for away, unit in re.findall(r"a distance of ([\d.]+) (µm|mm|m)", " ".join(lines)):
+            said.append(float(away) * FACTORS[unit])
+    assert said or start >= 0.2
+    assert all(away >= start - 5e-4 for away in said)

@@ -293,7 +293,11 @@ class Remedies:
         if reason == Reason.OUT_OF_FOCUS:
             near, far = camera.depth_of_field(task.max_blur)
             to = "or more" if math.isinf(far) else f"to {in_metres(far)}"
-            return f"it is {distance} away, and the depth of field is {in_metres(near)} {to}"
+            value = named.figures["distance"]
+            just = "just " * (distance in (in_metres(near), in_metres(far)))
+            side = "beyond" if value > (near + far) / 2 else "before"
+            away = f"{just}{side} the depth of field, {in_metres(near)} {to}"
+            return f"it is {distance} away, {away}"
         if reason == Reason.TOO_OBLIQUE:
             angle = math.degrees(named.figures["incidence"])
             return (
