@@ -250,11 +250,12 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
 def test_each_error_of_a_plan_is_a_line_and_nothing_is_written(capsys, text, lines):
     if text is not None:
         Path("plan.toml").write_text(text)
+    before = {*Path().rglob("*")}
     code, out, err = call(capsys, "place " + ("no.toml" if text is None else "plan.toml"))
     assert (code, out) == (2, "")
     for one, line in zip(err.splitlines(), lines, strict=True):
         assert one.startswith(f"error: {line}")
-    assert not [*Path().rglob("plan.json"), *Path().rglob("poses.json")]
+    assert {*Path().rglob("*")} == before
 
 
 # --- ended runs -----------------------------------------------------------------------------------

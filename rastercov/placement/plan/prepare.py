@@ -413,7 +413,7 @@ class _Measuring:
                 observer = step.enter_context(open_observer(*scene, engine))
             options["bits"] = bits = can_pack(observer, poses, task, job.cells, mounts)
             options["progress"] = step.enter_context(job.clock(name))
-            if job.folder is not None:
+            if job.folder is not None and len(poses):
                 described = describe(observer, poses, task, None, job.cells, mounts, bits)
                 header = json.dumps(described, sort_keys=True)
                 self.used.append(job.folder / hashlib.sha256(header.encode()).hexdigest()[:16])
