@@ -196,6 +196,11 @@ def _zones(summary: Summary) -> list[Summary]:
     return [each for each in summary.get("dead_zones", ()) if each["percent"] >= LEAST_PERCENT]
 
 
+def most_named(n: int) -> int:
+    """Number of n reasons that are named: one more than `MOST_REASONS` for the last alone."""
+    return MOST_REASONS + (n == MOST_REASONS + 1)
+
+
 def by_reason(why: Mapping[str, ReadByName]) -> str:
     """Areas by reason of `areas_by_reason`, the largest first, each with the gain by it alone.
 
@@ -207,9 +212,9 @@ def by_reason(why: Mapping[str, ReadByName]) -> str:
     said = [
         f"{area(m2[name], whole=m2[ranked[0]])} {REASONS[name].label}"
         f"{gain_in_area(why[name], m2[ranked[0]])}"
-        for name in ranked[:MOST_REASONS]
+        for name in ranked[: most_named(len(ranked))]
     ]
-    if others := ranked[MOST_REASONS:]:
+    if others := ranked[len(said) :]:
         rest = area(sum(m2[name] for name in others), whole=m2[ranked[0]])
         said.append(f"{rest} for {plural(len(others), 'other reason')}")
     return ", ".join(said)

@@ -1,4 +1,4 @@
-"""Functions with equal bits on every processor, for what decides where cameras stand.
+"""Functions with equal bits on every processor, for what decides where cameras are.
 
 Sines of numpy depend on the level of the processor and on the library of C, products of matrices on
 BLAS, and `einsum` on whether the compiler fuses a product and a sum. These round each step alike

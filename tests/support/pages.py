@@ -3,7 +3,7 @@
 import re
 from html.parser import HTMLParser
 
-EMPTY = frozenset({"meta", "img", "source", "br"})
+EMPTY = frozenset({"meta", "img", "source", "br", "wbr"})
 
 
 class Page(HTMLParser):

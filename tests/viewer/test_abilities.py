@@ -55,9 +55,9 @@ MODES = {
     "density": ("page", "test_levels_of_each_mode_are_those_of_its_figure"),
     "level": ("page", "test_a_level_of_the_standard_is_a_threshold_and_a_colour"),
     "incidence": ("page", "test_the_incidence_is_the_least_of_a_camera_that_covers_the_face"),
-    "device": ("page", "test_missing_sensors_and_uncertainty_have_the_colours_of_a_served_page"),
+    "device": ("page", "test_faces_have_the_colours_of_heads_as_on_a_served_page"),
     "uncertainty": (
-        "page", "test_missing_sensors_and_uncertainty_have_the_colours_of_a_served_page"
+        "page", "test_faces_have_the_colours_of_heads_as_on_a_served_page"
     ),
     "angle": ("python", "test_angles_between_views_by_all_pairs"),
     "single": ("python", "test_levels_of_each_mode_are_those_of_its_figure"),

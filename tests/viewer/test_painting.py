@@ -48,8 +48,8 @@ def case_of(rng, mode):
         return mesh, rows, {"rows": listed(rows)}
     if mode == "camera":
         every = theme.camera_colours(2 * len(names))[1::2]
-        stations = [{"name": name, "row": 2 * at + 1} for at, name in enumerate(names)]
-        return mesh, OfCameras(row, names, every), {"bestRow": listed(row), "stations": stations}
+        heads = [{"name": name, "row": 2 * at + 1} for at, name in enumerate(names)]
+        return mesh, OfCameras(row, names, every), {"bestRow": listed(row), "heads": heads}
     if mode == "device":
         row = np.minimum(row, len(names) - 1) + (rng.random(n) < 0.1)
         measured = {"labels": [*names, "covered"], "device": listed(row)}

@@ -215,7 +215,7 @@ class Poses(InOneLine):
         return used
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> FloatArray:
-        if copy is None:  # of which numpy before 2.0 knows nothing
+        if copy is None:  # an argument since numpy 2.0
             return np.asarray(self.world_from_camera, dtype)
         return np.array(self.world_from_camera, dtype, copy=copy)
 

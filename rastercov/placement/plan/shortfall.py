@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.advice.headline import MOST_REASONS, advice_line, gain_in_area
+from rastercov.advice.headline import advice_line, gain_in_area, most_named
 from rastercov.base import ByName, first_of, percent, plural, sort_order
 from rastercov.base.format import area, coordinates
 from rastercov.core.area.network import AreaNetwork
@@ -144,8 +144,9 @@ def shortfall(prepared: Prepared, finder: RegionPass, clock: Clock) -> Shortfall
             for name, share in why.items()
             if share["area_percent"] >= LEAST_PERCENT
         ]
-        if others := missing[MOST_REASONS:]:
-            missing[MOST_REASONS:] = [f"and {plural(len(others), 'other reason')}"]
+        named = most_named(len(missing))
+        if others := missing[named:]:
+            missing[named:] = [f"and {plural(len(others), 'other reason')}"]
         reasons |= {each for name in why for each in name.split(BETWEEN)}
         lines.append(
             f"{each.name} out of reach: all candidates together cover at most "
