@@ -17,7 +17,7 @@ features.FEATURES["flash"] = dict.fromkeys(features.DEVICE, "core.coverage.flash
 sys.modules["rastercov.core.coverage.flash"] = sys.modules["__main__"]
 
 from rastercov.core.camera.camera import Camera  # noqa: E402 - after the registration
-from rastercov.core.coverage.criterion import Words  # noqa: E402
+from rastercov.core.coverage.criterion import Words  # noqa: E402 - after the registration, too
 from rastercov.core.coverage.device import Carried, Device  # noqa: E402
 
 
