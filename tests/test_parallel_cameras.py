@@ -100,7 +100,7 @@ def test_entries_that_no_such_lens_has_are_refused_in_one_line(entries, line):
 
 def test_entries_of_telecentric_lenses_are_refused_of_other_models():
     for name in ("magnification", "working_distance", "depth_of_field", "px_per_m"):
-        with pytest.raises(CameraError, match=f"with {name}, got another model"):
+        with pytest.raises(CameraError, match=f"with {name}, got 'pinhole'"):
             rc.Camera.from_dict(SIZE | {"fx": 100, name: 1.0})
     with pytest.raises(CameraError, match="expected f_number only for a telecentric lens"):
         rc.Camera(**SIZE, fx=100, fy=100, f_number=8)

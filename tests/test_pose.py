@@ -404,7 +404,7 @@ NO_POSES = [
         npy(np.array([Trap()], dtype=object)), pickle.dumps(Trap()), archive(), b"PK\x03\x04")),
     *(("npy", npy(sphere_of_poses((0, 0, 0), 1, 5))[:kept], "expected a NumPy array")
       for kept in (0, 3, 6, 20, 127, 128, 200, -1)),
-    ("csv", b"1,0,0,0", r"expected a pose file \.npy or \.json, got another suffix"),
+    ("csv", b"1,0,0,0", r"expected a pose file \.npy or \.json, got '\.csv'"),
 ]  # fmt: skip
 
 

@@ -161,8 +161,8 @@ def read_motion(path: StrPath) -> ByName:
         if suffix == ".csv":
             return _of_csv(file_bytes(path, LARGEST_ARRAY).decode("utf-8-sig"))
         raise ConfigError(
-            "expected a motion in .json, .csv, .glb or .gltf (.toml for --motion), got another "
-            "suffix; rename or convert it"
+            "expected a motion in .json, .csv, .glb or .gltf (.toml for --motion), got "
+            f"{shown(suffix)}; rename or convert it"
         )
     except UnicodeDecodeError:
         raise ConfigError(

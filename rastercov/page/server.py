@@ -37,6 +37,7 @@ from rastercov.base import (
     ResourceError,
     one_line,
     plural,
+    shown,
 )
 from rastercov.base.interrupts import ABANDONED
 from rastercov.page.actions import MOST_OF_DRAWING, Action, check_entries
@@ -374,7 +375,7 @@ async def _body(request: "Request") -> ByName:
     """JSON object of a request."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     if kind != "application/json":
-        raise ConfigError("expected content-type application/json, got another; correct it")
+        raise ConfigError(f"expected content-type application/json, got {shown(kind)}; correct it")
     text = bytearray()
     async for part in request.stream():
         text += part

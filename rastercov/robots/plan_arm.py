@@ -504,9 +504,10 @@ class OfArms(PlanScene):
         own = [each for each in plan.candidates if isinstance(each, OnArm)]
         if not own:
             return
-        if len(own) < len(plan.candidates):
+        others = [each.generator for each in plan.candidates if not isinstance(each, OnArm)]
+        if others:
             raise ValueError(
-                "candidates: expected only on_arm, got another generator; move it into its 'of'"
+                f"candidates: expected only on_arm, got {others[0]}; move it into its 'of'"
             )
         if len({repr([getattr(e, name) for name in SHARED]) for e in own}) > 1:
             raise ValueError(

@@ -64,8 +64,8 @@ def unit_of_result(
     try:
         if engine.method == "sampled":
             raise ConfigError(
-                "expected a method for a result by area, got another: method sampled counts whole "
-                "faces; by area, use certified or exact"
+                "expected an exact method for a result by area, got sampled: method sampled counts "
+                "whole faces; by area, use certified or exact"
             )
         check_pointwise(task)
         if task.min_angle_deg > 0:

@@ -68,7 +68,7 @@ def check_pointwise(task: Task, method: str = "exact") -> None:
     for name, text in OF_A_FACE.items():
         if getattr(task, name) != getattr(Task, name):  # its default
             raise ConfigError(
-                f"expected thresholds for a result by area, got another: {name} {text}"
+                f"expected thresholds of points for a result by area, got {name}: {name} {text}"
             )
     if method == "sampled":
         raise ConfigError("expected method certified or exact, got sampled; regions are exact")

@@ -166,9 +166,10 @@ def _with_focal_lengths(entries: ByName) -> ByName:
         raise CameraError(
             f"expected hfov_deg and vfov_deg, or {', '.join(given)}, got both; remove one"
         )
-    if entries.get("model", "pinhole") != "pinhole":
+    model = entries.get("model", "pinhole")
+    if model != "pinhole":
         raise CameraError(
-            "expected hfov_deg and vfov_deg for a pinhole, got another model; give fx and fy"
+            f"expected hfov_deg and vfov_deg for a pinhole, got {shown(model)}; give fx and fy"
         )
     table = {}
     for name, focal, centre in (("hfov_deg", "fx", "cx"), ("vfov_deg", "fy", "cy")):
@@ -397,7 +398,7 @@ class Camera:
             return
         if self.f_number is not None:
             raise CameraError(
-                "expected f_number only for a telecentric lens, got another; use Camera.from_lens"
+                f"expected f_number only for a telecentric lens, got {model}; use Camera.from_lens"
             )
         if model == "equirectangular" and self.max_angle_deg is not None:
             raise CameraError(
@@ -742,7 +743,7 @@ class Camera:
             suffix = suffix_of(path)
             if suffix not in (".json", ".toml"):
                 raise CameraError(
-                    "expected a camera file .json or .toml, got another suffix; read_views reads "
+                    f"expected a camera file .json or .toml, got {shown(suffix)}; read_views reads "
                     "other formats"
                 )
             entries = read_json(path) if suffix == ".json" else read_toml(path)
@@ -777,9 +778,10 @@ class Camera:
         True
         """
         with errors_as(CameraError, printable(str(path)), ValueError):
-            if suffix_of(path) != ".json":
+            suffix = suffix_of(path)
+            if suffix != ".json":
                 raise CameraError(
-                    "expected the suffix .json for a camera, got another one; rename the file"
+                    f"expected the suffix .json for a camera, got {shown(suffix)}; rename the file"
                 )
             with write_file(path) as file:
                 file.write((json.dumps(self.to_json(), indent=2) + "\n").encode())

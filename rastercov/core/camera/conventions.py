@@ -602,7 +602,7 @@ def _is_npy(path: StrPath) -> bool:
     suffix = suffix_of(path)
     if suffix not in (".npy", ".json"):
         raise PoseError(
-            "expected a pose file .npy or .json, got another suffix; rename or convert it"
+            f"expected a pose file .npy or .json, got {shown(suffix)}; rename or convert it"
         )
     return suffix == ".npy"
 

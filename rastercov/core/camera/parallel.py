@@ -46,9 +46,10 @@ def arguments_of(entries: ReadByName) -> ByName:
     CameraError for entries that contradict one another.
     """
     given = {name: value for name, value in entries.items() if value is not None}
-    if given.get("model") not in MODELS:
+    model = given.get("model", "pinhole")
+    if model not in MODELS:
         name = next(name for name in ENTRIES if name in given)
-        raise CameraError(f'expected model "{MODEL}" with {name}, got another model; set it')
+        raise CameraError(f'expected model "{MODEL}" with {name}, got {shown(model)}; set it')
     _refuse(given)
     scales = [name for name in ("magnification", "px_per_m", "fx") if name in given]
     if len(scales) != 1:
