@@ -144,14 +144,6 @@ _NAMES = {
 """Modules and their public names."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)
-_RETIRED = {
-    "evaluate_batches": "evaluate(..., fields=()) has the sums of any number of poses",
-    "evaluate_over_time": "evaluate(mesh, ..., motion=MotionQuery(motion, over)).over_time is that",
-    "laser_line": "LaserLine.of is that",
-    "over_time": "MotionQuery(motion, over).long_enough(regions, views) is that",
-    "regions_over_time": "regions(mesh, ..., motion=motion) is that",
-}
-"""Names of the last version, and what to call instead."""
 
 
 def __getattr__(name: str) -> _Any:
@@ -162,8 +154,6 @@ def __getattr__(name: str) -> _Any:
         return result
     if name == "shapes":
         return _import_module("rastercov.core.mesh.shapes")
-    if name in _RETIRED:
-        raise AttributeError(f"rastercov.{name} is retired: rastercov.{_RETIRED[name]}")
     if not name.startswith("_") and _find_spec(f"rastercov.{name}"):
         return _import_module(f"rastercov.{name}")
     raise AttributeError(f"module 'rastercov' has no attribute {name!r}")

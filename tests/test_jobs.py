@@ -217,7 +217,6 @@ def test_audit_is_the_command(capsys):
 @pytest.mark.parametrize(
     ("name", "instead"),
     [
-        ("folder", "give shards=FOLDER"),
         ("workers", r"give shards=\(FOLDER, workers\)"),
         ("threads", r"give method=Engine\(METHOD, threads=N\)"),
         ("skip_bad_poses", r"give Poses.of\(poses, skip_bad=True\)"),

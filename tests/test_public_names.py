@@ -43,20 +43,6 @@ def test_dir_has_public_names_only():
     assert rastercov.__version__
 
 
-@pytest.mark.parametrize("name", sorted(rastercov._RETIRED))
-def test_a_retired_name_is_refused_by_what_to_call_instead(name):
-    assert name not in rastercov.__all__
-    with pytest.raises(
-        AttributeError, match=rf"^rastercov\.{name} is retired: rastercov\."
-    ) as error:
-        getattr(rastercov, name)
-    text = str(error.value)
-    assert text.isprintable()
-    instead = text.split(": rastercov.")[1].partition("(")[0].split()[0]
-    owner, _, member = instead.partition(".")
-    assert hasattr(getattr(rastercov, owner), member or "__call__")
-
-
 CAMERA = rastercov.Camera(width=24, height=18, fx=20, fy=20)
 POSES = rastercov.sphere_of_poses((0, 0, 0), 4, 3)
 

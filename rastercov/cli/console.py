@@ -611,6 +611,7 @@ FAILED = {
     "check": "a requirement failed, or the result is worse than the baseline",
     "audit": "a pose crashed its worker",
     "sun": "a group gets less sunlight than --at-least",
+    "locate": "a camera has moved (2: undecided)",
     "viewshed": "an observer sees too little of the ground",
     "doctor": "the default device failed its test",
     "markers": "fewer than 98 % of the predictions were right",

@@ -108,12 +108,6 @@ _NAMES = {
 """Modules and their public names; those of features are imported when they are asked for."""
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)
-_RETIRED = {
-    "BitMatrix": "use VisibilityMatrix, which leaves the pairs of a folder on disk",
-    "measure_matrix": "use build_matrix with a folder, which leaves the pairs on disk",
-    "read_spaces": "use Mesh.load(path).spaces",
-}
-"""Names of the last version, and what to call instead."""
 
 
 def __getattr__(name: str) -> object:
@@ -122,10 +116,6 @@ def __getattr__(name: str) -> object:
 
         result = globals()[name] = guarded_name(_import_module(f"rastercov.{_HOME[name]}"), name)
         return result
-    if name in _RETIRED:
-        raise ImportError(
-            f"expected a name of rastercov.placement, got {name}, retired; {_RETIRED[name]}"
-        )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -16,10 +16,3 @@ def test_importing_placement_loads_no_file_format_and_no_solver():
     slow = "{'pyarrow', 'highspy', 'pydantic', 'typer', 'rich', 'moderngl'}"
     result = python("-c", f"import sys, rastercov.placement; print({slow} & set(sys.modules))")
     assert result.stdout.strip() == "set()"
-
-
-@pytest.mark.parametrize("name", ["BitMatrix", "measure_matrix", "read_spaces"])
-def test_names_that_are_retired_say_what_to_call(name):
-    line = rf"^expected a name of rastercov\.placement, got {name}, retired; use "
-    with pytest.raises(ImportError, match=line):
-        getattr(placement, name)

@@ -121,12 +121,6 @@ def test_whatever_stands_in_a_section_is_judged_in_lines(value, section):
         assert all("\n" not in line for line in lines)
 
 
-@pytest.mark.parametrize("name", ["method", "population"])
-def test_entries_of_a_search_that_are_retired_name_what_is_left(name):
-    text = f'[selection]\ngoal = "best_coverage"\ncameras = 1\noptimise = {{ {name} = 1 }}'
-    assert f"expected budget, got {name}, which is retired" in errors(text)[-1]
-
-
 def test_files_are_relative_to_the_plan():
     Path("deep").mkdir()
     write_part("deep/part.obj", names={})

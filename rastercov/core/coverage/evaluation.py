@@ -57,13 +57,12 @@ from rastercov.shards import Staff
 if TYPE_CHECKING:
     from rastercov import OverTime
 
-RETIRED = {
-    "folder": "give shards=FOLDER",
+OF_COMMANDS = {
     "skip_bad_poses": "give Poses.of(poses, skip_bad=True)",
     "threads": "give method=Engine(METHOD, threads=N)",
     "workers": "give shards=(FOLDER, workers)",
 }
-"""Arguments of the last version, and what to give instead."""
+"""Options of commands, and what to give in Python."""
 
 
 def asked(
@@ -82,7 +81,7 @@ def asked(
             advice = "give it in task" if hasattr(Task, name) else "correct the name"
             raise ConfigError(
                 f"expected further arguments {known}, got {shown(name)}; "
-                f"{RETIRED.get(name, advice)}"
+                f"{OF_COMMANDS.get(name, advice)}"
             )
     return camera, narrow(camera, task) if equipment_on(camera) else task, phases
 

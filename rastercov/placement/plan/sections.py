@@ -541,16 +541,6 @@ class Optimise(Entry):
     budget: Count = 5_000
     """Number of poses to measure."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _check(cls, given: object) -> object:
-        for name in ("method", "population"):
-            if isinstance(given, dict) and name in given:
-                raise ValueError(
-                    f"expected budget, got {name}, which is retired; give budget alone"
-                )
-        return given
-
 
 class SelectionBase(extend_entry("selection")):  # type: ignore[misc] # a base made of fields
     """Entries of every goal."""
