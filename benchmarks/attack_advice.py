@@ -28,10 +28,10 @@ SAID = (
     (rf"focus the camera at ([\d.]+) (m|mm) and aim it at {PLACE}", "focus"),
     (rf"give the camera ([\d.e+]+) times the focal length and aim it at {PLACE}", "longer"),
     (rf"move the camera [\d.]+ m?m to {PLACE} and aim it at {PLACE}", "move"),
-    (rf"add a camera at the same place, aimed at {PLACE}", "turn"),
-    (rf"add a camera at the same place, focused at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
+    (rf"add a second camera at the same place, aimed at {PLACE}", "turn"),
+    (rf"add a second camera at the same place, focused at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
     (
-        rf"add a camera at the same place with ([\d.e+]+) times the focal length, aimed at {PLACE}",
+        rf"add a second camera at the same place with ([\d.e+]+) times the focal length, aimed at {PLACE}",
         "longer",
     ),
     (rf"add a camera at {PLACE}, aimed at {PLACE}", "move"),

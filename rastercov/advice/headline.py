@@ -6,7 +6,7 @@ All are made of the summary of a network as commands print it, which has its dea
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
-from rastercov.base import ReadByName, percent, plural
+from rastercov.base import ReadByName, first_of, percent, plural
 from rastercov.base.format import area, points
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.by_camera import lines_of
@@ -100,15 +100,22 @@ class GoalChange(NamedTuple):
     advised: str
 
     @classmethod
-    def of_zone(cls, zone: Summary, goal: str, whole: float) -> "GoalChange":
-        """The one that was tried for a zone of a goal with a whole area, m^2."""
+    def of_zone(
+        cls, zone: Summary, goal: str, gain: float | None, losses: Mapping[str, float], whole: float
+    ) -> "GoalChange":
+        """The one that was tried for a zone of a goal with a whole area, m^2.
+
+        `gain` is the share of it that is gained, None for about that of the zone; `losses` are
+        those of other goals.
+        """
         tried, nearest = zone["tried"], zone.get("nearest")
-        words, share = tried["change"], tried["gain_m2"] / whole
+        words, share = tried["change"], tried["gain_m2"] / whole if gain is None else gain
         if nearest is not None:
             name = _nearest_name(nearest)
             words = words.replace("at the same place", f"at the place of {name}")
             words = words if tried["pose"] is None else words.replace("the camera", name)
-        return cls(share, gain_line(words, goal, f"about {points(share)} more"), tried["change"])
+        more = f"{'about ' * (gain is None)}{points(share)} more"
+        return cls(share, gain_line(words, goal, more, losses), tried["change"])
 
 
 NO_CHANGE = GoalChange(
@@ -117,9 +124,13 @@ NO_CHANGE = GoalChange(
 """No change of those that were tried covers half of a dead zone."""
 
 
-def gain_line(words: str, goal: str, gain: str) -> str:
-    """Line on the change that gains most of all goals that are not met."""
-    return f"change that gains most: {words}: {gain} of {goal}"
+def gain_line(
+    words: str, goal: str, gain: str, losses: Mapping[str, float], without: str = ""
+) -> str:
+    """Line on the change that gains most of all goals that are not met, and what others lose."""
+    lost = [f"{points(share)} of {name}" for name, share in losses.items()]
+    cost = f"; lost{without}: {first_of(lost)}" if lost else ""
+    return f"change that gains most: {words}: {gain} of {goal}{cost}"
 
 
 def with_parts(zone: Summary, level: int | None) -> Summary:

@@ -59,7 +59,7 @@ from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.coverage.task import DORI, DORI_EDITION
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.sections import polygons_in, section, solid
-from rastercov.placement.plan.check import Checked, best_change
+from rastercov.placement.plan.check import Checked, PlacedCameras, best_change
 from rastercov.placement.plan.network import classify_areas
 from rastercov.report.drawing import (
     GAP,
@@ -406,7 +406,14 @@ def _answer_rows(
         if any(each.lack for each in required if not each.goal):
             areas.allowed = areas.allowed._replace(adds_only=bool(goals))
             zones = areas.dead_zones(evaluation.camera, evaluation.poses, views)
-    best = best_change(required, goals, evaluation.mesh, zones)
+    placed = PlacedCameras(
+        evaluation.mesh,
+        evaluation.camera,
+        evaluation.poses,
+        evaluation.task,
+        views or evaluation.task.views,
+    )
+    best = best_change(required, goals, placed, zones)
     said = [] if best is None else [("Change", best.line.removeprefix("change "))]
     for each in required:
         words = [f"{each.status}: {each.words()}"]

@@ -454,7 +454,7 @@ def test_a_change_that_would_cover_less_in_all_is_one_of_another_camera():
     names = named(mesh, camera, poses, rc.Task())
     zone = next(each for each in names["dead_zones"] if each["centroid"][1] > 10)
     assert zone["tried"]["pose"] is None
-    assert "add a camera at the same place" in zone["advice"]
+    assert "add a second camera at the same place" in zone["advice"]
 
 
 def test_no_camera_of_a_bracket_is_moved_alone():
@@ -466,7 +466,7 @@ def test_no_camera_of_a_bracket_is_moved_alone():
         rig = rc.Rig([camera, camera], ["left", "right"], places)
         zone = named(mesh, rig, rc.Poses.of(away, camera=[0, 1]), rc.Task())["dead_zones"][0]
         assert (zone["tried"]["pose"] is not None) == is_moved
-        assert ("add a camera" in zone["advice"]) != is_moved
+        assert ("add a second camera" in zone["advice"]) != is_moved
 
 
 @pytest.mark.parametrize("scene", [room, building])

@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from dataclasses import replace
 from itertools import combinations
 
@@ -568,6 +569,87 @@ def test_the_change_that_gains_most_comes_second_and_gains_what_it_says(room, se
             e for e in after.requirements if (e.goal, e.group) == (required.goal, required.group)
         ]
         assert own.share - required.share >= 0.75 * share
+
+
+def lost_in(line):
+    """Percentage points by requirement after "lost" in a line."""
+    _, _, words = line.partition("; lost")
+    found = re.findall(r"([\d.]+) percentage points of (?:the )?([^,]+)", words)
+    return {name: float(points) for points, name in found}
+
+
+def drop(before, after):
+    """Percentage points that requirements to cover lose, by name."""
+    pairs = zip(before.requirements, after.requirements, strict=True)
+    shares = {own.name: 100 * (own.share - rest.share) for own, rest in pairs if not own.is_most}
+    return {name: share for name, share in shares.items() if share > 1e-6}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_change_names_what_others_lose_by_it(room, seed):
+    """Moved for one group, cameras lose of others what the line says, and gain what it says."""
+    rng = np.random.default_rng(seed)
+    eyes = rng.uniform((0.5, 0.5, 0.5), (3.5, 3.5, 2.5), (2, 3))
+    poses = rc.look_at(eyes, rng.uniform(0, (4, 4, 2), eyes.shape))
+    limits = {"west": 0.99, "floor": 0.99, "north": 0.99}
+    checked = rc.check(plan(room), poses, min_coverage=0.99, groups=limits)
+    best = checked.best_change
+    for zone in checked.summary()["dead_zones"]:
+        tried = zone["tried"]
+        if tried is None or tried["pose"] is None or "focal_length_times" in tried:
+            continue
+        moved = poses.copy()
+        moved[tried["pose"]] = rc.look_at([tried["position"]], [tried["looking_at"]])[0]
+        after = rc.check(plan(room), moved, min_coverage=0.99, groups=limits)
+        m2 = {each.group: each.m2 for each in checked.groups}
+        changes = {each.group: each.m2 - m2[each.group] for each in after.groups}
+        assert tried["group_gains_m2"] == pytest.approx(
+            {name: change for name, change in changes.items() if abs(change) > 1e-7}, abs=1e-7
+        )
+        for name, change in changes.items():
+            assert (f"{name} would lose" in zone["advice"]) == (change < -1e-7)
+        if best.advised == tried["change"]:
+            assert lost_in(best.line) == pytest.approx(drop(checked, after), rel=0.1, abs=0.06)
+            gains = [
+                a.share - b.share
+                for a, b in zip(after.requirements, checked.requirements, strict=True)
+            ]
+            assert best.share == pytest.approx(max(gains), abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cameras_that_are_turned_away_name_what_is_lost_without_them(room, seed):
+    rng = np.random.default_rng(seed)
+    eyes = rng.uniform((0.5, 0.5, 0.5), (3.5, 2.5, 2.5), (3, 3))
+    poses = rc.look_at(eyes, [(1.5, 4.0, 1.5), (0.5, 4.0, 0.5), (2.0, 0.0, 0.5)])
+    asked = plan(room, goals={"doors": DOORS | {"coverage": 0.01}, "window": PRIVATE})
+    checked = rc.check(asked, poses, min_coverage=0.01, groups={"floor": 0.01})
+    window = of(checked, "window")
+    named = [int(n) - 1 for n in re.findall(r"camera (\d+)", checked.best_change.advised)]
+    assert named == [row for row in named if seen_of_window(room, poses[[row]])] != []
+    rest = np.delete(poses, named, axis=0)
+    without = rc.check(asked, rest, min_coverage=0.01, groups={"floor": 0.01})
+    line = checked.best_change.line
+    assert lost_in(line) == pytest.approx(drop(checked, without), rel=0.1, abs=0.06)
+    assert ("lost without them" in line) <= (len(named) > 1)
+    assert checked.best_change.share == pytest.approx(window.share - of(without, "window").share)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_place_of_a_camera_is_advised_for_another(room, seed):
+    """A further camera at a place that is taken is a second one there, and is said to be."""
+    rng = np.random.default_rng(seed)
+    eyes = rng.uniform((0.5, 0.5, 0.5), (3.5, 3.5, 2.5), (1, 3))
+    poses = rc.look_at(eyes, rng.uniform(0, (4, 4, 2), eyes.shape))
+    first = rc.check(plan(room), poses, min_coverage=0.99)
+    for tried in [each for each, _, _ in gains_of(first)]:
+        there = rc.look_at([tried["position"]], [(2.0, 2.0, 3.0)])  # looks up, and sees nothing
+        checked = rc.check(plan(room), np.concatenate((poses, there)), min_coverage=0.99)
+        for change, _, _ in gains_of(checked):
+            taken = np.concatenate((eyes, [tried["position"]]))
+            is_taken = bool((np.abs(taken - change["position"]).max(axis=1) < 1e-9).any())
+            words = "at the same place", "aim the camera at", "times the focal length"
+            assert is_taken == any(each in change["change"] for each in words)
 
 
 MIXED = (

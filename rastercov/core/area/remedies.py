@@ -4,7 +4,8 @@ The nearest camera is one with a free line of sight to most of a zone where ther
 these the one that misses its criteria by the smallest factor. A change of it (rotated, refocused,
 with a longer lens, or moved) is tested against points of the zone, and reported if it covers `SURE`
 of them, enough to be sure of half. It takes the place of the camera where all cameras together
-then cover no less, exactly; otherwise it is one of another camera of this kind.
+then cover no less, exactly, and names the groups that lose by it; otherwise it is one of another
+camera of this kind.
 """
 
 import math
@@ -16,7 +17,18 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, FloatArray, IntArray, arctan2, dots, norm, sort_order
+from rastercov.base import (
+    BoolArray,
+    ByName,
+    FloatArray,
+    IntArray,
+    arctan2,
+    dots,
+    first_of,
+    norm,
+    sort_order,
+)
+from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import distance as in_metres
 from rastercov.base.format import text_with_sign
 from rastercov.core.area.advice import figures_of_point, general_advice, short_of
@@ -70,6 +82,8 @@ PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
 times the radius of the zone, at which they are."""
 LONGER = (1.05, 1.4)
 """Times the focal length that is missing."""
+LEAST_REL = 1e-9
+"""Area, relative to the task, below which a group gains or loses nothing: rounding of a union."""
 MOST_PAIRS = 1_000_000
 """Pairs of camera and face up to which the area after a change is measured, of all zones."""
 
@@ -198,8 +212,8 @@ class Remedies:
     ----------
     mesh, camera, task, poses
         The network.
-    covered_m2 : float or None
-        Area that it covers; None if parts need several cameras.
+    covered_m2 : (F,) float64 or None
+        Area of each face that it covers; None if parts need several cameras.
     allowed : Allowed
         Cameras that may be named.
     pairs : int
@@ -212,7 +226,7 @@ class Remedies:
     camera: Cameras
     task: Task
     poses: Poses
-    covered_m2: float | None
+    covered_m2: FloatArray | None
     allowed: Allowed = ANY
     pairs: int = 0
     most_judged: ClassVar[int] = 64
@@ -397,20 +411,26 @@ class Remedies:
                 if not self._permits(change, row):
                     is_over = True
                     continue
-                is_moved = name is not None and self._keeps_area(change, row)
+                gains = {} if name is None else self._gains(change, row)
+                is_moved = bool(gains)
                 entries = {
                     "pose": int(self.poses.ids[row]) if is_moved else None,
                     "position": change.eye.tolist(),
                     "looking_at": change.target.tolist(),
                     **(change.more or {}),
                     "covers_percent": 100 * share,
+                    **({"group_gains_m2": gains} if is_moved else {}),
                 }
                 (room,) = rooms_at(self.mesh, change.eye[None])
                 words = change.words if is_moved else change.other
                 words = words.format(room=f" in room {room}" if room else "")
                 entries["change"] = words
                 gain = "be covered" if spot.views == 1 else f"gain a view, {spot.views} required"
-                return f"{words}: about {100 * share:.0f} % of the zone would {gain}", entries
+                less = [
+                    f"{g} would lose {in_square_metres(-m2)}" for g, m2 in gains.items() if m2 < 0
+                ]
+                cost = f"; {first_of(less)}" if less else ""
+                return f"{words}: about {100 * share:.0f} % of the zone would {gain}{cost}", entries
         if not count:
             return "no position that may hold a camera was found", {}
         words = "no position" if count == 1 else f"none of the {count} positions"
@@ -459,7 +479,7 @@ class Remedies:
         scale = max(float(norm(spot.points - spot.at).max()), 1e-12)
         target, to = round_point(spot.at, scale)
         is_one = not is_joint(self.camera)
-        new = "a rig with its first sensor" if gates_of(self.camera) else "a camera"
+        new = "rig with its first sensor" if gates_of(self.camera) else "camera"
         index = self._index(row)
         camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
         origin = spot.at
@@ -469,7 +489,7 @@ class Remedies:
         if name is not None:
             yield Change(
                 f"aim the camera at {to}",
-                f"add {new} at the same place, aimed at {to}",
+                f"add a second {new} at the same place, aimed at {to}",
                 origin,
                 target,
             )
@@ -478,7 +498,8 @@ class Remedies:
                 focused = replace(camera, focus_distance=depth)
                 yield Change(
                     f"focus the camera at {in_metres(depth)} and aim it at {to}",
-                    f"add a camera at the same place, focused at {in_metres(depth)}, aimed at {to}",
+                    f"add a second camera at the same place, focused at {in_metres(depth)}, "
+                    f"aimed at {to}",
                     *(origin, target, focused, {"focus_distance_m": depth}),
                 )
             factor = name.missed.get(Reason.TOO_COARSE, 0.0)
@@ -487,8 +508,8 @@ class Remedies:
                 if is_one and 1 < times < most:
                     yield Change(
                         f"give the camera {times:g} times the focal length and aim it at {to}",
-                        f"add a camera at the same place with {times:g} times the focal length, "
-                        f"aimed at {to}",
+                        f"add a second camera at the same place with {times:g} times the focal "
+                        f"length, aimed at {to}",
                         *(origin, target, longer(camera, times), {"focal_length_times": times}),
                     )
         short = 1.0 if name is None else name.missed.get(Reason.TOO_COARSE, 1.0)
@@ -500,13 +521,15 @@ class Remedies:
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
         for place in self._places(spot, reaches, origin):
-            eye, text = round_point(place, max(float(norm(place - spot.at)), 1e-12))
-            if np.array_equal(eye, target):
-                continue
+            size = max(float(norm(place - spot.at)), 1e-12)
+            eye, text = round_point(place, size)
+            others = self.poses.eyes[norm(self.poses.eyes - eye) <= size / 10]
+            if np.array_equal(eye, target) or text in (round_point(e, size)[1] for e in others):
+                continue  # a camera is there
             moved = in_metres(float(norm(eye - origin)))
             yield Change(
                 f"move the camera {moved} to {text}{{room}} and aim it at {to}",
-                f"add {new} at {text}{{room}}, aimed at {to}",
+                f"add a {new} at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )
 
@@ -550,27 +573,38 @@ class Remedies:
         """The same of one change."""
         return next(self._shares([change], row, spot))
 
-    def _keeps_area(self, change: Change, row: int) -> bool:
-        """True where all cameras together cover as much after a change, as far as that is known."""
+    def _gains(self, change: Change, row: int) -> dict[str, float]:
+        """Area, m^2, by group, that all cameras together cover more after a change, below 0 less.
+
+        {} where they cover less in all, or where that is not known.
+        """
         n = len(self.poses) * self.mesh.n_faces
         is_known = self.covered_m2 is not None and self.pairs + n <= MOST_PAIRS
         if not is_known or self.allowed.adds_only or gates_of(self.camera):
-            return False
+            return {}
         if isinstance(self.camera, Rig) and np.ptp(self.camera.rig_from_camera, axis=0).any():
-            return False  # one may be fixed to another
+            return {}  # one may be fixed to another
         self.pairs += n
         matrices, index = self.poses.world_from_camera.copy(), self.poses.camera.copy()
         matrices[row] = look_at(change.eye, change.target)[0]
         camera: Any = self.camera
         if change.camera is not None:
             if isinstance(camera, Rig) and camera.tasks:
-                return False
+                return {}
             camera = (*cameras_of(camera), change.camera)
             index[row] = len(camera) - 1
         finder = RegionPass(self.mesh, camera, self.task, only_task=True)
         placed, mesh = Poses.of(matrices, camera=index), self.mesh
         union = unite_regions(finder, placed, mesh.task_mask, RegionUnion(mesh))
-        return bool(union.area[0][self.mesh.task_mask].sum() >= self.covered_m2)
+        more = np.where(mesh.task_mask, union.area[0] - self.covered_m2, 0.0)
+        if more.sum() < 0:
+            return {}
+        by_group = np.bincount(mesh.face_group, more, len(mesh.groups))
+        least = LEAST_REL * float(mesh.areas[mesh.task_mask].sum())
+        return {
+            mesh.groups[at].name: float(by_group[at])
+            for at in np.flatnonzero(abs(by_group) > least)
+        }
 
 
 def _off_image(camera: Camera, local: FloatArray) -> float:

@@ -585,7 +585,8 @@ def _reasons(
     judged = _Judged.of(zones, camera, task, poses, n)
     is_single = not (zones.views > 0).any() and task.views == 1 and task.min_angle_deg == 0
     if is_single:
-        remedies.covered_m2 = zones.total() - float(zones.area.sum())
+        left = np.bincount(zones.face, zones.piece_area, mesh.n_faces)
+        remedies.covered_m2 = frames_of(mesh).areas - left
     reasons = []
     points, piece = points_of(zones, n_tried, CHECKED)
     rows = zones.face[piece].astype(np.int64).reshape(n_tried, CHECKED)

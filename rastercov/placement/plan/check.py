@@ -11,6 +11,7 @@ from dataclasses import asdict, field, replace
 from functools import cached_property, partial
 from itertools import takewhile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,6 +49,7 @@ from rastercov.base.arguments import is_number, share_meant
 from rastercov.base.format import area, points
 from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.features import unmet_lines
+from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.rows import with_rule
@@ -63,6 +65,7 @@ from rastercov.core.camera import (
     heads_of,
     names_of_poses,
     renumber,
+    rows_of_result,
 )
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.task import REASONS, Task
@@ -89,6 +92,7 @@ from rastercov.placement.plan.network import (
     find_uncovered,
     goal_lines,
     limits_of,
+    most_views,
     observer_of,
     seeable_areas,
     summary_of,
@@ -205,7 +209,14 @@ class Checked(InOneLine, InNotebook):
     @cached_property
     def best_change(self) -> GoalChange | None:
         """As of `best_change` of all goals."""
-        return best_change(self.requirements, self.goals, self.mesh, self.summary())
+        return best_change(self.requirements, self.goals, self.placed, self.summary())
+
+    @property
+    def placed(self) -> "PlacedCameras":
+        """The cameras in the scene of the task."""
+        task = self.plan.build_task(most_views(self.plan, self.asked_views))
+        own = self.plan.rig, self.cameras.placed, task, self.views
+        return PlacedCameras(self.mesh, *own)
 
     def other_lines(self, level: int | None = None) -> list[str]:
         """The rest: other goals, each with reasons why it fails, losses, and other dead zones."""
@@ -414,7 +425,7 @@ class Checked(InOneLine, InNotebook):
         lines = [f"seen by {first_of([said for _, said in self._seeing])}"]
         if requirement.status == HOLDS:
             return lines
-        words, left = self._turned(requirement)
+        _, words, left = self._turned(requirement)
         return [*lines, f"advice: {words}: {percent(left) if left else 'none'} of it would be seen"]
 
     @cached_property
@@ -426,22 +437,32 @@ class Checked(InOneLine, InNotebook):
         pairs = zip(self.heads[1], self.by_camera[0].tolist(), strict=True)
         return [(name, f"{name} ({area(m2)})") for name, m2 in pairs if m2]
 
-    def _turned(self, requirement: Requirement) -> tuple[str, float]:
-        """Words on cameras to turn away from what must not be seen, and the share seen then."""
-        named, left = [name for name, _ in self._seeing], 0.0
-        if self.by_camera is not None:
-            lost = self.by_camera[1]
-            rest = requirement.share - float(lost.max()) / getattr(requirement, "of_m2", 1.0)
-            if rest <= requirement.limit + SHARE_TOLERANCE:
-                named, left = [self.heads[1][int(lost.argmax())]], max(rest, 0.0)
-        return f"turn, move or mask {first_of(named)}", left
+    def _turned(self, requirement: Requirement) -> tuple[list[int], str, float]:
+        """Heads to turn away from what must not be seen, in words, and the share seen then.
 
-    def turn_away(self, requirement: Requirement) -> GoalChange:
-        """Cameras that see what must not be seen, turned away."""
-        words, left = self._turned(requirement)
-        share = requirement.share - left
-        line = gain_line(words, requirement.name, f"{points(share)} less")
-        return GoalChange(share, line, words)
+        By face all cameras that see it, without rows.
+        """
+        if self.by_camera is None:
+            return [], f"turn, move or mask {first_of([name for name, _ in self._seeing])}", 0.0
+        sees, lost = self.by_camera
+        rows, left = np.flatnonzero(sees).tolist(), 0.0
+        rest = requirement.share - float(lost.max()) / getattr(requirement, "of_m2", 1.0)
+        if rest <= requirement.limit + SHARE_TOLERANCE:
+            rows, left = [int(lost.argmax())], max(rest, 0.0)
+        return rows, f"turn, move or mask {first_of([self.heads[1][row] for row in rows])}", left
+
+    def turn_away(
+        self, requirement: Requirement, lost: Callable[[Sequence[int]], Mapping[str, float]]
+    ) -> GoalChange:
+        """Cameras that see what must not be seen, turned away.
+
+        `lost` are the shares of other goals that are lost without rows of `heads`.
+        """
+        rows, words, left = self._turned(requirement)
+        gain = f"{points(requirement.share - left)} less"
+        without = " without it" if len(rows) == 1 else " without them"
+        line = gain_line(words, requirement.name, gain, lost(rows), without)
+        return GoalChange(requirement.share - left, line, words)
 
 
 def limits(
@@ -643,30 +664,83 @@ def zone_of_goal(
     return goals[worst.goal].zone_lines(worst, level)
 
 
+class PlacedCameras(NamedTuple):
+    """Cameras in a scene, and the thresholds and views by which it is covered."""
+
+    mesh: Mesh
+    camera: Cameras
+    poses: Poses
+    task: Task
+    views: int | Mapping[str, int]
+
+    def lost_without(
+        self, rows: Sequence[int], required: Sequence[AreaRequirement]
+    ) -> dict[str, float]:
+        """Shares of requirements of the task that are lost without rows of the result, by name."""
+        left = ~np.isin(rows_of_result(self.camera, self.poses), rows)
+        areas, poses = AreaNetwork(self.mesh, self.task), self.poses[left]
+        with closing(RegionPass(self.mesh, self.camera, self.task)) as finder:
+            areas.add(with_rule(finder.find(poses), self.camera, poses))
+        after = classify_areas(areas, {each.group: each.limit for each in required}, self.views)
+        pairs = zip(required, after, strict=True)
+        return _losses({own.called: (own.m2 - rest.m2) / own.of_m2 for own, rest in pairs})
+
+    def members(self, group: str | None) -> set[str]:
+        """Groups of a group or part, or all."""
+        names = [each.name for each in self.mesh.groups]
+        return {*names} if group is None else {names[row] for row in rows_of(names, group)}
+
+
+def _losses(shares: Mapping[str, float]) -> dict[str, float]:
+    """Those that are above rounding, the largest first."""
+    ranked = sorted(shares, key=lambda name: -shares[name])
+    return {name: shares[name] for name in ranked if shares[name] > LEAST_LOST_REL}
+
+
 def best_change(
     requirements: Sequence[Requirement],
     goals: Mapping[str, Checked],
-    mesh: Mesh,
+    placed: PlacedCameras,
     summary: ReadByName,
 ) -> GoalChange | None:
     """The change that gains most of a goal that is not met by area; None where all are met.
 
-    `mesh` and `summary` are those of the task without its named goals.
+    With what other goals lose by it. `placed` and `summary` are those of the task without its named
+    goals.
     """
-    names, found = [group.name for group in mesh.groups], list[GoalChange]()
-    short = [each for each in requirements if each.lack and isinstance(each, AreaRequirement)]
+    every = [each for each in requirements if isinstance(each, AreaRequirement) and each.of_m2]
+    wanted, found = [each for each in every if not each.is_most], list[GoalChange]()
+
+    def lost(rows: Sequence[int]) -> dict[str, float]:
+        shares = dict[str, float]()
+        for each in dict.fromkeys(each.goal for each in wanted if rows):
+            of = goals[each].placed if each else placed
+            shares |= of.lost_without(rows, [own for own in wanted if own.goal == each])
+        return _losses(shares)
+
+    short = [each for each in every if each.lack]
     for each in sorted(short, key=lambda each: -each.lack)[:MOST_GOALS]:
         own = goals.get(each.goal)
         if each.is_most and own is not None:
-            found.append(own.turn_away(each))
+            found.append(own.turn_away(each, lost))
             continue
-        of, name = summary if own is None else own.summary(), each.name
-        groups = {*names} if each.group is None else {names[r] for r in rows_of(names, each.group)}
-        found += [
-            GoalChange.of_zone(zone, name if each.group or own else f"the {name}", each.of_m2)
-            for zone in of.get("dead_zones", ())
-            if (zone["tried"] or {}).get("gain_m2") and (own or groups.intersection(zone["groups"]))
-        ]
+        of = summary if own is None else own.summary()
+        for zone in of.get("dead_zones", ()):
+            tried = zone["tried"] or {}
+            if not tried.get("gain_m2"):
+                continue
+            if own is None and placed.members(each.group).isdisjoint(zone["groups"]):
+                continue
+            gains = tried.get("group_gains_m2", {})
+            shares = {
+                one.called: sum(gains.get(name, 0.0) for name in placed.members(one.group))
+                / one.of_m2
+                for one in wanted
+                if gains and not one.goal
+            }
+            losses = _losses({name: -share for name, share in shares.items()})
+            exact = shares.get(each.called)
+            found.append(GoalChange.of_zone(zone, each.called, exact, losses, each.of_m2))
     return max(found, key=lambda change: change.share, default=NO_CHANGE if short else None)
 
 

@@ -135,6 +135,11 @@ class Requirement:
         return "whole task" if self.group is None else f"{kind} {self.group}"
 
     @property
+    def called(self) -> str:
+        """The same in a sentence."""
+        return f"{'the ' * (self.group is None and not self.goal)}{self.name}"
+
+    @property
     def short_by(self) -> float:
         """Difference between limit and share; 0 if the requirement holds."""
         return short_by(self.share, self.limit, self.status, is_most=self.is_most)

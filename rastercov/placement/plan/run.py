@@ -50,7 +50,13 @@ from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.refusals import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Optimised, Refined, optimise, refine
-from rastercov.placement.plan.check import Checked, CheckedGoals, best_change, plan_of_cameras
+from rastercov.placement.plan.check import (
+    Checked,
+    CheckedGoals,
+    PlacedCameras,
+    best_change,
+    plan_of_cameras,
+)
 from rastercov.placement.plan.fewer import sets_in_reach
 from rastercov.placement.plan.file import NO_CAMERA, Plan, PlanError, PlanFeature, errors_at
 from rastercov.placement.plan.generators import PoseFile
@@ -251,8 +257,10 @@ class Placement(InOneLine, InNotebook):
     @cached_property
     def best_change(self) -> GoalChange | None:
         """As of `check.best_change`."""
-        own = summary_of(self.prepared.plan, self.cameras)
-        return best_change(self.requirements, self.goals, self.prepared.mesh, own)
+        plan, mesh = self.prepared.plan, self.prepared.mesh
+        task, views = plan.build_task(most_views(plan, None)), plan.task.views
+        placed = PlacedCameras(mesh, plan.rig, self.cameras.placed, task, views)
+        return best_change(self.requirements, self.goals, placed, summary_of(plan, self.cameras))
 
     @property
     def chosen(self) -> IntArray:
