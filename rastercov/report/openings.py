@@ -6,8 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from rastercov.base import ByName, FloatArray, IntArray, sort_order
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, sort_order
+from rastercov.core.area.polygons import even_points
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.bodies import boxes_of
 from rastercov.core.mesh.contacts import TriangleTree
 from rastercov.core.mesh.sections import section
 from rastercov.core.mesh.solids import rooms_at
@@ -25,6 +27,8 @@ ENCLOSED = len(RAYS) * 2 / 3
 STOREY = 1.5
 """Difference in height from which openings are on different plans, m."""
 COMPASS = "N", "NE", "E", "SE", "S", "SW", "W", "NW"
+REVEAL, BORDER = 0.6, 0.15
+"""Depth of a reveal, and width of a frame, at most, m."""
 MOST_PLANS, FAR = 12, 6
 """Plans; distance of a label in its own sizes at most."""
 
@@ -60,10 +64,9 @@ class Openings(NamedTuple):
     def _n_met(self, axes: FloatArray) -> IntArray:
         """(M,) rays that meet something, of those of `RAYS` along axes (M, 3, 3)."""
         rays = np.einsum("mik,rk->rmi", axes, RAYS)
-        rows = np.tile(np.arange(len(self.at)), len(RAYS))
-        return np.sum(
-            self.first_faces(rows, rays.reshape(-1, 3)).reshape(len(RAYS), -1) >= 0, axis=0
-        )
+        starts = np.tile(self.at, (len(RAYS), 1))
+        face = self.first_faces(starts, rays.reshape(-1, 3))
+        return np.sum(face.reshape(len(RAYS), -1) >= 0, axis=0)
 
     def _rooms(self, normals: FloatArray) -> list[str]:
         """Label of the nearest room along unit vectors from each part, "" for none."""
@@ -73,17 +76,43 @@ class Openings(NamedTuple):
             names = [one or other for one, other in zip(names, own, strict=True)]
         return names
 
-    def first_faces(self, rows: IntArray, rays: FloatArray) -> IntArray:
-        """(N,) first face outside all parts from the middle of a part along unit rays; -1: none."""
-        others = np.flatnonzero(self.piece < 0)
-        if not len(others) or not len(rows):
-            return np.full(len(rows), -1)
+    def first_faces(self, starts: FloatArray, rays: FloatArray) -> IntArray:
+        """(N,) first face outside all parts from points along unit rays; -1 for none."""
+        others, n = np.flatnonzero(self.piece < 0), len(starts)
+        if not len(others) or not n:
+            return np.full(n, -1)
         middle, scale = self.mesh.centre, 1 / self.mesh.diagonal
         points = (self.mesh.vertices - middle) * scale
         tree = TriangleTree.over(points, self.mesh.faces[others])
-        starts, none = (self.at[rows] - middle) * scale, np.full(len(rows), -1)
-        hits = tree.first_hits(starts, np.ascontiguousarray(rays), np.full(len(rows), 2.0), none)
+        placed, none = (starts - middle) * scale, np.full(n, -1)
+        hits = tree.first_hits(placed, np.ascontiguousarray(rays), np.full(n, 2.0), none)
         return np.append(others, -1)[hits]
+
+    def points(self, normals: FloatArray, n: int) -> FloatArray:
+        """(M, n, 3) points evenly over each part; of one that faces a side, over those faces."""
+        (x, y), mesh, items = even_points(n), self.mesh, []
+        for row, normal in enumerate(normals):
+            own = np.flatnonzero(self.piece == row)
+            front = own[mesh.normals[own] @ normal > np.sqrt(0.5)]
+            own = front if len(front) else own
+            below = np.cumsum(mesh.areas[own])
+            face = own[np.searchsorted(below, below[-1] * (np.arange(n) + 0.5) / n)]
+            a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
+            items.append(a + x[:, None] * (b - a) + y[:, None] * (c - a))
+        return np.array(items)
+
+    def of_reveal(self, rows: IntArray, places: FloatArray, normals: FloatArray) -> BoolArray:
+        """(N,) True for places around parts of some rows that face a side, on their reveal."""
+        own = self.piece >= 0
+        across = np.cross(normals, (0, 0, 1))
+        axes = np.stack((across, np.cross(normals, across), normals), axis=1)
+        corners = self.mesh.vertices[self.mesh.faces[own]]
+        low, high = boxes_of(
+            self.piece[own], np.einsum("nij,nkj->nki", axes[self.piece[own]], corners)
+        )
+        at = np.einsum("nij,nj->ni", axes[rows], places)
+        beyond = np.maximum(low[rows] - at, at - high[rows]) - (BORDER, BORDER, REVEAL)
+        return np.asarray((beyond <= 0).all(axis=1) & normals[rows].any(axis=1))
 
     def names(self, rooms: Sequence[str]) -> list[str]:
         """Storey, room and name of each part, for people."""

@@ -22,6 +22,7 @@ from rastercov.base import (
     ByName,
     FloatArray,
     ReadByName,
+    dots,
     plural,
     sort_order,
     write_bytes,
@@ -54,8 +55,10 @@ LEAST_ERROR = 0.005
 """Hours from which on an error is printed."""
 LIT = 1 - 1e-9
 """Lit share from which on nothing shades a piece."""
-MOST_SHADING, MOST_MARKS = 2, 100
+MOST_SHADING, MOST_MARKS = 3, 100
 """Groups that are named as shading a piece, and pieces that pictures number."""
+POINTS, MOST_RAYS = 32, 4_000_000
+"""Points of a piece from which what shades it is looked for, and rays at most."""
 
 
 class Study(NamedTuple):
@@ -156,7 +159,7 @@ class Study(NamedTuple):
         errors, names = self._errors(every), openings.names(rooms)
         faces = compass(normals, self.north)
         is_before = (sunlit.directions @ normals.T > 0) | ~normals.any(axis=1)
-        shading = self._shading(openings, is_before)
+        shading = self._shading(openings, normals, is_before)
         entries = list[ByName]()
         for row in sort_order(sunlit.pieces.hours).tolist():
             entry = self._entry(names[row], sunlit.pieces.hours[row], errors[row])
@@ -184,23 +187,35 @@ class Study(NamedTuple):
         error = step_error(share, self.step / 60, self.starts)[0]
         return np.array((sunlit.weights @ share[:, 0], bound + error))
 
-    def _shading(self, openings: Openings, is_before: BoolArray) -> list[list[ByName]]:
-        """Hours that each group shades each piece from a sun in front of it, the most first."""
+    def _shading(
+        self, openings: Openings, normals: FloatArray, is_before: BoolArray
+    ) -> list[list[ByName]]:
+        """Hours that each group shades each piece from a sun in front of it, the most first.
+
+        By what is first from points of the piece that are in shade; its reveal is apart.
+        """
         sunlit, mesh = self.ways["middle"], openings.mesh
         time, row = np.nonzero(is_before & (sunlit.pieces.share < LIT))
-        face = openings.first_faces(row, sunlit.directions[time])
+        n = min(max(MOST_RAYS // max(len(time), 1), 1), POINTS)
+        starts = openings.points(normals, n)[row].reshape(-1, 3)
+        rays, of = np.repeat(sunlit.directions[time], n, axis=0), np.repeat(np.arange(len(time)), n)
+        face = openings.first_faces(starts, rays)
+        met = np.flatnonzero(face >= 0)
+        starts, rays, of, face = starts[met], rays[met], of[met], face[met]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            away = dots(mesh.normals[face], mesh.vertices[mesh.faces[face, 0]] - starts)
+            places = starts + (away / dots(mesh.normals[face], rays))[:, None] * rays
+        is_own = openings.of_reveal(row[of], places, normals)
+        keys = (row[of] * len(mesh.groups) + mesh.face_group[face]) * 2 + is_own
         hours = sunlit.weights[time] * (1 - sunlit.pieces.share[time, row])
-        keys = row * len(mesh.groups) + mesh.face_group[face]
-        size = len(openings.at) * len(mesh.groups)
-        sums = np.bincount(keys[face >= 0], hours[face >= 0], size).reshape(-1, len(mesh.groups))
-        return [
-            [
-                {"name": ", ".join(levels_of(mesh, group)), "hours": float(each[group])}
-                for group in sort_order(-each)[:MOST_SHADING].tolist()
-                if each[group] > 0
-            ]
-            for each in sums
-        ]
+        hours /= np.maximum(np.bincount(of, minlength=len(time)), 1)
+        known, at = np.unique(keys, return_inverse=True)
+        sums, items = np.bincount(at, hours[of]), [list[ByName]() for _ in openings.at]
+        for each in sort_order(-sums).tolist():
+            piece, key = divmod(int(known[each]), 2 * len(mesh.groups))
+            name = ", ".join(levels_of(mesh, key // 2)) + " (reveal)" * (key % 2)
+            items[piece].append({"name": name, "hours": float(sums[each])})
+        return [each[:MOST_SHADING] for each in items]
 
     def colours(self) -> FloatArray:
         """(F,) hours that a picture shows: those of pieces, or of faces where there is one piece.

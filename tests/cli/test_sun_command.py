@@ -40,7 +40,7 @@ def test_a_day_is_printed_and_written(folder, capsys):
     lines = out.splitlines()
     words = r" h of sun \(lit share of the silhouette, over time\) for 1 group on 2026-03-21"
     assert re.fullmatch(r"[\d.]+ ± [\d.]+" + words, lines[0])
-    assert lines[1].endswith("kWh: house")
+    assert re.search("kWh: house; shaded [\\d.]+ h by canopy$", lines[1])
     assert lines[-1] == "day/sun.html"
     names = {each.name for each in (folder / "day").iterdir() if not each.name.startswith(".")}
     assert names == {"sun.html", "sun.png", "view.html", "sun.npz", "sun.csv", "sun.json"}
@@ -309,3 +309,42 @@ def test_wrong_options_are_refused_in_one_line(options, words, capsys):
     code, _, err = call(capsys, "sun house.stl --latitude 99 --longitude 0 --day 2026-03-21")
     assert (code, err.count("\n")) == (2, 1)
     assert "expected latitude of -90 to 90 degrees, got 99" in err
+
+
+@pytest.mark.parametrize("depth", [0.1, 0.3, 0.5])
+def test_all_shade_of_a_window_is_named_its_reveal_by_its_hours(depth, tmp_path, capsys):
+    """Of windows in openings of a wall, one with a neighbour before it, turned to any side."""
+    turn = {"axis": (0, 0, 1), "angle_deg": 90 * depth}
+    parts = {"wall": [], "window": []}
+    for x in (0.0, 6.0):
+        for width, height, dx, z in (
+            (2, 3, -2, 1.5),
+            (2, 3, 2, 1.5),
+            (2, 1, 0, 0.5),
+            (2, 1, 0, 2.5),
+        ):
+            middle = (x + dx, depth / 2, z)
+            parts["wall"].append(rc.shapes.box((width, depth, height), centre=middle))
+        pane = rc.shapes.box((2, 0.02, 1), centre=(x, depth - 0.01, 1.5))
+        parts["window"].append(pane)
+    room = (12.4, 0.2, 3, 3, 4.1, 1.5), (12.4, 4.4, 0.2, 3, 2, 3.1), (12.4, 4.4, 0.2, 3, 2, -0.1)
+    room += (0.2, 4.2, 3, -3.1, 2, 1.5), (0.2, 4.2, 3, 9.1, 2, 1.5)
+    parts["house"] = [rc.shapes.box(each[:3], centre=each[3:]) for each in room]
+    parts["tower"] = [rc.shapes.box((1, 1, 8), centre=(6, -5, 4))]
+    for name, each in parts.items():
+        rc.Mesh.joined(each).moved(**turn).to_trimesh().export(tmp_path / f"{name}.stl")
+    for others in (["wall", "house"], ["wall", "house", "tower"]):
+        files = " ".join(str(tmp_path / f"{name}.stl") for name in ("window", *others))
+        line = f"sun {files} {PLACE} --day 2026-03-21 --step 10 -o {tmp_path / 'out'} --json"
+        code, out, _ = call(capsys, " ".join((line, *(f"--occluder {each}" for each in others))))
+        assert code == 0
+        for each in json.loads(out)["pieces"]:
+            named = {own["name"]: own["hours"] for own in each["shaded_by"]}
+            shade = each["hours_in_front"] - each["hours"]
+            assert sum(named.values()) == pytest.approx(shade, abs=0.2)
+            assert named["wall (reveal)"] > 0.2 * shade
+            assert named.get("wall", 0.0) + named.get("house", 0.0) < 0.1
+            assert "tower" in named or each["at"][0] < 3 or "tower" not in others
+    page = (tmp_path / "out" / "sun.html").read_text()
+    assert "wall (reveal)" in page
+    assert 'class="verdict open"' in page  # nothing is asked: no colour says that it holds
