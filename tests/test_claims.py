@@ -1,4 +1,4 @@
-"""Every sentence of the README and of the guarantees has a test, or claims nothing."""
+"""Each sentence of README, guarantees and comparison has a test or command, or claims nothing."""
 
 import re
 from pathlib import Path
@@ -8,6 +8,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 NOTHING = "claims nothing"
 """Of questions, links, instructions, and of what is expressly not promised and has no test."""
+OF_OTHERS = "read in the source of another program"
+MADE = "command benchmarks/comparison.py"
 END = re.compile(r"(?:(?<=[a-z0-9)`*]\.)|(?<=\?\*\*)) (?=[A-Z`\[])(?!S\. |Eissa)")
 """Between two sentences: initials of a name end none."""
 CLAIMS = {
@@ -17,7 +19,7 @@ CLAIMS = {
         "Without a mesh": "test_shapes every_name_gives_the_same_sound_mesh_twice",
         "`evaluate` writes": "report/test_pages by_area_dead_zones_are_listed_and_drawn",
         "`view` opens": "viewer/test_browser a_slider_changes_the_summary_to_what",
-        "The ranges are": "test_comparison the_command_compares_first_and_rewrites",
+        "The ranges are": "test_comparison ranges_of_the_readme_are_those_of_the_tables",
         "The [comparison]": "test_comparison errors_are_those_of_numbers_by_hand",
         "- Each visible or": "exact/test_certificate no_certificate_is_wrong_on_a_built_in_mesh",
         "Every other value": "test_observer the_bound_holds_for_nearly_all_partly_hidden_faces",
@@ -94,8 +96,28 @@ CLAIMS = {
         "Checksums protect": NOTHING,
         "**Integer program.**": "placement/test_selection the_time_limit_is_wall_time_from",
     },
+    "docs/comparison.md": {
+        "This page helps": NOTHING,
+        "- **Exact visible areas": "test_truth programs_that_are_here_agree",
+        "- **GPU tools** were": "command benchmarks/gpu.py",
+        "- **One ray to each": "test_comparison rays_to_centroids_are_as_the_page_says",
+        "- **Scenes and": NOTHING,
+        "- **The reference** is": "test_truth a_difference_beyond_both_bounds_needs_a_reason",
+        "`python benchmarks": "test_comparison the_command_compares_first_and_rewrites",
+        "All tools compute": "test_comparison a_fraction_is_the_share_of_points",
+        "1.": NOTHING,
+        "The first table has": "test_comparison errors_are_those_of_numbers_by_hand",
+        "The second has": "test_comparison the_command_compares_first_and_rewrites",
+        "20": MADE,
+        "- Rounds alternate": MADE,
+        "Zhang's model and": MADE,
+        "- For tools that": "test_comparison points_of_a_face_are_the_centroids",
+        "- [Zhang's model]": "reference/test_algorithm1 centroid_sort_is_right_for_sheets",
+        "For planners see": NOTHING,
+        "Khepra's published": OF_OTHERS,
+    },
 }
-"""Beginnings of sentences; a module of tests and the beginning of a test in it, or a campaign."""
+"""Beginnings of sentences; a module and the beginning of a test in it, a campaign, or a command."""
 
 
 def sentences(page):
@@ -124,8 +146,10 @@ def test_every_sentence_has_its_test(page):
 
 
 def is_there(proof):
-    """Whether one test, or a campaign of benchmarks/attack.py, is meant."""
+    """Whether one test, a campaign of benchmarks/attack.py, or a command is meant."""
     module, _, name = proof.partition(" ")
+    if module == "command":
+        return (ROOT / name).exists()
     if module == "attack":
         return (ROOT / "benchmarks" / f"attack_{name}.py").exists()
     file = ROOT / "tests" / f"{module}.py"
@@ -134,7 +158,7 @@ def is_there(proof):
 
 
 def test_what_is_named_is_there():
-    proofs = {proof for page in CLAIMS.values() for proof in page.values()} - {NOTHING}
+    proofs = {proof for page in CLAIMS.values() for proof in page.values()} - {NOTHING, OF_OTHERS}
     assert [proof for proof in proofs if not is_there(proof)] == []
     page = (ROOT / "docs" / "guarantees.md").read_text(encoding="utf-8")
     named = re.findall(r"`((?:tests|benchmarks)/[^`]+)`", page)

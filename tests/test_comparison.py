@@ -1,6 +1,7 @@
 """benchmarks/comparison.py: its errors by hand, its points, its command and its page."""
 
 import json
+import re
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -126,3 +127,55 @@ def test_a_page_without_marks_is_refused_and_kept(comparison, tmp_path):
     with pytest.raises(SystemExit, match=r"page\.md must have the lines <!-- made by"):
         comparison.write(tmp_path / "page.md", comparison.PROGRAM, "| |")
     assert (tmp_path / "page.md").read_text() == "text\n"
+
+
+def rows(text, begins):
+    """Numbers of the cells of rows of tables that begin so, without their text: lists of lists."""
+    lines = (
+        line for line in text.splitlines() if re.match(rf"\| (?!scene){re.escape(begins)}", line)
+    )
+    cells = ([cell.strip() for cell in line.strip("| ").split("|")[1:]] for line in lines)
+    return [
+        [[float(n.replace(",", "")) for n in re.findall(r"[\d.,]*\d", cell)] for cell in row]
+        for row in cells
+    ]
+
+
+def test_ranges_of_the_readme_are_those_of_the_tables():
+    """To the digits that it gives: rates relative to Embree packets at 1280 x 1024."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
+    measured = (PAGE.parent / "appendix" / "measurements.md").read_text(encoding="utf-8")
+    engine = measured.partition("## Certified")[2].partition("## Rasterisers")[0]
+    counted = measured.partition("## Rasterisers")[2].partition("\n## ")[0]
+    every = [row for row in rows(engine, "") if len(row) == 5]
+    certified = [cell[0] for row in every for cell in row[:2]]
+    sampled = [cell[0] for row in every for cell in row[2:4]]
+    sampled += [row[0][1] for row in rows(counted, "") if len(row[0]) == 2]
+
+    def rates(begins):
+        (row,) = [row for row in rows(page, begins) if len(row[0]) == 2]
+        return [cell[1] for cell in row]
+
+    for begins, found in {
+        "**rastercov, `certified`**": certified,
+        "**rastercov, `sampled`**": sampled,
+        "one ray to the centre": rates("Open3D, centroids"),
+        "rendered face-index": rates("VTK on software OpenGL"),
+    }.items():
+        (line,) = [line for line in readme.splitlines() if line.startswith(f"| {begins}")]
+        said = line.rstrip("| ").rpartition("|")[2].strip().split(" to ")
+        ends = [min(found), max(found)] if len(said) == 2 else [np.median(found)]
+        for word, number in zip(said, ends, strict=True):
+            half = 0.5 * 10.0 ** -len(word.partition(".")[2])
+            assert abs(float(word) - number) <= half + 1e-9, (begins, word, number)
+
+
+def test_rays_to_centroids_are_as_the_page_says():
+    """Few errors on faces; less time than `certified` on the open mesh, the teapot."""
+    page = PAGE.read_text(encoding="utf-8")
+    ((*_, teapot, _),) = rows(page, "Open3D, centroids")
+    ((*_, proved, _),) = [row for row in rows(page, "**certified**") if len(row[0]) == 2]
+    assert teapot[0] < proved[0]
+    (errors,) = rows(page, "one ray to the centroid")
+    assert max(cell[0] for cell in errors) < 10  # percent of a face, on average
