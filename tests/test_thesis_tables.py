@@ -90,7 +90,7 @@ def test_segments_of_figures_are_those_of_the_docs():
         "teapot(12, keep_degenerate=True)": shapes.teapot(12, keep_degenerate=True),
     }
     result = rows(THESIS, "### Figures 6.1 to 6.11")
-    assert len(result) == 11
+    assert len(result) == 7
     for figure, mesh, alpha, beta, _, *ours in result:
         limit = None if beta == "-" else float(beta)
         counts = [
