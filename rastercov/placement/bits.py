@@ -152,35 +152,8 @@ class CoveredBits:
         def work(words: Words, own: IntArray, at: slice) -> None:
             kernels.sums(words, own, masks, values, result[at])
 
-        self._share(rows, lambda: work)
+        self._share(rows, work)
         return result
-
-    def totals(self, amounts: IntArray, rows: IntArray | None = None) -> IntArray:
-        """(V, 64 W) sums over the rows of each face; the transpose of `sums`.
-
-        Parameters
-        ----------
-        amounts : (N, V) int64
-            Of each row.
-        rows : (N,) int64, optional
-            All unless given.
-        """
-        shape, done = (amounts.shape[1], BITS * self.n_words), []
-
-        def adder() -> Work:
-            own_totals = np.zeros(shape, np.int64)
-            done.append(own_totals)
-
-            def work(words: Words, own: IntArray, at: slice) -> None:
-                kernels.add(words, own, amounts[at], own_totals)
-
-            return work
-
-        self._share(rows, adder)
-        total = np.zeros(shape, np.int64)
-        for each in done:
-            total += each
-        return total
 
     def counts(self, mask: Words, rows: IntArray | None = None) -> IntArray:
         """(N,) number of faces within a mask, (W,), of each row."""
@@ -219,8 +192,8 @@ class CoveredBits:
                 own = int(part[start])
                 yield self.parts[own], rows[start:end] - self.starts[own], slice(start, end)
 
-    def _share(self, rows: IntArray | None, make: Callable[[], Work]) -> None:
-        """Share some rows, or all, among threads; `make` gives the function of a thread."""
+    def _share(self, rows: IntArray | None, work: Work) -> None:
+        """Share some rows, or all, among threads."""
         if rows is None:
             rows = np.arange(self.n_rows)
         step = max(1, WORDS_A_TURN // max(1, self.n_words))
@@ -230,15 +203,12 @@ class CoveredBits:
                 some, first = own[start : start + step], at.start + start
                 turns.append((words, some, slice(first, first + len(some))))
 
-        def worker(work: Work) -> Callable[[slice], None]:
-            def run(part: slice) -> None:
-                for turn in turns[part]:
-                    work(*turn)
-
-            return run
+        def run(part: slice) -> None:
+            for turn in turns[part]:
+                work(*turn)
 
         threads = max(1, min(thread_count(None), len(turns)))
-        share_poses(len(turns), [worker(make()) for _ in range(threads)])
+        share_poses(len(turns), [run] * threads)
 
 
 def by_face(indptr: IntArray, face: Int32Array, n_faces: int) -> tuple[IntArray, Int32Array]:

@@ -105,6 +105,6 @@ def test_bounds_count_the_candidates_that_cover_a_face_and_claim_nothing():
     with open_sampled(mesh, DEVICE) as observer:
         matrix = build_matrix(observer, poses, TASK, bits=True, bounds=bounds)
     assert bounds.n_poses == N
-    views = matrix.bits().totals(np.ones((N, 1), np.int64))[0, : mesh.n_faces]
+    views = matrix.bits().counts_up_to(N)
     np.testing.assert_array_equal(bounds.covering, views)
     assert set(bounds.claims(N).tolist()) == {rc.placement.Sight.UNKNOWN}

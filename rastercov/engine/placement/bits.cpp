@@ -73,22 +73,6 @@ void sums(Words words, Rows rows, Words masks, Array<const int64_t, Any, Any> va
     });
 }
 
-void add(Words words, Rows rows, Array<const int64_t, Any, Any> amounts,
-         Array<int64_t, Any, Any> totals) {
-    const int64_t n_words = words.extent(1), n_totals = totals.rows();
-    require(amounts.rows() == rows.rows() && amounts.extent(1) == n_totals,
-            "amounts must have a row for each row, and a column for each row of totals");
-    each_row(words, rows, totals, [&](int64_t n, int64_t k, auto row, int64_t *totals_of_k) {
-        const Long amount(amounts(n, k));
-        for (int64_t i = 0; i < n_words; i++)
-            if (const uint64_t word = row[i])
-                for (int b = 0; b < BITS; b += LANES) {
-                    int64_t *total = totals_of_k + BITS * i + b;
-                    (Long::load(total) + select<int64_t>(lanes(word, b), amount, 0)).store(total);
-                }
-    });
-}
-
 void count_up(Words words, Array<uint64_t, Any, Any> planes) {
     const int64_t n_words = words.extent(1);
     require(planes.rows() == 0 || planes.extent(1) == n_words,
@@ -153,9 +137,6 @@ void register_placement_bits(nanobind::module_ &m) {
         "of\n"
         "the (V, 64 W) values. Sums that exceed 64 bits lose their upper ones.",
         "words", "rows", "masks", "values", "out");
-    def(m, "add", add,
-        "Add the amounts of each row, (N, V), to the totals of its faces, (V, 64 W).", "words",
-        "rows", "amounts", "totals");
     def(m, "count_up", count_up,
         "Add rows to the (K, W) planes, of which plane k has the faces of more than k rows.",
         "words", "planes");

@@ -1,13 +1,12 @@
-"""Presolve: remove faces that cannot be covered, merge equal candidates and equal faces.
+"""Presolve: remove faces that cannot be covered, merge equal candidates.
 
-Of candidates that cover the same faces, the k cheapest remain where a face needs k views. Faces
-that the same candidates cover become one face with their total weight. Where an angle between views
-is required, faces are not merged, and candidates are equal only at the same positions.
+Of candidates that cover the same faces, the k cheapest remain where a face needs k views. Where an
+angle between views is required, candidates are equal only at the same positions.
 
 The remaining candidates are ranked by the faces they cover, not by their numbers, and the rank
 breaks ties: shuffling the candidates of a problem does not change the result.
 
-Two passes over the bits, after that of `Problem.reachable`. Lists of pairs are made of the bits of
+One pass over the bits, after that of `Problem.reachable`. Lists of pairs are made of the bits of
 all remaining candidates, or of some (`Presolved.list_rows`).
 
 G. L. Steele, D. Lea, C. H. Flood. Fast Splittable Pseudorandom Number Generators. 2014, for the
@@ -67,7 +66,7 @@ class Reduced:
 class Presolved(Reduced):
     """A problem after presolve in bits; faces keep their numbers.
 
-    The weight of a set of equal faces is at its first one, and 0 for faces that do not remain.
+    The weight of faces that do not remain is 0.
 
     Attributes
     ----------
@@ -77,7 +76,7 @@ class Presolved(Reduced):
     sizes : (C,) int64
         Upper limit of the number of remaining pairs of each.
     kept : (K,) int64
-        Remaining faces, the first one of each set of equal faces.
+        Remaining faces.
     """
 
     bits: CoveredBits
@@ -198,7 +197,7 @@ class ReducedProblem(Reduced):
 
 
 def presolve(problem: Problem) -> Presolved:
-    """The problem with equal candidates and equal faces merged.
+    """The problem with equal candidates merged, and the faces that count and can be covered.
 
     Equivalent to the problem: the optima are equal, and a selection from the remaining candidates
     covers the same faces in both.
@@ -222,16 +221,6 @@ def presolve(problem: Problem) -> Presolved:
     copies = int(problem.views[counted].max(initial=1))
     rank = rank_faces(hashes, sizes, problem.costs, copies)
     candidates = np.flatnonzero(rank >= 0)
-
-    kept, integer_weights = np.flatnonzero(counted), problem.integer_weights
-    if len(kept) and not problem.is_spread:
-        remains = np.repeat(rank, np.diff(problem.rows))
-        cameras = np.flatnonzero(remains >= 0)
-        amounts = _hashes_of(remains[cameras].astype(np.uint64)).view(np.int64)
-        owners = np.ascontiguousarray(bits.totals(amounts, cameras)[:, :n_faces].T)
-        kept, integer_weights = merge_faces(problem, kept, kind, owners.view(np.uint64))
-    is_kept = np.zeros(n_faces, np.bool_)
-    is_kept[kept] = True
     return Presolved(
         problem=problem,
         bits=bits,
@@ -239,8 +228,8 @@ def presolve(problem: Problem) -> Presolved:
         costs=problem.costs[candidates],
         rank=rank[candidates],
         sizes=sizes[candidates],
-        kept=kept,
-        integer_weights=np.where(is_kept, integer_weights, 0),
+        kept=np.flatnonzero(counted),
+        integer_weights=np.where(counted, problem.integer_weights, 0),
         kind=kind,
         least=least,
         least_total=least_total,
@@ -316,34 +305,6 @@ def rank_faces(
     rank = np.full(len(sizes), -1, np.int64)
     rank[order] = np.arange(len(order))
     return rank
-
-
-def merge_faces(
-    problem: Problem, kept: IntArray, kind: Int32Array, hashes: NDArray[np.uint64]
-) -> tuple[IntArray, IntArray]:
-    """First face of each set of equal ones, and (F,) weights with the sum of each set there.
-
-    Parameters
-    ----------
-    kept : (K,) int64
-        Faces that count.
-    kind : (F,) int32
-    hashes : (F, 2) uint64
-        Of the candidates that cover each face.
-    """
-    rows = kept[
-        np.lexsort((kept, problem.views[kept], kind[kept], hashes[kept, 1], hashes[kept, 0]))
-    ]
-    keys = np.column_stack(
-        (hashes[rows], kind[rows].astype(np.uint64), problem.views[rows].astype(np.uint64))
-    )
-    is_first = _place_in_run(keys) == 0
-    integer_weights = np.zeros(problem.n_faces, np.int64)
-    first = rows[is_first]
-    integer_weights[first] = np.add.reduceat(
-        problem.integer_weights[rows], np.flatnonzero(is_first)
-    )
-    return np.sort(first), integer_weights
 
 
 def _place_in_run(keys: NDArray[np.uint64]) -> IntArray:
