@@ -41,4 +41,4 @@ class LampTwin(PointTwin):
         return light_points(mesh, own, points, face, world_from_rig)
 
 
-HOOKS = LampTwin()
+TWIN = LampTwin()

@@ -7,13 +7,17 @@ the side that counts are those of docs/conventions.md.
 
 import math
 from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base import AnyArray, BoolArray, ByteArray, FloatArray, IntArray, hooks_of
+from rastercov.base import AnyArray, BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.features import FEATURES
 from rastercov.core.area.relaxed import without_borders
 from rastercov.core.camera import MODELS, Camera, Gate, Rig, eyes_of, near_limit, valid_poses
 from rastercov.core.camera.lenses.of_camera import lens_of
@@ -59,7 +63,10 @@ def points_on(mesh: Mesh, n: int, seed: int = 0) -> tuple[FloatArray, IntArray]:
 
 
 class PointTwin:
-    """Hooks of a feature with equipment, or gates that ask for more than a count, by points."""
+    """Twin of a feature with equipment, or gates that ask for more than a count, by points.
+
+    Module `rastercov.reference.NAME` has that of the feature NAME, `TWIN`.
+    """
 
     word = ""
     """Of its equipment, if any."""
@@ -75,6 +82,13 @@ class PointTwin:
     def holds_together(self, gate: Gate, rays: FloatArray) -> bool | BoolArray:
         """(R, N) whether a gate does, by the rays from N points to n devices in R poses."""
         return True
+
+
+@cache
+def point_twins() -> tuple[PointTwin, ...]:
+    """Twins of all features that have one."""
+    modules = (f"rastercov.reference.{name}" for name in FEATURES)
+    return tuple(import_module(each).TWIN for each in modules if find_spec(each))
 
 
 def covers_points(
@@ -203,7 +217,7 @@ def _of_rig(
     eyes = eyes_of(rig, placed).reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
     front = np.einsum("nrpi,pi->nrp", eyes - points, mesh.normals[face]) > 0
     allowed = np.ones((2, *sees.shape[1:]), np.bool_)
-    for twin in hooks_of(PointTwin):
+    for twin in point_twins():
         equipment = rig.equipment.get(twin.word)
         if equipment is not None and NAMES.index(twin.reason) not in left:
             own = [twin.holds(mesh, equipment, points, face, at) for at in world_from_rig]
@@ -217,7 +231,7 @@ def _of_rig(
         for row in gate.needs:
             counts &= (sees & side)[row]
         of_rig |= counts & is_allowed
-    for each in hooks_of(PointTwin) if BASELINE not in left else ():
+    for each in point_twins() if BASELINE not in left else ():
         of_rig &= each.holds_together(gate, eyes - points)
     return of_rig
 
@@ -284,7 +298,7 @@ def reasons_by(
     """
     reasons = np.full(len(own), Reason.BACK_FACING, np.uint32)
     reasons[passes(None)] = Reason.OUTSIDE
-    twins = {NAMES.index(each.reason) for each in hooks_of(PointTwin)}
+    twins = {NAMES.index(each.reason) for each in point_twins()}
     every = [row for row in reversed(CRITERIA) if row < Reason.COVERED or row in twins]
     is_open = np.ones(len(own), np.bool_)
     for left in (each for k in range(len(every) + 1) for each in combinations(every, k)):

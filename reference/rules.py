@@ -23,4 +23,4 @@ class AngleAtPoints(PointTwin):
         return np.asarray((angle >= gate.least_deg) & (angle <= gate.most_deg))
 
 
-HOOKS = AngleAtPoints()
+TWIN = AngleAtPoints()

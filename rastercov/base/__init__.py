@@ -13,7 +13,7 @@ from rastercov.base.errors import (
     ResourceError,
     errors_as,
 )
-from rastercov.base.features import hooks_of
+from rastercov.base.features import hooks_of, service_of
 from rastercov.base.format import (
     ByName,
     InNotebook,

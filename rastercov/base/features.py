@@ -8,57 +8,48 @@ from importlib import import_module
 from typing import TypeVar
 
 Hooks = TypeVar("Hooks")
-DEVICE = ("RigEntries", "Wording")
+DEVICE = ("Inputs", "Wording")
 """Hooks of a device on cameras, `rastercov.core.coverage.device`."""
 FEATURES: dict[str, dict[str, str]] = {
     "rules": {
-        "RigEntries": "sensors.rule_entries",
+        "Inputs": "sensors.rule_entries",
         "Feature": "sensors.figures",
         "PlanSections": "sensors.plan_section",
-        "FeatureModes": "sensors.rule_modes",
-        "PointTwin": "reference.rules",
+        "ReportHooks": "sensors.rule_modes",
     },
     "lamps": {
-        "RigEntries": "light.lamp_file",
+        "Inputs": "light.lamp_file",
         "Wording": "light.lamp_words",
         "Feature": "light.points",
         "PlanSections": "light.plan_section",
-        "PlanFeature": "light.lamp_plan",
-        "Products": "light.lamp_choice",
-        "FeatureModes": "light.lamp_modes",
-        "PointTwin": "reference.lamps",
+        "PlanFeature": "light.lamp_choice",
+        "ReportHooks": "light.lamp_modes",
     },
     "motion": {
-        "Phased": "motion.moving",
+        "Inputs": "motion.moving",
         "PlanSections": "motion.plan_section",
         "PlanFeature": "motion.plan_over_time",
-        "FeatureModes": "motion.time_modes",
-        "ReportHooks": "motion.report",
+        "ReportHooks": "motion.time_modes",
         "page": "time",
     },
-    "sun": {"FeatureModes": "sun.sun_modes"},
-    "formats": {"MeshFiles": "formats.meshes"},
-    "clusters": {"Elsewhere": "cluster.scheduler"},
-    "gl": {"Drawer": "gl"},
-    "survey": {
-        "PlanSections": "survey.plan_section",
-        "OwnGenerators": "survey.generators",
-        "Products": "survey.flights",
-    },
+    "sun": {"ReportHooks": "sun.sun_modes"},
+    "formats": {"service": "formats.meshes"},
+    "clusters": {"service": "cluster.scheduler"},
+    "gl": {"service": "gl"},
+    "survey": {"PlanSections": "survey.plan_section", "PlanFeature": "survey.flights"},
     "tolerances": {
         "PlanSections": "tolerances.plan_section",
-        "Products": "tolerances.plan_step",
-        "Demand": "tolerances.assured",
+        "PlanFeature": "tolerances.plan_step",
     },
     "robots": {
         "PlanSections": "robots.plan_section",
         "PlanFeature": "robots.plan_arm",
-        "CarriedGenerators": "robots.generators",
         "page": "joints",
     },
     "asbuilt": {"page": "photograph"},
 }
-"""Modules of each feature, by the class of their hooks; "page" is one of the viewer's page."""
+"""Modules of each feature, by the class of their hooks; "page" is one of the viewer's page, and
+"service" what a package asks for by the name of the feature."""
 
 
 def hooks_of(kind: type[Hooks]) -> tuple[Hooks, ...]:
@@ -71,3 +62,9 @@ def hooks_of(kind: type[Hooks]) -> tuple[Hooks, ...]:
             if name == kind.__name__ or isinstance(each, kind):
                 hooks.append(each)
     return tuple(hooks)
+
+
+def service_of(name: str, default: Hooks) -> Hooks:
+    """Hooks of a feature that does what a package cannot; `default` where it is not there."""
+    own = FEATURES.get(name, {}).get("service")
+    return default if own is None else import_module(f"rastercov.{own}").HOOKS

@@ -46,6 +46,7 @@ from rastercov.core.camera import (
     names_of_poses,
 )
 from rastercov.core.camera.catalogue import is_head, is_name
+from rastercov.core.camera.rig import phased_features
 from rastercov.core.camera.viewpoints import enclosing_distance, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.groups import by_file, files_of_group, names_of_groups
@@ -155,7 +156,7 @@ class SceneOptions(NamedTuple):
 
 def further_files() -> list[str]:
     """Words of further files of a scene that a result may have."""
-    return [*(each.word for each in options.phased()), *equipment_words()]
+    return [*(each.word for each in phased_features()), *equipment_words()]
 
 
 def are_arguments(value: object) -> bool:

@@ -28,12 +28,12 @@ from rastercov.base.threads import THREADS, thread_count
 from rastercov.cli.console import out_option
 from rastercov.core.camera import Conventions, EquipmentKind
 from rastercov.core.camera.conventions import POSE_CONVENTIONS
+from rastercov.core.camera.rig import Phased, phased_features
 from rastercov.core.coverage.task import THESIS, Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.shards import Workers
 
 if TYPE_CHECKING:
-    from rastercov.core.coverage.phases import Phased
     from rastercov.placement.plan.phases import PlanPhases
 
 Meshes = Annotated[
@@ -106,19 +106,12 @@ CameraName = Annotated[
 ]
 
 
-def phased() -> "tuple[Phased, ...]":
-    """Features of which a file of the scene may ask for phases."""
-    from rastercov.core.coverage.phases import phased_features
-
-    return phased_features()
-
-
 class SceneFiles(dict[str, Path | None]):
     """Further files of a scene, by the names of their options, None for those not given."""
 
     def phases(self, mesh: Mesh, method: str = "certified") -> "PlanPhases | None":
         """Phases of a scene by the file that gives some; None without."""
-        for each in phased():
+        for each in phased_features():
             if (path := self.get(each.word)) is not None:
                 phases: PlanPhases = each.read(path, mesh, method)
                 return phases
@@ -218,7 +211,7 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
         elif kind is Task:
             own, make = _of_task(), _task
         elif kind is SceneFiles:
-            own, make = _of_files(phased()), SceneFiles
+            own, make = _of_files(phased_features()), SceneFiles
         elif kind is EquipmentOptions:
             own, make = _of_files(hooks_of(EquipmentKind)), EquipmentOptions
         elif hasattr(kind, "_fields"):
@@ -258,7 +251,7 @@ def _tuple(kind: Callable[..., object], values: ByName) -> object:
     return kind(**values)
 
 
-def _of_files(kinds: "Iterable[Phased | EquipmentKind]") -> list[inspect.Parameter]:
+def _of_files(kinds: Iterable[Phased | EquipmentKind]) -> list[inspect.Parameter]:
     return [
         _parameter(each.word, None, Annotated[Path | None, Option(help=each.help)])
         for each in kinds

@@ -34,7 +34,7 @@ from rastercov.core.camera import Poses, Rig
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.light.lamp_plan import build_lamps, lamp_entries, plan_with_lamps
+from rastercov.light.lamp_plan import PlanLamps, build_lamps, lamp_entries, plan_with_lamps
 from rastercov.light.lamps import MOST_LAMPS, Lamps
 from rastercov.light.regions import Light
 from rastercov.placement.bits import CoveredBits
@@ -52,12 +52,12 @@ from rastercov.placement.plan.network import (
 from rastercov.placement.plan.phases import Phase, PlanPhases, phases_of
 from rastercov.placement.plan.prepare import Prepared, cells_of
 from rastercov.placement.plan.run import (
-    STEPS,
     Choice,
     Placement,
     Products,
     Run,
     measure_by_face,
+    own_steps,
     place_at,
 )
 from rastercov.placement.plan.scene import CandidatePool, candidate_pool
@@ -535,7 +535,7 @@ def _in_turns(job: Run, plan: Plan) -> Placement:
     for _ in range(TURNS):
         choice = None if placement is None else placement.choices["lamps"]
         own = plan_with_lamps(plan, None) if choice is None else choice.plan
-        eyes = job.cameras(own, STEPS)
+        eyes = job.cameras(own, own_steps())
         if eyes.interrupted:
             return eyes if placement is None else replace(placement, interrupted=eyes.interrupted)
         now = place_lamps(job, plan, eyes, (placement or eyes).prepared.reachable)
@@ -554,10 +554,8 @@ def _rank(placement: Placement) -> tuple[float, float, float]:
     return round(lack, 9), -float(cost), share
 
 
-class LampParts(Products):
+class LampParts(PlanLamps, Products):
     """Lamps beside cameras."""
-
-    word = "lamps"
 
     def choose(self, job: Run, plan: Plan, eyes: Poses | None) -> Placement:
         """See `Products`."""

@@ -13,10 +13,10 @@ from rastercov.report.modes import (
     LAST,
     OCCLUDER,
     OCCLUDER_LABEL,
-    FeatureModes,
     Mode,
     OfUnit,
     Painted,
+    ReportHooks,
     by_density,
     in_classes,
 )
@@ -53,4 +53,4 @@ LUX = Mode(
     "Illuminance or irradiance by fixed lamps and any ambient light, at the centroid of each face.",
     by_illuminance,
 )
-HOOKS = FeatureModes(lux=LUX)
+HOOKS = ReportHooks(lux=LUX)

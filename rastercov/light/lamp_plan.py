@@ -97,9 +97,6 @@ class PlanLamps(PlanFeature):
         return plan_with_lamps(plan, rig)
 
 
-HOOKS = PlanLamps()
-
-
 def _check_places(plan: Plan, own: list[CandidateEntry]) -> None:
     """ValueError for candidates of lamps that cannot be placed there."""
     for entry in own:

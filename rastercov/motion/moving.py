@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rastercov.core.coverage.phases import Phased
+from rastercov.core.camera.rig import Phased
 from rastercov.core.mesh import Mesh
-from rastercov.motion.over_time import OfFrames
-from rastercov.motion.regions import query_of
 
 if TYPE_CHECKING:
+    from rastercov.motion.over_time import OfFrames
     from rastercov.motion.plan_over_time import PlanMotion
 
 
@@ -19,8 +18,11 @@ class OfMotion(Phased):
     help = "Motion file: TOML with [[bodies]] and [motion], or poses (JSON, CSV, animated glTF)."
     key = "over_time"
 
-    def phases_of(self, mesh: Mesh, value: object) -> OfFrames:
+    def phases_of(self, mesh: Mesh, value: object) -> "OfFrames":
         """See `Phased`."""
+        from rastercov.motion.over_time import OfFrames
+        from rastercov.motion.regions import query_of
+
         return OfFrames(query_of(value, mesh))
 
     def read(self, path: Path, mesh: Mesh, method: str) -> "PlanMotion":

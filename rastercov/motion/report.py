@@ -3,18 +3,16 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from PIL import Image
 
 from rastercov.base import ByName, FloatArray, IntArray, ReadByName
-from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import frames_of
 from rastercov.motion.frames import animate_motion, show_phases
-from rastercov.motion.over_time import OverTime, TimeAreas, time_words
+from rastercov.motion.over_time import OverTime, time_words
 from rastercov.report.coverage_files import Addition
-from rastercov.report.feature import InPhases, ReportHooks
+from rastercov.report.feature import InPhases
 from rastercov.report.images import add_frame, contact_sheet
 from rastercov.report.modes import by_share, mode_picture
 from rastercov.report.panorama import FINE, side_by_side, sides
@@ -110,22 +108,3 @@ class TimePart:
         """See `Part`."""
         own = summary["over_time"]
         return {"points": curve_points(own["curve"], 400, 120)} | own
-
-
-class OfTime(ReportHooks):
-    """Results over time."""
-
-    pictures: Mapping[str, str] = MappingProxyType(
-        {
-            "time": "Share of the time in which each part is covered, from two sides",
-            "frames": "Frames side by side, with what is covered in each",
-        }
-    )
-    tables = ("frames",)
-
-    def part(self, areas: AreaNetwork | None) -> TimePart | None:
-        """See `ReportHooks`."""
-        return TimePart(areas.over_time) if isinstance(areas, TimeAreas) else None
-
-
-HOOKS = OfTime()

@@ -62,10 +62,11 @@ from rastercov.core.coverage.visibility import GroupViews, check_groups
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.report.coverage_files import INSTALL_PYARROW, has_parquet
-from rastercov.report.feature import hooks, part_of
+from rastercov.report.feature import part_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, add_frame, contact_sheet, face_index_picture, save_picture
 from rastercov.report.live import Asked
+from rastercov.report.modes import REPORTS
 from rastercov.report.network_page import NetworkPage, pictures_in_words
 from rastercov.report.overview import (
     by_faces,
@@ -93,7 +94,7 @@ FULL = ("none", "poses", "faces", "all")
 """Full pictures of each pose: of its coverage, of face indices, or both."""
 OF_GROUPS = "groups"
 """Table of groups and images, in place of that of pairs of pose and face."""
-TABLES = ("coverage", "groups", *(name for each in hooks() for name in each.tables))
+TABLES = ("coverage", "groups", *(name for each in REPORTS for name in each.tables))
 EVALUATION = ReportKind(
     "evaluate",
     re.compile(

@@ -1,13 +1,14 @@
-"""Hooks of features in reports: what they add to the page of a network, and to its files."""
+"""Additions of features to the page of a network, and to its files; see `modes.ReportHooks`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 from PIL import Image
 
-from rastercov.base import FloatArray, IntArray, ReadByName, hooks_of
+from rastercov.base import FloatArray, IntArray, ReadByName
 from rastercov.core.area.network import AreaNetwork
 from rastercov.report.coverage_files import Addition
+from rastercov.report.modes import REPORTS
 
 MOST_LEVELS = 2_000_000
 """Faces of all phases up to which a page has what is covered in each."""
@@ -64,24 +65,6 @@ class NetworkPart(Protocol):
         """Values for the template, by a summary of the network."""
 
 
-class ReportHooks:
-    """Hooks of a feature, which do nothing here."""
-
-    pictures: Mapping[str, str] = {}
-    """Words on its pictures, which are files of the same names."""
-    tables: Sequence[str] = ()
-    """Names of its tables."""
-
-    def part(self, areas: AreaNetwork | None) -> NetworkPart | None:
-        """Additions to the page of a network."""
-        return None
-
-
-def hooks() -> tuple[ReportHooks, ...]:
-    """Hooks of all features."""
-    return hooks_of(ReportHooks)
-
-
 def part_of(areas: AreaNetwork | None) -> NetworkPart | None:
     """Additions of a feature to the page of a network; None where none does."""
-    return next((part for each in hooks() if (part := each.part(areas)) is not None), None)
+    return next((part for each in REPORTS if (part := each.part(areas)) is not None), None)

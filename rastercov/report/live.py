@@ -34,7 +34,7 @@ from rastercov.core.camera import (
     names_of,
 )
 from rastercov.core.camera.catalogue import catalogue
-from rastercov.core.camera.rig import RigEntries, are_central
+from rastercov.core.camera.rig import Inputs, are_central
 from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
 from rastercov.core.coverage.task import (
     DORI,
@@ -386,14 +386,14 @@ def describe_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByNa
 
 
 def describe_union(cameras: Cameras) -> ByName:
-    """Entries on the cameras of a rig together, see `RigEntries.describe`, and their places."""
+    """Entries on the cameras of a rig together, see `Inputs.describe`, and their places."""
     if not isinstance(cameras, Rig):
         return {}
     own: ByName = {"fixed": list(cameras.fixed)} if cameras.fixed else {}
     if (cameras.rig_from_camera != np.eye(4)).any():
         places = cameras.rig_from_camera.tolist()
         own["rig_from_camera"] = dict(zip(cameras.names, places, strict=True))
-    for each in hooks_of(RigEntries):
+    for each in hooks_of(Inputs):
         own |= each.describe(cameras)
     return own
 

@@ -379,11 +379,23 @@ def of_gates(gates: Collection[Gate]) -> dict[str, bool]:
     return {"device": bool(gates)} | table
 
 
-class FeatureModes(dict[str, Mode]):
-    """Hooks of a feature: modes by the names of their values, as of `Feature.values`."""
+class ReportHooks:
+    """Hooks of a feature in reports: modes by the names of their values, as of `Feature.values`."""
+
+    pictures: Mapping[str, str] = {}
+    """Words on its pictures, which are files of the same names."""
+    tables: Sequence[str] = ()
+    """Names of its tables."""
+
+    def __init__(self, **modes: Mode) -> None:
+        self.modes = modes
+
+    def part(self, areas: object) -> Any:
+        """Additions to the page of an `AreaNetwork` or None: a `NetworkPart`, or None."""
 
 
-OF_FEATURES = {name: mode for each in hooks_of(FeatureModes) for name, mode in each.items()}
+REPORTS = hooks_of(ReportHooks)
+OF_FEATURES = {name: mode for each in REPORTS for name, mode in each.modes.items()}
 OF_EQUIPMENT = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "rig")
 """Modes whose values are those of `Feature.values`."""
 OF_GATES = tuple(name for name, mode in OF_FEATURES.items() if mode.of == "gates")

@@ -56,13 +56,14 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
 from rastercov.placement.required import HOLDS
 from rastercov.report.drawing import devices_of
-from rastercov.report.feature import NetworkPart, hooks, part_of
+from rastercov.report.feature import NetworkPart, part_of
 from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
 from rastercov.report.live import NO_ENGINE, Asked, record_cause, view_of
 from rastercov.report.modes import (
     MODES,
     OF_EQUIPMENT,
     OF_GATES,
+    REPORTS,
     OfCameras,
     OfUnit,
     mode_picture,
@@ -111,7 +112,7 @@ SMALL = 0.1
 def pictures_in_words() -> dict[str, str]:
     """Words for pictures of pages, in their order."""
     table = {"overview": "The surface in the colours of its cameras, from two sides"}
-    for each in hooks():
+    for each in REPORTS:
         table |= dict(each.pictures)
     return table | {
         **{name: MODES[name].words for name in OF_SENSORS},

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from rastercov.placement.plan.entries import BaseEntry, Name, NotNegative, Number, Some
-from rastercov.placement.plan.generator import CarriedGenerators, Generator
+from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.generators import Reachable
 
 
@@ -42,7 +42,3 @@ class OnArm(Generator):
     def views(self) -> Reachable:
         """The other generator, with rolls and up of this one."""
         return self.of.model_copy(update={"rolls_deg": self.rolls_deg, "up": self.up})
-
-
-HOOKS = CarriedGenerators((OnArm,))
-"""Hooks of this feature."""

@@ -29,4 +29,10 @@ class RobotOfBody(Entry):
         return self
 
 
-HOOKS = PlanSections(bodies=RobotOfBody)
+def _carried() -> tuple[type[Entry], ...]:
+    from rastercov.robots.generators import OnArm  # which carries views of all others
+
+    return (OnArm,)
+
+
+HOOKS = PlanSections(bodies=RobotOfBody, carried=_carried)

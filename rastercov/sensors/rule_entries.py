@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from rastercov.base import ByName, CameraError, ReadByName, shown
 from rastercov.core.camera import Gate, Rig
-from rastercov.core.camera.rig import RigEntries
+from rastercov.core.camera.rig import Inputs
 from rastercov.core.camera.rule import (
     All,
     Rule,
@@ -21,13 +21,13 @@ from rastercov.core.mesh.arrays import inverse
 OF_RULE = ("rule", "k", "needs", *All.__dataclass_fields__)
 
 
-class RuleEntries(RigEntries):
+class RuleEntries(Inputs):
     """Rules, see `rastercov.core.camera.rule`."""
 
     names = (*OF_RULE, "rigs")
 
     def add_entries(self, rig: Rig, entries: ReadByName) -> Rig:
-        """See `RigEntries`."""
+        """See `Inputs`."""
         given = {name: entries[name] for name in OF_RULE if name in entries}
         if given and "rule" not in given:
             given = rule_to_json(rig.rule) | given
@@ -36,13 +36,13 @@ class RuleEntries(RigEntries):
         return rig._with(gates=_gates_of(rig, entries["rigs"])) if "rigs" in entries else rig
 
     def entries(self, rig: Rig) -> ByName:
-        """See `RigEntries`."""
+        """See `Inputs`."""
         if rig.is_one and not isinstance(rig.rule, AnyOf):
             return rule_to_json(rig.rule)
         return {"rigs": _items(rig)} if rig.gates else {}
 
     def describe(self, rig: Rig) -> ByName:
-        """See `RigEntries`, and `page/live_rules.js`."""
+        """See `Inputs`, and `page/live_rules.js`."""
         items = []
         for first, gate in rig.gates.items():
             (limits,) = limits_of([gate])

@@ -1,7 +1,7 @@
 """Uncertainties as colours of faces."""
 
 from rastercov.core.mesh import Mesh
-from rastercov.report.modes import FeatureModes, Mode, OfUnit, Painted, by_density, invert
+from rastercov.report.modes import Mode, OfUnit, Painted, ReportHooks, by_density, invert
 
 
 def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
@@ -10,4 +10,4 @@ def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
 
 
 WORDS = "Largest standard deviation of measured points on each face, of any pose."
-HOOKS = FeatureModes(uncertainty=Mode("Uncertainty", WORDS, by_deviation, of="gates"))
+HOOKS = ReportHooks(uncertainty=Mode("Uncertainty", WORDS, by_deviation, of="gates"))

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rastercov.base import ConfigError, hooks_of, shown
+from rastercov.base import ConfigError, service_of, shown
 from rastercov.base.threads import DEVICE
 from rastercov.shards.process import Processes
 
@@ -58,7 +58,7 @@ class Elsewhere:
 
 def elsewhere() -> Elsewhere:
     """Hooks of the feature that has such processes."""
-    return next(iter(hooks_of(Elsewhere)), Elsewhere())
+    return service_of("clusters", Elsewhere())
 
 
 @dataclass(frozen=True)

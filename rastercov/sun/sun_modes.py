@@ -3,7 +3,7 @@
 from numpy.typing import ArrayLike
 
 from rastercov.core.mesh import Mesh
-from rastercov.report.modes import FeatureModes, Mode, Painted, up_to_most
+from rastercov.report.modes import Mode, Painted, ReportHooks, up_to_most
 
 
 def by_hours(mesh: Mesh, hours: ArrayLike) -> Painted:
@@ -12,4 +12,4 @@ def by_hours(mesh: Mesh, hours: ArrayLike) -> Painted:
 
 
 SUN = Mode("Sunlight", "Hours of sun, mean over each part.", by_hours, of="")
-HOOKS = FeatureModes(sun=SUN)
+HOOKS = ReportHooks(sun=SUN)

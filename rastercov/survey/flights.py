@@ -28,7 +28,7 @@ class _Written(Flight):
 
 
 class _Flights(Products):
-    def check(self, plan: Plan, mesh: Mesh) -> None:
+    def check_scene(self, plan: Plan, mesh: Mesh) -> None:
         """The origin must fit the scene."""
         if plan.flight is not None and (place := plan.flight.place) is not None:
             with errors_at(plan.name, "flight.origin", ConfigError):

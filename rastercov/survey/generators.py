@@ -19,7 +19,7 @@ from rastercov.placement.plan.entries import (
     only_one,
     value_of,
 )
-from rastercov.placement.plan.generator import Generator, GeneratorScene, OwnGenerators
+from rastercov.placement.plan.generator import Generator, GeneratorScene
 from rastercov.survey.patterns import (
     Circles,
     Survey,
@@ -125,7 +125,3 @@ class Facade(Flown):
         """See `Generator`."""
         at = "holds at the part of the facade that protrudes most"
         return f"gsd of facade, {sampling(self.gsd)}, {at}" if self.gsd else ""
-
-
-HOOKS = OwnGenerators((Strips, Orbit, Facade))
-"""Hooks of this feature."""

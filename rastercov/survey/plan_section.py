@@ -60,5 +60,11 @@ class FlightOfPlan(Entry):
     """Flight to the positions: files for QGroundControl and others."""
 
 
-HOOKS = PlanSections(plan=FlightOfPlan)
+def _generators() -> tuple[type[Entry], ...]:
+    from rastercov.survey.generators import Facade, Orbit, Strips  # entries of candidates
+
+    return (Strips, Orbit, Facade)
+
+
+HOOKS = PlanSections(plan=FlightOfPlan, generators=_generators)
 """Hooks of this feature."""

@@ -191,6 +191,3 @@ class UnderErrors(Demand):
             status = HOLDS if sure >= needs else FAILS if least < needs else UNDECIDED
             verdicts.append(Verdict(each.name, each.limit, sure, least, status, draw))
         return Assured(result, tuple(verdicts))
-
-
-HOOKS = UnderErrors()

@@ -92,6 +92,7 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
 class OfTolerance(Products):
     """Hooks of this feature."""
 
+    demand = UnderErrors()
     steps = ((STEP, lambda result: result.prepared.selection.tolerance, _tolerate),)
 
     def check_before(self, plan: Plan) -> None:

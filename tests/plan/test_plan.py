@@ -26,7 +26,7 @@ from rastercov.placement.plan import entries as plan_entry
 from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
-from rastercov.placement.plan.generator import CarriedGenerators, Generator, OwnGenerators
+from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.network import certain_and_possible, classify_network, percent
 from rastercov.placement.plan.scene import candidate_pool, framing_of, name_scene, scene
 from rastercov.placement.plan.sections import PlanModel
@@ -151,9 +151,8 @@ def models():
         for value in vars(module).values():
             if isinstance(value, type) and issubclass(value, plan_entry.Entry):
                 yield value
-    for hooks in (OwnGenerators, CarriedGenerators):
-        for each in hooks_of(hooks):
-            yield from each.kinds
+    for each in hooks_of(plan_entry.PlanSections):
+        yield from (*each.generators(), *each.carried())
 
 
 def test_every_field_says_what_it_is_in_the_schema_and_in_the_page():

@@ -79,6 +79,7 @@ class Length(Product):
 
 
 class Lengths(Products):
+    demand = Around()
     steps = (
         (
             "length",
@@ -90,10 +91,8 @@ class Lengths(Products):
 
 @pytest.fixture(autouse=True)
 def feature(monkeypatch):
-    modules = {"Demand": Around(), "Products": Lengths()}
-    for kind, hooks in modules.items():
-        monkeypatch.setitem(sys.modules, f"rastercov.{kind}", SimpleNamespace(HOOKS=hooks))
-    monkeypatch.setitem(FEATURES, "fence", {kind: kind for kind in modules})
+    monkeypatch.setitem(sys.modules, "rastercov.fence", SimpleNamespace(HOOKS=Lengths()))
+    monkeypatch.setitem(FEATURES, "fence", {"PlanFeature": "fence"})
 
 
 def checked(demand):

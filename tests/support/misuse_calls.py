@@ -21,9 +21,8 @@ from of_features import of_features
 import rastercov as rc
 from rastercov import placement
 from rastercov.base.typed import VARIADIC, public_names
-from rastercov.core.camera.rig import equipment_words
+from rastercov.core.camera.rig import equipment_words, phased_features
 from rastercov.core.coverage.coverage import evaluate_batches
-from rastercov.core.coverage.phases import phased_features
 from rastercov.placement.candidates.segments import segment
 
 MODULES = (

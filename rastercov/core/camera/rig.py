@@ -14,6 +14,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, is_dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -435,8 +437,8 @@ def is_joint(cameras: Cameras) -> bool:
     return bool(gates_of(cameras) or equipment_on(cameras))
 
 
-class RigEntries:
-    """Hooks of a feature with entries of files on what the cameras of a rig are together."""
+class Inputs:
+    """Hooks of a feature with inputs of its own, as entries of files on the cameras of a rig."""
 
     names: tuple[str, ...] = ()
     """Of the entries."""
@@ -454,7 +456,7 @@ class RigEntries:
         return {}
 
 
-class EquipmentKind(RigEntries):
+class EquipmentKind(Inputs):
     """Hooks of a feature with equipment, whose word is its entry."""
 
     word: str
@@ -473,11 +475,35 @@ class EquipmentKind(RigEntries):
         raise NotImplementedError  # each feature has its own
 
     def add_entries(self, rig: Rig, entries: ReadByName) -> Rig:
-        """See `RigEntries`."""
+        """See `Inputs`."""
         if self.word not in entries:
             return rig
         own = {self.word: self.of_json(entries[self.word])}
         return rig._with(equipment={**rig.equipment, **own})
+
+
+class Phased(Inputs):
+    """Hooks of a feature that asks for phases, see `rastercov.core.coverage.phases`."""
+
+    word = ""
+    """Its argument of `evaluate`."""
+    help = ""
+    """Words of its file, an option of the same name."""
+    key = ""
+    """Its entry of a summary: `in_words`, on the phases in which parts are covered, and `lines`."""
+
+    def phases_of(self, mesh: Mesh, value: object) -> Any:
+        """The `Phases` of that argument; ConfigError for another value."""
+        raise NotImplementedError  # each feature has its own
+
+    def read(self, path: Path, mesh: Mesh, method: str) -> Any:
+        """Phases of a scene by that file, `PlanPhases`; ConfigError where it is none."""
+        raise NotImplementedError  # each feature has its own
+
+
+def phased_features() -> tuple[Phased, ...]:
+    """Hooks of all features that ask for phases."""
+    return hooks_of(Phased)
 
 
 def equipment_words() -> tuple[str, ...]:
@@ -487,7 +513,7 @@ def equipment_words() -> tuple[str, ...]:
 
 def entries_of_rig() -> tuple[str, ...]:
     """Entries of a file of cameras on what these are together."""
-    of_features = (name for each in hooks_of(RigEntries) for name in each.names)
+    of_features = (name for each in hooks_of(Inputs) for name in each.names)
     return (*of_features, "tasks", "fixed", *equipment_words())
 
 
@@ -498,7 +524,7 @@ def rig_with(rig: Rig, entries: ReadByName) -> Rig:
         own: ByName = {"tasks": rig.tasks, "fixed": rig.fixed} | more
         checked = Rig(rig.cameras, rig.names, rig.rig_from_camera, **own)
         rig = rig._with(tasks=checked.tasks, fixed=checked.fixed)
-    for each in hooks_of(RigEntries):
+    for each in hooks_of(Inputs):
         rig = each.add_entries(rig, entries)
     return rig
 
@@ -510,9 +536,7 @@ def entries_of(rig: Rig) -> ByName:
         for name, task in rig.tasks.items()
     }
     more: ByName = {"tasks": tasks, "fixed": list(rig.fixed)}
-    own = {
-        name: value for each in hooks_of(RigEntries) for name, value in each.entries(rig).items()
-    }
+    own = {name: value for each in hooks_of(Inputs) for name, value in each.entries(rig).items()}
     return own | {name: value for name, value in more.items() if value}
 
 

@@ -40,12 +40,12 @@ from rastercov.core.camera import (
     equipment_words,
     led_by,
 )
-from rastercov.core.camera.rig import with_equipment
+from rastercov.core.camera.rig import phased_features, with_equipment
 from rastercov.core.coverage.coverage import Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
 from rastercov.core.coverage.face_pass import FIGURES, FacePass
 from rastercov.core.coverage.network import Network
-from rastercov.core.coverage.phases import MOST_IMAGES, Phases, phased_features
+from rastercov.core.coverage.phases import MOST_IMAGES, Phases
 from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import is_long
 from rastercov.core.coverage.task import Engine, Task

@@ -5,12 +5,13 @@ the scene at rest.
 """
 
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
-from rastercov.base import ReadByName, hooks_of
+from rastercov.base import ReadByName
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import Cameras, Poses
+from rastercov.core.camera.rig import phased_features
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Staff
@@ -38,30 +39,6 @@ class Phases(Protocol):
         self, scene: tuple[Cameras, Poses, Task], engine: Engine, folder: Path | None, staff: Staff
     ) -> AreaNetwork:
         """Area that is covered in enough phases, by way of shards in a folder if one is given."""
-
-
-class Phased:
-    """Hooks of a feature that asks for phases."""
-
-    word = ""
-    """Its argument of `evaluate`."""
-    help = ""
-    """Words of its file, an option of the same name."""
-    key = ""
-    """Its entry of a summary: `in_words`, on the phases in which parts are covered, and `lines`."""
-
-    def phases_of(self, mesh: Mesh, value: object) -> Phases:
-        """The phases of that argument; ConfigError for another value."""
-        raise NotImplementedError  # each feature has its own
-
-    def read(self, path: Path, mesh: Mesh, method: str) -> Any:
-        """Phases of a scene by that file, `PlanPhases`; ConfigError where it is none."""
-        raise NotImplementedError  # each feature has its own
-
-
-def phased_features() -> tuple[Phased, ...]:
-    """Hooks of all features."""
-    return hooks_of(Phased)
 
 
 def question_in(summary: ReadByName) -> ReadByName:

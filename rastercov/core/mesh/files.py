@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from rastercov.base import MeshError, StrPath, finite_number, hooks_of, members, shown
+from rastercov.base import MeshError, StrPath, finite_number, members, service_of, shown
 from rastercov.core.mesh.site import Site
 from rastercov.core.mesh.terrain import Raster
 
@@ -43,7 +43,7 @@ class MeshFiles:
 
 def mesh_files() -> MeshFiles:
     """The readers."""
-    return hooks_of(MeshFiles)[0]
+    return service_of("formats", MeshFiles())
 
 
 def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:

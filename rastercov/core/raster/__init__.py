@@ -14,7 +14,7 @@ from rastercov.base import (
     check_choice,
     check_kind,
     finite_number,
-    hooks_of,
+    service_of,
     shown,
 )
 from rastercov.core.camera import Camera
@@ -142,7 +142,7 @@ def open_rasterizer(
 
 def drawer() -> Drawer:
     """Hooks of the feature that draws; it imports OpenGL when it is asked to."""
-    return next(iter(hooks_of(Drawer)), Drawer())
+    return service_of("gl", Drawer())
 
 
 def backend_of(backend: str, options: ReadByName) -> tuple[str, ByName]:

@@ -67,7 +67,10 @@ class Entry(BaseModel):
 
 
 class PlanSections(NamedTuple):
-    """Hooks of a feature with entries in sections of a plan: the classes that have these."""
+    """Hooks of a feature with entries in sections of a plan: the classes that have these.
+
+    Functions give its generators of candidates, and those that carry the views of others.
+    """
 
     plan: type[Entry] = Entry
     task: type[Entry] = Entry
@@ -78,6 +81,8 @@ class PlanSections(NamedTuple):
     bodies: type[Entry] = Entry
     rig: type[Entry] = Entry
     selection: type[Entry] = Entry
+    generators: Callable[[], tuple[type[Entry], ...]] = tuple
+    carried: Callable[[], tuple[type[Entry], ...]] = tuple
 
 
 def extend_entry(section: str, base: type[Entry] = Entry) -> Any:

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Self, get_args
+from typing import Any, Self, get_args
 
 import numpy as np
 from pydantic import BaseModel, PrivateAttr, ValidationError, ValidationInfo, model_validator
@@ -489,6 +489,8 @@ class PlanFeature:
 
     word = ""
     """Of its equipment, if any."""
+    demand: Any = None
+    """`Demand` on checked cameras."""
 
     def check(self, plan: Plan, folder: Path) -> None:
         """ValueError for entries that do not go together; files are in the folder."""

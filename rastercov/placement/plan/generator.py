@@ -125,18 +125,6 @@ class Generator(extend_entry("candidates")):  # type: ignore[misc] # a base made
         return self.model_dump(exclude={"generator", *base.model_fields})
 
 
-class OwnGenerators(NamedTuple):
-    """Hooks of a feature with generators of candidates: their entries."""
-
-    kinds: tuple[type[Generator], ...]
-
-
-class CarriedGenerators(NamedTuple):
-    """Hooks of a feature that carries the views of other generators: its entries."""
-
-    kinds: tuple[type[Generator], ...]
-
-
 class Framed(Generator):
     """Views at the distance that their target needs."""
 

@@ -1,6 +1,6 @@
 """Generators of candidates in plan files: the entries of each, and what it makes of them.
 
-The union at the end has them and those of features, `OwnGenerators`; see `generator`.
+The union at the end has them and those of features, see `PlanSections`; see `generator`.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,6 +27,7 @@ from rastercov.placement.plan.entries import (
     Name,
     Number,
     Pair,
+    PlanSections,
     Positive,
     Some,
     Triple,
@@ -39,7 +40,6 @@ from rastercov.placement.plan.generator import (
     Framed,
     Generator,
     GeneratorScene,
-    OwnGenerators,
     Square,
 )
 
@@ -212,5 +212,5 @@ OF_PLACES = (Around, InRoom, OnBox, OnWalls, OnCeiling, PoseFile)
 if TYPE_CHECKING:
     Reachable = Generator
 else:
-    _own = [kind for each in hooks_of(OwnGenerators) for kind in each.kinds]
+    _own = [kind for each in hooks_of(PlanSections) for kind in each.generators()]
     Reachable = Union[(PerSegment, PerFace, *OF_PLACES, *_own)]

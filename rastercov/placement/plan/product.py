@@ -1,4 +1,4 @@
-"""Hooks of features: products for placed cameras, and demands on checked ones."""
+"""Products of features for placed cameras, and their demands on checked ones."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, Self
@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol, Self
 from rastercov.base import ByName, hooks_of
 from rastercov.core.camera import Poses
 from rastercov.core.mesh import Mesh
-from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.file import Plan, PlanFeature
 from rastercov.placement.plan.network import Requirement
 from rastercov.placement.required import HOLDS
 
@@ -95,7 +95,7 @@ class Verdicts(Product):
 
 
 class Demand:
-    """Hooks of a feature, and what it demands; nothing here."""
+    """A demand of a feature; nothing here."""
 
     word = ""
     """Its argument of `check`."""
@@ -128,4 +128,5 @@ def demand_of(word: str, text: str | None) -> Demand:
     """Demand of a text, by the argument that it was given for; none for None."""
     if text is None:
         return Demand()
-    return next(each for each in hooks_of(Demand) if each.word == word).read(text)
+    demands = (each.demand for each in hooks_of(PlanFeature))
+    return next(each for each in demands if each and each.word == word).read(text)

@@ -294,18 +294,16 @@ Improvement = tuple[str, Callable[[Placement], object], Work]
 """Name of a step after the selection, whether a placement asks for it, and its function."""
 
 
-class Products:
+class Products(PlanFeature):
     """Hooks of a feature that makes something of placed cameras, or chooses places of its own."""
 
-    word = ""
-    """Of its equipment, where it chooses places for that."""
     steps: Sequence[Improvement] = ()
     """Steps that add to `Placement.made`, by their names."""
 
     def check_before(self, plan: Plan) -> None:
         """ConfigError for what cannot be made, before the work."""
 
-    def check(self, plan: Plan, mesh: Mesh) -> None:
+    def check_scene(self, plan: Plan, mesh: Mesh) -> None:
         """PlanError for what cannot be made in a scene."""
 
     def of(self, placement: Placement) -> Product | None:
@@ -352,7 +350,8 @@ def place(
     ConfigError
         If no candidate remains.
     """
-    beside = next((each.word for each in hooks_of(PlanFeature) if each.is_chosen(plan)), "")
+    chooser = next((each for each in hooks_of(Products) if each.is_chosen(plan)), None)
+    beside = "" if chooser is None else chooser.word
     is_there = plan.existing or any(each.is_of_cameras for each in plan.candidates)
     why = f"existing: expected cameras for {beside}, got none; give poses, or candidates of cameras"
     why = why if beside else "candidates: expected one entry or more, got none; add one"
@@ -377,11 +376,10 @@ def place(
         whole, plan, _ = name_scene(plan)
         mesh, goals = separate_goals(plan, whole)
     for each in hooks_of(Products):
-        each.check(plan, mesh)
+        each.check_scene(plan, mesh)
     job = Run(mesh, folder, clock, save, workers, whole, goals)
-    if not beside:
-        return job.cameras(plan, (*STEPS, *last_steps()))
-    chooser = next(each for each in hooks_of(Products) if each.word == beside)
+    if chooser is None:
+        return job.cameras(plan, (*own_steps(), *last_steps()))
     chosen = chooser.choose(job, plan, eyes)
     if chosen.interrupted:
         return chosen
@@ -1020,26 +1018,31 @@ def _move_cameras(
     return moved
 
 
-STEPS: tuple[Improvement, ...] = (
-    ("area", lambda result: result.prepared.cells is not None, _by_area),
-    *((each.key, _is_hidden, _look_past_carrier) for each in carriers()),
-    (
-        "stricter selection",
-        lambda result: result.cameras.areas and _is_short(result) and not result.prepared.is_beyond,
-        _select_anew,
-    ),
-    (
-        "limits of goals",
-        lambda result: any(each.is_most and each.status != HOLDS for each in result.requirements),
-        _within_limits,
-    ),
-    ("fewer cameras", _is_met_in_phases, _shortest),
-    ("fewest by area", _may_be_fewer, _fewest),
-    ("search", lambda result: result.prepared.selection.optimise, _optimise),
-    ("refinement", lambda result: result.prepared.selection.refine, _refine),
-    ("certified area", _is_sampled, _certify),
-)
-"""Steps after the selection, in their order; after them come `last_steps`."""
+def own_steps() -> tuple[Improvement, ...]:
+    """Steps after the selection, in their order; after them come `last_steps`."""
+    return (
+        ("area", lambda result: result.prepared.cells is not None, _by_area),
+        *((each.key, _is_hidden, _look_past_carrier) for each in carriers()),
+        (
+            "stricter selection",
+            lambda result: (
+                result.cameras.areas and _is_short(result) and not result.prepared.is_beyond
+            ),
+            _select_anew,
+        ),
+        (
+            "limits of goals",
+            lambda result: any(
+                each.is_most and each.status != HOLDS for each in result.requirements
+            ),
+            _within_limits,
+        ),
+        ("fewer cameras", _is_met_in_phases, _shortest),
+        ("fewest by area", _may_be_fewer, _fewest),
+        ("search", lambda result: result.prepared.selection.optimise, _optimise),
+        ("refinement", lambda result: result.prepared.selection.refine, _refine),
+        ("certified area", _is_sampled, _certify),
+    )
 
 
 def last_steps() -> list[Improvement]:

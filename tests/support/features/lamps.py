@@ -6,7 +6,7 @@ import numpy as np
 from misuse_values import FOLDER, POSES
 
 import rastercov as rc
-from rastercov.core.coverage.phases import phased_features
+from rastercov.core.camera.rig import phased_features
 
 LAMPS = rc.Lamps([rc.Lamp.point(intensity=5), rc.Lamp.ring(0.1, points=3, intensity=5)], POSES)
 OF_SENSOR = {"exposure_time": 0.01, "f_number": 4.0, "pixel_size": 3e-6, "full_well": 1e4} | {
