@@ -19,8 +19,8 @@ from PIL import Image
 from rows import Report, arguments
 
 import rastercov as rc
+from rastercov.core.mesh.files import raster_of
 from rastercov.survey.geo import geotiff
-from rastercov.survey.viewshed import raster_of
 
 SPACING = 30.0
 HEIGHT = 10.0
@@ -83,9 +83,9 @@ def commands(path: Path, place: tuple[float, float], out: Path) -> dict[str, lis
 
 def compare(report: Report, path: Path) -> None:
     """Samples that others call visible with nothing visible around them, and the reverse."""
-    raster = raster_of(path, None)
+    raster = raster_of(path)
     row, column = (each // 2 for each in raster.heights.shape)
-    place = raster.xy[0][column], raster.xy[1][row]
+    place = [raster.origin[k] + raster.xy[k][at] for k, at in enumerate((column, row))]
     began = time.process_time()
     seen = rc.viewshed(path, place, height=HEIGHT, curvature=False)
     report.add(f"{path.name}: rastercov", time.process_time() - began, "CPU-s")

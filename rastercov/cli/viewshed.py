@@ -16,7 +16,7 @@ class EyeOptions(NamedTuple):
 
     at: Annotated[
         str | None,
-        Option("--from", metavar="X,Y", help="Map coordinates of the observer, m."),
+        Option("--from", metavar="X,Y", help="Map coordinates of the observer."),
     ] = None
     observers: Annotated[
         Path | None,
@@ -37,7 +37,9 @@ class EarthOptions(NamedTuple):
     """Shape of the earth."""
 
     refraction: Annotated[float, Option(help="Coefficient of refraction.")] = 0.13
-    flat: Annotated[bool, Option(help="No curvature of the earth.")] = False
+    curvature: Annotated[
+        bool, Option("--curvature/--flat", help="Curvature of the earth.")
+    ] = True
 
 
 @expand_options
@@ -69,43 +71,40 @@ def viewshed(
     """
     from rastercov.core.mesh import Mesh
     from rastercov.survey import viewshed_files as files
-    from rastercov.survey.viewshed import observers_of, raster_of, viewshed_of
+    from rastercov.survey.viewshed import viewshed as viewshed_of
 
     if (eyes.at is None) == (eyes.observers is None):
         both = "neither" if eyes.at is None else "both"
         raise ConfigError(f"expected --from or --observers, got {both}; give one")
-    if outlines is not None and outlines.suffix.lower() not in (".geojson", ".json"):
-        raise ConfigError(f"--outlines: expected a .geojson file, got {shown(outlines.name)}")
-    if outlines is not None and eyes.beside:
-        raise ConfigError("expected --outlines or --beside, got both; leave one out")
     if outlines is not None:
+        if outlines.suffix.lower() not in (".geojson", ".json"):
+            raise ConfigError(f"--outlines: expected a .geojson file, got {shown(outlines.name)}")
+        if eyes.beside:
+            raise ConfigError("expected --outlines or --beside, got both; leave one out")
         check_place(outlines)
-    observers = observers_of(
-        files.read_observers(eyes.observers) if eyes.observers else [_place(eyes.at or "")],
-        eyes.height,
-    )
-    surface = raster_of(raster, None).curved(earth.refraction, curvature=not earth.flat)
     meshes = [Mesh.load(path) for path in eyes.beside or ()]
     with progress_bar("observers") as progress:
         result = viewshed_of(
-            surface,
-            observers,
+            raster,
+            files.read_observers(eyes.observers) if eyes.observers else [_place(eyes.at or "")],
+            height=eyes.height,
             target=eyes.target,
             radius=eyes.radius,
+            **earth._asdict(),
             beside=Mesh.joined(meshes) if meshes else None,
-            each=lambda n: progress(n, len(observers)),
+            progress=progress,
         )
     if out is not None:
         files.write_files(result, out)
     if outlines is not None:
-        files.write_outlines(result, eyes.target, eyes.radius, outlines)
+        files.write_outlines(result, outlines)
     if as_json:
         print(json_text(files.summary_of(result)))
     else:
         print_lines(*files.lines_of(result))
         if out is not None:
             say(str(out / "viewshed.png"))
-    share = min(seen.area / max(seen.of_area, 1e-300) for seen in result.seen)
+    share = min(seen.area / seen.of_area for seen in result.seen)
     if at_least is not None and not 100 * share >= at_least:
         raise typer.Exit(1)
 
@@ -116,6 +115,6 @@ def _place(text: str) -> list[float]:
         x, y = map(float, text.split(","))
     except ValueError:
         raise ConfigError(
-            f"--from: expected X,Y in metres, got {shown(text)}; give two numbers"
+            f"--from: expected X,Y, got {shown(text)}; give two numbers, as on the map"
         ) from None
     return [x, y]

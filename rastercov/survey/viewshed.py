@@ -4,15 +4,13 @@ The engine goes over the cells of the raster from the observer outwards, see
 `engine/survey/viewshed.cpp`: exact to rounding, with a bound, and without the arrays of a mesh.
 """
 
-import os
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike
 
 from rastercov.base import (
-    BoolArray,
     ConfigError,
     FloatArray,
     InOneLine,
@@ -21,20 +19,22 @@ from rastercov.base import (
     finite_number,
     frozen_record,
     hypot,
-    norm,
     shown,
 )
 from rastercov.core.camera.conventions import panorama
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.files import mesh_files
-from rastercov.core.mesh.terrain import REFRACTION, Raster, raster_of_array
+from rastercov.core.mesh.files import raster_of
+from rastercov.core.mesh.terrain import REFRACTION, Raster
 from rastercov.engine import survey_viewshed as kernels
+from rastercov.shards import Progress, silent
 
 EYE_HEIGHT = 1.7
 """Height of a person's eyes above the ground, m."""
-NO_PIECES = np.empty((0, 8))
+NO_PIECES = np.empty((0, 4, 2))
+MOST_PIECES = 200_000
+"""Visible pieces whose outlines are joined: about a minute."""
 
 
 class Seen(NamedTuple):
@@ -66,6 +66,8 @@ class Viewshed(InOneLine):
         Heights, (H, W), and their place.
     observers : (N, 3) float64
         Map coordinates, and height of the eyes above the ground, metres.
+    target, radius : float
+        As given; a radius of inf for none.
     share, bound : (H - 1, W - 1) float64
         Visible part of the ground of each cell between four samples, on the map; of several
         observers the sum: the mean number of them that see a point of the cell. `bound` is that
@@ -82,22 +84,17 @@ class Viewshed(InOneLine):
 
     raster: Raster
     observers: FloatArray
+    target: float
+    radius: float
     share: FloatArray
     bound: FloatArray
     seen: tuple[Seen, ...]
 
     def __str__(self) -> str:
         best = max(self.seen, key=lambda each: each.area)
-        share = 100 * best.area / max(best.of_area, 1e-300)
+        share = 100 * best.area / best.of_area
         of = "" if len(self.seen) == 1 else f" by the best of {len(self.seen)} observers"
         return f"Viewshed({share:.4g} % of {best.of_area:.6g} m2 visible{of})"
-
-
-def raster_of(heights: StrPath | ArrayLike, spacing: float | tuple[float, float] | None) -> Raster:
-    """Raster of a file or of an array with its spacing, metres."""
-    if isinstance(heights, str | os.PathLike):
-        return mesh_files().raster(heights)
-    return raster_of_array(heights, spacing)
 
 
 def viewshed(
@@ -111,6 +108,7 @@ def viewshed(
     refraction: float = REFRACTION,
     curvature: bool = True,
     beside: Mesh | None = None,
+    progress: Progress = silent,
 ) -> Viewshed:
     """Visible part of every cell of a terrain, exact to rounding.
 
@@ -122,7 +120,8 @@ def viewshed(
     heights : path or (H, W) array_like
         As for `Mesh.terrain`.
     observers : (2,), (N, 2) or (N, 3) array_like
-        Map coordinates, metres; the third column is the height of the eyes above the ground.
+        Map coordinates, metres, or longitude and latitude; the third column is the height of the
+        eyes above the ground.
     spacing : float or (float, float), optional
         Distance of columns and of rows of an array, metres; its north-west sample is at (0, 0).
     height : float
@@ -136,6 +135,8 @@ def viewshed(
     beside : Mesh, optional
         Buildings and trees in map coordinates, which hide ground. The general engine then answers,
         in some 30 times the time.
+    progress : callable
+        Called with the number of observers that are done, and of all.
 
     Raises
     ------
@@ -154,7 +155,38 @@ def viewshed(
     """
     raster = raster_of(heights, spacing).curved(refraction, curvature=curvature)
     eyes = observers_of(observers, height)
-    return viewshed_of(raster, eyes, target=target, radius=radius, beside=beside)
+    if not finite_number(target) >= 0:
+        raise ConfigError(f"expected a target of 0 m or more above the ground, got {shown(target)}")
+    reach = np.inf if radius is None else finite_number(radius)
+    if not reach > 0:
+        raise ConfigError(f"expected a radius above 0 m, got {shown(radius)}; increase it")
+    if beside is not None and raster.is_geographic:
+        raise ConfigError(
+            "beside: expected a raster in metres, got one in degrees; reproject it, such as gdalwarp "
+            "-t_srs EPSG:32632"
+        )
+    places = [_place(raster, eye) for eye in eyes]  # errors before the work
+    areas = raster.areas()
+    total, bound, within = np.zeros((3, *raster.is_ground.shape))
+    seen = []
+    for n, place in enumerate(places, 1):
+        share, error, _ = _solve(raster, place, target, reach, NO_PIECES)
+        ground = np.isfinite(share)
+        if not ground.any():
+            raise ConfigError(f"expected ground within {reach:g} m, got none; increase the radius")
+        if beside is not None:
+            share, error = _solve_beside(raster, place, target, beside)
+        parts = [np.where(ground, each, 0.0) for each in (share, error, ground)]
+        seen.append(Seen(*(float((part * area).sum()) for area in areas for part in parts)))
+        total += parts[0]
+        bound += parts[1]
+        within += ground
+        progress(n, len(eyes))
+    whole = (raster.is_ground * areas[0]).sum(axis=2)
+    whole[~within.any(axis=2)] = np.nan
+    cells = ((each * areas[0]).sum(axis=2) / whole for each in (total, bound))
+    share, error = (np.minimum(each, len(eyes)) for each in cells)
+    return Viewshed(raster, eyes, float(target), reach, share, error, tuple(seen))
 
 
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
@@ -172,135 +204,108 @@ def observers_of(points: ArrayLike, height: float) -> FloatArray:
     return array.astype(np.float64)
 
 
-def viewshed_of(
-    raster: Raster,
-    observers: FloatArray,
-    *,
-    target: float = 0.0,
-    radius: float | None = None,
-    beside: Mesh | None = None,
-    each: Callable[[int], None] = lambda n: None,
-) -> Viewshed:
-    """`viewshed` of a raster; calls `each` with the number of observers that are done."""
-    if not finite_number(target) >= 0:
-        raise ConfigError(f"expected a target of 0 m or more above the ground, got {shown(target)}")
-    reach = np.inf if radius is None else finite_number(radius)
-    if not reach > 0:
-        raise ConfigError(f"expected a radius above 0 m, got {shown(radius)}; increase it")
-    eyes = [_eye(raster, observer) for observer in observers]  # errors before the work
-    slopes = np.where(raster.is_ground, raster.slopes, 0.0)
-    part = raster.is_ground.mean(axis=2)
-    total, bound = np.zeros((2, *part.shape))
-    counts = np.zeros(part.shape, np.bool_)
-    seen = []
-    for n, eye in enumerate(eyes, 1):
-        if beside is None:
-            share, error, _ = _solve(raster, eye, target, reach)
-        else:
-            share, error = _solve_beside(raster, eye, target, beside)
-        within = _within(raster, eye, reach)
-        share[~within] = 0
-        error[~within] = 0
-        counts |= within
-        ground = np.where(within[..., None] & raster.is_ground, 0.5, 0.0)
-        cell = raster.spacing[0] * raster.spacing[1]
-        parts = (share, error, ground)
-        on_map = [cell * float(each.sum()) for each in parts]
-        on_slopes = [cell * float((each * slopes).sum()) for each in parts]
-        seen.append(Seen(*on_map, *on_slopes))
-        total += share.sum(axis=2)
-        bound += error.sum(axis=2)
-        each(n)
-    part[~counts | (part == 0)] = np.nan
-    share = np.minimum(total / part, len(eyes))
-    return Viewshed(raster, observers, share, bound / part, tuple(seen))
+class Place(NamedTuple):
+    """Of an observer on the map from the origin, its cell, and the height of its eyes."""
+
+    x: float
+    y: float
+    row: int
+    column: int
+    eye: float
+
+
+def _place(raster: Raster, observer: FloatArray) -> Place:
+    xs, ys = raster.xy
+    x, y = (observer[:2] - raster.origin).tolist()
+    if not (0 <= x <= xs[-1] and ys[-1] <= y <= 0):
+        (west, east), (north, south) = (
+            each[[0, -1]] + start for each, start in zip((xs, ys), raster.origin, strict=True)
+        )
+        raise ConfigError(
+            f"expected an observer on the raster, x from {west:.10g} to {east:.10g} and y from "
+            f"{south:.10g} to {north:.10g}, got {observer[0]:.10g}, {observer[1]:.10g}; correct it"
+        )
+    u, v = x / raster.spacing[0], -y / raster.spacing[1]
+    column, row = min(int(u), len(xs) - 2), min(int(v), len(ys) - 2)
+    u, v = u - column, v - row
+    weights = np.array((1 - max(u, v), abs(u - v), min(u, v)))
+    rows = row + np.array((0, u <= v, 1))[weights > 0]
+    columns = column + np.array((0, u > v, 1))[weights > 0]
+    away = hypot(*raster.about(xs[columns], ys[rows], (x, y)))
+    heights = raster.heights[rows, columns] - 0.5 * raster.inverse_radius * away**2
+    eye = float((weights[weights > 0] * heights).sum() + observer[2])
+    if not np.isfinite(eye):
+        raise ConfigError(
+            f"expected an observer over ground, got {observer[0]:.10g}, {observer[1]:.10g} over a "
+            "hole; move it"
+        )
+    return Place(x, y, row, column, eye)
 
 
 def _solve(
-    raster: Raster, eye: FloatArray, target: float, reach: float, pieces: FloatArray = NO_PIECES
+    raster: Raster, place: Place, target: float, reach: float, pieces: FloatArray
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Visible parts of cells in their two triangles, bounds, and the number of pieces."""
-    share, bound = np.zeros((2, *raster.is_ground.shape))
-    beyond = reach + float(norm(raster.spacing))
-    ground = (raster.heights, np.array(raster.spacing), raster.inverse_radius)
-    n = kernels.viewshed(ground, (eye, float(target), beyond), (share, bound, pieces))
+    """Visible parts of triangles, (H - 1, W - 1, 2), bounds, and the number of pieces.
+
+    NaN beyond the reach and without ground. Strips of the engine are columns, which are meridians
+    on a map in degrees; its x is south.
+    """
+    x, y = raster.xy
+    east, north = raster.about(x[:, None], y, place)
+    fall = 0.5 * raster.inverse_radius * (east**2 + north**2)
+    above = raster.heights.T - place.eye
+    points = np.empty((*above.shape, 4))
+    points[..., 0], points[..., 1], points[..., 2] = -north, east, above - fall
+    points[..., 3] = abs(above) + fall + target
+    both = np.full((2, len(x) - 1, len(y) - 1, 2), np.nan)
+    n = kernels.viewshed((points, place.column, place.row, float(target), reach, *both, pieces))
+    share, bound = both.transpose(0, 2, 1, 3)[..., ::-1]
     return share, bound, n
 
 
 def _solve_beside(
-    raster: Raster, eye: FloatArray, target: float, beside: Mesh
+    raster: Raster, place: Place, target: float, beside: Mesh
 ) -> tuple[FloatArray, FloatArray]:
-    """Visible parts of cells in their two triangles, and bounds, where a mesh hides ground, too."""
-    at = np.array((raster.origin[0] + eye[0], raster.origin[1] - eye[1]))
-    points, faces, cells = raster.surface(at)[:3]
-    ground = Mesh(points - (*at, 0.0), faces)
-    fall = 0.5 * raster.inverse_radius * ((beside.vertices[:, :2] - at) ** 2).sum(axis=1)
-    moved = Mesh(
-        beside.vertices - np.column_stack((np.tile(at, (len(fall), 1)), fall)), beside.faces
-    )
-    parts = [Mesh(ground.vertices + np.array((0.0, 0.0, target)), faces), moved]
-    scene = Mesh.joined(parts, ["seen", "beside"]).with_groups(occluders=["beside"])
+    """Visible parts of triangles, and bounds, where a mesh hides ground, too."""
+    points, faces, cells, _ = raster.surface(place)
+    ground = Mesh(points, faces)
+    away = beside.vertices - (place.x + raster.origin[0], place.y + raster.origin[1], 0.0)
+    away[:, 2] -= 0.5 * raster.inverse_radius * (away[:, :2] ** 2).sum(axis=1)
+    parts = [Mesh(points + (0.0, 0.0, target), faces), Mesh(away, beside.faces)]
+    names = ["seen", "beside"]
+    scene = Mesh.joined(parts, names).with_groups(occluders=["beside"])
     if target:
-        scene = Mesh.joined([*parts, ground], ["seen", "beside", "ground"])
+        scene = Mesh.joined([*parts, ground], [*names, "ground"])
         scene = scene.with_groups(["beside", "ground"], ["seen"], ["seen"])
-    pose = look_at([(0.0, 0.0, eye[2])], [(1.0, 0.0, eye[2])])
+    pose = look_at([(0.0, 0.0, place.eye)], [(1.0, 0.0, place.eye)])
     covered = evaluate(scene, panorama(2000, 1000), pose).covered
     both = np.zeros((2, raster.is_ground.size))
-    both[:, cells] = 0.5 * np.stack((covered.area[0], covered.bound))[:, : len(faces)]
-    both[:, cells] /= ground.areas
+    both[:, cells] = np.stack((covered.area[0], covered.bound))[:, : len(faces)] / ground.areas
     share, bound = both.reshape(2, *raster.is_ground.shape)
     return share, bound
 
 
-def _eye(raster: Raster, observer: FloatArray) -> FloatArray:
-    """Place of the eyes from the first sample along columns and rows, and their height."""
-    x, y, height = observer.tolist()
-    dx, dy = raster.spacing
-    along = np.array((x - raster.origin[0], raster.origin[1] - y))
-    rows, columns = raster.heights.shape
-    if not (0 <= along[0] <= dx * (columns - 1) and 0 <= along[1] <= dy * (rows - 1)):
-        xs, ys = raster.xy
-        raise ConfigError(
-            f"expected an observer on the raster, x from {xs[0]:.10g} to {xs[-1]:.10g} and y from "
-            f"{ys[-1]:.10g} to {ys[0]:.10g}, got {x:.10g}, {y:.10g}; correct it"
-        )
-    j, i = min(int(along[0] / dx), columns - 2), min(int(along[1] / dy), rows - 2)
-    u, v = along[0] / dx - j, along[1] / dy - i
-    corners = [(i, j, 1 - max(u, v)), (i + 1, j + 1, min(u, v))]
-    corners.append((i, j + 1, u - v) if u > v else (i + 1, j, v - u))
-    ground = 0.0
-    for row, column, weight in corners:
-        if weight > 0:
-            away = (column * dx - along[0]) ** 2 + (row * dy - along[1]) ** 2
-            fall = 0.5 * raster.inverse_radius * away
-            ground += weight * (raster.heights[row, column] - fall)
-    if not np.isfinite(ground):
-        raise ConfigError(
-            f"expected an observer over ground, got {x:.10g}, {y:.10g} over a hole; move it"
-        )
-    return np.array((along[0], along[1], ground + height))
+def outlines_of(viewshed: Viewshed) -> list[shapely.Geometry]:
+    """Outlines of the ground that each observer sees, on the map.
 
-
-def _within(raster: Raster, eye: FloatArray, reach: float) -> BoolArray:
-    """(H - 1, W - 1) cells whose middle is within reach."""
-    rows, columns = raster.heights.shape
-    x = (np.arange(columns - 1) + 0.5) * raster.spacing[0] - eye[0]
-    y = (np.arange(rows - 1) + 0.5) * raster.spacing[1] - eye[1]
-    return hypot(x, y[:, None]) <= reach
-
-
-def pieces_of(
-    raster: Raster, observer: FloatArray, *, target: float = 0.0, radius: float | None = None
-) -> FloatArray:
-    """(N, 4, 2) quadrangles on the map that an observer sees, of the cells within the radius."""
-    eye = _eye(raster, observer)
-    reach = np.inf if radius is None else radius
-    *_, n = _solve(raster, eye, target, reach)
-    pieces = np.empty((n, 8))
-    _solve(raster, eye, target, reach, pieces)
-    corners = pieces.reshape(-1, 4, 2)
-    within = _within(raster, eye, reach)
-    column, row = (corners.mean(axis=1) / raster.spacing).astype(np.int64).T
-    rows, columns = within.shape
-    kept = within[np.minimum(row, rows - 1), np.minimum(column, columns - 1)]
-    return corners[kept] * (1, -1) + raster.origin
+    ConfigError for more pieces than can be joined.
+    """
+    raster, outlines = viewshed.raster, []
+    for observer in viewshed.observers:
+        place = _place(raster, observer)
+        pieces = np.empty((MOST_PIECES, 4, 2))
+        *_, n = _solve(raster, place, viewshed.target, viewshed.radius, pieces)
+        if n > MOST_PIECES:
+            raise ConfigError(
+                f"--outlines: expected at most {MOST_PIECES:,} visible pieces, got {n:,}; give a "
+                "--radius"
+            )
+        away = pieces[:n, :, ::-1] * (1, -1)  # east and north
+        scale = np.array(raster.about(*np.add(place[:2], raster.spacing), place))
+        found = np.array(place[:2])
+        for _ in range(9):  # until nothing moves, by a hundredth a time at 50 km
+            moved = np.stack(raster.about(found[..., 0], found[..., 1], place), axis=-1)
+            found = found + (away - moved) / scale * raster.spacing
+        polygons = shapely.make_valid(shapely.polygons(found + raster.origin))
+        outlines.append(shapely.union_all(polygons, grid_size=viewshed.raster.spacing[0] * 1e-8))
+    return outlines

@@ -4,9 +4,11 @@ import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from numpy.typing import ArrayLike
+
 from rastercov.base import MeshError, StrPath, finite_number, members, service_of, shown
 from rastercov.core.mesh.site import Site
-from rastercov.core.mesh.terrain import Raster
+from rastercov.core.mesh.terrain import Raster, raster_of_array
 
 METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "μm": 1e-6}  # two Unicode mus
 METRES |= {"in": 0.0254, "inch": 0.0254, "ft": 0.3048}
@@ -44,6 +46,17 @@ class MeshFiles:
 def mesh_files() -> MeshFiles:
     """The readers."""
     return service_of("formats", MeshFiles())
+
+
+def raster_of(
+    heights: StrPath | ArrayLike,
+    spacing: float | tuple[float, float] | None = None,
+    origin: tuple[float, float] = (0.0, 0.0),
+) -> Raster:
+    """Raster of a file, or of an array with its spacing and north-west sample, metres."""
+    if isinstance(heights, str | os.PathLike):
+        return mesh_files().raster(heights)
+    return raster_of_array(heights, spacing, origin)
 
 
 def paths_of(path: StrPath | Sequence[StrPath]) -> Sequence[StrPath]:

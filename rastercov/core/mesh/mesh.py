@@ -59,7 +59,14 @@ from rastercov.core.mesh.arrays import (
     normals_and_areas,
     rotation_about,
 )
-from rastercov.core.mesh.files import LARGEST_FILE, Limits, mesh_files, metres_per, paths_of
+from rastercov.core.mesh.files import (
+    LARGEST_FILE,
+    Limits,
+    mesh_files,
+    metres_per,
+    paths_of,
+    raster_of,
+)
 from rastercov.core.mesh.groups import (
     FileGroups,
     Group,
@@ -72,7 +79,7 @@ from rastercov.core.mesh.groups import (
     refuse_twice,
 )
 from rastercov.core.mesh.site import NOWHERE, Site
-from rastercov.core.mesh.terrain import REFRACTION, raster_of_array
+from rastercov.core.mesh.terrain import REFRACTION
 from rastercov.core.mesh.topology import Topology, first_equal_row
 
 if TYPE_CHECKING:
@@ -373,10 +380,7 @@ class Mesh(InNotebook):
         >>> mesh.n_faces, mesh.bounds[1].round(3).tolist()
         (8, [60.0, 0.0, 9.0])
         """
-        if isinstance(heights, str | os.PathLike):
-            raster = mesh_files().raster(heights)
-        else:
-            raster = raster_of_array(heights, spacing, origin)
+        raster = raster_of(heights, spacing, origin)
         points, faces, cells, notes = raster.curved(refraction, curvature=curvature).surface()
         return cls(points, faces, [Group("terrain")], source_face=cells, notes=notes)
 

@@ -10,9 +10,14 @@ with its distance d from the middle of the raster and the coefficient of refract
 on which straight lines of sight are right for every observer, because about another point it
 differs by a tilt alone. From a sphere it differs by d^4 / (8 R'^3): 2 mm at 50 km.
 
-F. K. Brunner (ed.). Geodetic Refraction. 1984, for k = 0.13.
+A raster in degrees is seen on the ellipsoid WGS 84, by points on the horizontal plane of a place:
+directions are right, distances short by d^3 / (6 R^2): 0.5 m at 50 km.
+
+F. K. Brunner (ed.). Geodetic Refraction. 1984, for k = 0.13. J. P. Snyder. Map Projections: A
+Working Manual. 1987, for radii of the ellipsoid.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,13 +29,17 @@ from rastercov.base import (
     IntArray,
     MeshError,
     check_array,
+    cos,
     finite_number,
     frozen_record,
     shown,
+    sin,
 )
 
 EARTH_RADIUS = 6371000.0
 """Mean radius of the earth, m."""
+EQUATOR, ECCENTRICITY_2 = 6378137.0, 0.0066943799901413165
+"""Largest radius of WGS 84, m, and the square of its eccentricity."""
 REFRACTION = 0.13
 """Usual coefficient of terrestrial refraction."""
 LOWEST = -1e5
@@ -46,11 +55,13 @@ class Raster:
     heights : (H, W) float64
         Metres; NaN where there are none.
     spacing : (float, float)
-        Distance of columns and of rows, metres.
+        Distance of columns and of rows, metres or degrees.
     origin : (float, float)
-        Map coordinates of the north-west sample, metres.
+        Map coordinates of the north-west sample, metres, or longitude and latitude.
     crs : str
         Code such as "EPSG:32632", or "".
+    is_geographic : bool
+        In degrees.
     inverse_radius : float
         Curvature of the earth with refraction, 1/m; 0 for a plane.
     """
@@ -59,6 +70,7 @@ class Raster:
     spacing: tuple[float, float]
     origin: tuple[float, float] = (0.0, 0.0)
     crs: str = ""
+    is_geographic: bool = False
     inverse_radius: float = 0.0
 
     def __post_init__(self) -> None:
@@ -71,15 +83,20 @@ class Raster:
             )
         if not all(abs(finite_number(each)) < 1e9 for each in self.origin):
             raise MeshError(f"expected an origin (x, y), metres, got {shown(self.origin)}")
+        degrees = self.origin[1] + self.xy[1][[0, -1]]
+        if self.is_geographic and not (abs(degrees).max() < 89 and self.xy[0][-1] < 90):
+            raise MeshError(
+                "expected latitudes within 89 degrees and less than 90 of longitude, got more; cut "
+                "it, such as gdalwarp -te"
+            )
         if not self.is_ground.any():
             raise MeshError("expected heights of neighbours, got none; check the value of no data")
 
     @property
     def xy(self) -> tuple[FloatArray, FloatArray]:
-        """Map coordinates of columns, (W,), and of rows, (H,)."""
+        """Map coordinates of columns, (W,), and of rows, (H,), from the origin."""
         rows, columns = self.heights.shape
-        x = self.origin[0] + np.arange(columns, dtype=np.float64) * self.spacing[0]
-        return x, self.origin[1] - np.arange(rows, dtype=np.float64) * self.spacing[1]
+        return np.arange(columns) * self.spacing[0], -np.arange(rows) * self.spacing[1]
 
     @property
     def is_ground(self) -> BoolArray:
@@ -88,13 +105,33 @@ class Raster:
         diagonal = known[:-1, :-1] & known[1:, 1:]
         return np.stack((diagonal & known[1:, :-1], diagonal & known[:-1, 1:]), axis=2)
 
-    @property
-    def slopes(self) -> FloatArray:
-        """(H - 1, W - 1, 2) surface for each m^2 of the map, of the triangles of each cell."""
+    def about(
+        self, x: ArrayLike, y: ArrayLike, place: Sequence[ArrayLike]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Metres east and north of a place to points; both from the origin; all broadcast."""
+        if not self.is_geographic:
+            return np.subtract(x, place[0]), np.subtract(y, place[1])
+        turn = np.radians(np.subtract(x, place[0]))
+        here, there = (np.radians(np.add(self.origin[1], each)) for each in (place[1], y))
+        own, radius = (
+            EQUATOR / np.sqrt(1 - ECCENTRICITY_2 * sin(each) ** 2) for each in (here, there)
+        )
+        rise = (1 - ECCENTRICITY_2) * (radius * sin(there) - own * sin(here))
+        from_axis = radius * cos(there)
+        away = from_axis * cos(turn) - own * cos(here)
+        return from_axis * sin(turn), rise * cos(here) - away * sin(here)
+
+    def areas(self) -> tuple[FloatArray, FloatArray]:
+        """Areas of the triangles of cells, m^2: on the map, (H - 1, 1, 2), and on the slopes."""
+        x, y = self.xy
+        across = self.about(x[0], y[:-1], (x[0], y[1:]))[1][:, None, None]
+        sides = np.broadcast_to(self.about(x[1], y, (x[0], y))[0], y.shape)
+        along = np.stack((sides[1:], sides[:-1]), axis=1)[:, None]
         down, right = np.diff(self.heights, axis=0), np.diff(self.heights, axis=1)
-        along = np.stack((right[1:], right[:-1]), axis=2) / self.spacing[0]
-        across = np.stack((down[:, :-1], down[:, 1:]), axis=2) / self.spacing[1]
-        return np.sqrt(1 + along**2 + across**2)
+        east = np.stack((right[1:], right[:-1]), axis=2) / along
+        north = np.stack((down[:, :-1], down[:, 1:]), axis=2) / across
+        on_map = along * across / 2
+        return on_map, on_map * np.sqrt(1 + east**2 + north**2)
 
     def curved(self, refraction: float = REFRACTION, *, curvature: bool = True) -> "Raster":
         """The raster on the earth, with refraction, or on a plane."""
@@ -104,18 +141,21 @@ class Raster:
         return replace(self, inverse_radius=(1 - k) / EARTH_RADIUS if curvature else 0.0)
 
     def surface(
-        self, place: FloatArray | None = None
+        self, place: Sequence[float] | None = None
     ) -> tuple[FloatArray, IntArray, IntArray, list[str]]:
         """Vertices, (V, 3), faces, (F, 3), their numbers, (F,), two for each cell, and notes.
 
-        Heights fall with the curvature of the earth from a place, (2,), or from the middle.
+        On the map, or in metres from a place; in degrees, from the middle. From there, heights fall
+        with the curvature of the earth. The place is from the origin.
         """
         rows, columns = self.heights.shape
         x, y = self.xy
-        fall = 0.5 * self.inverse_radius
-        middle = np.array((x[0] + x[-1], y[0] + y[-1])) / 2 if place is None else place
-        z = self.heights - fall * ((x - middle[0]) ** 2 + (y - middle[1])[:, None] ** 2)
-        points = np.stack((*np.meshgrid(x, y), z), axis=2).reshape(-1, 3)
+        at = (x[-1] / 2, y[-1] / 2) if place is None else place
+        east, north = self.about(x, y[:, None], at)
+        z = self.heights - 0.5 * self.inverse_radius * (east**2 + north**2)
+        is_map = place is None and not self.is_geographic
+        plane = (x + self.origin[0], y[:, None] + self.origin[1]) if is_map else (east, north)
+        points = np.stack(np.broadcast_arrays(*plane, z), axis=2).reshape(-1, 3)
         number = np.arange(rows * columns).reshape(rows, columns)
         nw, ne, sw, se = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
         both = np.stack((nw, sw, se, nw, se, ne), axis=2).reshape(-1, 3)
@@ -124,9 +164,11 @@ class Raster:
         used[faces] = True
         holes = int((~is_ground).sum())
         notes = [f"{holes} triangles without heights are holes, which hide nothing"] * (holes > 0)
-        if fall:
-            words = f"{middle[0]:.10g}, {middle[1]:.10g}"
-            notes.append(f"heights fall with the earth's curvature from the middle, {words}")
+        words = f"the middle, {at[0] + self.origin[0]:.10g}, {at[1] + self.origin[1]:.10g}"
+        if self.is_geographic:
+            notes.append(f"the map is in degrees: x and y are metres from {words}")
+        if self.inverse_radius:
+            notes.append(f"heights fall with the earth's curvature from {words}")
         return points[used], (np.cumsum(used) - 1)[faces], np.flatnonzero(is_ground), notes
 
 
@@ -135,6 +177,8 @@ def raster_of_array(
     spacing: float | tuple[float, float] | None,
     origin: tuple[float, float] = (0.0, 0.0),
     crs: str = "",
+    *,
+    is_geographic: bool = False,
 ) -> Raster:
     """Raster of an array (H, W), north up, with NaN where there are no heights."""
     with np.errstate(all="ignore"):  # what overflows is no height
@@ -144,7 +188,8 @@ def raster_of_array(
     if spacing is None:
         raise MeshError("expected spacing with an array, got none; give it in metres")
     array[~(np.isfinite(array) & (array > LOWEST))] = np.nan
-    return Raster(array, _pair("spacing", spacing), _pair("origin", origin), crs)
+    pairs = _pair("spacing", spacing), _pair("origin", origin)
+    return Raster(array, *pairs, crs, is_geographic)
 
 
 def _pair(name: str, values: ArrayLike) -> tuple[float, float]:

@@ -123,7 +123,7 @@ struct View {
     int64_t row, column;                     // of the cell of the observer
     double target;                           // height of what is seen above the surface
     double reach;                            // to the middle of cells that count
-    Array<double, Any, Any, 2> area, bound;  // of the two triangles of cells
+    Array<double, Any, Any, 2> share, bound; // of the two triangles of cells
     Array<double, Any, 4, 2> pieces;         // visible parts: x and y of four corners
 };
 
@@ -136,12 +136,12 @@ class Viewshed : View {
         Poll poll(64);
         for (const int64_t step : {1, -1}) {
             int64_t first = column;
-            for (int64_t i = step > 0 ? row : row - 1; i >= 0 && i < area.extent(0); i += step) {
+            for (int64_t i = step > 0 ? row : row - 1; i >= 0 && i < share.extent(0); i += step) {
                 poll();
                 // Of a side across the strip, the cell on which the observer is goes first.
                 while (first > 0 && is_right(i, first)) first--;
-                while (first + 1 < area.extent(1) && !is_right(i, first + 1)) first++;
-                for (int64_t j = first; j < area.extent(1) && cell(i, j);) j++;
+                while (first + 1 < share.extent(1) && !is_right(i, first + 1)) first++;
+                for (int64_t j = first; j < share.extent(1) && cell(i, j);) j++;
                 for (int64_t j = first - 1; j >= 0 && cell(i, j);) j--;
             }
         }
@@ -152,9 +152,10 @@ class Viewshed : View {
     std::array<Horizon, 4> _horizons;
     Horizon *_horizon = nullptr; // of the quadrant
     std::array<double, 2> _signs{};
-    double *_area = nullptr; // of the triangle
+    double *_share = nullptr; // of the triangle
     double *_bound = nullptr;
-    double _width = 0.0;
+    double _width = 0.0; // of the cell
+    double _area = 0.0;  // of the triangle
     bool _counts = false; // within reach
     int64_t _n_pieces = 0;
 
@@ -173,7 +174,7 @@ class Viewshed : View {
         _counts = distance <= reach;
         const int64_t first = cross(nw, se) >= 0 ? 0 : 1; // the side on which the observer is
         for (const int64_t half : {first, 1 - first}) {
-            _area = &area(i, j, half);
+            _share = &share(i, j, half);
             _bound = &bound(i, j, half);
             triangle({nw, corner(i + 1 - half, j + half), se});
         }
@@ -182,7 +183,9 @@ class Viewshed : View {
 
     void triangle(const std::array<Corner, 3> &corners) {
         if (std::isnan(corners[0][2] + corners[1][2] + corners[2][2])) return;
-        if (_counts && std::isnan(*_area)) *_area = *_bound = 0.0;
+        if (_counts && std::isnan(*_share)) *_share = *_bound = 0.0;
+        const auto &[p, q, r] = corners;
+        _area = 0.5 * std::abs(cross({q[0] - p[0], q[1] - p[1]}, {r[0] - p[0], r[1] - p[1]}));
         for (size_t quadrant = 0; quadrant < 4; quadrant++) {
             _signs = {quadrant % 2 ? 1.0 : -1.0, quadrant < 2 ? 1.0 : -1.0};
             _horizon = &_horizons[quadrant];
@@ -229,8 +232,8 @@ class Viewshed : View {
             return area_above({line.u, line.v + shift, line.slope, 0.0}, low, top, u0, u1, shift == 0);
         };
         const double far = _width / std::min(top.depth.at(u0), top.depth.at(u1));
-        *_area += above(0.0);
-        *_bound += above(-error) - above(error) + 48 * ROUNDING * far;
+        *_share += above(0.0) / _area;
+        *_bound += (above(-error) - above(error) + 48 * ROUNDING * far) / _area;
     }
 
     // Above a line between two sides, from u0 to u1.
@@ -265,9 +268,9 @@ class Viewshed : View {
 int64_t viewshed(const View &view) {
     for (int k = 0; k < 2; k++) {
         const int64_t cells = view.points.extent(k) - 1, at = k == 0 ? view.row : view.column;
-        require(at >= 0 && at < cells && view.area.extent(k) == cells &&
+        require(at >= 0 && at < cells && view.share.extent(k) == cells &&
                     view.bound.extent(k) == cells,
-                "the observer must be over a cell, area and bound have a row and column fewer");
+                "the observer must be over a cell, share and bound have a row and column fewer");
     }
     return Viewshed(view).solve();
 }
@@ -275,11 +278,11 @@ int64_t viewshed(const View &view) {
 } // namespace
 } // namespace survey
 
-RECORD(survey::View, points, row, column, target, reach, area, bound, pieces);
+RECORD(survey::View, points, row, column, target, reach, share, bound, pieces);
 
 void register_survey_viewshed(nanobind::module_ &m) {
     def(m, "viewshed", survey::viewshed,
-        "Add the visible area of the two triangles of each cell of a grid, and its bound; the number "
+        "Add the visible share of the two triangles of each cell of a grid, and its bound; the number "
         "of visible pieces.\n\n"
         "`points`, (H, W, 4), are x along rows, y along columns and z from the observer, NaN where\n"
         "there is no ground, and the size of the numbers that z is the sum of. NaN of ground within\n"

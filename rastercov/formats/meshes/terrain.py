@@ -25,17 +25,20 @@ COMPRESSION, PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, METADATA, NODATA = (
     42113,
 )
 """Tags of TIFF, of GeoTIFF, and the last two of GDAL."""
-MODEL, RASTER_TYPE, PROJECTED_CRS, LINEAR_UNIT = 1024, 1025, 3072, 3076
+MODEL, RASTER_TYPE, ANGULAR_UNIT, LINEAR_UNIT = 1024, 1025, 2054, 3076
+CRS = {1: 3072, 2: 2048}
+"""Code of a CRS by its model: projected, in degrees."""
 VERTICAL_CRS, VERTICAL_UNIT = 4096, 4099
 """Keys of GeoTIFF."""
-UNITS = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
-"""Metres of a unit of length by its code."""
-VERTICAL_FEET = {5702: 9003, 6360: 9003, 8228: 9002}
-"""Units of vertical CRSs in feet."""
+FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937
+UNITS = {9001: 1.0, 9002: FOOT, 9003: SURVEY_FOOT, 9102: 1.0}
+"""Metres of a unit of length by its code; degrees."""
+VERTICAL_FEET = {5702: SURVEY_FOOT, 6360: SURVEY_FOOT, 8228: FOOT}
+"""Metres of the unit of vertical CRSs in feet."""
 HEIGHT_UNITS = {
     **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
-    **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
-    **dict.fromkeys(("us survey foot", "us-ft", "ftus"), 1200 / 3937),
+    **dict.fromkeys(("ft", "foot", "feet"), FOOT),
+    **dict.fromkeys(("us survey foot", "us-ft", "ftus"), SURVEY_FOOT),
 }
 """Metres of a unit of heights by its name in GDAL."""
 CONVERT = "convert it: gdalwarp -ot Float32 -dstnodata -1e9 -co COMPRESS=DEFLATE"
@@ -97,16 +100,14 @@ def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
 
 
 def raster_of_geotiff(data: bytes) -> Raster:
-    """Heights of the first band of a GeoTIFF in a projected CRS, in metres."""
+    """Heights, metres, of the first band of a GeoTIFF, on a map in metres, feet or degrees."""
     values, tags = _opened(data)
     keys = _keys(tags)
-    check(
-        keys.get(MODEL, 1) == 1,
-        "expected a projected raster in metres, got one in degrees",
-        "reproject it, such as gdalwarp -t_srs EPSG:32632",
-    )
-    unit = UNITS.get(keys.get(LINEAR_UNIT, 9001), 0.0)
-    check(unit > 0, f"expected metres or feet, got unit {keys.get(LINEAR_UNIT)}", "reproject it")
+    model = keys.get(MODEL, 1)
+    is_geographic = model == 2
+    code = keys.get(*((ANGULAR_UNIT, 9102) if is_geographic else (LINEAR_UNIT, 9001)))
+    unit = UNITS.get(code, 0.0) * (model in CRS)
+    check(unit > 0, f"expected metres, feet or degrees, got unit {code}", "reproject it")
     check(
         TRANSFORM not in tags and PIXEL_SCALE in tags and TIE_POINT in tags,
         "expected a scale and a tie point of GeoTIFF, got a rotated grid or none",
@@ -119,9 +120,10 @@ def raster_of_geotiff(data: bytes) -> Raster:
     column, row, _, x, y = (float(each) for each in tags[TIE_POINT][:5])
     to_sample = 0.5 if keys.get(RASTER_TYPE, 1) == 1 else 0.0  # a pixel is an area: its middle
     origin = x * unit + (to_sample - column) * dx, y * unit - (to_sample - row) * dy
-    code = keys.get(PROJECTED_CRS, 0)
+    code = keys.get(CRS.get(model), 0)
     crs = f"EPSG:{code}" if 0 < code < 32767 else ""
-    return raster_of_array(_heights(values, tags, keys, unit), (dx, dy), origin, crs)
+    heights = _heights(values, tags, keys, unit)
+    return raster_of_array(heights, (dx, dy), origin, crs, is_geographic=is_geographic)
 
 
 def _heights(
@@ -129,18 +131,19 @@ def _heights(
 ) -> FloatArray:
     """Heights, metres, by GDAL's scale, offset and unit, or the vertical unit of GeoTIFF."""
     said = dict(re.findall(r'sample="0" role="(\w+)">([^<]*)<', str(tags.get(METADATA, ""))))
-    code = keys.get(VERTICAL_UNIT, VERTICAL_FEET.get(keys.get(VERTICAL_CRS, 0), 9001))
-    is_said = "unittype" in said or VERTICAL_UNIT in keys or VERTICAL_CRS in keys
+    name, code = said.get("unittype"), keys.get(VERTICAL_UNIT)
     check(
-        is_said or unit == 1.0,
+        name or code or VERTICAL_CRS in keys or unit == 1.0,
         "expected the unit of heights of a map in feet, got none",
         "give it, such as gdal_edit.py -units ft",
     )
-    name = said.get("unittype", "")
-    upwards = HEIGHT_UNITS.get(name.casefold(), 0.0) if name else UNITS.get(code, 0.0)
+    upwards = VERTICAL_FEET.get(keys.get(VERTICAL_CRS, 0), 1.0)
+    if name or code:
+        upwards = HEIGHT_UNITS.get(name.casefold(), 0.0) if name else UNITS.get(code or 0, 0.0)
     check(upwards > 0, f"expected heights in metres or feet, got unit {shown(name or code)}")
-    scale = finite_number(_number(said.get("scale", "1")))
-    offset = finite_number(_number(said.get("offset", "0")))
+    scale, offset = (
+        finite_number(_number(said.get(key, usual))) for key, usual in (("scale", "1"), ("offset", "0"))
+    )
     return (values * scale + offset) * upwards
 
 
@@ -154,14 +157,10 @@ def _keys(tags: dict[int, Any]) -> dict[int, int]:
 def raster_of_ascii(data: bytes) -> Raster:
     """Heights of an ESRI ASCII grid."""
     text = data.decode("ascii", "replace")
-    header: dict[str, float] = {}
-    at = 0
-    while line := text[at : text.find("\n", at) + 1]:
-        words = line.split()
-        if len(words) != 2 or not words[0][0].isalpha():
-            break
-        header[words[0].lower()] = finite_number(_number(words[1]))
-        at += len(line)
+    start = re.match(r"(\s*[A-Za-z]\w*[ \t]+\S+[ \t\r]*\n)*", text)
+    at = start.end() if start else 0
+    words = text[:at].split()
+    header = dict(zip(map(str.lower, words[::2]), map(finite_number, map(_number, words[1::2]))))
     missing = {"ncols", "nrows"} - set(header)
     check(not missing, f"expected {' and '.join(sorted(missing))} in the header, got none")
     check(np.isfinite(list(header.values())).all(), "expected numbers in the header, got a word")

@@ -29,26 +29,31 @@ def encode(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -
 
 
 def tags_of(
-    corner: tuple[float, float], cell: tuple[float, float], code: int | None, name: str
+    corner: tuple[float, float],
+    cell: tuple[float, float],
+    code: int | None,
+    name: str,
+    is_geographic: bool = False,
 ) -> dict[int, tuple[int, Any]]:
     """Tags of GeoTIFF and their types.
 
     Parameters
     ----------
     corner : (float, float)
-        Map coordinates of the upper left corner of the image, metres.
+        Map coordinates of the upper left corner of the image, metres; longitude and latitude of a
+        geographic CRS.
     cell : (float, float)
-        Width and height of a pixel, metres.
+        Width and height of a pixel, metres or degrees.
     code : int, optional
         EPSG code of the CRS; `USER_DEFINED` for one that has a name alone, None for local metres.
     name : str
         Name of the CRS.
     """
     citation = f"{name}|"
-    model = USER_DEFINED if code is None else 1
+    model = USER_DEFINED if code is None else 1 + is_geographic
     entries = [(1024, 0, 1, model), (1025, 0, 1, 1), (1026, ASCII_KEYS, len(citation), 0)]
-    entries += [] if code is None else [(3072, 0, 1, code)]
-    entries.append((3076, 0, 1, METRE))
+    entries += [] if code is None else [(2048 if is_geographic else 3072, 0, 1, code)]
+    entries += [] if is_geographic else [(3076, 0, 1, METRE)]
     keys = [1, 1, 1, len(entries), *(value for entry in entries for value in entry)]
     return {
         PIXEL_SCALE: (DOUBLE, (*cell, 0.0)),
