@@ -31,7 +31,7 @@ namespace {
 
 constexpr double ROUNDING = 0x1p-53;
 
-struct Line { // in (u, v), from its left end
+struct Line { // in (u, v), from its far end
     double u, v, slope;
     double error; // of v
 
@@ -89,12 +89,12 @@ using Corner = std::array<double, 4>; // x, y, z, and the size of the numbers th
 double cross(const Corner &p, const Corner &q) { return p[0] * q[1] - p[1] * q[0]; }
 double u_of(const Corner &corner) { return corner[0] / (corner[0] + corner[1]); }
 
-struct Edge { // v of the ground and of targets above it, and w, up to an u
+struct Edge { // v of the ground and of targets above it, and w, between two u
     Line ground, seen, depth;
-    double last;
+    double first, last;
 };
 
-constexpr Edge OBSERVER = {BELOW_ALL, BELOW_ALL, {0.0, 1e300, 0.0, 0.0}, 1.0};
+constexpr Edge OBSERVER = {BELOW_ALL, BELOW_ALL, {0.0, 1e300, 0.0, 0.0}, 0.0, 1.0};
 
 // What is in the quadrant of a side of a triangle: the same for both triangles.
 Edge edge_of(Corner p, Corner q, double target) {
@@ -112,10 +112,11 @@ Edge edge_of(Corner p, Corner q, double target) {
     const auto line = [&](double v0, double v1) {
         const double slope = (v1 - v0) / (u1 - u0);
         const double size = std::max(p[3] * w0, q[3] * w1) + std::abs(slope) * u1;
-        return Line{u0, v0, slope, 16 * ROUNDING * size};
+        const double error = 16 * ROUNDING * size;
+        return w0 < w1 ? Line{u0, v0, slope, error} : Line{u1, v1, slope, error};
     };
     const auto seen = line((p[2] + target) * w0, (q[2] + target) * w1);
-    return {line(p[2] * w0, q[2] * w1), seen, line(w0, w1), u1};
+    return {line(p[2] * w0, q[2] * w1), seen, line(w0, w1), u0, u1};
 }
 
 struct View {
@@ -134,13 +135,15 @@ class Viewshed : View {
     // Number of visible parts.
     int64_t solve() {
         Poll poll(64);
+        while (row > 0 && is_beyond(row, column, 0, 1)) row--;
+        while (row + 1 < share.extent(0) && !is_beyond(row + 1, column, 0, 1)) row++;
         for (const int64_t step : {1, -1}) {
             int64_t first = column;
             for (int64_t i = step > 0 ? row : row - 1; i >= 0 && i < share.extent(0); i += step) {
                 poll();
                 // Of a side across the strip, the cell on which the observer is goes first.
-                while (first > 0 && is_right(i, first)) first--;
-                while (first + 1 < share.extent(1) && !is_right(i, first + 1)) first++;
+                while (first > 0 && is_beyond(i, first, 1, 0)) first--;
+                while (first + 1 < share.extent(1) && !is_beyond(i, first + 1, 1, 0)) first++;
                 for (int64_t j = first; j < share.extent(1) && cell(i, j);) j++;
                 for (int64_t j = first - 1; j >= 0 && cell(i, j);) j--;
             }
@@ -163,8 +166,10 @@ class Viewshed : View {
         return {points(i, j, 0), points(i, j, 1), points(i, j, 2), points(i, j, 3)};
     }
 
-    // A side across a strip is at the right of the observer.
-    bool is_right(int64_t i, int64_t j) const { return cross(corner(i, j), corner(i + 1, j)) > 0; }
+    // The observer is before the line of a side, in the order of strips or of cells.
+    bool is_beyond(int64_t i, int64_t j, int64_t down, int64_t right) const {
+        return cross(corner(i, j), corner(i + down, j + right)) * double(down - right) > 0;
+    }
 
     // False beyond the reach.
     bool cell(int64_t i, int64_t j) {
@@ -210,7 +215,7 @@ class Viewshed : View {
 
     // Adds what is visible of a triangle between two of its sides, and raises the horizon to it.
     void between(const Edge &one, const Edge &other) {
-        const double first = std::max(one.ground.u, other.ground.u);
+        const double first = std::max(one.first, other.first);
         const double last = std::min(one.last, other.last), middle = 0.5 * (first + last);
         if (!(first < last)) return;
         const bool is_near = one.depth.at(middle) > other.depth.at(middle);
