@@ -37,9 +37,7 @@ class EarthOptions(NamedTuple):
     """Shape of the earth."""
 
     refraction: Annotated[float, Option(help="Coefficient of refraction.")] = 0.13
-    curvature: Annotated[
-        bool, Option("--curvature/--flat", help="Curvature of the earth.")
-    ] = True
+    curvature: Annotated[bool, Option("--curvature/--flat", help="Curvature of the earth.")] = True
 
 
 @expand_options

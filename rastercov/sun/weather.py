@@ -16,8 +16,7 @@ collectors. 1963, for the isotropic sky.
 import csv
 import itertools
 import math
-from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta, timezone
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,8 +32,8 @@ HOURS = 8760
 """Hours of a typical year, which has no 29 February."""
 SKY_DIRECTIONS = 500
 """Directions of a lattice over the sky."""
-EPW_HEADER, EPW_COLUMNS = 8, (0, 1, 2, 3, 14, 15)
-"""Lines before the hours; year, month, day, hour, direct normal and diffuse radiation."""
+EPW_COLUMNS = [14, 15]
+"""Direct normal and diffuse radiation."""
 TMY3_NAMES = "Date (MM/DD/YYYY)", "Time (HH:MM)", "DNI (W/m^2)", "DHI (W/m^2)"
 PVGIS_NAMES = "time(UTC)", "Gb(n)", "Gd(h)"
 PVGIS_PLACE = "Latitude", "Longitude"
@@ -72,7 +71,7 @@ def read_weather(path: Path) -> Weather:
     """
     try:
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig", errors="replace").splitlines()))
-        weather = Weather(path.name, *_weather(rows))
+        weather = _weather(path.name, rows)
     except (OSError, ValueError, LookupError, StopIteration, csv.Error) as error:
         raise ConfigError(
             f"--weather: expected an EPW, TMY3 or PVGIS file, got: {error or 'its end'}; download "
@@ -87,71 +86,45 @@ def read_weather(path: Path) -> Weather:
     return weather
 
 
-Content = tuple[float, float, list[datetime], FloatArray, FloatArray]
-
-
-def _weather(rows: list[list[str]]) -> Content:
+def _weather(name: str, rows: list[list[str]]) -> Weather:
+    hours: list[tuple[datetime, float]]  # a day or a time, and hours after it
     if rows[0][0] == "LOCATION":
-        return _of_epw(rows)
-    return _of_tmy3(rows) if set(TMY3_NAMES) <= set(rows[1]) else _of_pvgis(rows)
-
-
-def _of_epw(rows: list[list[str]]) -> Content:
-    hours = [[float(row[k]) for k in EPW_COLUMNS] for row in rows[EPW_HEADER:] if row]
-    zone = timezone(timedelta(hours=float(rows[0][8])))
-    days = [datetime(int(each[0]), int(each[1]), int(each[2]), tzinfo=zone) for each in hours]
-    times = [_middle(day, each[3]) for day, each in zip(days, hours, strict=True)]
-    return _of(float(rows[0][6]), float(rows[0][7]), times, [each[4:] for each in hours])
-
-
-def _of_tmy3(rows: list[list[str]]) -> Content:
-    at = [rows[1].index(name) for name in TMY3_NAMES]
-    zone = timezone(timedelta(hours=float(rows[0][3])))
-    times, radiation = [], []
-    for row in filter(None, rows[2:]):
-        day, end, *values = (row[k] for k in at)
-        midnight = datetime.strptime(day, "%m/%d/%Y").replace(tzinfo=zone)
-        times.append(_middle(midnight, float(end.split(":")[0])))
-        radiation.append([float(each) for each in values])
-    return _of(float(rows[0][4]), float(rows[0][5]), times, radiation)
-
-
-def _of_pvgis(rows: list[list[str]]) -> Content:
-    head = next(n for n, row in enumerate(rows) if row and row[0] == PVGIS_NAMES[0])
-    place = dict("".join(row).split(":", 1) for row in rows[:head] if ":" in "".join(row))
-    at = [rows[head].index(name) for name in PVGIS_NAMES]
-    times, radiation = [], []
-    for row in itertools.takewhile(bool, rows[head + 1 :]):
-        time, *values = (row[k] for k in at)
-        times.append(datetime.strptime(time, "%Y%m%d:%H%M").replace(tzinfo=UTC))
-        radiation.append([float(each) for each in values])
-    latitude, longitude = (float(place[f"{name} (decimal degrees)"]) for name in PVGIS_PLACE)
-    return _of(latitude, longitude, times, radiation)
-
-
-def _middle(day: datetime, end: float) -> datetime:
-    """Middle of the hour of a day that ends at a number from 1 to 24."""
-    return day + timedelta(hours=end - 0.5)
-
-
-def _of(
-    latitude: float, longitude: float, times: list[datetime], radiation: Sequence[Sequence[float]]
-) -> Content:
+        latitude, longitude, zone = rows[0][6:9]
+        body, columns = rows[8:], EPW_COLUMNS
+        hours = [
+            (datetime(int(row[0]), int(row[1]), int(row[2])), float(row[3]) - 0.5)
+            for row in body
+            if row
+        ]
+    elif set(TMY3_NAMES) <= set(rows[1]):
+        zone, latitude, longitude = rows[0][3:6]
+        day, end, *columns = map(rows[1].index, TMY3_NAMES)
+        body = rows[2:]
+        hours = [
+            (datetime.strptime(row[day], "%m/%d/%Y"), float(row[end].split(":")[0]) - 0.5)
+            for row in body
+            if row
+        ]
+    else:
+        head = next(n for n, row in enumerate(rows) if row and row[0] == PVGIS_NAMES[0])
+        place = dict("".join(row).split(":", 1) for row in rows[:head] if ":" in "".join(row))
+        latitude, longitude = (place[f"{each} (decimal degrees)"] for each in PVGIS_PLACE)
+        zone, body = "0", list(itertools.takewhile(bool, rows[head + 1 :]))
+        columns = [rows[head].index(each) for each in PVGIS_NAMES[1:]]
+        hours = [(datetime.strptime(row[0], "%Y%m%d:%H%M"), 0.0) for row in body]
+    offset = timezone(timedelta(hours=float(zone)))
+    times = [day.replace(tzinfo=offset) + timedelta(hours=after) for day, after in hours]
+    values = np.array([[float(row[k]) for k in columns] for row in body if row])
     kept = [n for n, time in enumerate(times) if (time.month, time.day) != (2, 29)]
-    beam, diffuse = np.array(radiation, np.float64).reshape(-1, 2)[kept].T
-    return latitude, longitude, [times[n] for n in kept], beam, diffuse
+    beam, diffuse = values[kept].T
+    return Weather(name, float(latitude), float(longitude), [times[n] for n in kept], beam, diffuse)
 
 
 def sky_factors(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
     """(K,) sky view factors of the groups of `Sunlight.names`, and estimates of their errors."""
     both = []
-    for half in (0.0, 0.5):  # the second lattice is turned by half a step
-        towards = fibonacci_sphere(SKY_DIRECTIONS, 1.0)
-        angle = half * math.pi * (3 - math.sqrt(5))
-        turn = np.array(((math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle))))
-        towards[:, :2] = towards[:, :2] @ turn.T
-        solid = np.full(len(towards), 2 * math.pi / len(towards))
-        result = sunlit(mesh, towards, solid)
+    for n in (SKY_DIRECTIONS, SKY_DIRECTIONS + 1):
+        result = sunlit(mesh, fibonacci_sphere(n, 1.0), np.full(n, 2 * math.pi / n))
         areas = np.array([area_of(mesh, result, row) for row in range(len(result.names))])
         both.append(result.part_energy / (math.pi * areas))
     return (both[0] + both[1]) / 2, abs(both[0] - both[1])

@@ -162,8 +162,8 @@ def viewshed(
         raise ConfigError(f"expected a radius above 0 m, got {shown(radius)}; increase it")
     if beside is not None and raster.is_geographic:
         raise ConfigError(
-            "beside: expected a raster in metres, got one in degrees; reproject it, such as gdalwarp "
-            "-t_srs EPSG:32632"
+            "expected a raster in metres with a mesh beside it, got one in degrees; reproject it, "
+            "such as gdalwarp -t_srs EPSG:32632"
         )
     places = [_place(raster, eye) for eye in eyes]  # errors before the work
     areas = raster.areas()
@@ -271,7 +271,7 @@ def _solve_beside(
     ground = Mesh(points, faces)
     away = beside.vertices - (place.x + raster.origin[0], place.y + raster.origin[1], 0.0)
     away[:, 2] -= 0.5 * raster.inverse_radius * (away[:, :2] ** 2).sum(axis=1)
-    parts = [Mesh(points + (0.0, 0.0, target), faces), Mesh(away, beside.faces)]
+    parts = [Mesh(points + np.array((0.0, 0.0, target)), faces), Mesh(away, beside.faces)]
     names = ["seen", "beside"]
     scene = Mesh.joined(parts, names).with_groups(occluders=["beside"])
     if target:
@@ -301,7 +301,8 @@ def outlines_of(viewshed: Viewshed) -> list[shapely.Geometry]:
                 "--radius"
             )
         away = pieces[:n, :, ::-1] * (1, -1)  # east and north
-        scale = np.array(raster.about(*np.add(place[:2], raster.spacing), place))
+        x, y = np.add(place[:2], raster.spacing)
+        scale = np.array(raster.about(x, y, place))
         found = np.array(place[:2])
         for _ in range(9):  # until nothing moves, by a hundredth a time at 50 km
             moved = np.stack(raster.about(found[..., 0], found[..., 1], place), axis=-1)

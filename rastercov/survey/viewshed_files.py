@@ -88,21 +88,24 @@ def picture_of(viewshed: Viewshed) -> bytes:
     """PNG of the visible share over a shaded relief, within the radius, with a legend."""
     raster, most = viewshed.raster, len(viewshed.seen)
     known = np.isfinite(viewshed.share)
-    (top, bottom), (left, right) = (
-        np.flatnonzero(known.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)
+    middle = float(raster.xy[1].mean())
+    sides = raster.about(raster.spacing[0], middle + raster.spacing[1], (0.0, middle))
+    used = [np.flatnonzero(known.any(axis=axis)) for axis in (0, 1)]
+    lengths = [len(each) * float(side) for each, side in zip(used, sides, strict=True)]
+    pixel = max(lengths) / 1200  # metres, square
+    columns, rows = (
+        each[0] + np.arange(max(1, int(length / pixel))) * pixel / side
+        for each, length, side in zip(used, lengths, sides, strict=True)
     )
-    step = 1 + (max(bottom - top, right - left) // 2000)
-    shown = np.s_[top : bottom + 1 : step, left : right + 1 : step]
-    part = np.nan_to_num(viewshed.share[shown] / most)[..., None]
+    at = np.ix_(rows.astype(np.int64), columns.astype(np.int64))
+    part = np.nan_to_num(viewshed.share[at] / most)[..., None]
     colours = np.array(UNSEEN) + part * (np.array(SEEN) - np.array(UNSEEN))
-    pixels = colours * relief_of(raster)[shown][..., None]
-    pixels[~known[shown]] = HOLE
-    image = pixels.astype(np.uint8)
-    size = max(1, max(image.shape) // 150)
-    at = (viewshed.observers[:, :2] - raster.origin) / raster.spacing * (1, -1) - (left, top)
-    for column, row in (at / step).astype(np.int64).tolist():
-        spot = np.s_[max(0, row - size) : row + size + 1, max(0, column - size) : column + size + 1]
-        image[spot] = OBSERVER
+    image = (colours * relief_of(raster)[at][..., None]).astype(np.uint8)
+    image[~known[at]] = HOLE
+    for place in viewshed.observers[:, :2] - raster.origin:
+        column, row = np.abs(place) / raster.spacing
+        is_column = abs(columns - column) * sides[0] <= 8 * pixel
+        image[np.ix_(abs(rows - row) * sides[1] <= 8 * pixel, is_column)] = OBSERVER
     scale = np.linspace(UNSEEN, SEEN, 24).astype(np.uint8)
     title = lines_of(viewshed)[0].partition(":")[0] if most == 1 else f"{most} observers"
     name = "visible share" if most == 1 else "number of observers"
@@ -112,9 +115,9 @@ def picture_of(viewshed: Viewshed) -> bytes:
 
 def relief_of(raster: Raster) -> FloatArray:
     """(H - 1, W - 1) brightness of slopes in light from the north-west, 0.6 to 1."""
-    down, right = np.gradient(np.nan_to_num(raster.heights))
+    down, right = np.gradient(np.nan_to_num(raster.heights, nan=float(np.nanmean(raster.heights))))
     steep = (right + down)[:-1, :-1]
-    return np.asarray(0.8 - 0.1 * np.clip(steep / max(float(np.std(steep)), 1e-9), -2, 2))
+    return np.asarray(0.8 + 0.1 * np.clip(steep / max(float(np.std(steep)), 1e-9), -2, 2))
 
 
 def write_outlines(viewshed: Viewshed, path: Path) -> None:

@@ -95,8 +95,8 @@ class Raster:
     @property
     def xy(self) -> tuple[FloatArray, FloatArray]:
         """Map coordinates of columns, (W,), and of rows, (H,), from the origin."""
-        rows, columns = self.heights.shape
-        return np.arange(columns) * self.spacing[0], -np.arange(rows) * self.spacing[1]
+        rows, columns = (np.arange(n, dtype=np.float64) for n in self.heights.shape)
+        return columns * self.spacing[0], -rows * self.spacing[1]
 
     @property
     def is_ground(self) -> BoolArray:

@@ -120,7 +120,7 @@ def raster_of_geotiff(data: bytes) -> Raster:
     column, row, _, x, y = (float(each) for each in tags[TIE_POINT][:5])
     to_sample = 0.5 if keys.get(RASTER_TYPE, 1) == 1 else 0.0  # a pixel is an area: its middle
     origin = x * unit + (to_sample - column) * dx, y * unit - (to_sample - row) * dy
-    code = keys.get(CRS.get(model), 0)
+    code = keys.get(CRS[model], 0)
     crs = f"EPSG:{code}" if 0 < code < 32767 else ""
     heights = _heights(values, tags, keys, unit)
     return raster_of_array(heights, (dx, dy), origin, crs, is_geographic=is_geographic)
@@ -142,7 +142,8 @@ def _heights(
         upwards = HEIGHT_UNITS.get(name.casefold(), 0.0) if name else UNITS.get(code or 0, 0.0)
     check(upwards > 0, f"expected heights in metres or feet, got unit {shown(name or code)}")
     scale, offset = (
-        finite_number(_number(said.get(key, usual))) for key, usual in (("scale", "1"), ("offset", "0"))
+        finite_number(_number(said.get(key, usual)))
+        for key, usual in (("scale", "1"), ("offset", "0"))
     )
     return (values * scale + offset) * upwards
 
@@ -159,8 +160,8 @@ def raster_of_ascii(data: bytes) -> Raster:
     text = data.decode("ascii", "replace")
     start = re.match(r"(\s*[A-Za-z]\w*[ \t]+\S+[ \t\r]*\n)*", text)
     at = start.end() if start else 0
-    words = text[:at].split()
-    header = dict(zip(map(str.lower, words[::2]), map(finite_number, map(_number, words[1::2]))))
+    pairs = zip(text[:at].lower().split()[::2], text[:at].split()[1::2], strict=True)
+    header = {key: finite_number(_number(word)) for key, word in pairs}
     missing = {"ncols", "nrows"} - set(header)
     check(not missing, f"expected {' and '.join(sorted(missing))} in the header, got none")
     check(np.isfinite(list(header.values())).all(), "expected numbers in the header, got a word")
