@@ -46,7 +46,15 @@ from rastercov.core.area.regions import covering_poses
 from rastercov.core.area.stages import first_failures
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import DeadZones, n_unlisted, zone_place, zone_reason, zones_at
-from rastercov.core.camera import KEPT, Camera, Cameras, Poses, apparent, cameras_of
+from rastercov.core.camera import (
+    KEPT,
+    Camera,
+    Cameras,
+    Poses,
+    apparent,
+    box_corners,
+    cameras_of,
+)
 from rastercov.core.camera.projection import view_frame
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import NAMES, REASONS, Reason, Task, fails, leads
@@ -76,6 +84,7 @@ from rastercov.report.panorama import (
     Line,
     beside,
     best_directions,
+    draw_bodies,
     draw_in_space,
     draw_scene,
     front_of,
@@ -258,16 +267,26 @@ LEAST_PERCENT = 0.01
 """Part of the task, in percent, from which a zone has one."""
 
 
+NO_EDGES = np.zeros((0, 2, 3))
+
+
 class Volume(NamedTuple):
     """A limit of places of cameras: what it is, its colour, and its edges (N, 2, 3).
 
-    The picture has all of it where it is `whole`.
+    Or a body, in place of edges. The picture has all of it where it is `whole`.
     """
 
     name: str
     colour: Colour
-    edges: FloatArray
+    edges: FloatArray = NO_EDGES
     whole: bool = False
+    body: Mesh | None = None
+
+    @property
+    def ends(self) -> FloatArray:
+        """(N, 3) points around it that the picture has."""
+        corners = NO_EDGES if self.body is None else box_corners(np.array(self.body.bounds))
+        return np.concatenate((self.edges.reshape(-1, 3), corners.reshape(-1, 3)))
 
     @classmethod
     def box(cls, name: str, colour: Colour, low: FloatArray, high: FloatArray) -> "Volume":
@@ -376,7 +395,7 @@ class Overview:
         first, other = sides(mesh, poses)
         if other[2] < 0 and front_of(mesh, poses) is None:
             other = first * (-1, -1, 1)
-        drawn = [*pyramids, *(each.edges for each in self.volumes if each.whole)]
+        drawn = [*pyramids, *(each.ends for each in self.volumes if each.whole)]
         ends = np.concatenate([*(each.reshape(-1, 3) for each in drawn), np.zeros((0, 3))])
         scenes = [look(mesh, first, eyes=poses), look(mesh, other, ends, eyes=poses)]
         near = pyramids if is_inside(mesh, poses) else []  # others would be before the task
@@ -401,7 +420,9 @@ class Overview:
     ) -> Image.Image:
         """A scene in the colours of its cameras, with the first of them, by their pyramids."""
         pixels = paint(scene, neutral(self.mesh), partial(self.of_image, scene))
-        image, colours = Image.fromarray(pixels), self.colours
+        bodies = [(each.body, each.colour) for each in volumes if each.body is not None]
+        image, scene = draw_bodies(Image.fromarray(pixels), scene, bodies)
+        colours = self.colours
         for each in volumes:
             lines = [Line(start, end, 1.6, PIECES) for start, end in each.edges]
             draw_in_space(image, scene, lines, each.colour)

@@ -654,6 +654,22 @@ def draw_in_space(
                 draw.line(places[piece : piece + 2], faint, max(1, width // 2))
 
 
+def draw_bodies(
+    image: Image.Image, scene: DrawnScene, bodies: Sequence[tuple[Mesh, Colour]]
+) -> tuple[Image.Image, DrawnScene]:
+    """The picture of a scene with further bodies in it, and the scene with their depth."""
+    pixels, depth, setting = np.array(image), scene.depth.copy(), scene.setting
+    for mesh, colour in bodies:
+        buffer = draw_part(mesh, scene.camera, scene.pose, np.arange(mesh.n_faces))
+        near = (buffer.face >= 0) & (buffer.depth < depth)
+        cosine = np.append(facing(mesh, scene.pose)[1], 0.0)[buffer.face, None]
+        light = setting.least_light + (1 - setting.least_light) * cosine
+        layer = (light * colour).astype(np.uint8)
+        draw_lines(layer, buffer.face, mesh, buffer.depth)
+        pixels[near], depth[near] = layer[near], buffer.depth[near]
+    return Image.fromarray(pixels), replace(scene, depth=depth)
+
+
 def in_picture(scene: DrawnScene, points: ArrayLike) -> tuple[IntArray, FloatArray]:
     """Rows of points (N, 3) before the viewer and within the picture, and their places, px."""
     seen = to_camera(np.asarray(points, np.float64).reshape(-1, 3), scene.pose)

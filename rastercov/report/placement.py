@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base import ByName, ReadByName, percent
+from rastercov.base import ByName, IntArray, ReadByName, percent
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.area.zones import ZONES
@@ -25,6 +25,7 @@ from rastercov.placement.plan.check import MOST_GOALS, Checked, to_json
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
+from rastercov.placement.plan.phases import CarriedPoses
 from rastercov.placement.plan.product import Judged
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
@@ -36,8 +37,10 @@ from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
 
-SPACES, KEEP_OUT, ARM = (26, 127, 55), (196, 85, 0), (90, 98, 106)
-"""Colours of places of cameras, of volumes without, and of an arm."""
+SPACES, KEEP_OUT = (26, 127, 55), (196, 85, 0)
+"""Colours of places of cameras, and of volumes without."""
+ARM = (176, 183, 190), (128, 137, 146), (150, 100, 60)
+"""Colours of links of an arm in turn, and of its tool."""
 MOST_VOLUMES = 20
 """Of either kind that a picture has."""
 MAX_SENTENCES = 12
@@ -96,12 +99,22 @@ def pages_of(
         out_of_reach=_out_of_reach(prepared.openings),
         hiders=_hiders(summary["left"]),
         noun=prepared.noun,
-        stops=placement.carried and placement.carried.table(),
+        stops=placement.carried and _stops(placement.carried, shown, cameras.owner[leads]),
         choices={word: each.table() for word, each in placement.choices.items()},
         sections={name: each.section() for name, each in placement.made.items()},
         products=[(each.figure(), each.lines()) for each in placement.products],
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
+
+
+def _stops(
+    carried: CarriedPoses, shown: NetworkPage, owner: IntArray
+) -> tuple[list[str], list[list[str]]]:
+    """Table of stops, each by the cameras of the page that are there."""
+    heads, rows = carried.table()
+    names = ([shown.labels[at] for at in np.flatnonzero(owner == own)] for own in carried.order)
+    made = [[", ".join(some), *row] for some, row in zip(names, rows, strict=True)]
+    return [shown.noun, *heads], made
 
 
 def _hiders(left: ReadByName | None) -> list[tuple[tuple[str, str], float]]:
@@ -191,7 +204,7 @@ def network_of(
         cameras.covers[rows],
         of_faces={} if cameras.per_camera is None else cameras.per_camera.of_faces,
         serves_goals=bool(plan.goals),
-        volumes=[*_volumes(plan), *_arm_of(placement)],
+        volumes=[*_volumes(plan), *_arm_of(placement, shown, cameras.owner[rows])],
         asked=Asked(
             plan.build_task(asked),
             plan.task.method,
@@ -229,15 +242,17 @@ def _limits(checked: Checked | Placement) -> dict[str | None, float]:
     return limits_of(checked.prepared.plan.selection)
 
 
-def _arm_of(placement: Placement | Checked) -> list[Volume]:
-    """Arm that carries cameras, at its first stop."""
+def _arm_of(placement: Placement | Checked, names: Sequence[str], owner: IntArray) -> list[Volume]:
+    """Arm that carries cameras with names, of their owners, at its first stop."""
     if not isinstance(placement, Placement) or (carried := placement.carried) is None:
         return []
-    carrier, stops = placement.prepared.carrier, carried.table()[1][:1]
-    if carrier is None or not stops:
+    carrier, first = placement.prepared.carrier, carried.order[:1].tolist()
+    if carrier is None or not first:
         return []
-    row = int(stops[0][1])
-    return [Volume(f"arm at camera {row}", ARM, carrier.edges(carried.joints[row - 1]), True)]
+    name = names[int(np.flatnonzero(owner == first[0])[0])]
+    words = f"arm at {name}", f"arm at {name}", "its tool"
+    parts = zip(words, ARM, carrier.parts(carried.joints[first[0]]), strict=True)
+    return [Volume(*own, whole=True, body=mesh) for *own, mesh in parts if mesh.n_faces]
 
 
 def _volumes(plan: Plan) -> list[Volume]:

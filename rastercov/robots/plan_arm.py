@@ -114,19 +114,19 @@ class CarriedPoses:
         return " or ".join(units)
 
     def table(self) -> tuple[Sequence[str], list[list[str]]]:
-        """See `CarriedPoses`: along the tour, to what can be set, with clearances."""
+        """See `CarriedPoses`: to what can be set, with clearances."""
         kinds = [of for of in SORTS if self.near[of]]
         names = {"scene": "clearance to the scene", "links": "between links"}
-        heads = ["stop", "camera", *self.joint_names, *(names[of] for of in kinds)]
+        heads = [*self.joint_names, *(names[of] for of in kinds)]
         rows = []
-        for stop, row in enumerate(self.order.tolist(), start=1):
+        for row in self.order.tolist():
             values = [
                 f"{text_with_sign(math.degrees(value), 1)}°" if is_angle else distance(value)
                 for value, is_angle in zip(self.joints[row].tolist(), self.turning, strict=True)
             ]
             near = [self.near[of][row] for of in kinds]
             free = [f"{distance(each.distance)} ({each.link} to {each.body})" for each in near]
-            rows.append([str(stop), str(row + 1), *values, *free])
+            rows.append([*values, *free])
         return heads, rows
 
     @property
@@ -368,14 +368,18 @@ class PlanArm:
             here = joints[row]
         return length, flips
 
-    def edges(self, joints: FloatArray) -> FloatArray:
-        """See `Carrier`."""
+    def parts(self, joints: FloatArray) -> list[Mesh]:
+        """See `Carrier`: links in turn, and the link that holds the camera."""
         robot = self.arm.robot
-        mesh, frames = self._posed(robot.mesh, joints)[0], robot.frames(joints)
-        links = [each.child for each in robot.kinematics.chain(self.arm.link)]
-        axes = np.array([frames[link][0, :3, 3] for link in links])
-        drawn = bodies.crease_edges(mesh, np.ones(mesh.n_faces, np.bool_))
-        return np.concatenate((drawn, np.stack((axes[:-1], axes[1:]), axis=1)))
+        mesh, chain = self._posed(robot.mesh, joints)[0], robot.kinematics.chain(self.arm.link)
+        turn_of = {
+            each.child: sum(e.column >= 0 for e in chain[: row + 1]) % 2
+            for row, each in enumerate(chain)
+        }
+        turn_of[self.arm.link] = 2
+        links = [turn_of.get(group.name.rpartition("/")[2], 0) for group in mesh.groups]
+        of_face = np.array(links)[mesh.face_group]
+        return [Mesh(mesh.vertices, mesh.faces[of_face == each]) for each in range(3)]
 
     def _posed(self, scene: Mesh, joints: FloatArray) -> tuple[Mesh, IntArray]:
         """A scene with the arm in one configuration, as of `place_bodies`."""

@@ -18,6 +18,7 @@ import rastercov as rc
 from rastercov import placement
 from rastercov.page.scene import scene_of_place
 from rastercov.placement.plan.file import plan_of
+from rastercov.report import overview, panorama
 from rastercov.robots import plan_arm as plan_arm
 from rastercov.robots.kinematics import pose_error
 
@@ -663,11 +664,17 @@ def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
 
 def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch):
     """Angles to what can be set, with the pairs that come nearest; nothing was on the page."""
-    edges = []
-    build_edges = plan_arm.PlanArm.edges
+    drawn, build, draw, pictures = [], plan_arm.PlanArm.parts, panorama.draw_bodies, []
     monkeypatch.setattr(
-        plan_arm.PlanArm, "edges", lambda *args: edges.append(build_edges(*args)) or edges[-1]
+        plan_arm.PlanArm, "parts", lambda *args: drawn.append(build(*args)) or drawn[-1]
     )
+
+    def draw_bodies(image, scene, bodies):
+        made = draw(image, scene, bodies)
+        pictures.append((np.array(image, int), np.array(made[0], int), bodies))
+        return made
+
+    monkeypatch.setattr(overview, "draw_bodies", draw_bodies)
     selection = {"goal": "best_coverage", "cameras": 3}
     rc.place(PLAN | {"selection": selection, "outputs": {"page": True}}, out="out")
     written, page = told("poses.json"), Path("out/page.html").read_text()
@@ -675,14 +682,13 @@ def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch
     table = table.replace("<wbr>", "")
     heads = re.findall(r"<th[^>]*>([^<]*)</th>", table)
     names = written["joint_names"]
-    assert heads == ["stop", "camera", *names, "clearance to the scene", "between links"]
+    assert heads == ["camera", *names, "clearance to the scene", "between links"]
     rows = [
         re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in re.findall(r"<tr>(<td.*?)</tr>", table)
     ]
-    assert [int(row[1]) - 1 for row in rows] == written["tour"]
-    assert [row[0] for row in rows] == ["1", "2", "3"]
+    assert [int(row[0]) - 1 for row in rows] == written["tour"]
     for row, at in zip(rows, written["tour"], strict=True):
-        angles = [float(each.removesuffix("°")) for each in row[2 : 2 + len(names)]]
+        angles = [float(each.removesuffix("°")) for each in row[1 : 1 + len(names)]]
         assert np.abs(np.array(angles) - np.rad2deg(written["joints"][at])).max() <= 0.05 + 1e-9
         for word, cell in zip(("clearance", "link_clearance"), row[-2:], strict=True):
             size, unit, one, other = re.fullmatch(
@@ -692,8 +698,15 @@ def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch
             assert metres == pytest.approx(written[f"{word}_m"][at], rel=6e-3)
             assert [one, other] == written[f"{word}_pair"][at]
     robot = rc.Robot.load(ARM, rest=written["joints"][written["tour"][0]], name="arm")
-    n_links = len(robot.kinematics.chain("head")) - 1
-    corners, ends = robot.mesh.vertices, edges[0][:-n_links].reshape(-1, 3)
-    away = np.linalg.norm(ends[:, None] - corners[None], axis=2).min(axis=1)
-    assert away.max() < 1e-6
-    assert all(np.array_equal(each, edges[0]) for each in edges)
+    links = [mesh.vertices[np.unique(mesh.faces)] for mesh in drawn[0]]
+    away = np.linalg.norm(np.concatenate(links)[:, None] - robot.mesh.vertices[None], axis=2)
+    assert away.min(axis=1).max() < 1e-6
+    of_tool = robot.mesh.face_group == [g.name for g in robot.mesh.groups].index("arm/head")
+    assert drawn[0][-1].n_faces == of_tool.sum()
+    assert sum(mesh.n_faces for mesh in drawn[0]) == robot.mesh.n_faces
+    ((before, after, bodies),) = [each for each in pictures if each[-1]]
+    shown = after[(before != after).any(axis=2)]
+    assert len({colour for _, colour in bodies}) == 3
+    for _, colour in bodies:  # each as bright as it is lit, in its own hue
+        lit = shown[:, :1] * np.array(colour) / colour[0]
+        assert (np.abs(shown - lit).max(axis=1) <= 2).sum() > 5

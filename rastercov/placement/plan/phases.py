@@ -122,6 +122,10 @@ class CarriedPoses(Protocol):
         """(K, J) values of the joints of the carrier."""
 
     @property
+    def order(self) -> IntArray:
+        """(K,) poses in the order in which it comes to them."""
+
+    @property
     def is_hidden(self) -> BoolArray:
         """(K,) True where the carrier hides too much of the image, whatever its joints."""
 
@@ -141,7 +145,7 @@ class CarriedPoses(Protocol):
         """The joints in words."""
 
     def table(self) -> tuple[Sequence[str], list[list[str]]]:
-        """Headings, and a row for each pose in their order."""
+        """Headings, and a row for each pose in their `order`."""
 
 
 class Carrier(Protocol):
@@ -165,8 +169,8 @@ class Carrier(Protocol):
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
 
-    def edges(self, joints: FloatArray) -> FloatArray:
-        """(N, 2, 3) edges of it as a drawing, with its joints at values (J,)."""
+    def parts(self, joints: FloatArray) -> Sequence[Mesh]:
+        """Parts of it that a drawing tells apart, with its joints at values (J,), the tool last."""
 
     def reaches(self, pose: FloatArray, camera: int) -> bool:
         """True where it brings a camera, by its row, to a world_from_camera without a collision."""
