@@ -14,7 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from textwrap import wrap
 from types import MappingProxyType
@@ -113,8 +113,15 @@ LEAST_DIMENSION = 3.0
 """Length of a dimension line at least, mm."""
 LINE = 4.2
 """Distance of the lines of tables, mm."""
-MOST_MEASURED, MOST_STEPS = 24, 1000
-"""Cameras up to which a sheet has distances to walls; places that are tried for a label."""
+MOST_MEASURED = 24
+"""Cameras up to which a sheet has distances to walls."""
+ASCENT, DESCENT, TWO_LINES = 2.4, 0.8, 3.9
+"""Room of a label above and below its line, and with a second one, mm."""
+AROUND = np.radians(np.arange(0, 360, 22.5))
+WAYS = np.concatenate(
+    [[(0, 0)], *(n * np.stack((np.cos(AROUND), np.sin(AROUND)), axis=1) for n in range(1, 90))]
+)
+"""Ways from the place of a label that are tried, the shortest first, mm."""
 HATCH = 1.6
 """Distance of the lines of a hatching, mm."""
 CUT = 1.2
@@ -249,14 +256,21 @@ def plan_sheet(
     volumes = [_volume(each, frame) for each in site.keep_out]
     paths = _paths(evaluation, frame, walls, solids, progress)
     paths["DEAD"] = frame.path(zone) + frame.path(_hatching(zone, HATCH * frame.scale / 1e3))
-    paths["SPACES"] = frame.path(shapely.union_all(_flat(site.spaces, frame)))
+    spaces = shapely.union_all(_flat(site.spaces, frame))
+    paths["SPACES"] = frame.path(spaces)
     paths["KEEP_OUT"] = "".join(frame.path(v) + frame.path(_cross(v)) for v in volumes)
-    paths["GOALS"] = frame.path(shapely.union_all([_goal_mark(own) for own in goals.values()]))
-    private = _private(goals)
+    private, marked = _private(goals), [_goal_mark(own) for own in goals.values()]
+    paths["GOALS"] = frame.path(shapely.union_all(marked))
     paths["PRIVATE"] = frame.path(shapely.union_all([*private.values()]))
     devices = list(islice(devices_of(*own), MOST_MEASURED))
     rooms, dimensions = _room_labels(site.rooms, frame), _dimensions(shown, frame, walls)
-    entries = _symbols(shown, names, frame, [*rooms, *dimensions])
+    entries, layers = _symbols(shown, names, frame), _layers(devices, frame)
+    zones = _zone_labels(private, volumes, site, frame)
+    lines = [shapely.multilinestrings(shapely.linestrings(walls)), *marked, *private.values()]
+    lines += [each.pop("outline") for each in entries]
+    lines += [each.boundary for each in (spaces, *volumes)]
+    every = [*dimensions, *rooms, *entries, *zones, *chain.from_iterable(layers.values())]
+    _keep_clear(every, frame, lines)
     paths["KEPT"] = "".join(each["symbol"] for each in entries if each["is_kept"])
     paths = {name: path or NOTHING for name, path in paths.items()}
     marks = {name: own for name, own in MARKS.items() if paths[name] != NOTHING}
@@ -275,9 +289,9 @@ def plan_sheet(
         noun=noun,
         cameras=entries,
         rooms=rooms,
-        layers=_layers(devices, frame),
+        layers=layers,
         dimensions=dimensions,
-        keep_out=_zone_labels(private, volumes, site, frame),
+        keep_out=zones,
         marks=marks,
         device_colour=OF_DEVICES,
         convention=_convention(site.north),
@@ -316,7 +330,7 @@ def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> di
     """Names of devices in their places, by layer."""
     return {
         word.upper(): [
-            _label(shapely.Point(each.pose[:2, 3]), shorten(each.name, 24), frame)
+            _label(shapely.Point(each.pose[:2, 3]), shorten(each.name, 24), frame, above=-4.2)
             for kind, each in devices
             if kind == word and each.has_position and frame.holds(each.pose[:2, 3])
         ]
@@ -504,18 +518,44 @@ def _cross(shape: shapely.Geometry) -> shapely.Geometry:
 def _label(point: shapely.Point, text: str, frame: SheetFrame, above: float = 0.0) -> ByName:
     """A text in the middle of a point of the world, or above it, mm."""
     x, y = frame.on_paper(shapely.get_coordinates(point)[0]).tolist()
-    (left, _), (right, top) = frame.ends.tolist()
-    half = min(0.65 * len(text), (right - left) / 2)
-    x, y = min(max(x, left + half), right - half), y - above
-    y = y if y > top + 3 else top + 6  # below the border, and a thick line there
-    return {"x": x, "y": y, "half": 0.5 + 0.85 * max(len(text), 6), "name": text}
+    return {"x": x, "y": y - above, "half": _half(text), "name": text}
+
+
+def _half(text: str) -> float:
+    """Half of the width of a label, mm."""
+    return 0.5 + 0.85 * max(len(text), 6)
+
+
+def _keep_clear(
+    entries: Sequence[ByName], frame: SheetFrame, lines: Sequence[shapely.Geometry]
+) -> None:
+    """Move labels, in turn, the least way in the window off each other and lines of the world.
+
+    Those on a line of their own stay along it: `ways` are from their places, mm.
+    """
+    (left, bottom), (right, top) = frame.ends.tolist()
+    parts = shapely.get_parts(shapely.get_parts(lines))
+    tree, taken = shapely.STRtree(shapely.transform(parts, frame.on_paper)), np.empty((0, 4))
+    for each in entries:
+        half = min(each["half"], (right - left) / 2)
+        start = 0 if each.get("anchor") == "start" else -half
+        reach = np.array((start, -ASCENT, start + 2 * half, each.get("below", DESCENT)))
+        at = np.array((each["x"], each["y"])) + each.pop("ways", WAYS)
+        low, high = (left, top) - reach[:2], (right, bottom) - reach[2:]
+        at = np.clip(at, low, high)
+        boxes = np.tile(at, 2) + reach
+        met = (boxes[:, None, :2] < taken[:, 2:]) & (boxes[:, None, 2:] > taken[:, :2])
+        rows, _ = tree.query(shapely.box(*boxes.T), "intersects")
+        crossed = np.bincount(rows, minlength=len(at))
+        best = np.lexsort((crossed, met.all(axis=2).sum(axis=1)))[0]
+        (each["x"], each["y"]), taken = at[best].tolist(), np.vstack((taken, boxes[best]))
 
 
 def _room_labels(rooms: Sequence[tuple[str, str, Any]], frame: SheetFrame) -> list[ByName]:
     """Name and number of each room that the drawing has, in its widest place."""
     return [
         _label(shapely.get_point(circle, 0), shorten(name, 24), frame)
-        | {"number": shorten(number, 24)}
+        | {"number": shorten(number, 24), "below": TWO_LINES if number else DESCENT}
         for name, number, outline in rooms
         for circle in shapely.maximum_inscribed_circle(_widest(outline, frame), tolerance=0.05)
     ]
@@ -539,12 +579,14 @@ def _dimensions(poses: Poses, frame: SheetFrame, walls: FloatArray) -> list[ByNa
             tick = 0.7 * np.array((x1 - x0 - (y1 - y0), y1 - y0 + (x1 - x0))) / size
             middle = np.array((x0 + x1, y0 + y1)) / 2
             is_level = abs(x1 - x0) >= abs(y1 - y0)
+            along = np.array((x1 - x0, y1 - y0))
             entries.append(
                 {
                     "ticks": [(end, tick.tolist()) for end in ((x0, y0), (x1, y1))],
                     "x": middle[0] + (0 if is_level else 0.7),
                     "y": middle[1] - 0.6 if is_level else middle[1] + 0.7,
                     "half": 2.5,
+                    "ways": np.array([[0], [0.2], [-0.2], [0.35], [-0.35]]) * along,
                     "anchor": "middle" if is_level else "start",
                     "text": text_with_sign(float(norm(ends[1] - ends[0]))),
                 }
@@ -584,42 +626,18 @@ def _hatching(zone: shapely.Geometry, step: float) -> shapely.Geometry:
     return shapely.multilinestrings(lines).intersection(zone)
 
 
-def _symbols(
-    poses: Poses,
-    names: Sequence[str],
-    frame: SheetFrame,
-    taken: Sequence[Mapping[str, Any]],
-) -> list[ByName]:
-    """Path of each camera, and its name and height with their middle, behind it, in the window.
-
-    They keep clear of each other and of labels that are there.
-    """
+def _symbols(poses: Poses, names: Sequence[str], frame: SheetFrame) -> list[ByName]:
+    """Path of each camera, and its name and height, behind it."""
     entries: list[ByName] = []
-    metre, window = 1e3 / frame.scale, frame.ends
     for name, pose in zip(names, poses.world_from_camera, strict=True):
         at, turn = pose[:2, 3], math.radians(mounting_angles(pose)[0])
         ahead = np.array((math.cos(turn), math.sin(turn)))
-        outline = at + SYMBOL @ np.array((ahead, (-ahead[1], ahead[0]))) / metre
-        text = shorten(name, 24)
-        half = 0.5 + 0.85 * max(len(text), 6)
-        x, y = frame.on_paper(at) + ahead * (-5.5 - half, 8.0)
-        x = float(np.clip(x, window[0, 0] + half, window[1, 0] - half))
-        y = float(np.clip(y, window[1, 1] + 3, window[0, 1] - 4))
-        for _ in range(MOST_STEPS):
-            others = (*taken, *entries)
-            if not any(
-                abs(x - e["x"]) < half + e["half"] and abs(y - e["y"]) < 6.3 for e in others
-            ):
-                break
-            y += 1.0
-            if y > window[0, 1] - 4:  # on in the next column
-                y, x = window[1, 1] + 3, x + half
-                x = x if x < window[1, 0] - half else window[0, 0] + half
-        height = f"h {text_with_sign(pose[2, 3] - frame.floor)} m"
-        symbol = frame.path(shapely.Polygon(outline))
-        entry = {"symbol": symbol, "x": x, "y": y, "half": half, "name": text, "height": height}
-        entry["is_kept"] = name.endswith(KEPT)
-        entries.append(entry)
+        outline = at + SYMBOL @ np.array((ahead, (-ahead[1], ahead[0]))) * frame.scale / 1e3
+        symbol, text = shapely.Polygon(outline), shorten(name, 24)
+        x, y = frame.on_paper(at) + ahead * (-5.5 - _half(text), 8.0)
+        entry: ByName = {"x": x, "y": y, "half": _half(text), "name": text, "below": TWO_LINES}
+        entry |= {"outline": symbol, "symbol": frame.path(symbol), "is_kept": name.endswith(KEPT)}
+        entries.append(entry | {"height": f"h {text_with_sign(pose[2, 3] - frame.floor)} m"})
     return entries
 
 

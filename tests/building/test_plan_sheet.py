@@ -507,3 +507,35 @@ def test_title_blocks_have_the_date_of_today_unless_it_is_given():
     assert SheetSection(customer="M").words(plan="p.toml")["date"] == today
     assert SheetSection(customer="M", date="May").words()["date"] == "May"
     assert SheetSection().words(plan="p.toml") == {"plan": "p.toml"}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_labels_lie_on_no_wall_and_on_no_other_label(capsys, tmp_path, monkeypatch, seed):
+    """Of rooms, cameras, their distances, what must not be seen, and who sees it."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(seed)
+    plan_in(tmp_path)
+    eyes = rng.uniform((0.3, 0.3, 1.0), (3.7, 3.6, 2.5), (1 + seed % 3, 3))
+    rc.write_poses("rig.json", rc.look_at(eyes, [(1.5, 4.0, 1.5)] * len(eyes)))
+    assert call(capsys, f"sheet plan.toml -p rig.json --paper {('A4', 'A3')[seed % 2]}")[0] == 0
+    root = ElementTree.parse("plan.svg").getroot()
+    width, height = map(float, root.get("viewBox").split()[2:])
+    groups = {g.get("id"): g for g in root.iterfind("{*}g[@id]")}
+    texts = [text for name in ("ROOMS", "TEXT") for text in groups[name].iterfind("{*}text")]
+    boxes = []
+    for text in texts:
+        if not text.text or text.get("text-anchor") == "end":
+            continue
+        x, y, size = (float(text.get(name)) for name in ("x", "y", "font-size"))
+        wide = 0.58 * size * len(text.text)  # of the mean letter
+        left = {"start": x, "middle": x - wide / 2}[text.get("text-anchor")]
+        if left + wide < width - 152 and height - 20 > y > 30:  # without those of the frame
+            boxes.append(shapely.box(left, y - 0.75 * size, left + wide, y))
+    assert len(boxes) >= 2 * len(eyes)
+    named = [path for name in ("WALLS", "PRIVATE", "GOALS", "SPACES") for path in groups[name]]
+    parts = "".join(path.get("d", "") for path in named).split("M")[1:]
+    lines = [np.array(re.findall(r"[-\d.]+", part), float).reshape(-1, 2) for part in parts]
+    walls = shapely.union_all([shapely.linestrings(line) for line in lines if len(line) > 1])
+    for row, box in enumerate(boxes):
+        assert not walls.intersects(box)
+        assert not any(box.intersection(other).area > 0.05 for other in boxes[:row])
