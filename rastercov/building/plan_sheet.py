@@ -68,6 +68,7 @@ from rastercov.report.drawing import (
     PAPERS,
     SheetDevice,
     SheetFrame,
+    crowding,
     devices_of,
     scale_bar,
 )
@@ -544,10 +545,7 @@ def _keep_clear(
         low, high = (left, top) - reach[:2], (right, bottom) - reach[2:]
         at = np.clip(at, low, high)
         boxes = np.tile(at, 2) + reach
-        met = (boxes[:, None, :2] < taken[:, 2:]) & (boxes[:, None, 2:] > taken[:, :2])
-        rows, _ = tree.query(shapely.box(*boxes.T), "intersects")
-        crossed = np.bincount(rows, minlength=len(at))
-        best = np.lexsort((crossed, met.all(axis=2).sum(axis=1)))[0]
+        best = np.lexsort(crowding(boxes, taken, tree)[::-1])[0]
         (each["x"], each["y"]), taken = at[best].tolist(), np.vstack((taken, boxes[best]))
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from rastercov.base import FloatArray
+from rastercov.base import FloatArray, IntArray
 from rastercov.core.camera import Cameras, Poses, Rig
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh.arrays import inverse
@@ -98,23 +98,37 @@ def scale_bar(frame: SheetFrame) -> tuple[float, str]:
     return bar * metre, f"{bar:g} m"
 
 
+def crowding(
+    boxes: FloatArray, taken: FloatArray, lines: shapely.STRtree
+) -> tuple[IntArray, IntArray]:
+    """Numbers of boxes `taken` (K, 4), and of lines, that each of some boxes (N, 4) meets."""
+    is_met = (boxes[:, None, :2] < taken[:, 2:]) & (boxes[:, None, 2:] > taken[:, :2])
+    rows, _ = lines.query(shapely.box(*boxes.T), "intersects")
+    return is_met.all(axis=2).sum(axis=1), np.bincount(rows, minlength=len(boxes))
+
+
 def labels_beside(
-    texts: Sequence[str], points: FloatArray, at: FloatArray, far: int
+    texts: Sequence[str], points: FloatArray, at: FloatArray, far: int, lines: object = ()
 ) -> list[tuple[float, float, str]]:
-    """Labels beside points, clear of each other, above few places, up to one without room."""
-    values, halves = np.empty((0, 2)), np.empty((0, 2))
+    """Labels beside points, clear of each other and of lines, mm, above few places.
+
+    Up to one without room.
+    """
+    taken, tree, labels = np.empty((0, 4)), shapely.STRtree(lines), []
     for text, point in zip(texts, points, strict=True):
         half = HALF * (len(text), 1) + (SPACE, 0)
         ways = (point + np.arange(1, far + 1)[:, None, None] * AROUND * (half + NEAR)).reshape(
             -1, 2
         )
-        is_free = (np.abs(ways[:, None] - values) >= half + halves).any(axis=2).all(axis=1)
-        if not is_free.any():
+        boxes = np.hstack((ways - half, ways + half))
+        n_met, n_crossed = crowding(boxes, taken, tree)
+        if n_met.all():
             break
         n_below = (np.abs(ways[:, None] - at) < half + DOT).all(axis=2).sum(axis=1)
-        best = np.lexsort((n_below, np.arange(len(ways)) // len(AROUND), ~is_free))[0]
-        values, halves = np.vstack((values, ways[best])), np.vstack((halves, half))
-    return [(x, y, text) for (x, y), text in zip(values.tolist(), texts, strict=False)]
+        best = np.lexsort((n_below, np.arange(len(ways)) // len(AROUND), n_crossed, n_met > 0))[0]
+        taken = np.vstack((taken, boxes[best]))
+        labels.append((*ways[best].tolist(), text))
+    return labels
 
 
 class SheetDevice(NamedTuple):

@@ -144,6 +144,8 @@ class Openings(NamedTuple):
             at, turn = frame.on_paper(xy), np.radians(north)
             middles = [(each.representative_point(), name) for name, _, each in spaces if each]
             storeys = {names[row].split(", ")[0] for row in rows.tolist() if ", " in names[row]}
+            texts = [str(numbers[row]) for row in rows]
+            on_paper = shapely.linestrings(frame.on_paper(walls))
             plans.append(
                 {
                     "title": storeys.pop() if len(storeys) == 1 else f"z = {cut:.2f} m",
@@ -158,7 +160,7 @@ class Openings(NamedTuple):
                         (*place, numbers[row])
                         for place, row in zip(at.tolist(), rows.tolist(), strict=True)
                     ],
-                    "labels": labels_beside([str(numbers[row]) for row in rows], at, at, FAR),
+                    "labels": labels_beside(texts, at, at, FAR, on_paper),
                     "up": (float(np.cos(turn)), -float(np.sin(turn))),
                     "bar": scale_bar(frame),
                 }

@@ -1,9 +1,11 @@
 """Openings of buildings: which way they face, their rooms, and the numbers on plans."""
 
+import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import shapely
 
 import rastercov as rc
 from rastercov.formats.meshes.ifc import Product
@@ -85,6 +87,10 @@ def test_names_have_storey_room_and_name_without_types_of_the_file():
     assert names == ["L0, 1 Hall, S", "L0, 1 Hall, E", "L0, 1 Hall, N"]
 
 
+def np_line(numbers):
+    return shapely.linestrings(np.array(numbers, float).reshape(-1, 2))
+
+
 def test_each_storey_has_a_plan_with_its_numbers_in_their_places():
     openings, _ = house(0, with_rooms=True, storeys=3)
     n = len(openings.at)
@@ -103,4 +109,11 @@ def test_each_storey_has_a_plan_with_its_numbers_in_their_places():
         at = np.array([each[:2] for each in plan["parts"]])
         steps = np.diff(at, axis=0) / scale * (1, -1)
         assert steps == pytest.approx(np.diff(openings.at[3 * row : 3 * row + 3, :2], axis=0))
+        parts = [re.findall(r"[-\d.]+", part) for part in plan["walls"].split("M")[1:]]
+        walls = shapely.union_all([np_line(part) for part in parts])
+        for x, y, text in plan["labels"]:
+            half = (0.9 * len(text), 1.3)
+            assert not walls.intersects(
+                shapely.box(x - half[0], y - half[1], x + half[0], y + half[1])
+            )
     assert sorted(seen) == sorted(numbers)

@@ -310,8 +310,8 @@ def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> 
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
         regions = finder.find(placed, closed=shortfall.areas.closed)
         shortfall.areas.add(with_rule(regions, camera, placed))
-        used.append(f"({coordinates(tried['position'], 2)})")
-        words = f"candidates also at {first_of(used)} m"
+        used.append(f"({coordinates(tried['position'], 2)}) m")
+        words = f"candidates also at {first_of(used)}"
         if line := _line(prepared, shortfall, shortfall.areas, words):
             return [line]
     return []
