@@ -15,11 +15,13 @@ from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.rig import Rig
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.coverage import FIGURES, Coverage, open_observer
+from rastercov.core.coverage.face_pass import Sums, no_sums
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts
-from rastercov.core.coverage.task import Engine, Reason, Task
+from rastercov.core.coverage.task import Engine, Reason, Task, nearer
 from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.engine.coverage_network import add_sums
 from rastercov.placement.plan.network import Measured, with_areas
 from rastercov.shards import ALONE
 
@@ -292,3 +294,54 @@ def test_figures_of_groups_read_each_face_a_few_times(n_groups):
         assert entry["faces"] == own.sum()
         assert entry["area_m2"] == areas[own].sum()
         assert entry["covered"]["faces"] == (own & network.covered).sum()
+
+
+@pytest.mark.parametrize("are_later", [False, True])
+def test_sums_of_other_poses_are_added_face_by_face(are_later):
+    rng = np.random.default_rng(are_later)
+    for n in (0, 1, 7, 8, 9, 250):
+        ours, theirs = no_sums(n, 9), no_sums(n, 5)
+        for sums, n_poses in ((ours, 9), (theirs, 5)):
+            sums.views[:] = rng.integers(0, 9, n)
+            sums.best[:] = rng.choice([0.0, 0.25, 0.5, 1.0], n)  # many are equal
+            sums.best_row[:] = rng.integers(0, n_poses, n)
+            sums.reason[:] = rng.integers(0, 40, n)
+            sums.alone[:] = rng.integers(0, 32, n)
+            sums.kinds[:] = rng.integers(0, 9, 3)
+            sums.bounds[:] = rng.random(2)
+        before = Sums(*(array.copy() for array in ours))
+        add_sums(ours, theirs, 4, are_later)
+        rows = theirs.best_row + 4
+        ties = (theirs.best == before.best) & (rows < before.best_row) & (theirs.best > 0)
+        better = (theirs.best > before.best) | (ties & (not are_later))
+        expected = {
+            "views": before.views + theirs.views,
+            "best": np.maximum(before.best, theirs.best),
+            "best_row": np.where(better, rows, before.best_row),
+            "reason": nearer(before.reason, theirs.reason),
+            "alone": before.alone | theirs.alone,
+            "kinds": before.kinds + theirs.kinds,
+            "bounds": np.maximum(before.bounds, theirs.bounds),
+        }
+        for name, array in expected.items():
+            np.testing.assert_array_equal(getattr(ours, name), array, err_msg=name)
+    with pytest.raises(ValueError, match="one row for each face"):
+        add_sums(no_sums(3, 1), no_sums(4, 1), 0, are_later)
+
+
+def test_the_first_of_equal_poses_is_the_best_in_any_batches(monkeypatch):
+    mesh = shapes.torus(12, 8)
+    eyes = sphere_of_poses((0, 0, 0), 3 * mesh.diagonal, 4)
+    poses = Poses.of(np.repeat(eyes, 3, axis=0))[np.random.default_rng(1).permutation(12)]
+    engine = Engine("sampled", "cpu", threads=2)
+    found = []
+    for pairs in (1, 3 * mesh.n_faces, 1 << 19):
+        monkeypatch.setattr("rastercov.core.coverage.coverage.PAIRS_A_BATCH", pairs)
+        found.append(evaluate(mesh, CAMERA, poses, Task(min_pixels=1), method=engine))
+    first = found[0]
+    at = np.argmax(first.coverage == first.network.best, axis=0)
+    expected = np.where(first.network.best > 0, poses.ids[at], -1)
+    assert (expected >= 0).any()
+    for each in found:
+        np.testing.assert_array_equal(each.network.best_pose, expected)
+        assert each.network.summary() == first.network.summary()

@@ -6,7 +6,7 @@ face.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -168,9 +168,7 @@ class KeptCounts:
 
     def add(self, batch: FaceCounts) -> None:
         """Keep the counts of further poses."""
-        if self.names:
-            drawn = None if batch.drawn is None else as_small(batch.drawn)
-            self._batches.append(replace(batch, visible=as_small(batch.visible), drawn=drawn))
+        self._batches.append(batch)
 
     def fill(self, judge: FacePass, poses: Poses, figures: Mapping[str, AnyArray]) -> None:
         """Fill (P, F) arrays with the figures of the poses that were added."""
@@ -179,14 +177,6 @@ class KeptCounts:
             rows = slice(at, at + len(batch.visible))
             judge.fill(batch, poses[rows], {name: all_of[rows] for name, all_of in figures.items()})
             at = rows.stop
-
-
-def as_small(counts: AnyArray) -> AnyArray:
-    """A copy of counts, in fewer bytes where they hold them."""
-    most = counts.max(initial=0)
-    return counts.astype(
-        np.uint8 if most < 1 << 8 else np.uint16 if most < 1 << 16 else counts.dtype
-    )
 
 
 @guard_class

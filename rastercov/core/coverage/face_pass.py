@@ -26,7 +26,6 @@ from rastercov.core.camera import Camera, Cameras, Poses, near_limits
 from rastercov.core.coverage.task import (
     Reason,
     Task,
-    nearer,
     own_reasons,
     rules_of,
 )
@@ -39,6 +38,7 @@ from rastercov.engine.coverage_figures import (
     SIDE_ROUNDING,
     judge_poses,
 )
+from rastercov.engine.coverage_network import add_sums
 
 if TYPE_CHECKING:
     from rastercov.core.camera.lenses.records import CurvedLens
@@ -156,14 +156,7 @@ def no_sums(n_faces: int, n_poses: int) -> Sums:
 
 def merge(ours: Sums, theirs: Sums, first: int = 0) -> None:
     """Add the sums of other poses to `ours`; their row 0 is row `first` of these."""
-    ours.views[:] += theirs.views
-    rows = theirs.best_row + first
-    better = (theirs.best > ours.best) | ((theirs.best == ours.best) & (rows < ours.best_row))
-    ours.best[better], ours.best_row[better] = theirs.best[better], rows[better]
-    ours.reason[:] = nearer(ours.reason, theirs.reason)
-    ours.alone[:] |= theirs.alone
-    ours.kinds[:] += theirs.kinds
-    np.maximum(ours.bounds, theirs.bounds, out=ours.bounds)
+    add_sums(ours, theirs, first, False)
     own = slice(first, first + len(theirs.totals))
     ours.covered_faces[own] += theirs.covered_faces
     ours.totals[own] += theirs.totals

@@ -33,7 +33,6 @@ from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import (
     COVERED,
-    FaceCounts,
     RasterizerInfo,
     add_bits,
     bits_of_first,
@@ -185,8 +184,8 @@ class QuerySums:
         """Take in a batch."""
         camera, poses = self.query.camera, batch.poses
         end = self.done + len(poses)
-        if self.counts is not None and isinstance(batch.measured, FaceCounts):
-            self.counts.add(batch.measured)
+        if self.counts is not None and batch.counts is not None:
+            self.counts.add(batch.counts)
         self.network.add(batch)
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
@@ -284,7 +283,7 @@ def answer(
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
         try:
-            how = wanted, shards, staff, sums.figures
+            how = wanted, shards, staff, sums.figures, bool(sums.counts and sums.counts.names)
             batches = classify_parts(sums.network, observer, poses, *how)
             for batch in batches:
                 with hold_interrupts():

@@ -18,7 +18,13 @@ from rastercov.base import (
 )
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
-from rastercov.core.coverage.coverage import Observer, arrays_for, batch_size, measurements
+from rastercov.core.coverage.coverage import (
+    Observer,
+    SampledObserver,
+    arrays_for,
+    batch_size,
+    in_batches,
+)
 from rastercov.core.coverage.face_pass import (
     FIGURES,
     ROW_TYPES,
@@ -35,9 +41,9 @@ from rastercov.core.coverage.face_pass import (
 )
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import CoverageBits, bits_of_pairs
+from rastercov.core.raster.contract import CoverageBits, FaceCounts, bits_of_pairs
 from rastercov.engine.coverage_figures import judge_poses
-from rastercov.engine.coverage_network import add_poses, add_rows
+from rastercov.engine.coverage_network import add_poses, add_rows, as_bytes
 
 if TYPE_CHECKING:
     from rastercov.core.area.table import Regions
@@ -62,8 +68,8 @@ class JudgedPoses:
         Whether the near plane cut away a surface in view.
     rows : PairRows
         Figures of the pairs that were asked for, by pose, then by face.
-    measured : Observation or FaceCounts, or None
-        Measurement of the poses, of those that this process has measured.
+    counts : FaceCounts or None
+        Counts of the poses `as_small`, where they are kept.
     sums : dict of int to Sums
         Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1;
         none where bits are alone.
@@ -80,7 +86,7 @@ class JudgedPoses:
     poses: Poses
     clipped: BoolArray
     rows: PairRows
-    measured: Measured | None
+    counts: FaceCounts | None
     sums: dict[int, Sums]
     regions: "Regions | None"
     eyes: FloatArray
@@ -94,6 +100,14 @@ OF_PARTS = (
 """Reason why these are refused by face."""
 RESULT = -1
 """Camera by which sums of all poses, or of rigs with a rule, are kept."""
+
+
+def as_small(counts: AnyArray) -> AnyArray:
+    """A copy of counts, in fewer bytes where they hold them."""
+    small = np.empty(counts.shape, np.uint8)
+    if as_bytes(counts, small):
+        return small
+    return counts.astype(np.uint16 if counts.max() < 1 << 16 else counts.dtype)
 
 
 def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
@@ -146,7 +160,12 @@ def sums_of_rigs(
 
 
 def _adder(
-    judge: FacePass, sink: Sink, figures: Mapping[str, AnyArray], *, apart: bool
+    judge: FacePass,
+    sink: Sink,
+    figures: Mapping[str, AnyArray],
+    counts: dict[int, list[AnyArray]] | None,
+    *,
+    apart: bool,
 ) -> tuple[dict[int, Sums], Worker]:
     """Sums of one thread, and the worker that judges poses of a batch and adds them to these.
 
@@ -157,6 +176,8 @@ def _adder(
         Memory for the rows of the batch.
     figures : dict of str to array
         Memory for figures of all its pairs, (P, F) each.
+    counts : dict of int to list of array, or None
+        For those of poses, visible and drawn, by the first of these, where they are kept.
     apart : bool
         Keep the sums of each camera apart.
     """
@@ -172,6 +193,9 @@ def _adder(
         add_poses(rows.start, rows.stop, scope, rules, is_scored, sums, coverage, sink)
         if out is not None:
             judge_poses(rows.start, rows.stop, scope, rules, out)
+        if counts is not None:  # they are in the cache
+            seen = scope[2]
+            counts[rows.start] = [as_small(each[rows]) for each in (seen.visible, seen.drawn)]
 
     return of_camera, add
 
@@ -186,6 +210,7 @@ def classify_poses(
     apart: bool = False,
     bits: bool = False,
     figures: Mapping[str, AnyArray] = NO_ARRAYS,
+    counts: bool = False,
 ) -> Iterator[JudgedPoses]:
     """Measure poses, a few at a time; see `Network.judge`."""
     check_choice("pairs", pairs, CHOICES)
@@ -208,9 +233,10 @@ def classify_poses(
         done += n
         sink = Sink(choice, batch.ids, np.zeros(n, np.int64), tuple(memory.values()))
         of_threads: list[dict[int, Sums]] = []
+        small: dict[int, list[AnyArray]] = {}
 
         def worker() -> Worker:
-            sums, add = _adder(faces, sink, own, apart=apart)
+            sums, add = _adder(faces, sink, own, small if counts else None, apart=apart)
             of_threads.append(sums)
             return add
 
@@ -219,16 +245,22 @@ def classify_poses(
         parts: dict[int, list[Sums]] = {}
         for camera, sums in (entry for part in of_threads for entry in part.items()):
             parts.setdefault(camera, []).append(sums)
-        turns = np.flatnonzero(sink.counts)
-        spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
-        columns = {
-            name: np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
-            for name, part in memory.items()
-        }
+        columns = memory
+        if choice:
+            turns = np.flatnonzero(sink.counts)
+            spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
+            columns = {
+                name: np.concatenate([part[:0], *(part[start:stop] for start, stop in spans)])
+                for name, part in memory.items()
+            }
         whole = {camera: merge_sums(some) for camera, some in parts.items()}
         eyes, leads = eyes_of(observer.camera, batch), leads_of(observer.camera, batch)
         regions = getattr(seen, "regions", None)
-        result = JudgedPoses(batch, seen.clipped, columns, seen, whole, regions, eyes, leads)
+        kept = None
+        if small and isinstance(seen, FaceCounts):
+            visible, drawn = map(np.concatenate, zip(*map(small.get, sorted(small)), strict=True))
+            kept = replace(seen, visible=visible, drawn=drawn)
+        result = JudgedPoses(batch, seen.clipped, columns, kept, whole, regions, eyes, leads)
         if bits:
             result = replace(result, bits=bits_of_pairs(mesh, own["reason"] == Reason.COVERED))
         if result.leads is not None and result.regions is None:
@@ -238,4 +270,7 @@ def classify_poses(
             whole[RESULT].kinds[:] = sum(part.kinds for at, part in whole.items() if at >= 0)
         return result
 
-    return (classify(batch, seen) for batch, seen in measurements(observer, poses, together))
+    # Counts take a third of the memory of an observation.
+    each = n_faces if choice or not isinstance(observer, SampledObserver) else -(-n_faces // 2)
+    batches = in_batches(poses, each, observer.threads, together)
+    return (classify(batch, observer.measure(batch)) for batch in batches)

@@ -34,7 +34,7 @@ from rastercov.base import (
 from rastercov.base.typed import typed
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, is_joint
 from rastercov.core.coverage.coverage import Coverage, Observer, SampledObserver, batch_size
-from rastercov.core.coverage.face_pass import ROW_TYPES, FacePass, Sums, merge_sums
+from rastercov.core.coverage.face_pass import ROW_TYPES, FacePass, Sums, merge_sums, no_sums
 from rastercov.core.coverage.judging import (
     RESULT,
     SUMMED,
@@ -49,13 +49,13 @@ from rastercov.core.coverage.task import (
     Engine,
     Reason,
     Task,
-    nearer,
     reason_rows,
 )
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import parts_of
 from rastercov.core.raster import drawer
 from rastercov.core.raster.contract import BoundKind
+from rastercov.engine.coverage_network import add_sums
 from rastercov.engine.coverage_spread import add_rays
 
 UNSEEABLE_WORDS = "inside closed bodies of the mesh or in full contact with them (proved)"
@@ -177,15 +177,12 @@ class Network(InNotebook):
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         self.mesh, self.task = mesh, task
-        self.views: IntArray = np.zeros(mesh.n_faces, np.int64)
-        self.best: FloatArray = np.zeros(mesh.n_faces)
-        self.best_pose: IntArray = np.full(mesh.n_faces, -1, np.int64)
-        self.reason: ByteArray = np.zeros(mesh.n_faces, np.uint8)
-        self.alone: ByteArray = np.zeros(mesh.n_faces, np.uint8)
+        self._sums = no_sums(mesh.n_faces, 0)
+        self.views, self.best, self.best_pose, self.reason, self.alone, self.kinds, *_ = self._sums
+        self.best_pose[:] = -1
         self.pose_ids: list[int] = []
         self.covered_faces: list[int] = []
         self.mean_coverage: list[float] = []
-        self.kinds: IntArray = np.zeros(len(BoundKind), np.int64)
         self.largest_bound = 0.0
         self.largest_covered_bound = 0.0
         self.clipped_poses: list[int] = []
@@ -278,19 +275,12 @@ class Network(InNotebook):
         own: slice | BoolArray = slice(None),
     ) -> None:
         """Add the sums of a batch of poses; `own` are those that count."""
-        self.views += sums.views
-        better = sums.best > self.best
-        self.best[better] = sums.best[better]
-        self.best_pose[better] = pose_ids[sums.best_row[better]]
-        self.reason = nearer(self.reason, sums.reason)
-        self.alone |= sums.alone
+        add_sums(self._sums, sums._replace(best_row=pose_ids[sums.best_row]), 0, True)
+        self.largest_bound, self.largest_covered_bound = self._sums.bounds.tolist()
         self.pose_ids += pose_ids[own].tolist()
         self.covered_faces += sums.covered_faces[own].tolist()
         n_scored = max(1, int(self.mesh.task_mask.sum()))
         self.mean_coverage += (sums.totals[own] / n_scored).tolist()
-        self.kinds += sums.kinds
-        self.largest_bound = max(self.largest_bound, float(sums.bounds[0]))
-        self.largest_covered_bound = max(self.largest_covered_bound, float(sums.bounds[1]))
         self.clipped_poses += pose_ids[own][clipped[own]].tolist()
 
     @property

@@ -171,7 +171,7 @@ class EvaluationShards:
             poses=left,
             clipped=arrays["clipped"],
             rows=_under("rows", arrays),
-            measured=None,
+            counts=None,
             sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
             regions=regions,
             eyes=eyes,
@@ -235,18 +235,21 @@ def classify_parts(
     shards: EvaluationShards | None,
     staff: Staff,
     figures: Mapping[str, AnyArray] = NO_ARRAYS,
+    counts: bool = False,
 ) -> Iterator[JudgedPoses]:
     """Judged poses of an evaluation, in the order of the poses.
 
     By way of shards where the run is kept in some, else the network judges what the observer, of
-    `open_for`, measures, and fills in figures of all pairs. An interrupt while workers are busy is
-    raised after the shards that are there.
+    `open_for`, measures, and fills in figures of all pairs, or keeps their counts. An interrupt
+    while workers are busy is raised after the shards that are there.
     """
     if shards is not None:
         yield from shards.parts(staff)
         return
     did = count_poses_of(len(poses), staff.progress)
-    for batch in network._judge(observer, poses, wanted.kept | {"figures": figures}):
+    for batch in network._judge(
+        observer, poses, wanted.kept | {"figures": figures, "counts": counts}
+    ):
         yield batch
         did(len(batch.poses))
 
@@ -345,7 +348,7 @@ def _measure_poses(
     """Arrays of a shard of some poses; `did` is called with the poses that are done."""
     network, batches = wanted.network(observer.mesh, task), []
     for batch in network._judge(observer, poses, wanted.kept):
-        batches.append(replace(batch, measured=None))  # which is large
+        batches.append(batch)
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _join_batches(poses, batches)
     if wanted.by_area:

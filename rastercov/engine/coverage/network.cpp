@@ -1,7 +1,7 @@
 // Sums over poses of the coverage (3.6) of each face, and rows of a table.
 //
 // add_poses judges the faces in some poses, adds the figures to the sums of a network, and keeps
-// those of chosen pairs as rows; add_rows adds figures that are there.
+// those of chosen pairs as rows; add_rows adds figures that are there, and add_sums other sums.
 //
 // Invariants: of equal coverages the least row of the batch is the best, whatever the order in
 // which rows come. Totals do not depend on the level: see sum.hpp.
@@ -84,6 +84,24 @@ double total_of(Column<double> coverage, Scored is_scored) {
     return pairwise_sum(coverage.begin(), n);
 }
 
+// Keeps the greater coverage of faces from f on, of equal ones that of the lesser row.
+template <class N> INLINE void keep_best(const Sums &sums, int64_t f, N coverage, Whole<N> row) {
+    int64_t *const best_row = sums.best_row.begin() + f;
+    double *const best = sums.best.begin() + f;
+    const N before = read<N>(best);
+    const Whole<N> row_before = read<Whole<N>>(best_row);
+    const Mask<N> is_tie = (coverage == before) & (row_before > row);
+    const Mask<N> is_best = (coverage > N(0.0)) & ((coverage > before) | is_tie);
+    write(best, select(is_best, coverage, before));
+    write(best_row, select(is_best, row, row_before));
+}
+// Keeps the reason that is nearer to covering.
+template <class N> INLINE void keep_nearer(const Sums &sums, int64_t f, Whole<N> here) {
+    uint8_t *const reason = sums.reason.begin() + f;
+    const auto before = read<Whole<N>>(reason);
+    write(reason, select(nearness<N>(here) > nearness<N>(before), here, before));
+}
+
 // Figures of faces that a network adds up.
 template <class N> struct Summand {
     N coverage, bound, part;
@@ -98,20 +116,10 @@ INLINE void add_pair(int64_t row, int64_t f, Scored is_scored, const Summand<N> 
     using W = Whole<N>;
     const Mask<N> covers = face.reason == W(COVERED);
     const Mask<N> counts = read_mask<N>(is_scored.begin() + f);
-    int64_t *const views = sums.views.begin() + f, *const best_row = sums.best_row.begin() + f;
-    double *const best = sums.best.begin() + f;
-    uint8_t *const reason = sums.reason.begin() + f;
+    int64_t *const views = sums.views.begin() + f;
     if (any(covers)) write(views, read<W>(views) + select(covers, W(1), W(0)));
-    if (const Mask<N> counts_for = face.coverage > N(0.0); any(counts_for)) {
-        const N best_before = read<N>(best);
-        const W row_before = read<W>(best_row);
-        const Mask<N> is_tie = (face.coverage == best_before) & (row_before > W(row));
-        const Mask<N> is_best = counts_for & ((face.coverage > best_before) | is_tie);
-        write(best, select(is_best, face.coverage, best_before));
-        write(best_row, select(is_best, W(row), row_before));
-    }
-    const W before = read<W>(reason);
-    write(reason, select(nearness<N>(face.reason) > nearness<N>(before), face.reason, before));
+    if (any(face.coverage > N(0.0))) keep_best(sums, f, face.coverage, W(row));
+    keep_nearer<N>(sums, f, face.reason);
     uint8_t *const alone = sums.alone.begin() + f;
     W fails = read<W>(alone);
     for (const Fails each : {IS_BLURRED, IS_COARSE, IS_HIDDEN, IS_STEEP})
@@ -157,10 +165,7 @@ template <class View> struct Adder {
             (height < N(-rounding)) & !read_mask<N>(scene.two_sided.begin() + f);
         if (!all(is_behind | is_degenerate)) return false;
         using W = Whole<N>;
-        uint8_t *const reason = sums.reason.begin() + f;
-        const W before = read<W>(reason),
-                here = select(is_degenerate, W(DEGENERATE), W(BACK_FACING));
-        write(reason, select(nearness<N>(here) > nearness<N>(before), here, before));
+        keep_nearer<N>(sums, f, select(is_degenerate, W(DEGENERATE), W(BACK_FACING)));
         write(coverage.begin() + f, N(0.0));
         return true;
     }
@@ -263,6 +268,46 @@ void add_poses(int64_t first, int64_t last, const Scope<Camera, Count> &scope, c
     sink.counts[first] = n_rows - first * n_faces;
 }
 
+// Calls `add` with each face of n, as many at a time as a register holds.
+template <class Add> INLINE void each_lanes(int64_t n, Add add) {
+    int64_t f = 0;
+    for (; f + AT_A_TIME<Doubles> <= n; f += AT_A_TIME<Doubles>) add(f, Doubles());
+    for (; f < n; f++) add(f, double());
+}
+
+// Adds figures of faces in other poses to ours; their row 0 is row `first` of these. Of equal
+// coverages ours is the best where they are later, else the least row.
+void add_sums(const Sums &ours, const Sums &theirs, int64_t first, bool are_later) {
+    const int64_t n = ours.views.rows();
+    for (const Sums *each : {&ours, &theirs})
+        require(have_rows(n, each->views, each->best, each->best_row, each->reason, each->alone),
+                "sums must have one row for each face");
+    each_lanes(n, [&]<class N>(int64_t f, N) {
+        using W = Whole<N>;
+        int64_t *const views = ours.views.begin() + f;
+        write(views, read<W>(views) + read<W>(theirs.views.begin() + f));
+        N best = read<N>(theirs.best.begin() + f);
+        if (are_later) best = select(best > read<N>(ours.best.begin() + f), best, N(0.0));
+        keep_best(ours, f, best, read<W>(theirs.best_row.begin() + f) + W(first));
+        keep_nearer<N>(ours, f, read<W>(theirs.reason.begin() + f));
+        uint8_t *const alone = ours.alone.begin() + f;
+        write(alone, read<W>(alone) | read<W>(theirs.alone.begin() + f));
+    });
+    for (int k = 0; k < 3; k++) ours.kinds[k] += theirs.kinds[k];
+    for (int k = 0; k < 2; k++) ours.bounds[k] = std::max(ours.bounds[k], theirs.bounds[k]);
+}
+
+// Copies counts to bytes; false where one is too large for that.
+template <class T> bool as_bytes(Array<const T, Any, Any> counts, Array<uint8_t, Any, Any> bytes) {
+    require(bytes.shape == counts.shape, "there must be a byte for each count");
+    T most = 0;
+    for (int64_t i = 0; i < counts.size(); i++) {
+        bytes.data[i] = uint8_t(int64_t(counts.data[i]));
+        most = std::max(most, counts.data[i]);
+    }
+    return most < 256;
+}
+
 // Adds some rows of figures, (P, F) each, to the sums.
 void add_rows(IntArray rows, Scored is_scored, Array<const double, Any, Any> coverage,
               Array<const uint8_t, Any, Any> reason, Array<const double, Any, Any> bound,
@@ -276,17 +321,14 @@ void add_rows(IntArray rows, Scored is_scored, Array<const double, Any, Any> cov
             "figures must have one shape");
     std::vector<double> own(n_faces);
     for (const int64_t row : rows) {
-        const auto add = [&]<class N>(int64_t f, N) {
+        each_lanes(n_faces, [&]<class N>(int64_t f, N) {
             const int64_t at = row * n_faces + f;
             const Summand<N> face = {read<N>(coverage.begin() + at), read<N>(bound.begin() + at),
                                      read<N>(fraction.begin() + at),
                                      read<Whole<N>>(reason.begin() + at),
                                      read<Whole<N>>(kind.begin() + at)};
             add_pair(row, f, is_scored, face, sums);
-        };
-        int64_t f = 0;
-        for (; f + AT_A_TIME<Doubles> <= n_faces; f += AT_A_TIME<Doubles>) add(f, Doubles());
-        for (; f < n_faces; f++) add(f, double());
+        });
         const auto from = coverage[row];
         std::copy(from.begin(), from.end(), own.begin());
         sums.totals[row] = total_of({own.data(), {n_faces}}, is_scored);
@@ -307,6 +349,13 @@ void register_coverage_network(nanobind::module_ &m) {
     });
     def(m, "add_rows", add_rows, "Add some rows of figures, (P, F) each, to the sums.", "rows",
         "is_scored", "coverage", "reason", "bound", "kind", "fraction", "sums");
+    const char *doc = "Copy counts to bytes; false where one is too large for that.";
+    def(m, "as_bytes", as_bytes<int32_t>, doc, "counts", "bytes");
+    def(m, "as_bytes", as_bytes<double>, doc, "counts", "bytes");
+    def(m, "add_sums", add_sums,
+        "Add figures of faces in other poses to ours; their row 0 is row `first` of these.\n\n"
+        "Of equal coverages ours is the best where they are later, else the least row.",
+        "ours", "theirs", "first", "are_later");
 }
 
 } // namespace rastercov
