@@ -165,6 +165,15 @@ def test_a_run_says_once_why_the_host_judges_what_a_device_counts(judged, monkey
     assert not caplog.messages
 
 
+@pytest.mark.parametrize("device", [DEVICE, "cpu"])
+def test_a_run_says_that_views_at_angles_are_judged_on_the_host(judged, caplog, device):
+    with caplog.at_level(logging.WARNING, "rastercov"):
+        evaluate(MESH, CAMERA, POSES, replace(TASK, min_angle_deg=10), device, fields=("covered",))
+    why = "rigs with a rule, and angles of views, need more than bits"
+    line = f"the CPU judges what the device counts: {why}"
+    assert caplog.messages == ([] if device == "cpu" else [line])
+
+
 # --- the device that is taken, and one that fails -------------------------------------------------
 
 

@@ -443,10 +443,12 @@ def _needs_rows(camera: Cameras, task: Task) -> bool:
 
 def can_judge(observer: Observer, poses: Poses, task: Task) -> bool:
     """True where the observer judges what it counts; a device that does not is named."""
-    if not isinstance(observer, SampledObserver) or _needs_rows(observer.camera, task):
+    if not isinstance(observer, SampledObserver):
         return False
     criteria = FacePass(observer.mesh, observer.camera, 1, task).criteria()
     why = observer.why_not_judged(poses, criteria)
+    if _needs_rows(observer.camera, task):
+        why = "rigs with a rule, and angles of views, need more than bits"
     if why and observer.info.backend == "gl":
         LOG.warning("the CPU judges what the device counts: %s", why)
     return not why
