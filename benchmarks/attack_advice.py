@@ -22,16 +22,17 @@ from rastercov.reference.regions import covers_points, points_on
 
 SCENES, POINTS, POSES = 80, 4_000, 1_000
 ENOUGH, LEAST_PERCENT = 0.5, 1.0
+SECOND = "add a second camera at the same place"
 PLACE = r"\((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\) m"
 SAID = (
     (rf"aim the camera at {PLACE}", "turn"),
     (rf"focus the camera at ([\d.]+) (m|mm) and aim it at {PLACE}", "focus"),
     (rf"give the camera ([\d.e+]+) times the focal length and aim it at {PLACE}", "longer"),
     (rf"move the camera [\d.]+ m?m to {PLACE} and aim it at {PLACE}", "move"),
-    (rf"add a second camera at the same place, aimed at {PLACE}", "turn"),
-    (rf"add a second camera at the same place, focused at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
+    (rf"{SECOND}, aimed at {PLACE}", "turn"),
+    (rf"{SECOND}, focused at ([\d.]+) (m|mm), aimed at {PLACE}", "focus"),
     (
-        rf"add a second camera at the same place with ([\d.e+]+) times the focal length, aimed at {PLACE}",
+        rf"{SECOND} with ([\d.e+]+) times the focal length, aimed at {PLACE}",
         "longer",
     ),
     (rf"add a camera at {PLACE}, aimed at {PLACE}", "move"),
