@@ -1,9 +1,14 @@
 """Each sentence of README, guarantees and comparison has a test or command, or claims nothing."""
 
+import json
 import re
 from pathlib import Path
 
 import pytest
+
+from rastercov.core.camera.catalogue import catalogue
+from rastercov.core.camera.models import MODELS
+from rastercov.formats.cameras import READERS
 
 ROOT = Path(__file__).parents[1]
 NOTHING = "claims nothing"
@@ -173,3 +178,29 @@ def test_every_guarantee_names_its_test_on_the_page():
     items = [item.strip() for item in re.split(r"\n\s*\n|\n(?=- )", part)]
     items = [item for item in items if item not in ("", "**Rasterisers.**")]
     assert [item for item in items if not re.search(r"`(?:tests|benchmarks)/", item)] == []
+
+
+def numbers(page, *words):
+    """The number in front of each of these words, once on a page."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return [int(*re.findall(rf"\b(\d+) {word}", text)) for word in words]
+
+
+def generators(schema):
+    """Names of generators in a schema."""
+    if isinstance(schema, dict):
+        of_entry = schema.get("generator", {})
+        yield from of_entry.get("enum", [of_entry[key] for key in ("const",) if key in of_entry])
+        schema = list(schema.values())
+    for each in schema if isinstance(schema, list) else ():
+        yield from generators(each)
+
+
+def test_pages_count_what_there_is():
+    table = catalogue()
+    known = [len(table.cameras), len(table.lenses), len(table.lamps)]
+    assert numbers("docs/catalogue.md", "cameras, ", "lenses and", "lamps, each") == known
+    assert numbers("README.md", r"lens models\]") == [len(MODELS)]
+    plan = json.loads((ROOT / "docs" / "plan.schema.json").read_text(encoding="utf-8"))
+    made = [len(MODELS), len(READERS), len({*generators(plan)})]
+    assert numbers("CHANGELOG.md", "models,", "formats,", "generators") == made
