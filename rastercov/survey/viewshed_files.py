@@ -102,8 +102,7 @@ def picture_of(viewshed: Viewshed) -> bytes:
     colours = np.array(UNSEEN) + part * (np.array(SEEN) - np.array(UNSEEN))
     image = (colours * relief_of(raster)[at][..., None]).astype(np.uint8)
     image[~known[at]] = HOLE
-    for place in viewshed.observers[:, :2] - raster.origin:
-        column, row = np.abs(place) / raster.spacing
+    for column, row in (abs(viewshed.observers[:, :2] - raster.origin) / raster.spacing).tolist():
         is_column = abs(columns - column) * sides[0] <= 8 * pixel
         image[np.ix_(abs(rows - row) * sides[1] <= 8 * pixel, is_column)] = OBSERVER
     scale = np.linspace(UNSEEN, SEEN, 24).astype(np.uint8)
@@ -115,8 +114,8 @@ def picture_of(viewshed: Viewshed) -> bytes:
 
 def relief_of(raster: Raster) -> FloatArray:
     """(H - 1, W - 1) brightness of slopes in light from the north-west, 0.6 to 1."""
-    down, right = np.gradient(np.nan_to_num(raster.heights, nan=float(np.nanmean(raster.heights))))
-    steep = (right + down)[:-1, :-1]
+    known = np.nan_to_num(raster.heights, nan=float(np.nanmean(raster.heights)))
+    steep = np.asarray(sum(np.gradient(known)))[:-1, :-1]
     return np.asarray(0.8 + 0.1 * np.clip(steep / max(float(np.std(steep)), 1e-9), -2, 2))
 
 

@@ -13,6 +13,7 @@ import shapely
 from commands import call, refusal
 from nightly import amount
 from PIL import Image
+from pyproj import Geod
 from viewshed_by_fractions import shares
 
 import rastercov as rc
@@ -131,6 +132,67 @@ def test_a_mesh_beside_hides_ground(target):
     hidden = rc.viewshed(heights, observer, **given, beside=wall)
     assert (hidden.share[:, 8:] <= hidden.bound[:, 8:]).all()
     np.testing.assert_allclose(hidden.share[:, :6], beside.share[:, :6], atol=1e-6)
+
+
+DEGREES = (1 / 1200, 1 / 1500)
+"""Spacing of longitudes and latitudes."""
+
+
+def write_degrees(path, heights, corner):
+    """GeoTIFF of heights by longitude and latitude, with the corner of its first pixel."""
+    tags = geotiff.tags_of(corner, DEGREES, 4326, "WGS 84", is_geographic=True)
+    path.write_bytes(geotiff.encode(heights.astype(np.float32), "TIFF", tags))
+    return path
+
+
+@pytest.mark.parametrize("latitude", [-70.0, 0.01, 36.7])
+def test_a_raster_in_degrees_is_seen_on_the_ellipsoid(tmp_path, capsys, latitude):
+    rng = np.random.default_rng(int(latitude) % 7)
+    heights = rng.normal(0, 12, (23, 31)).cumsum(axis=0) + 500
+    path = write_degrees(tmp_path / "a.tif", heights, (10.0, latitude))
+    place = 10 + 15.5 * DEGREES[0], latitude - 11.5 * DEGREES[1]  # the middle
+    seen = rc.viewshed(path, (*place, 20.0))
+    mesh = rc.Mesh.load(path)  # in metres from there
+    east, north = Geod(ellps="WGS84").inv(*place, 10.0, latitude)[::2]
+    corner = north * np.array((np.sin(np.radians(east)), np.cos(np.radians(east))))
+    half = np.ptp(mesh.vertices[:, :2], axis=0) / 2 / (30, 22)
+    np.testing.assert_allclose(mesh.vertices[0, :2] + half * (-1, 1), corner, atol=0.1)
+    eye = np.array((0, 0, surface_at(mesh.vertices[mesh.faces], (0, 0)) + 20))
+    covered = rc.evaluate(
+        mesh, panorama(2000, 1000), rc.look_at([eye], [eye + np.array((1, 0, 0))])
+    ).covered
+    shares, bounds = (each / mesh.areas for each in (covered.area[0], covered.bound))
+    near = abs(shares.reshape(-1, 2).mean(axis=1) - seen.share.ravel())
+    assert (near <= bounds.reshape(-1, 2).sum(axis=1) + seen.bound.ravel() + 1e-4).all()
+    line = ["viewshed", str(path), "--from", "{},{}".format(*place), "--height", "20"]
+    out = ["--outlines", str(tmp_path / "a.json"), "--out", str(tmp_path / "out")]
+    assert call(capsys, [*line, *out])[0] == 0
+    outline = json.loads((tmp_path / "a.json").read_text())["features"][0]["geometry"]
+    area = Geod(ellps="WGS84").geometry_area_perimeter(shapely.geometry.shape(outline))[0]
+    assert abs(area) == pytest.approx(seen.seen[0].area, rel=1e-5)
+    with Image.open(tmp_path / "out" / "viewshed.tif") as image:
+        keys = image.tag_v2[34735]
+        assert keys[4:8] == (1024, 0, 1, 2)
+        assert keys[16:20] == (2048, 0, 1, 4326)
+        assert image.tag_v2[33922][3:5] == pytest.approx(
+            (10 + DEGREES[0] / 2, latitude - DEGREES[1] / 2), abs=1e-12
+        )
+
+
+def test_a_picture_shows_what_is_within_the_radius(tmp_path, capsys):
+    path = write_raster(tmp_path / "a.tif", np.zeros((200, 300), np.float32))
+    place = f"{ORIGIN[0] + 6000},{ORIGIN[1] - 1500}"  # on a sample
+    out = ["--radius", "400", "--out", str(tmp_path / "out")]
+    assert call(capsys, ["viewshed", str(path), "--from", place, *out])[0] == 0
+    with Image.open(tmp_path / "out" / "viewshed.png") as image:
+        pixels = np.asarray(image.convert("RGB"))
+    is_white = (pixels == 255).all(axis=2)
+    assert 0.15 < is_white.mean() < 0.4  # around a circle
+    assert min(pixels.shape[:2]) > 1000
+    with Image.open(tmp_path / "out" / "viewshed.tif") as image:
+        assert image.size == (299, 199)
+    words = refusal(capsys, ["viewshed", str(path), "--from", place, "--radius", "1"])
+    assert "expected ground within 1 m" in words
 
 
 def surface_at(corners, place):

@@ -5,9 +5,10 @@
 //     u = x / (x + y),   v = z / (x + y),   w = 1 / (x + y),
 //
 // sides are straight lines in (u, v), w is affine on a triangle, and a point is visible if v is at
-// least the horizon, the greatest v at its u of all that is nearer. Strips between rows go outwards,
-// cells of a strip from where the observer is between their sides: a straight ray crosses straight
-// sides in this order, on maps and on a grid of meridians (rows) and parallels. Over each u a triangle lies between two of its sides; from u0 to u1 it has
+// least the horizon, the greatest v at its u of all that is nearer. Strips between rows go
+// outwards, cells of a strip from where the observer is between their sides: a straight ray crosses
+// straight sides in this order, on maps and on a grid of meridians (rows) and parallels. Over each
+// u a triangle lies between two of its sides; from u0 to u1 it has
 //
 //     (u1 - u0) / 2 |1 / (w0 w1) at the top - 1 / (w0 w1) at the bottom|
 //
@@ -102,8 +103,9 @@ Edge edge_of(Corner p, Corner q, double target) {
         if (p[axis] < q[axis]) std::swap(p, q);
         if (!(p[axis] > 0)) return {};
         if (q[axis] >= 0) continue;
-        const double part = p[axis] / (p[axis] - q[axis]);
-        for (size_t k = 0; k < 4; k++) q[k] = p[k] + part * (q[k] - p[k]);
+        // The sign of `cross` stays: a side beside the observer does not go through it.
+        const double inside = p[axis], outside = -q[axis];
+        for (size_t k = 0; k < 4; k++) q[k] = (q[k] * inside + p[k] * outside) / (inside + outside);
         q[axis] = 0;
     }
     if (u_of(p) > u_of(q)) std::swap(p, q);
@@ -157,8 +159,8 @@ class Viewshed : View {
     std::array<double, 2> _signs{};
     double *_share = nullptr; // of the triangle
     double *_bound = nullptr;
-    double _width = 0.0; // of the cell
-    double _area = 0.0;  // of the triangle
+    double _width = 0.0;  // of the cell
+    double _area = 0.0;   // of the triangle
     bool _counts = false; // within reach
     int64_t _n_pieces = 0;
 
@@ -225,7 +227,10 @@ class Viewshed : View {
         if (!(rise > near.error + far.error)) // it hides itself
             _horizon->raise(near, first, last, [](double, double, const Line &) {});
         _horizon->raise(far, first, last, [&](double u0, double u1, const Line &line) {
-            if (_counts) add(line, is_low ? one : other, is_low ? other : one, u0, u1);
+            const bool is_below = &other == &OBSERVER;
+            if (_counts)
+                add(is_below ? BELOW_ALL : line, is_low ? one : other, is_low ? other : one, u0,
+                    u1);
         });
     }
 
@@ -234,7 +239,8 @@ class Viewshed : View {
         const auto is_hidden = [&](double u) { return line.at(u) - error > top.seen.at(u); };
         if (is_hidden(u0) && is_hidden(u1)) return;
         const auto above = [&](double shift) {
-            return area_above({line.u, line.v + shift, line.slope, 0.0}, low, top, u0, u1, shift == 0);
+            return area_above({line.u, line.v + shift, line.slope, 0.0}, low, top, u0, u1,
+                              shift == 0);
         };
         const double far = _width / std::min(top.depth.at(u0), top.depth.at(u1));
         *_share += above(0.0) / _area;
@@ -249,8 +255,9 @@ class Viewshed : View {
         std::ranges::sort(cuts);
         const auto bottom = [&](double u) {
             const double v = low.seen.at(u), w = low.depth.at(u);
-            const double part = (line.at(u) - v) / (top.seen.at(u) - v);
-            return w + std::max(0.0, std::min(1.0, part)) * (top.depth.at(u) - w);
+            const double height = top.seen.at(u) - v;
+            const double part = height > 0 ? (line.at(u) - v) / height : 0.0;
+            return w + std::clamp(part, 0.0, 1.0) * (top.depth.at(u) - w);
         };
         double sum = 0.0;
         for (size_t k = 1; k < 4; k++) {
@@ -287,10 +294,13 @@ RECORD(survey::View, points, row, column, target, reach, share, bound, pieces);
 
 void register_survey_viewshed(nanobind::module_ &m) {
     def(m, "viewshed", survey::viewshed,
-        "Add the visible share of the two triangles of each cell of a grid, and its bound; the number "
+        "Add the visible share of the two triangles of each cell of a grid, and its bound; the "
+        "number "
         "of visible pieces.\n\n"
-        "`points`, (H, W, 4), are x along rows, y along columns and z from the observer, NaN where\n"
-        "there is no ground, and the size of the numbers that z is the sum of. NaN of ground within\n"
+        "`points`, (H, W, 4), are x along rows, y along columns and z from the observer, NaN "
+        "where\n"
+        "there is no ground, and the size of the numbers that z is the sum of. NaN of ground "
+        "within\n"
         "reach becomes 0. `pieces`, (N, 4, 2), get x and y of the first N.",
         "view");
 }

@@ -77,7 +77,7 @@ export function numberBox(options, onValue) {
   return { input, fault, set: (value) => write(shown(value)) };
 }
 
-const shown = (value) => ((value ?? null) === null ? "" : formatNumber(value, ".6g"));
+const shown = (value) => ((value ?? null) === null ? "" : formatNumber(value, Math.abs(value) < 1e5 ? ".6g" : ".9g"));
 
 /** One line about a typed number, or "" where it may pass. */
 function faultOf(text, number, { label, low, high, isLowOpen, isWhole, unit }) {
