@@ -181,7 +181,7 @@ def test_a_raster_in_degrees_is_seen_on_the_ellipsoid(tmp_path, capsys, latitude
 
 def test_a_picture_shows_what_is_within_the_radius(tmp_path, capsys):
     path = write_raster(tmp_path / "a.tif", np.zeros((200, 300), np.float32))
-    place = f"{ORIGIN[0] + 6000},{ORIGIN[1] - 1500}"  # on a sample
+    place = f"{ORIGIN[0] + 6009},{ORIGIN[1] - 1500}"
     out = ["--radius", "400", "--out", str(tmp_path / "out")]
     assert call(capsys, ["viewshed", str(path), "--from", place, *out])[0] == 0
     with Image.open(tmp_path / "out" / "viewshed.png") as image:

@@ -350,8 +350,8 @@ class Mesh(InNotebook):
         Parameters
         ----------
         heights : path or (H, W) array_like
-            GeoTIFF or ESRI ASCII grid in a projected CRS; or metres, north up, NaN where there
-            are none: holes, which hide nothing.
+            GeoTIFF or ESRI ASCII grid; or metres, north up, NaN where there are none: holes,
+            which hide nothing.
         spacing : float or (float, float)
             Distance of columns and of rows of an array, metres.
         origin : (float, float)
@@ -364,8 +364,8 @@ class Mesh(InNotebook):
         Returns
         -------
         Mesh
-            Vertices in map coordinates; heights fall with the curvature from the middle of the
-            raster. Each cell is divided from its north-west to its south-east corner;
+            Vertices in map coordinates, or of a raster in degrees metres from its middle, from
+            which heights fall with the curvature. Each cell is divided from its north-west to its south-east corner;
             `source_face` counts two triangles a cell, also those of holes.
 
         Raises

@@ -223,14 +223,14 @@ class Viewshed : View {
         const bool is_near = one.depth.at(middle) > other.depth.at(middle);
         const bool is_low = one.seen.at(middle) < other.seen.at(middle);
         const Line &near = (is_near ? one : other).ground, &far = (is_near ? other : one).ground;
-        const double rise = far.at(middle) - near.at(middle);
-        if (!(rise > near.error + far.error)) // it hides itself
-            _horizon->raise(near, first, last, [](double, double, const Line &) {});
-        _horizon->raise(far, first, last, [&](double u0, double u1, const Line &line) {
-            const bool is_below = &other == &OBSERVER;
-            if (_counts)
-                add(is_below ? BELOW_ALL : line, is_low ? one : other, is_low ? other : one, u0,
-                    u1);
+        const double error = near.error + far.error;
+        const bool hides_itself = !(far.at(middle) - near.at(middle) > error);
+        if (hides_itself) _horizon->raise(near, first, last, [](double, double, const Line &) {});
+        _horizon->raise(far, first, last, [&](double u0, double u1, const Line &old) {
+            if (!_counts) return;
+            Line line = &other == &OBSERVER ? BELOW_ALL : old;
+            if (hides_itself) line.v += error;
+            add(line, is_low ? one : other, is_low ? other : one, u0, u1);
         });
     }
 
