@@ -127,7 +127,8 @@ def run_into(
         def save_unfinished(placement: Placement) -> None:
             """Save the result before the step `interrupted`, unless there is a whole report."""
             if not files.has_earlier and monotonic() - began >= WORTH_SAVING:
-                save(placement, files)
+                with step("figures"):
+                    save(placement, files)
 
         placed = place(plan, out, step, save_unfinished, workers)
         pages: Mapping[str, str] = {}
@@ -145,7 +146,8 @@ def run_into(
                     )
             except KeyboardInterrupt:
                 placed = without_page
-        save(placed, files, pages, pdf=pdf)
+        with step("figures"):
+            save(placed, files, pages, pdf=pdf)
     return placed
 
 

@@ -4,7 +4,7 @@ import json
 import os
 import re
 import subprocess
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from unittest.mock import Mock
 from xml.etree import ElementTree
@@ -19,7 +19,9 @@ from rastercov.base.locks import lock
 from rastercov.core.camera.conventions import read_poses, write_poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.placement.plan import run as plan_run
-from rastercov.placement.plan.file import schema
+from rastercov.placement.plan.file import plan_of, schema
+from rastercov.report import plan as plan_report
+from rastercov.shards import silent
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plans"
 SCENE = """
@@ -651,3 +653,20 @@ def test_names_of_groups_stay_when_a_second_mesh_joins(capsys):
     code, _, err = call(capsys, share)
     assert code == 2
     assert "expected one file with a group 'lid', got 2; give one of " in err
+
+
+def test_figures_and_files_are_a_step_with_a_name(tmp_path, monkeypatch):
+    """The flight, and dead zones of an intermediate result, took minutes of "place"."""
+    names = []
+
+    @contextmanager
+    def step(name):
+        names.append(name)
+        yield silent
+
+    monkeypatch.setattr(plan_report, "WORTH_SAVING", 0.0)
+    plan = {"meshes": [{"built_in": "teapot-5"}], "camera": {"preset": "khepra"}}
+    plan |= {"candidates": [{"generator": "on_sphere", "count": 6}], "outputs": {"page": True}}
+    plan |= {"selection": {"goal": "best_coverage", "cameras": 1}}
+    plan_report.run_into(plan_of(plan), tmp_path / "out", step)
+    assert names[-3:] == ["figures", "page", "figures"]

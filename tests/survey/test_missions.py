@@ -138,6 +138,9 @@ def test_the_page_and_the_answer_list_photographs_and_heights_of_each_mission(tm
         assert inner < each["length_m"] == pytest.approx(own.legs.sum())
     page = (tmp_path / "out" / "page.html").read_text(encoding="utf-8")
     assert f"{len(missions)} missions" in page
+    assert "<p>flight.csv is in local metres" in page  # the name of a file, as it is
+    home = ", ".join(f"{value:.2f}" for value in flight.home)
+    assert f"at home, ({home}) m" in page
     assert f"Photographs of each of {sum(len(e['lines']) for e in missions)} lines" in page
     text = "\n".join(flight.lines())
     assert f"{len(missions)} missions within 0.8 min of a battery: " in text
