@@ -6,7 +6,7 @@ import pytest
 import rastercov as rc
 from rastercov.core.coverage import coverage
 from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
-from rastercov.core.coverage.judging import as_small
+from rastercov.core.raster.contract import as_small
 
 LIMITS = (0, 1, 255, 256, 65_535, 65_536, 2**31 - 1, 2**31, 2**40)
 

@@ -202,7 +202,7 @@ class Evaluation(Coverage):
         Covered area of a result by area; see `covered`; of all frames if bodies move.
     per_camera : ByCamera
         Results of each camera where there are several.
-    kept_counts : KeptCounts or None
+    kept_counts : KeptCounts
         Of method "sampled": arrays of `Coverage` are derived from counts when they are first read.
     kept_bits : CoverageBits or None
         See `bits`.
@@ -239,7 +239,7 @@ class Evaluation(Coverage):
     by_face_because: str
     areas: AreaNetwork | None
     per_camera: ByCamera
-    kept_counts: KeptCounts | None
+    kept_counts: KeptCounts
     kept_bits: CoverageBits | None
     pairs: str
     n_rows: int
@@ -249,17 +249,15 @@ class Evaluation(Coverage):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.kept_counts is not None:
-            check_kind("kept_counts", self.kept_counts, KeptCounts, "counts of a run", ConfigError)
+        check_kind("kept_counts", self.kept_counts, KeptCounts, "counts of a run", ConfigError)
 
     def _later(self) -> Collection[str]:
-        return () if self.kept_counts is None else self.kept_counts.names
+        return self.kept_counts.names
 
     def _derive(self, name: str) -> AnyArray:
         out = arrays_for([name], (len(self.pose_ids), self.mesh.n_faces))
-        if self.kept_counts is not None:
-            judge = FacePass(self.mesh, self.camera, thread_count(self.engine.threads), self.task)
-            self.kept_counts.fill(judge, self.poses, out)
+        judge = FacePass(self.mesh, self.camera, thread_count(self.engine.threads), self.task)
+        self.kept_counts.fill(judge, self.poses, out)
         return out[name]
 
     @property

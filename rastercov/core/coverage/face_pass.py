@@ -30,7 +30,7 @@ from rastercov.core.coverage.task import (
     rules_of,
 )
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import BoundKind, Criteria, FaceCounts, Observation
+from rastercov.core.raster.contract import BoundKind, Criteria, FaceCounts, Observation, as_small
 from rastercov.engine.coverage_figures import (
     COLUMNS,
     CURVED_COLUMNS,
@@ -248,6 +248,17 @@ Scope = tuple[Any, Any, Any, Any]
 """Arguments scene, lens, seen and points of the loops."""
 Worker = Callable[[slice, int, Scope], None]
 """Does the work of consecutive poses of one camera, given by its index."""
+
+
+def keeper(work: Worker, kept: dict[int, list[AnyArray]]) -> Worker:
+    """The worker, which then keeps visible and drawn counts, by the first of their poses."""
+
+    def work_and_keep(rows: slice, index: int, scope: Scope) -> None:
+        work(rows, index, scope)
+        counts = scope[2].visible, scope[2].drawn
+        kept[rows.start] = [as_small(each[rows]) for each in counts]
+
+    return work_and_keep
 
 
 class FacePass:

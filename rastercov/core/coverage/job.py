@@ -173,9 +173,9 @@ class QuerySums:
         self.network = self.wanted.network(mesh, task, self._measure)
         names = [name for name in fields if name != COVERED]
         # Counts are kept in place of figures.
-        self.counts = KeptCounts(names) if query.engine.method == "sampled" else None
-        names = names if self.counts is None else []
-        self.figures: ByName = arrays_for(names, (len(poses), mesh.n_faces))
+        is_sampled = query.engine.method == "sampled"
+        self.counts = KeptCounts(names if is_sampled else [])
+        self.figures: ByName = arrays_for([] if is_sampled else names, (len(poses), mesh.n_faces))
         self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
         self.eyes = [np.empty((0, 3))]
@@ -184,7 +184,7 @@ class QuerySums:
         """Take in a batch."""
         camera, poses = self.query.camera, batch.poses
         end = self.done + len(poses)
-        if self.counts is not None and batch.counts is not None:
+        if batch.counts is not None:
             self.counts.add(batch.counts)
         self.network.add(batch)
         self.per_camera.add_batch(batch)
@@ -283,7 +283,8 @@ def answer(
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
         try:
-            how = wanted, shards, staff, sums.figures, bool(sums.counts and sums.counts.names)
+            more = {"figures": sums.figures, "counts": bool(sums.counts.names)}
+            how = wanted, shards, staff, more
             batches = classify_parts(sums.network, observer, poses, *how)
             for batch in batches:
                 with hold_interrupts():

@@ -18,13 +18,7 @@ from rastercov.base import (
 )
 from rastercov.core.area.rows import rule_reasons, with_rule
 from rastercov.core.camera import Cameras, Poses, eyes_of, is_joint, led_by, rows_of_result
-from rastercov.core.coverage.coverage import (
-    Observer,
-    SampledObserver,
-    arrays_for,
-    batch_size,
-    in_batches,
-)
+from rastercov.core.coverage.coverage import Observer, arrays_for, batch_size, measurements
 from rastercov.core.coverage.face_pass import (
     FIGURES,
     ROW_TYPES,
@@ -36,6 +30,7 @@ from rastercov.core.coverage.face_pass import (
     Sums,
     Worker,
     figures_of,
+    keeper,
     merge_sums,
     no_sums,
 )
@@ -43,7 +38,7 @@ from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import CoverageBits, FaceCounts, bits_of_pairs
 from rastercov.engine.coverage_figures import judge_poses
-from rastercov.engine.coverage_network import add_poses, add_rows, as_bytes
+from rastercov.engine.coverage_network import add_poses, add_rows
 
 if TYPE_CHECKING:
     from rastercov.core.area.table import Regions
@@ -102,14 +97,6 @@ RESULT = -1
 """Camera by which sums of all poses, or of rigs with a rule, are kept."""
 
 
-def as_small(counts: AnyArray) -> AnyArray:
-    """A copy of counts, in fewer bytes where they hold them."""
-    small = np.empty(counts.shape, np.uint8)
-    if as_bytes(counts, small):
-        return small
-    return counts.astype(np.uint16 if counts.max() < 1 << 16 else counts.dtype)
-
-
 def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
     """`JudgedPoses.leads` of some poses; None where each camera counts alone."""
     if not is_joint(camera):
@@ -160,12 +147,7 @@ def sums_of_rigs(
 
 
 def _adder(
-    judge: FacePass,
-    sink: Sink,
-    figures: Mapping[str, AnyArray],
-    counts: dict[int, list[AnyArray]] | None,
-    *,
-    apart: bool,
+    judge: FacePass, sink: Sink, figures: Mapping[str, AnyArray], *, apart: bool
 ) -> tuple[dict[int, Sums], Worker]:
     """Sums of one thread, and the worker that judges poses of a batch and adds them to these.
 
@@ -176,8 +158,6 @@ def _adder(
         Memory for the rows of the batch.
     figures : dict of str to array
         Memory for figures of all its pairs, (P, F) each.
-    counts : dict of int to list of array, or None
-        For those of poses, visible and drawn, by the first of these, where they are kept.
     apart : bool
         Keep the sums of each camera apart.
     """
@@ -193,9 +173,6 @@ def _adder(
         add_poses(rows.start, rows.stop, scope, rules, is_scored, sums, coverage, sink)
         if out is not None:
             judge_poses(rows.start, rows.stop, scope, rules, out)
-        if counts is not None:  # they are in the cache
-            seen = scope[2]
-            counts[rows.start] = [as_small(each[rows]) for each in (seen.visible, seen.drawn)]
 
     return of_camera, add
 
@@ -236,23 +213,21 @@ def classify_poses(
         small: dict[int, list[AnyArray]] = {}
 
         def worker() -> Worker:
-            sums, add = _adder(faces, sink, own, small if counts else None, apart=apart)
+            sums, add = _adder(faces, sink, own, apart=apart)
             of_threads.append(sums)
-            return add
+            return keeper(add, small) if counts else add
 
         if n:
             faces.share(seen, batch, worker)
         parts: dict[int, list[Sums]] = {}
         for camera, sums in (entry for part in of_threads for entry in part.items()):
             parts.setdefault(camera, []).append(sums)
-        columns = memory
-        if choice:
-            turns = np.flatnonzero(sink.counts)
-            spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
-            columns = {
-                name: np.concatenate([part[:0], *(part[start:stop] for start, stop in spans)])
-                for name, part in memory.items()
-            }
+        turns = np.flatnonzero(sink.counts)
+        spans = np.stack([turns * n_faces, turns * n_faces + sink.counts[turns]], axis=1)
+        columns = {
+            name: np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
+            for name, part in memory.items()
+        }
         whole = {camera: merge_sums(some) for camera, some in parts.items()}
         eyes, leads = eyes_of(observer.camera, batch), leads_of(observer.camera, batch)
         regions = getattr(seen, "regions", None)
@@ -270,7 +245,5 @@ def classify_poses(
             whole[RESULT].kinds[:] = sum(part.kinds for at, part in whole.items() if at >= 0)
         return result
 
-    # Counts take a third of the memory of an observation.
-    each = n_faces if choice or not isinstance(observer, SampledObserver) else -(-n_faces // 2)
-    batches = in_batches(poses, each, observer.threads, together)
-    return (classify(batch, observer.measure(batch)) for batch in batches)
+    batches = measurements(observer, poses, together, 1 if choice else 2)
+    return (classify(batch, seen) for batch, seen in batches)

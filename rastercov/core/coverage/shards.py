@@ -234,22 +234,19 @@ def classify_parts(
     wanted: Wanted,
     shards: EvaluationShards | None,
     staff: Staff,
-    figures: Mapping[str, AnyArray] = NO_ARRAYS,
-    counts: bool = False,
+    more: ReadByName = NO_ARRAYS,
 ) -> Iterator[JudgedPoses]:
     """Judged poses of an evaluation, in the order of the poses.
 
     By way of shards where the run is kept in some, else the network judges what the observer, of
-    `open_for`, measures, and fills in figures of all pairs, or keeps their counts. An interrupt
-    while workers are busy is raised after the shards that are there.
+    `open_for`, measures, by `more` arguments of `classify_poses`. An interrupt while workers are
+    busy is raised after the shards that are there.
     """
     if shards is not None:
         yield from shards.parts(staff)
         return
     did = count_poses_of(len(poses), staff.progress)
-    for batch in network._judge(
-        observer, poses, wanted.kept | {"figures": figures, "counts": counts}
-    ):
+    for batch in network._judge(observer, poses, wanted.kept | {**more}):
         yield batch
         did(len(batch.poses))
 

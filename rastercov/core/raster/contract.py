@@ -44,6 +44,7 @@ from numpy.typing import ArrayLike
 
 from rastercov.base import (
     TINY,
+    AnyArray,
     BoolArray,
     ByteArray,
     Closing,
@@ -67,6 +68,7 @@ from rastercov.base import (
 from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.targets import CountArray, TargetFaces
+from rastercov.engine.coverage_network import as_bytes
 
 COVERED = "covered"
 """Name of the bits among the fields of `evaluate`."""
@@ -356,6 +358,14 @@ class VisibilityBuffer(InOneLine):
 
     face: Int32Array
     depth: Float32Array
+
+
+def as_small(counts: AnyArray) -> AnyArray:
+    """A copy of counts, in fewer bytes where they hold them."""
+    small = np.empty(counts.shape, np.uint8)
+    if as_bytes(counts, small):
+        return small
+    return counts.astype(np.uint16 if counts.max() < 1 << 16 else counts.dtype)
 
 
 class Rasterizer(Closing):
