@@ -31,11 +31,12 @@ from rastercov.base.arguments import Quantity
 from rastercov.core.area.cut import Kept
 from rastercov.core.area.polygons import (
     choose_polygons,
-    even_points,
     frames_of,
     in_front,
+    points_on,
     polygon_areas,
     rows_at,
+    spread_faces,
 )
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, join, take_rows
 from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
@@ -306,13 +307,11 @@ class Light(Condition):
             return None
         own, poses = self._regions_of_fixed(), self._poses(~self._rides)
         mesh, n = own.mesh, 1024
-        sums = np.cumsum(frames_of(mesh).areas * mesh.task_mask)
-        if not sums[-1] > 0:
+        areas = frames_of(mesh).areas * mesh.task_mask
+        if not areas.any():
             return None
-        face = np.searchsorted(sums, (np.arange(n) + 0.5) / n * sums[-1])
-        x, y = even_points(n)
-        a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
-        points: FloatArray = a + x[:, None] * (b - a) + y[:, None] * (c - a)
+        face = spread_faces(areas, n)
+        points = points_on(mesh, face)
         reached = rows_at(own, own.pose, len(poses), face, points).T
         on = points, frames_of(mesh).normal[face]
         fronts = in_front(eyes_of(self.lamps.eyes, poses), *on)

@@ -656,10 +656,9 @@ def _of_station(
 
 def _occluder(mesh: Mesh, camera: Camera, station: Station, face: int) -> ByName | None:
     """Group that hides most of some points of a face; None where nothing hides one."""
-    x, y = (each[:, None] for each in polygons.even_points(POINTS_OF_FACE))
-    a, b, c = mesh.vertices[mesh.faces[face]]
-    points, faces = a + x * (b - a) + y * (c - a), np.full(POINTS_OF_FACE, face)
-    ((_, hiders),) = first_failures(mesh, camera, Task(), station.pose[None], points, faces)
+    faces = np.full(POINTS_OF_FACE, face)
+    on = polygons.points_on(mesh, faces), faces
+    ((_, hiders),) = first_failures(mesh, camera, Task(), station.pose[None], *on)
     hidden = np.bincount(mesh.face_group[hiders[hiders >= 0]], minlength=len(mesh.groups))
     group = int(hidden.argmax())
     if not hidden[group]:

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from rastercov.base import BoolArray, ByName, FloatArray, IntArray, sort_order
-from rastercov.core.area.polygons import even_points
+from rastercov.core.area.polygons import points_on, spread_faces
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import boxes_of
 from rastercov.core.mesh.contacts import TriangleTree
@@ -90,15 +90,12 @@ class Openings(NamedTuple):
 
     def points(self, normals: FloatArray, n: int) -> FloatArray:
         """(M, n, 3) points evenly over each part; of one that faces a side, over those faces."""
-        (x, y), mesh, items = even_points(n), self.mesh, []
+        mesh, items = self.mesh, []
         for row, normal in enumerate(normals):
             own = np.flatnonzero(self.piece == row)
             front = own[mesh.normals[own] @ normal > np.sqrt(0.5)]
             own = front if len(front) else own
-            below = np.cumsum(mesh.areas[own])
-            face = own[np.searchsorted(below, below[-1] * (np.arange(n) + 0.5) / n)]
-            a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
-            items.append(a + x[:, None] * (b - a) + y[:, None] * (c - a))
+            items.append(points_on(mesh, own[spread_faces(mesh.areas[own], n)]))
         return np.array(items)
 
     def of_reveal(self, rows: IntArray, places: FloatArray, normals: FloatArray) -> BoolArray:

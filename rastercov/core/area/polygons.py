@@ -141,6 +141,19 @@ def even_points(n: int) -> tuple[FloatArray, FloatArray]:
     return x, y
 
 
+def points_on(mesh: Mesh, face: IntArray) -> FloatArray:
+    """(N, 3) points on faces, (N,), by `even_points`."""
+    x, y = even_points(len(face))
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
+    return np.asarray(a + x[:, None] * (b - a) + y[:, None] * (c - a))
+
+
+def spread_faces(areas: FloatArray, n: int) -> IntArray:
+    """Faces, (n,), of points evenly over some areas, (F,)."""
+    below = np.cumsum(areas)
+    return np.searchsorted(below, (np.arange(n) + 0.5) / n * below[-1])
+
+
 def clip_polygons(
     xy: FloatArray, starts: IntArray, values: FloatArray
 ) -> tuple[FloatArray, IntArray, IntArray]:

@@ -20,7 +20,7 @@ from rastercov.advice.headline import advice_line, gain_in_area, most_named
 from rastercov.base import ByName, first_of, percent, plural, sort_order
 from rastercov.base.format import area, coordinates
 from rastercov.core.area.network import AreaNetwork
-from rastercov.core.area.polygons import even_points
+from rastercov.core.area.polygons import points_on, spread_faces
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed, longer
 from rastercov.core.area.rows import with_rule
@@ -260,12 +260,9 @@ def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[PlanChange]
     n, faces = int(np.clip(POINT_PAIRS // len(poses), FEW_POINTS, MANY_POINTS)), []
     for each in shortfall.required:
         members = np.isin(mesh.face_group, _rows(mesh, each)) & mesh.task_mask
-        below = np.cumsum(np.where(members, mesh.areas, 0.0))
-        faces.append(np.searchsorted(below, (np.arange(n) + 0.5) / n * below[-1]))
+        faces.append(spread_faces(np.where(members, mesh.areas, 0.0), n))
     face = np.concatenate(faces)
-    a, b, c = mesh.vertices[mesh.faces[face]].transpose(1, 0, 2)
-    x, y = (each[:, None] for each in even_points(len(face)))
-    points = a + x * (b - a) + y * (c - a)
+    points = points_on(mesh, face)
     wanted = views_of(mesh, prepared.plan.task.views)[face]
     limits = np.array([each.limit for each in shortfall.required])
 
