@@ -251,8 +251,12 @@ def _arm_of(placement: Placement | Checked, names: Sequence[str], owner: IntArra
         return []
     name = names[int(np.flatnonzero(owner == first[0])[0])]
     words = f"arm at {name}", f"arm at {name}", "its tool"
-    parts = zip(words, ARM, carrier.parts(carried.joints[first[0]]), strict=True)
-    return [Volume(*own, whole=True, body=mesh) for *own, mesh in parts if mesh.n_faces]
+    parts = carrier.parts(carried.joints[first[0]])
+    return [
+        Volume(word, colour, whole=True, body=mesh)
+        for word, colour, mesh in zip(words, ARM, parts, strict=True)
+        if mesh.n_faces
+    ]
 
 
 def _volumes(plan: Plan) -> list[Volume]:
