@@ -24,6 +24,9 @@ export function refuse(words) {
   throw new Refused(words, 400);
 }
 
+/** Says no in the form that all such lines have; texts that a file gave are cut short. */
+export const expected = (wanted, got, remedy = "export it again", where = "") => refuse(`${where}expected ${wanted}, got ${String(got).slice(0, 60)}; ${remedy}`);
+
 /** No answer at all: the program has ended, or the network is down. */
 export class Gone extends Error {}
 

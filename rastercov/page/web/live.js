@@ -6,7 +6,7 @@
  * answers what the engine cannot, by questions with the whole rig: see rastercov/page/live.py and session.py.
  */
 
-import { Refused, base64Of, bytesOf, refuse } from "rastercov/api.js";
+import { Refused, base64Of, bytesOf, expected, refuse } from "rastercov/api.js";
 import { metres, squareMetres } from "rastercov/dom.js";
 import { fragmentOf, rigOfFragment, through } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles, taskFile } from "rastercov/live_files.js";
@@ -238,7 +238,7 @@ export class Live {
       if (!camera.lens || camera.lens in this.lenses) continue;
       const { prover } = this.data;
       if (!prover && this.server) continue;
-      if (!prover) refuse(`expected a lens model that this page supports, got ${camera.model}; use rastercov view`);
+      if (!prover) expected("a lens model that this page supports", camera.model, "use rastercov view");
       const { row, border } = await this.asking.ask("prove", new Uint8Array(await inflate(prover)), opticsOf(camera));
       this.lenses[camera.lens] = row;
       this.borders[camera.lens] = Array.from({ length: border.length / 3 }, (_, k) => [...border.subarray(3 * k, 3 * k + 3)]);
@@ -476,7 +476,7 @@ export class Live {
   }
 
   #showVariant(name) {
-    const [state] = this.#variants.get(name) ?? refuse(`expected a saved variant, got '${name}'; pick another`);
+    const [state] = this.#variants.get(name) ?? expected("a saved variant", `'${name}'`, "pick another");
     if (state !== this.history.state) this.history.take(state, `show ${name}`);
   }
 
@@ -488,7 +488,7 @@ export class Live {
       const cameras = headsOf(this.history.state).filter(({ counts }) => counts).length;
       this.#variants = new Map([...known, [name, [this.history.state, { covered, covered_area, cost, cameras }]]]);
     } else if (what === "drop_variant") {
-      if (!known.has(name)) refuse(`expected a saved variant, got '${name}'; pick another`);
+      if (!known.has(name)) expected("a saved variant", `'${name}'`, "pick another");
       this.#variants = new Map([...known].filter(([each]) => each !== name));
     }
   }

@@ -1,6 +1,6 @@
 /** Scenes of GLB files; see rastercov/formats/meshes/gltf.py. One group a node, in the order of the tree. */
 
-import { refuse } from "rastercov/api.js";
+import { expected, refuse } from "rastercov/api.js";
 import { cross, dot, multiply } from "rastercov/maths.js";
 
 const COMPONENTS = {
@@ -34,14 +34,14 @@ export function readGlb(bytes, most) {
   checkNames("file", header);
   const required = listOf(header, "extensionsRequired").map(String);
   const foreign = required.filter((name) => !READ.includes(name) && !HARMLESS.some((each) => name.startsWith(each)));
-  if (foreign.length) refuse(`expected supported extensions, got ${foreign[0].slice(0, 60)}; export without them`);
+  if (foreign.length) expected("supported extensions", foreign[0], "export without them");
   const scene = new Scene(header, buffer, made);
   for (const { node, name, matrix } of scene.nodes()) if ("mesh" in node) scene.add(node, name, matrix);
   if (listOf(header, "animations").length) made.notes.push("ignored animations: the nodes are at rest");
   const { points, corners, groupOf, notes } = made;
   if (!groupOf.length) refuse("expected triangles, got no faces; export the surface, not points");
   const bad = points.findIndex((x) => !(Math.abs(x) <= LARGEST_COORDINATE));
-  if (bad >= 0) refuse(`vertex ${Math.floor(bad / 3)}: expected finite coordinates within ±1e30, got ${points[bad]}; repair the mesh`);
+  if (bad >= 0) expected("finite coordinates within ±1e30", points[bad], "repair the mesh", `vertex ${Math.floor(bad / 3)}: `);
   return { vertices: Float64Array.from(points), faces: Int32Array.from(corners), groupOf, names: scene.names, notes };
 }
 
@@ -49,9 +49,9 @@ function chunksOf(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   if (bytes.length < 20 || view.getUint32(0, false) !== 0x676c5446) refuse("expected a GLB file, which begins with glTF, got another file; export a binary .glb");
   const [version, length] = [view.getUint32(4, true), view.getUint32(8, true)];
-  if (version !== 2) refuse(`expected glTF version 2, got ${version}; export it again`);
+  if (version !== 2) expected("glTF version 2", version);
   const room = (what, size, at, end) => {
-    if (at + size > end) refuse(`expected ${size} bytes of ${what} from byte offset ${at} on, got ${end - at}; truncated; export it again`);
+    if (at + size > end) expected(`${size} bytes of ${what} from byte offset ${at} on`, end - at, "truncated; export it again");
   };
   room("the header", length, 0, bytes.length);
   const found = new Map();
@@ -69,11 +69,11 @@ function chunksOf(bytes) {
   } catch {
     refuse("expected a readable JSON chunk, got damaged text; export it again");
   }
-  if (!isObject(header)) refuse(`expected the JSON chunk to be an object, got ${typeOf(header)}; export it again`);
+  if (!isObject(header)) expected("the JSON chunk to be an object", typeOf(header));
   const asset = header.asset ?? {};
   for (const [key, known] of [["version", "2."], ["minVersion", "2.0"]]) {
     const wanted = String(asset[key] ?? "2.0");
-    if (!`${wanted}.`.startsWith(known)) refuse(`expected glTF 2.0, got ${key} ${wanted.slice(0, 20)}; export it again`);
+    if (!`${wanted}.`.startsWith(known)) expected("glTF 2.0", `${key} ${wanted.slice(0, 20)}`);
   }
   return { header, buffer: found.get(0x004e4942) ?? new Uint8Array() };
 }
@@ -86,34 +86,34 @@ const isObject = (value) => typeof value === "object" && value !== null && !Arra
 
 function listOf(owner, key) {
   const found = owner[key] ?? [];
-  if (!Array.isArray(found) || (key in owner && owner[key] === null)) refuse(`expected '${key}' to be a list, got ${typeOf(owner[key])}; export it again`);
+  if (!Array.isArray(found) || (key in owner && owner[key] === null)) expected(`'${key}' to be a list`, typeOf(owner[key]));
   return found;
 }
 
 function objectOf(header, key, index) {
   const items = listOf(header, key);
   if (!Number.isInteger(index) || !(index >= 0 && index < items.length) || !isObject(items[index])) {
-    refuse(`expected an index below ${items.length}, the objects of '${key}', got ${shown(index)}; export it again`);
+    expected(`an index below ${items.length}, the objects of '${key}'`, shown(index));
   }
   return items[index];
 }
 
 function countOf(owner, key, otherwise) {
   const value = key in owner ? owner[key] : otherwise;
-  if (!Number.isSafeInteger(value) || value < 0) refuse(`expected '${key}' to be a whole number from 0, got ${shown(value)}; export it again`);
+  if (!Number.isSafeInteger(value) || value < 0) expected(`'${key}' to be a whole number from 0`, shown(value));
   return value;
 }
 
 function numbersOf(owner, key, otherwise) {
   const values = key in owner ? owner[key] : otherwise;
   const isRight = Array.isArray(values) && values.length === otherwise.length && values.every((each) => typeof each === "number" && Number.isFinite(each));
-  return isRight ? values : refuse(`expected '${key}' to be ${otherwise.length} finite numbers, got something else; export it again`);
+  return isRight ? values : expected(`'${key}' to be ${otherwise.length} finite numbers`, "something else");
 }
 
 function checkNames(kind, owner) {
   const known = NAMES[kind].split(" ");
   const other = Object.keys(owner).find((name) => !known.includes(name));
-  if (other !== undefined) refuse(`expected names of glTF 2.0 in a ${kind}, got ${other.slice(0, 40)}; export it again`);
+  if (other !== undefined) expected(`names of glTF 2.0 in a ${kind}`, other);
 }
 
 const EYE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
@@ -146,7 +146,7 @@ class Scene {
       const { index, above, parent } = stack.pop();
       const node = objectOf(header, "nodes", index);
       checkNames("node", node);
-      if (seen.has(index)) refuse(`expected nodes that form a tree, got two parents of node ${index}; export it again`);
+      if (seen.has(index)) expected("nodes that form a tree", `two parents of node ${index}`);
       seen.add(index);
       const name = nameOf(node) || above;
       const matrix = node.extras?.rastercov_world === true ? EYE : multiply(parent, matrixOf(index, node));
@@ -165,14 +165,14 @@ class Scene {
       refuse("expected a scene at rest, got morph weights, instances or a skin; apply them, or use rastercov view");
     }
     const primitives = listOf(mesh, "primitives");
-    if (!primitives.length) refuse(`mesh ${node.mesh}: expected primitives, got none; export it again`);
+    if (!primitives.length) expected("primitives", "none", "export it again", `mesh ${node.mesh}: `);
     const group = this.names.length;
     this.names.push(name || nameOf(mesh) || `node${group}`);
     for (const primitive of primitives) {
-      if (!isObject(primitive)) refuse(`mesh ${node.mesh}: expected primitives, got something else; export it again`);
+      if (!isObject(primitive)) expected("primitives", "something else", "export it again", `mesh ${node.mesh}: `);
       checkNames("primitive", primitive);
       const mode = "mode" in primitive ? primitive.mode : TRIANGLES;
-      if (!Number.isInteger(mode) || mode < 0 || mode > FAN) refuse(`mesh ${node.mesh}: expected a mode from 0 to 6, got ${shown(mode)}; export it again`);
+      if (!Number.isInteger(mode) || mode < 0 || mode > FAN) expected("a mode from 0 to 6", shown(mode), "export it again", `mesh ${node.mesh}: `);
       if (mode >= TRIANGLES) this.#triangles(node.mesh, primitive, mode, matrix, group);
       else made.notes.push("ignored points or lines");
     }
@@ -181,7 +181,7 @@ class Scene {
   #triangles(mesh, primitive, mode, matrix, group) {
     const { made } = this;
     const attributes = primitive.attributes ?? {};
-    if (!("POSITION" in attributes)) refuse(`mesh ${mesh}: expected a primitive with POSITION, got one without; export it again`);
+    if (!("POSITION" in attributes)) expected("a primitive with POSITION", "one without", "export it again", `mesh ${mesh}: `);
     if (listOf(primitive, "targets").length) refuse("expected a scene at rest, got morph targets; apply them, or use rastercov view");
     const points = this.#read(attributes.POSITION, "VEC3");
     const n = points.length / 3;
@@ -191,10 +191,10 @@ class Scene {
       corners = this.#read(primitive.indices, "SCALAR");
       const last = Math.min(n, most) - 1;
       const high = corners.reduce((a, b) => Math.max(a, b), 0);
-      if (high > last) refuse(`mesh ${mesh}: expected vertex indices in 0 ... ${last}, got 0 ... ${high}; export it again`);
+      if (high > last) expected(`vertex indices in 0 ... ${last}`, `0 ... ${high}`, "export it again", `mesh ${mesh}: `);
     }
-    if (mode === TRIANGLES && corners.length % 3) refuse(`expected triangles of 3 corners each, got ${corners.length} corners; export it again`);
-    if (mode !== TRIANGLES && [1, 2].includes(corners.length)) refuse(`expected a strip of 3 corners or more, got ${corners.length}; export it again`);
+    if (mode === TRIANGLES && corners.length % 3) expected("triangles of 3 corners each", `${corners.length} corners`);
+    if (mode !== TRIANGLES && [1, 2].includes(corners.length)) expected("a strip of 3 corners or more", corners.length);
     const first = made.points.length / 3;
     for (let k = 0; k < n; k++) {
       const p = points.slice(3 * k, 3 * k + 3);
@@ -216,13 +216,13 @@ class Scene {
     const accessor = objectOf(this.header, "accessors", index);
     checkNames("accessor", accessor);
     const where = `accessor ${index}`;
-    if ("sparse" in accessor || !("bufferView" in accessor)) refuse(`${where}: expected plain data, got sparse or none; export it uncompressed`);
+    if ("sparse" in accessor || !("bufferView" in accessor)) expected("plain data", "sparse or none", "export it uncompressed", `${where}: `);
     const [size, get, most] = COMPONENTS[accessor.componentType] ?? [0];
     const isIndex = wanted === "SCALAR";
     const isRight = accessor.type === wanted && (isIndex ? get?.startsWith("getUint") : get !== "getUint32");
-    if (!size || !isRight) refuse(`expected ${where} to be ${wanted}, got ${shown(accessor.type)} of ${shown(accessor.componentType)}; export it again`);
+    if (!size || !isRight) expected(`${where} to be ${wanted}`, `${shown(accessor.type)} of ${shown(accessor.componentType)}`);
     const isNormalised = "normalized" in accessor ? accessor.normalized : false;
-    if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) refuse(`${where}: expected 'normalized' of integers only, got it elsewhere; export it again`);
+    if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) expected("'normalized' of integers only", "it elsewhere", "export it again", `${where}: `);
     const count = countOf(accessor, "count");
     const columns = isIndex ? 1 : 3;
     checkCount(this.made, count / 3);
@@ -244,7 +244,7 @@ class Scene {
     const [start, within] = [countOf(view, "byteOffset", 0), countOf(accessor, "byteOffset", 0)];
     const room = Math.min(countOf(view, "byteLength", 0), this.buffer.length - start);
     if (!(stride >= row && (!count || within + (count - 1) * stride + row <= room))) {
-      refuse(`${where}: expected ${count} elements of ${row} bytes every ${stride}, got a view of ${Math.max(room, 0)} bytes; truncated; export it again`);
+      expected(`${count} elements of ${row} bytes every ${stride}`, `a view of ${Math.max(room, 0)} bytes`, "truncated; export it again", `${where}: `);
     }
     return { at: start + within, stride, buffer: this.buffer };
   }
@@ -252,24 +252,24 @@ class Scene {
 
 /** Refuses more faces than the page takes, before they are made. */
 function checkCount({ most }, n) {
-  if (n > most) refuse(`expected up to ${most.toLocaleString("en")} faces, got ${n.toLocaleString("en")}; simplify the mesh, or use rastercov view`);
+  if (n > most) expected(`up to ${most.toLocaleString("en")} faces`, n.toLocaleString("en"), "simplify the mesh, or use rastercov view");
 }
 
 function nameOf(owner) {
   const name = owner.name || "";
-  return typeof name === "string" ? name.slice(0, 1000) : refuse(`expected a name to be a string, got ${typeOf(name)}; export it again`);
+  return typeof name === "string" ? name.slice(0, 1000) : expected("a name to be a string", typeOf(name));
 }
 
 function matrixOf(index, node) {
   const hasParts = ["translation", "rotation", "scale"].some((key) => key in node);
   const [x, y, z, w] = numbersOf(node, "rotation", [0, 0, 0, 1]);
   const long = Math.hypot(x, y, z, w);
-  if (!(Math.abs(long - 1) <= QUATERNION_TOLERANCE)) refuse(`expected a rotation of node ${index} to be a quaternion of length 1, got ${[x, y, z, w].join(" ").slice(0, 60)}; export it again`);
+  if (!(Math.abs(long - 1) <= QUATERNION_TOLERANCE)) expected(`a rotation of node ${index} to be a quaternion of length 1`, [x, y, z, w].join(" "));
   if ("matrix" in node) {
     const m = numbersOf(node, "matrix", Array(16).fill(0));
     const rows = Array.from({ length: 16 }, (_, k) => m[4 * (k & 3) + (k >> 2)]);
-    if ([0, 0, 0, 1].some((value, k) => Math.abs(rows[12 + k] - value) > 1e-6)) refuse(`node ${index}: expected a matrix whose last row is 0 0 0 1, got another row; export it again`);
-    if (hasParts) refuse(`expected one transform of node ${index}, got a matrix and another; export it again`);
+    if ([0, 0, 0, 1].some((value, k) => Math.abs(rows[12 + k] - value) > 1e-6)) expected("a matrix whose last row is 0 0 0 1", "another row", "export it again", `node ${index}: `);
+    if (hasParts) expected(`one transform of node ${index}`, "a matrix and another");
     return rows;
   }
   const [a, b, c, d] = [x, y, z, w].map((value) => value / long);
