@@ -383,6 +383,50 @@ def test_what_is_no_file_of_cameras_is_one_line_and_changes_nothing(context, add
     assert page.faults == []
 
 
+def assert_as_checked(page, rel=0.0):
+    """The figures of the page are those of `check` on the files that it saves, in this folder."""
+    covered = page.js("rastercov.summary().covered_area")
+    for name, text in downloaded(page).items():
+        Path(name).write_text(text)
+    told = rc.check("plan.toml", "rig.json", min_coverage=0.1).summary()["covered_area"]
+    assert covered["m2"] > 0
+    for key in ("m2", "bound_m2"):
+        assert covered[key] == pytest.approx(told[key], rel=rel, abs=0), key
+        rel *= 1e6
+    assert page.faults == []
+
+
+ODD_RIGS = {
+    "drifted": {"drift": 3e-9},
+    "far focus": {"focus_range": [0.1, float("inf")]},
+    "no distortion": {"model": "opencv", "distortion": [0, 0, 0, 0]},
+    "field of a pinhole": {"max_angle_deg": 20.0},  # whose border has a tangent
+}
+
+
+@pytest.mark.parametrize("name", ODD_RIGS)
+def test_what_a_rig_leaves_to_rastercov_the_page_does_alike(
+    context, address, tmp_path, monkeypatch, name
+):
+    monkeypatch.chdir(tmp_path)
+    entries = {"width": 640, "height": 480, "fx": 500.5} | ODD_RIGS[name]
+    poses = rc.sphere_of_poses((0, 0, 0), 3.0, 3)
+    poses[:, 0, 1] += entries.pop("drift", 0.0)
+    content = {"cameras": [{"name": "a", **entries}], "world_from_camera": poses.tolist()}
+    text = json.dumps(content)
+    Path("own.json").write_text(text)
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    open_file(page, "own.json", text)
+    views = rc.read_views("own.json")
+    stations = page.state()["stations"]
+    assert [each["pose"] for each in stations] == views.poses.world_from_camera.reshape(
+        3, 16
+    ).tolist()
+    assert_as_checked(page, rel=1e-12 if "max_angle_deg" in entries else 0)
+    kept = rc.read_views("rig.json")
+    assert kept.rig.cameras == views.rig.cameras
+
+
 def test_a_drawing_lies_under_the_plan_of_a_page_without_a_program(context, address, tmp_path):
     Image.new("RGB", (800, 600), "white").save(tmp_path / "plan.png")
     page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")

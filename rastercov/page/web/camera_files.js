@@ -6,7 +6,7 @@ import { refuse } from "rastercov/api.js";
 export async function openCameras(session, file) {
   try {
     const text = await file.text();
-    const content = text.trim().startsWith("{") ? JSON.parse(text) : ofYaml(text.toLowerCase());
+    const content = text.trim().startsWith("{") ? ofJson(text) : ofYaml(text.toLowerCase());
     const other = ["rule", "rigs", "rig_from_camera", "lamps", "tasks"].find((name) => name in content);
     if (other) refuse(`expected cameras and poses, got ${other}; use rastercov view`);
     const { cameras = [content], world_from_camera: poses = [], camera: of = [], images = [] } = content;
@@ -21,6 +21,9 @@ export async function openCameras(session, file) {
     session.emit("fault", `${file.name}: ${error.message}`);
   }
 }
+
+/** JSON, in which Python writes infinity. */
+const ofJson = (text) => JSON.parse(text.replace(/("(?:\\.|[^"\\])*")|\bInfinity\b/g, (_, own) => own ?? "1e999"));
 
 /** Camera of a calibration, whose pixels are counted from their centres. */
 function ofYaml(text) {

@@ -6,12 +6,12 @@
  */
 
 import { refuse } from "rastercov/api.js";
-import { column, cross, degrees, dot, length, poseOf, radians, scale, subtract, unit } from "rastercov/maths.js";
+import { column, cross, degrees, dot, driftOf, length, orthonormal, poseOf, radians, scale, subtract, unit } from "rastercov/maths.js";
 import { depths_in_focus } from "rastercov/texts.js";
 
 const LONGEST_NAME = 120;
 const MOST_STATIONS = 5000;
-const RIGID = 1e-6;
+const [RIGID, ROUNDING] = [1e-6, 1e-14]; // of axes that are orthonormal: more is refused, and more is taken out, as in Python
 const RAYS_OF_BORDER = 32;
 
 export function stationOf(state, id) {
@@ -25,12 +25,10 @@ const withStation = (state, station) => ({
 
 /** The pose, or a refusal of what is no rigid motion. */
 function checkPose(pose) {
-  const axes = [0, 1, 2].map((at) => column(pose, at));
-  const isRight = axes.every((a, i) => axes.every((b, j) => Math.abs(dot(a, b) - (i === j)) <= RIGID));
-  if (pose.length !== 16 || !pose.every(Number.isFinite) || !isRight || !(dot(cross(axes[0], axes[1]), axes[2]) > 0)) {
-    refuse("expected a rigid transform, 4 x 4, got another matrix; correct the pose");
-  }
-  return pose.slice();
+  const [right, down, forward] = [0, 1, 2].map((at) => column(pose, at));
+  const isRigid = pose.length === 16 && pose.every(Number.isFinite) && driftOf(pose) <= RIGID && dot(cross(right, down), forward) > 0;
+  if (!isRigid || String(pose.slice(12)) !== "0,0,0,1") refuse("expected a rigid transform, 4 x 4, got another matrix; correct the pose");
+  return driftOf(pose) > ROUNDING ? orthonormal(pose) : pose.slice();
 }
 
 function freeName(state, name) {
@@ -159,7 +157,11 @@ export function opticsOf({ model, plain }) {
   return { model, distortion, width, height, fx, fy, cx, cy, skew, max_angle_deg: angle ?? 0 };
 }
 
-const lensOf = (camera) => (camera.model === "pinhole" && !camera.plain.skew ? null : JSON.stringify(opticsOf(camera)));
+function lensOf(camera) {
+  const { skew, max_angle_deg: angle, distortion = [] } = camera.plain;
+  const isPinhole = camera.model === "pinhole" || (camera.model === "opencv" && !distortion.some(Boolean));
+  return isPinhole && !skew && !angle ? null : JSON.stringify(opticsOf(camera));
+}
 
 function scaleCamera(camera, factor) {
   const { plain } = camera;
@@ -270,10 +272,9 @@ export function described(camera, models) {
   };
   if (camera.origins) return { ...made, lens: null }; // of parallel rays, as rastercov describes it
   made.lens = lensOf(camera);
-  if (made.lens) {
-    const coefficients = (models[camera.model] ?? []).map((name, k) => [name, plain.distortion?.[k] ?? 0]);
-    return { ...made, cx: plain.cx, cy: plain.cy, ...Object.fromEntries(coefficients) };
-  }
+  const coefficients = (models[camera.model] ?? []).map((name, k) => [name, plain.distortion?.[k] ?? 0]);
+  if (made.lens || coefficients.length) Object.assign(made, { cx: plain.cx, cy: plain.cy }, Object.fromEntries(coefficients));
+  if (made.lens) return made;
   const { width, height, fx, fy, cx, cy } = plain;
   made.hfov_deg = degrees(Math.atan(cx / fx) + Math.atan((width - cx) / fx));
   const parts = camera.border.length / 4;

@@ -89,6 +89,23 @@ export function rigidInverse(pose) {
   return [...axes.flatMap((axis) => [...axis, -dot(axis, centre)]), 0, 0, 0, 1];
 }
 
+/** Largest difference of the axes of a pose from orthonormal ones. */
+export function driftOf(pose) {
+  const axes = [0, 1, 2].map((at) => column(pose, at));
+  return Math.max(...axes.flatMap((a, i) => axes.map((b, j) => Math.abs(dot(a, b) - (i === j)))));
+}
+
+/** Pose with the nearest orthonormal axes, bit for bit as `nearest_rotations` of rastercov/core/mesh/arrays.py. */
+export function orthonormal(pose) {
+  const one = (row, k) => Number(row === k);
+  let turn = pose.map((value, k) => (k % 4 === 3 || k > 11 ? one(k, 15) : value));
+  for (let step = 0; step < 6; step++) {
+    const square = multiply(rigidInverse(turn), turn);
+    turn = multiply(turn, square.map((value, k) => 1.5 * one(k % 5, 0) - value / 2));
+  }
+  return pose.map((value, k) => (k % 4 === 3 ? value : turn[k]));
+}
+
 /** Pose turned about a world axis (of length 1) through its own centre; axes stay orthonormal. */
 export function rotatePose(pose, axis, angle) {
   const cosine = Math.cos(angle);
