@@ -24,6 +24,7 @@ from rastercov.base.format import base64_of
 from rastercov.core.area.regions import OF_A_FACE
 from rastercov.core.camera import (
     MODELS,
+    PROGRAMS,
     Camera,
     Cameras,
     Poses,
@@ -48,6 +49,7 @@ from rastercov.core.coverage.task import (
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.groups import rows_of
 from rastercov.core.mesh.unseeable import unseeable_areas
+from rastercov.formats.cameras.own import UNUSED
 from rastercov.report import theme
 from rastercov.report.modes import (
     FIRST,
@@ -365,12 +367,22 @@ def data_of(
 def describe_surface(mesh: Mesh) -> ByName:
     """A mesh as a page has it, and what the page knows of lens models, ready for JSON."""
     own = {"mesh": _arrays(mesh), "origin": soup_origin(mesh).tolist()}
-    return own | {"models": _coefficients()}
+    return own | _of_files()
 
 
-def _coefficients() -> ByName:
-    """Names of the coefficients of each lens model."""
-    return {name: each.coefficients.split() for name, each in MODELS.items()}
+def _of_files() -> ByName:
+    """Tables by which the page reads files of cameras.
+
+    Names of the coefficients of each lens model; COLMAP's models by their ids, each with its name,
+    ours and its parameters; entries of a rig that the page does not need.
+    """
+    return {
+        "models": {name: each.coefficients.split() for name, each in MODELS.items()},
+        "colmap": [
+            [name, each.ours, *each.parameters.split()] for name, each in PROGRAMS["colmap"].items()
+        ],
+        "unused": sorted(UNUSED),
+    }
 
 
 def describe_limits(mesh: Mesh, limits: Mapping[str | None, float]) -> list[ByName]:
@@ -431,7 +443,7 @@ def playground() -> str:
         for mesh in (shapes.by_name(name),)
     ]
     data: ByName = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
-    data |= {"readers": _deflate_module(READERS), "models": _coefficients()}
+    data |= {"readers": _deflate_module(READERS), **_of_files()}
     return with_live_data(_share_entries(scene, state) | data | {"leastSite": LEAST_SITE})
 
 

@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Tab
+from lens_cases import COLMAP, HEIGHT, WIDTH
 from mesh_files import VALID, WRITERS
 from nightly import IS_NIGHTLY
 from PIL import Image
 from processes import run_python
+from scipy.spatial.transform import Rotation
 from test_live import downloaded
 
 import rastercov as rc
@@ -352,10 +354,15 @@ def test_files_of_cameras_open_as_python_reads_them(context, address, tmp_path, 
 
 
 WRONG_FILES = {
-    "empty.json": ("", "camera matrix|expected a camera"),
+    "empty.json": ("", "empty.json: expected JSON"),
     "text.yaml": ("a: b\n", "expected a camera with width"),
     "bad.json": ("{", "JSON"),
-    "list.json": ('{"cameras": 3}', ""),
+    "list.json": ('{"cameras": 3}', "list.json: expected lists of cameras and poses, got 3"),
+    "null.json": ('{"cameras": [null]}', "null.json: expected lists of cameras and poses"),
+    "three.json": ("3", "expected a camera with width"),
+    "many.json": (json.dumps({"world_from_camera": [np.eye(4).tolist()] * 5001}), "up to 5000"),
+    "binned.yaml": (ROS.replace("LAW", "plumb_bob\nbinning_x: 2"), "got binning or roi"),
+    "roi.yaml": (ROS.replace("LAW", "plumb_bob\nroi:\n  y: 2\n  width: 300"), "binning or roi"),
     "rule.json": ('{"rule": {}, "cameras": []}', "expected cameras and poses, got rule"),
     "law.yaml": (ROS.replace("distortion_model: LAW\n", ""), "expected distortion_model"),
     "size.yaml": (OPENCV.replace("640", "-640"), "expected a camera with width"),
@@ -383,6 +390,55 @@ def test_what_is_no_file_of_cameras_is_one_line_and_changes_nothing(context, add
     assert page.faults == []
 
 
+def sent(files):
+    """Files as Playwright hands them over."""
+    every = {
+        name: data if isinstance(data, bytes) else data.encode() for name, data in files.items()
+    }
+    return [{"name": k, "mimeType": "text/plain", "buffer": data} for k, data in every.items()]
+
+
+def colmap_files(folder, suffix):
+    """A model with several lenses, and its views."""
+    names = ("PINHOLE", "SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV")
+    cameras = [
+        f"{row} {name} {WIDTH} {HEIGHT} {' '.join(map(repr, COLMAP[name]))}"
+        for row, name in enumerate(names, 1)
+    ]
+    folder.mkdir()
+    (folder / "cameras.txt").write_text("\n".join(cameras))
+    motions = np.linalg.inv(rc.sphere_of_poses((0, 0, 0), 4.0, 4))
+    turns = Rotation.from_matrix(motions[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]].round(7)
+    lines = [
+        f"{row} {' '.join(map(repr, [*q, *t]))} {row} a {row}.png\n"
+        for row, q, t in zip(range(1, 5), turns.tolist(), motions[:, :3, 3].tolist(), strict=True)
+    ]
+    (folder / "images.txt").write_text("\n".join(lines) + "\n")
+    views = rc.read_views(folder)
+    if suffix == "bin":
+        rc.write_views(folder / "binary", views, format="colmap")
+        folder = folder / "binary"
+        views = rc.read_views(folder)
+    return {p.name: p.read_bytes() for p in folder.glob(f"*.{suffix}")}, views
+
+
+@pytest.mark.parametrize("suffix", ["txt", "bin"])
+def test_colmap_models_open_as_python_reads_them(context, address, tmp_path, monkeypatch, suffix):
+    monkeypatch.chdir(tmp_path)
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    files, views = colmap_files(tmp_path / "model", suffix)
+    page.open("Cameras")
+    page.page.get_by_label(LABEL).set_input_files(sent(files))
+    page.page.wait_for_function("rastercov.state().stations.length === 4")
+    page.idle()
+    stations = page.state()["stations"]
+    assert [each["name"] for each in stations] == list(views.images)
+    poses = np.reshape([each["pose"] for each in stations], (4, 4, 4))
+    assert np.array_equal(poses, views.poses.world_from_camera)
+    assert "no unit of length" in page.page.locator("body").inner_text()
+    assert_as_checked(page)
+
+
 def assert_as_checked(page, rel=0.0):
     """The figures of the page are those of `check` on the files that it saves, in this folder."""
     covered = page.js("rastercov.summary().covered_area")
@@ -401,23 +457,31 @@ ODD_RIGS = {
     "far focus": {"focus_range": [0.1, float("inf")]},
     "no distortion": {"model": "opencv", "distortion": [0, 0, 0, 0]},
     "field of a pinhole": {"max_angle_deg": 20.0},  # whose border has a tangent
+    "f-number": {"focal_length": 16e-3, "pixel_size": 4e-6, "f_number": 1.4, "focus_distance": 3},
 }
 
 
 @pytest.mark.parametrize("name", ODD_RIGS)
+@pytest.mark.parametrize("form", ["json", "toml"])
 def test_what_a_rig_leaves_to_rastercov_the_page_does_alike(
-    context, address, tmp_path, monkeypatch, name
+    context, address, tmp_path, monkeypatch, name, form
 ):
     monkeypatch.chdir(tmp_path)
     entries = {"width": 640, "height": 480, "fx": 500.5} | ODD_RIGS[name]
     poses = rc.sphere_of_poses((0, 0, 0), 3.0, 3)
     poses[:, 0, 1] += entries.pop("drift", 0.0)
     content = {"cameras": [{"name": "a", **entries}], "world_from_camera": poses.tolist()}
-    text = json.dumps(content)
-    Path("own.json").write_text(text)
+    if form == "json":
+        text = json.dumps(content)
+    else:
+        camera = [f"{key} = {value!r}".replace("'", '"') for key, value in entries.items()]
+        text = "\n".join(
+            [f"world_from_camera = {poses.tolist()}", "[[cameras]]", 'name = "a"', *camera]
+        )
+    Path(f"own.{form}").write_text(text)
     page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
-    open_file(page, "own.json", text)
-    views = rc.read_views("own.json")
+    open_file(page, f"own.{form}", text)
+    views = rc.read_views(f"own.{form}")
     stations = page.state()["stations"]
     assert [each["pose"] for each in stations] == views.poses.world_from_camera.reshape(
         3, 16

@@ -1,29 +1,95 @@
-/** Files of cameras that a page opens: rigs of rastercov (JSON), and calibrations of OpenCV and ROS (YAML). */
+/**
+ * Files of cameras that a page opens: rigs of rastercov (JSON, TOML), calibrations of OpenCV and ROS
+ * (YAML), and models of COLMAP.
+ */
 
-import { refuse } from "rastercov/api.js";
+import { expected, refuse } from "rastercov/api.js";
+import { readColmap } from "rastercov/colmap.js";
+import { readToml } from "rastercov/toml.js";
 
-/** Opens a file: its cameras join those of the rig, and its poses replace those that are there. */
-export async function openCameras(session, file) {
+export const FILES = ".json,.toml,.yaml,.yml,.txt,.bin";
+const OF_COLMAP = /^(cameras|images|points3D|rigs|frames)\.(txt|bin)$/;
+const OF_RIGS = ["cameras", "rig_from_camera", "world_from_camera", "camera", "has_unit", "frame", "images", "fixed"];
+
+/** Whether a file may hold cameras, by its name. */
+export const mayHaveCameras = (name) => FILES.split(",").some((end) => name.toLowerCase().endsWith(end));
+
+/** Opens files together: their cameras join those of the rig, and their poses replace those that are there. */
+export async function openCameras(session, files) {
   try {
-    const text = await file.text();
-    const content = text.trim().startsWith("{") ? ofJson(text) : ofYaml(text.toLowerCase());
-    const other = ["rule", "rigs", "rig_from_camera", "lamps", "tasks"].find((name) => name in content);
-    if (other) refuse(`expected cameras and poses, got ${other}; use rastercov view`);
-    const { cameras = [content], world_from_camera: poses = [], camera: of = [], images = [] } = content;
-    const named = cameras.map(({ name = file.name, ...plain }) => [name, plain]);
-    const stations = poses.map((pose, id) => {
-      const [camera] = named[of[id] ?? 0] ?? [of[id]];
-      return { id, name: images[id] ?? `camera ${id + 1}`, camera, pose: pose.flat(), is_on: true };
-    });
-    [[session.typeOfNext]] = named;
-    await session.act({ do: "open", cameras: Object.fromEntries(named), stations });
+    const { data } = session.server;
+    const contents = await contentsOf(files, data);
+    const [cameras, stations, notes] = [[], [], []];
+    for (const { name, content } of contents) {
+      const found = naming(name, () => rigOf(name, content, data, session.typeOfNext ?? Object.keys(session.state.cameras)[0]));
+      cameras.push(...found.cameras);
+      for (const each of found.stations) stations.push({ ...each, id: stations.length });
+      notes.push(...found.notes);
+    }
+    const type = session.typeOfNext;
+    [[session.typeOfNext] = [type]] = cameras;
+    const done = await session.act({ do: "open", cameras: Object.fromEntries(cameras), stations });
+    if (!done) session.typeOfNext = type;
+    else for (const words of notes) session.emit("notice", words);
   } catch (error) {
-    session.emit("fault", `${file.name}: ${error.message}`);
+    session.emit("fault", error.message);
   }
+}
+
+/** Does what is on a file, which errors name. */
+function naming(name, act) {
+  try {
+    return act();
+  } catch (error) {
+    return refuse(`${name}: ${error instanceof SyntaxError ? "expected JSON, got other text; correct the file" : error.message}`);
+  }
+}
+
+/** {name, content} of files; those of a COLMAP model are one. */
+async function contentsOf(files, data) {
+  const read = await Promise.all([...files].map(async (file) => ({ name: file.name, bytes: new Uint8Array(await file.arrayBuffer()) })));
+  const ofModel = read.filter(({ name }) => OF_COLMAP.test(name));
+  const contents = read.filter((each) => !ofModel.includes(each)).map(({ name, bytes }) => ({ name, content: naming(name, () => contentOf(name, new TextDecoder().decode(bytes))) }));
+  return ofModel.length ? [...contents, { name: "COLMAP", content: readColmap(ofModel, data) }] : contents;
+}
+
+function contentOf(name, text) {
+  const kind = name.toLowerCase().split(".").pop();
+  if (kind === "toml") return readToml(text);
+  const content = kind === "json" || text.trim().startsWith("{") ? ofJson(text) : ofYaml(text.toLowerCase());
+  return Array.isArray(content) ? { world_from_camera: content } : Object(content);
 }
 
 /** JSON, in which Python writes infinity. */
 const ofJson = (text) => JSON.parse(text.replace(/("(?:\\.|[^"\\])*")|\bInfinity\b/g, (_, own) => own ?? "1e999"));
+
+/** {cameras, stations, notes} of a rig; poses without a camera are of `type`. */
+function rigOf(name, content, { unused }, type) {
+  const isRig = "cameras" in content || "world_from_camera" in content;
+  const other = isRig && Object.keys(content).find((each) => ![...OF_RIGS, ...unused].includes(each));
+  if (other) expected("cameras and poses", other, "use rastercov view");
+  const { cameras = isRig ? [] : [{ name, ...content }], world_from_camera: poses = [], camera: of = [], images = [] } = content;
+  for (const each of [cameras, poses, of, images]) if (!Array.isArray(each) || each.includes(null)) expected("lists of cameras and poses", each, "correct the file");
+  const named = cameras.map(({ name: own, ...plain }, row) => [String(own ?? `camera ${row + 1}`), plain]);
+  const names = named.map(([own]) => own);
+  if (new Set(names).size < names.length) expected("different names of cameras", "one twice", "rename one");
+  if (poses.length && names.length > 1 && of.length !== poses.length) expected("the camera of each pose", of.length, 'add "camera"');
+  const stations = poses.map((pose, row) => ({
+    name: String(images[row] ?? `camera ${row + 1}`),
+    camera: typeof of[row] === "string" ? of[row] : (names[of[row] ?? 0] ?? (names.length ? String(of[row]) : type)),
+    pose: matrixOf(pose),
+    is_on: true,
+  }));
+  const left = ["rig_from_camera", "fixed"].filter((each) => each in content);
+  const notes = left.length ? [`${name}: left out ${left.join(", ")}`] : [];
+  if (poses.length && content.has_unit === false) notes.push(`${name}: has no unit of length; taken as metres`);
+  return { cameras: named, stations, notes };
+}
+
+function matrixOf(rows) {
+  const numbers = [rows].flat(2);
+  return numbers.length === 16 && numbers.every(Number.isFinite) ? numbers : expected("poses of 4 x 4 numbers", rows, "correct the file");
+}
 
 /** Camera of a calibration, whose pixels are counted from their centres. */
 function ofYaml(text) {
@@ -32,7 +98,9 @@ function ofYaml(text) {
   const [fx, skew, cx, , fy, cy] = list("camera_matrix");
   const distortion = list("distortion_coefficients");
   const [law] = after("distortion_model").trim().split(/\s/);
-  if (distortion.length === 4 && !law) refuse("expected distortion_model, got none; add plumb_bob or equidistant");
+  if (distortion.length === 4 && !law) expected("distortion_model", "none", "add plumb_bob or equidistant");
+  const part = after("roi").split(/\n\S/)[0].split("width:")[1];
+  if ([after("binning_x"), after("binning_y")].some((each) => parseInt(each, 10) > 1) || parseInt(part, 10) > 0) expected("a calibration of all pixels", "binning or roi", "use rastercov view");
   const model = /equidistant|fisheye/.test(law) ? "opencv_fisheye" : "opencv";
   const [width, height] = ["image_width", "image_height"].map((name) => parseInt(after(name), 10));
   return { model, width, height, fx, fy, cx: cx + 0.5, cy: cy + 0.5, skew, distortion };

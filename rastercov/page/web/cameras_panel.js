@@ -1,7 +1,7 @@
 /** Panel "Cameras": the rig, and of the chosen camera its pose, its lens and what can be done with it. */
 
 import { button, choice, count, element, fileButton, fill, keepingFocus, metres, percent, section, inUnit, when } from "rastercov/dom.js";
-import { openCameras } from "rastercov/camera_files.js";
+import { FILES, openCameras } from "rastercov/camera_files.js";
 import { finder } from "rastercov/finder.js";
 import { anglesOf, centreOf, distance, poseFromAngles, scale } from "rastercov/maths.js";
 import { variantsSection } from "rastercov/variants.js";
@@ -253,7 +253,7 @@ function typeSection(session) {
       body,
       element("label.field-head", element("span.field-label", station ? "Type" : "Type of the next camera"), menu),
       sold,
-      fileButton("Open a rig or a camera…", ".json,.yaml,.yml", (file) => openCameras(session, file)),
+      fileButton("Open a rig or a camera…", FILES, (...files) => openCameras(session, files), true),
       focusWords(camera),
       shared > 1 && station ? element("p.soft", `${shared} cameras use this type; a change affects all of them.`) : null,
       controls.map((each) => each.control.root),

@@ -39,12 +39,12 @@ export function button(text, onClick, { title = "", kind = "", ...more } = {}) {
 }
 
 /** Button that opens a file of the user's disk; the same one may be chosen again. */
-export function fileButton(text, accept, take) {
-  const input = element("input", { type: "file", accept, hidden: true, "aria-label": text });
+export function fileButton(text, accept, take, isOfSeveral = false) {
+  const input = element("input", { type: "file", accept, hidden: true, multiple: isOfSeveral, "aria-label": text });
   input.addEventListener("change", () => {
-    const [file] = input.files;
+    const files = [...input.files];
     input.value = "";
-    if (file) take(file);
+    if (files.length) take(...files);
   });
   return element("span.file-button", input, button(text, () => input.click()));
 }

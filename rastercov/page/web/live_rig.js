@@ -5,12 +5,14 @@
  * `models` has the coefficients of each model of a lens, and `lens` of a camera names what is to be proved of it.
  */
 
-import { refuse } from "rastercov/api.js";
+import { expected, refuse } from "rastercov/api.js";
+import { plainOf } from "rastercov/camera_entries.js";
 import { column, cross, degrees, dot, driftOf, length, orthonormal, poseOf, radians, scale, subtract, unit } from "rastercov/maths.js";
 import { depths_in_focus } from "rastercov/texts.js";
 
 const LONGEST_NAME = 120;
 const MOST_STATIONS = 5000;
+const TOO_MANY = "expected up to 5000 cameras; delete some";
 const [RIGID, ROUNDING] = [1e-6, 1e-14]; // of axes that are orthonormal: more is refused, and more is taken out, as in Python
 const RAYS_OF_BORDER = 32;
 
@@ -42,21 +44,20 @@ function freeName(state, name) {
 function withCamera(state, name) {
   if (name in state.cameras) return state;
   const plain = state.sold?.[name] ?? refuse(`there is no camera ${name}; choose one from the list`);
-  return { ...state, cameras: { ...state.cameras, [name]: cameraOf(plain, state.models) } };
+  return { ...state, cameras: { ...state.cameras, [name]: cameraOf(plain, state) } };
 }
 
-/** A camera by its values, of which a file may leave some out. */
-function cameraOf(given, models) {
-  const plain = { fy: given.fx, cx: given.width / 2, cy: given.height / 2, ...given };
-  const { model = "pinhole", width, height, fx, fy } = plain;
-  if (!(model in models || model === "pinhole") || !(Math.min(width, height, fx, fy) > 0)) refuse("expected a camera with width, height, fx and a lens model of rastercov, got another; correct it");
+/** A camera by the entries of a file. */
+function cameraOf(given, { models, sold }) {
+  const plain = plainOf(given, models, sold);
+  const { model = "pinhole" } = plain;
   const canFocus = Boolean(plain.focal_length && plain.pixel_size);
   return described({ model, plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) }, models);
 }
 
 function withNew(before, camera, pose, name = "") {
   const state = withCamera(before, camera);
-  if (state.stations.length >= MOST_STATIONS) refuse(`expected up to ${MOST_STATIONS} cameras; delete some`);
+  if (state.stations.length >= MOST_STATIONS) refuse(TOO_MANY);
   const id = Math.max(-1, ...state.stations.map((each) => each.id)) + 1;
   const station = { id, name: freeName(state, name || `camera ${id + 1}`), camera, pose: checkPose(pose), is_on: true };
   return { ...state, stations: [...state.stations, { ...station, place: "allowed" }] };
@@ -80,7 +81,7 @@ const EDITS = {
   none: (state) => [state, ""],
   pose: ofStation((state, own, { pose }) => [withStation(state, { ...own, pose: checkPose(pose) }), `move ${own.name}`]),
   device: (state, { device, pose }) => {
-    const own = state.devices?.find((each) => each.id === device && each.pose) ?? refuse(`expected equipment of the scene, got '${device}'; choose another`);
+    const own = state.devices?.find((each) => each.id === device && each.pose) ?? expected("equipment of the scene", `'${device}'`, "choose another");
     const moved = { ...own, pose: checkPose(pose) };
     return [{ ...state, devices: state.devices.map((each) => (each === own ? moved : each)) }, `move ${own.name}`];
   },
@@ -115,14 +116,15 @@ const EDITS = {
     return [{ ...state, task: { ...state.task, ...changes }, needed }, `change ${Object.keys(changes).join(", ")}`];
   },
   open: (state, { cameras, stations }) => {
-    const made = Object.entries(cameras).map(([name, plain]) => [name, cameraOf(plain, state.models)]);
+    const made = Object.entries(cameras).map(([name, plain]) => [name, cameraOf(plain, state)]);
     return EDITS.restore(state, {
       rig: { cameras: Object.fromEntries(made), stations: stations.length ? stations : state.stations },
     });
   },
   restore: (state, { rig }) => {
-    const unknown = rig.stations.find((each) => !(each.camera in rig.cameras));
+    const unknown = rig.stations.find((each) => !Object.hasOwn({ ...state.cameras, ...rig.cameras }, each.camera));
     if (unknown) refuse(`there is no camera ${unknown.camera}; choose one from the list`);
+    if (rig.stations.length > MOST_STATIONS) refuse(TOO_MANY);
     const stations = rig.stations.map((each) => ({ place: "allowed", ...each, pose: checkPose(each.pose) }));
     return [{ ...state, ...rig, cameras: { ...state.cameras, ...rig.cameras }, stations }, "restore the rig"];
   },
@@ -195,7 +197,7 @@ const withFocus = (camera, aperture, distance) => {
 
 const CHANGES = {
   hfov_deg: (camera, value) => {
-    if (camera.model !== "pinhole") refuse(`expected a pinhole for hfov_deg, got lens model ${camera.model}; change fx`);
+    if (camera.model !== "pinhole") expected("a pinhole for hfov_deg", `lens model ${camera.model}`, "change fx");
     if (!(value >= 0.01 && value <= 179)) refuse(`expected hfov_deg of 0.01 to 179, got ${value}`);
     const { width, cx, fx } = camera.plain;
     const half = (0.5 * width) / Math.tan(radians(value));
@@ -205,7 +207,7 @@ const CHANGES = {
   fx: (camera, value) => scaleCamera(camera, positive("fx", value) / camera.plain.fx),
   px_per_m: (camera, value) => scaleCamera(camera, positive("px_per_m", value) / camera.plain.fx),
   magnification: (camera, value) => {
-    if (!camera.magnification) refuse(`expected a telecentric lens for magnification, got model ${camera.model}; change fx`);
+    if (!camera.magnification) expected("a telecentric lens for magnification", `model ${camera.model}`, "change fx");
     return scaleCamera(camera, positive("magnification", value) / camera.magnification);
   },
   cx: (camera, value) => ({ ...camera, plain: { ...camera.plain, cx: value } }),

@@ -2,7 +2,7 @@
 
 import { Recorded, Server, takeToken } from "rastercov/api.js";
 import { fitAll, toolBar, topBar } from "rastercov/bars.js";
-import { openCameras } from "rastercov/camera_files.js";
+import { mayHaveCameras, openCameras } from "rastercov/camera_files.js";
 import { cameraPanel, largeImage } from "rastercov/camera_panel.js";
 import { camerasPanel } from "rastercov/cameras_panel.js";
 import { drawConstraints, hasConstraints } from "rastercov/constraints.js";
@@ -98,8 +98,9 @@ async function open() {
   document.addEventListener("dragover", (event) => event.preventDefault()); // no browser leaves the page
   document.addEventListener("drop", (event) => {
     event.preventDefault();
-    const [file] = event.dataTransfer.files;
-    if (/\.(json|ya?ml)$/i.test(file?.name) && session.canEdit) openCameras(session, file);
+    const files = [...event.dataTransfer.files];
+    const [file] = files;
+    if (file && files.every(({ name }) => mayHaveCameras(name)) && session.canEdit) openCameras(session, files);
     else if (file && drawing) drawing.choose(file);
     else if (file) session.emit("fault", `${file.name}: this page accepts no files`);
   });

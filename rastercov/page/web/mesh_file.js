@@ -4,7 +4,7 @@
  * The page takes no morph targets, sparse data or instances of GLB: each is a line.
  */
 
-import { refuse } from "rastercov/api.js";
+import { expected, refuse } from "rastercov/api.js";
 import { Engine } from "rastercov/live_engine.js";
 import { readGlb } from "rastercov/mesh_glb.js";
 
@@ -39,7 +39,7 @@ export async function readMesh(name, bytes, module) {
 
 /** Refuses a file before it is read. */
 export function checkSize(size) {
-  if (size > MOST_BYTES) refuse(`expected up to ${MOST_BYTES / 1e6} MB, got ${Math.round(size / 1e6)} MB; simplify the mesh, or use rastercov view`);
+  if (size > MOST_BYTES) expected(`up to ${MOST_BYTES / 1e6} MB`, `${Math.round(size / 1e6)} MB`, "simplify the mesh, or use rastercov view");
 }
 
 function readPlain(extension, bytes, engine) {
@@ -57,7 +57,7 @@ function readPlain(extension, bytes, engine) {
 /** Without empty groups, and with names of the others. */
 function finish({ vertices, faces, groupOf, names, notes }, stem) {
   const used = [...new Set(groupOf)].sort((a, b) => a - b);
-  if (used.length > MOST_GROUPS) refuse(`expected up to ${MOST_GROUPS} groups, got ${used.length}; merge some`);
+  if (used.length > MOST_GROUPS) expected(`up to ${MOST_GROUPS} groups`, used.length, "merge some");
   const taken = new Set();
   const groups = used.map((row) => ({ name: free(taken, printable(names[row]) || printable(stem) || "mesh") }));
   const rowOf = new Map(used.map((row, at) => [row, at]));
