@@ -39,6 +39,7 @@ from rastercov.core.camera.rig import Inputs, are_central
 from rastercov.core.camera.viewpoints import CAMERA_SIZE, SPREAD
 from rastercov.core.coverage.task import (
     DORI,
+    LEVELS,
     NEEDED,
     OF_SURFACE,
     OWN_CRITERIA,
@@ -374,7 +375,7 @@ def _of_files() -> ByName:
     """Tables by which the page reads files of cameras.
 
     Names of the coefficients of each lens model; COLMAP's models by their ids, each with its name,
-    ours and its parameters; entries of a rig that the page does not need.
+    ours and its parameters; entries of a rig that the page does not need; levels by name.
     """
     return {
         "models": {name: each.coefficients.split() for name, each in MODELS.items()},
@@ -382,6 +383,7 @@ def _of_files() -> ByName:
             [name, each.ours, *each.parameters.split()] for name, each in PROGRAMS["colmap"].items()
         ],
         "unused": sorted(UNUSED),
+        "levels": LEVELS,
     }
 
 

@@ -104,7 +104,7 @@ BUTTONS = {
     "Keep as variant": "test_variants_keep_a_rig_with_its_figures",
     "Draw exact outlines": "test_why_there_are_no_exact_pieces_is_said",
     "Choose a PNG, JPEG or SVG…": DRAWING,
-    "Open a rig or a camera…": "test_files_of_cameras_open_as_python_reads_them",
+    "Open a rig, plan or camera…": "test_files_of_cameras_open_as_python_reads_them",
     "Place by two points": DRAWING,
     "Remove": "test_a_drawing_is_saved_with_the_rig_and_comes_back_with_its_scene",
     "Play": "test_play_goes_through_the_frames",

@@ -4,6 +4,7 @@ import json
 import re
 import sys
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from browser import Tab
 from lens_cases import COLMAP, HEIGHT, WIDTH
 from mesh_files import VALID, WRITERS
-from nightly import IS_NIGHTLY
+from nightly import IS_NIGHTLY, amount
 from PIL import Image
 from processes import run_python
 from scipy.spatial.transform import Rotation
@@ -19,6 +20,7 @@ from test_live import downloaded
 
 import rastercov as rc
 from rastercov.cli import command
+from rastercov.core.camera.catalogue import catalogue
 from rastercov.core.mesh import shapes
 from rastercov.report import live
 
@@ -304,7 +306,7 @@ CAMERA_FILES = {
     "lens.json": json.dumps({"width": 640, "height": 480, "fx": 500.5, "fy": 501, "cx": 330.0,
                              "model": "opencv", "distortion": [-0.1, 0.01, 0, 0]}),
 }  # fmt: skip
-LABEL = "Open a rig or a camera…"
+LABEL = "Open a rig, plan or camera…"
 
 
 def open_file(page, name, text):
@@ -390,12 +392,183 @@ def test_what_is_no_file_of_cameras_is_one_line_and_changes_nothing(context, add
     assert page.faults == []
 
 
+class Opened(Begun):
+    """The playground with files that are opened together, a plan among them."""
+
+    def __init__(self, context, url, files):
+        self.page = context.new_page()
+        self.faults, self.requests = [], []
+        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
+        self.page.goto(url)
+        self.page.locator("#mesh-file").set_input_files(sent(files))
+        self.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+        self.page.wait_for_timeout(50)
+        self.idle()
+
+
 def sent(files):
     """Files as Playwright hands them over."""
     every = {
         name: data if isinstance(data, bytes) else data.encode() for name, data in files.items()
     }
     return [{"name": k, "mimeType": "text/plain", "buffer": data} for k, data in every.items()]
+
+
+def obj_of(mesh, names):
+    """The groups of a mesh as OBJ."""
+    lines = [f"v {' '.join(map(repr, each))}" for each in mesh.vertices.tolist()]
+    for row, name in enumerate(names):
+        lines.append(f"g {name}")
+        own = mesh.faces[np.arange(mesh.n_faces) % len(names) == row] + 1
+        lines += [f"f {' '.join(map(str, face))}" for face in own.tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def random_plan(rng):
+    """Files of a plan with two or three meshes, cameras and thresholds, and a rig."""
+    lines = []
+    files = {}
+    roles = rng.permutation(["task", "occluder", "target"])[: rng.integers(1, 4)].tolist()
+    for row, role in enumerate(["task", *roles]):
+        centre = rng.uniform(-0.2, 0.2, 3) + np.array((row, 0, 0))
+        mesh = shapes.box((0.5, 0.4, 0.3), centre=centre.tolist())
+        unit, factor = [("mm", 1e3), ("m", 1.0), (0.25, 4.0)][rng.integers(3)]
+        name = f"part {row}.obj"
+        files[name] = obj_of(replace(mesh, vertices=mesh.vertices * factor), ["door", "wall"])
+        lines += ["[[meshes]]", f"path = 'parts/{name}'", f"unit = {unit!r}", f'role = "{role}"']
+        if rng.random() < 0.5:
+            lines += ['groups = ["door"]']
+        if rng.random() < 0.5:
+            lines += ["two_sided = " + ("true", '["wall"]')[rng.integers(2)]]
+    lines += [
+        "[cameras.wide]",
+        "width = 640\nheight = 480\nhfov_deg = 70\ncost = 3",
+        "[cameras.long]",
+        "width = 640\nheight = 480\nfx = 900.5\nfocal_length = 8e-3\npixel_size = 5e-6",
+        f"f_number = 4\nfocus_distance = {rng.uniform(0.5, 4)!r}",
+        "[task]",
+        f"max_incidence_deg = {int(rng.integers(50, 80))}",
+        'min_facing_density = "detect"' if rng.random() < 0.5 else "min_pixel_density = 40",
+        f"views = {int(rng.integers(1, 3))}",
+        "[[candidates]]",
+        'generator = "on_sphere"\ncount = 20',
+        "[selection]",
+        'goal = "fewest_cameras"\ncoverage = 0.3',
+    ]
+    files["plan.toml"] = "\n".join(lines) + "\n"
+    if rng.random() < 0.7:
+        lines += ["[goals.doors]", 'groups = ["doo?"]', "coverage = 0.4", "max_incidence_deg = 66"]
+        lines += ["[goals.rest]", "coverage = 0.7", "min_pixel_density = 55"]
+    if rng.random() < 0.7:
+        lines += ["[goals.private]", 'groups = ["*part 1/*wall*"]', "at_most = 0.1"]
+    poses = rc.Poses.of(rc.sphere_of_poses((1, 0, 0), 3.0, 3), camera=rng.integers(0, 2, 3))
+    content = {
+        "world_from_camera": poses.world_from_camera.tolist(),
+        "camera": [["wide", "long"][row] for row in poses.camera],
+        "images": ["p", "q", "r"],
+    }
+    files["rig.json"] = json.dumps(content)
+    return files
+
+
+@pytest.mark.parametrize("seed", range(amount(4, at_night=40)))
+def test_plans_open_with_their_meshes_and_figures_are_those_of_check(
+    context, address, tmp_path, monkeypatch, seed
+):
+    files = random_plan(np.random.default_rng(seed))
+    page = Opened(context, address, files)
+    assert "plan.toml: left out candidates\n" in page.page.locator("body").inner_text()
+    covered = page.js("rastercov.summary().covered_area")
+    required = page.js("rastercov.summary().required")
+    assert len(required) == 1 + files["plan.toml"].count("[goals.")
+    for folder, own in (("given", files), ("saved", downloaded(page))):
+        (tmp_path / folder / "parts").mkdir(parents=True)
+        monkeypatch.chdir(tmp_path / folder)
+        for name, text in own.items():
+            Path("parts" if name.startswith("part ") else ".", name).write_text(text)
+        checked = rc.check("plan.toml", "rig.json")
+        told = checked.summary()["covered_area"]
+        assert {each.words() for each in checked.requirements} == {e["words"] for e in required}
+        # Python knows that bodies are closed, which can only make bounds smaller.
+        assert 0 <= told["bound_m2"] <= 1.0001 * covered["bound_m2"], folder
+        own = {key: each for key, each in covered.items() if "bound" not in key}
+        assert own == {key: told[key] for key in own}, folder
+    again = Opened(context, address, downloaded(page))
+    found = again.js("rastercov.summary().covered_area")
+    assert {key: found[key] for key in own} == own
+    assert again.js("rastercov.summary().required.length") == len(required)
+    assert page.faults == again.faults == []
+
+
+WRONG_PLANS = {
+    "missing": ({"part 1.obj": None}, "part 1.obj with the plan, got no such file; open both"),
+    "entry": ({"plan.toml": ("role =", "transform = {}\nrole =")}, "a mesh file and its role"),
+    "unit": ({"plan.toml": ("unit = ", "unit = -")}, "expected"),
+    "role": ({"plan.toml": ("role = ", "role = 3 #")}, "role task, occluder or target, got 3"),
+    "group": ({"plan.toml": ('groups = ["door"]', "groups = ['<b>x']")}, "a group, got <b>x; use"),
+    "toml": ({"plan.toml": ("[task]", "[task")}, "plan.toml: line"),
+    "meshes": ({"plan.toml": ("[[meshes]]", "[[none]]")}, "expected"),
+    "prototype": ({"plan.toml": ("role =", "__proto__ = 1\nrole =")}, "got __proto__"),
+    "mesh": ({"part 1.obj": ("f ", "f x")}, "part 1.obj: line"),
+    "deep": ({"plan.toml": ("[task]", "a = " + 10000 * "[" + "\n[task]")}, "up to 100 levels"),
+}  # fmt: skip
+
+
+def test_what_is_no_plan_is_one_line(context, address):
+    page = context.new_page()
+    page.goto(address)
+    for name, (changes, words) in WRONG_PLANS.items():
+        files = random_plan(np.random.default_rng(1))
+        for file, change in changes.items():
+            files[file] = files[file].replace(*change) if change else None
+        page.evaluate("() => { document.querySelector('.fault').textContent = ''; }")
+        page.locator("#mesh-file").set_input_files(
+            sent({file: text for file, text in files.items() if text is not None})
+        )
+        page.wait_for_selector(".fault:not(:empty)")
+        said = page.locator(".fault").first.inner_text()
+        assert words in said, (name, said)
+        assert "\n" not in said
+        assert len(said) < 400
+    assert page.get_by_role("button", name="a room").is_enabled()
+
+
+LEFT_OUT = """
+[[meshes]]
+path = "other.stl"
+[camera]
+preset = "PRESET"
+[task]
+max_incidence_deg = 60
+weight_by = "area"
+by = "face"
+min_angle_deg = 20
+min_facing_density = "300 px/m"
+[constraints]
+clearance = 0.3
+[selection]
+goal = "best_coverage"
+cameras = 2
+[goals.x]
+coverage = 0.5
+"""
+
+
+def test_a_plan_in_an_open_scene_gives_cameras_and_thresholds_and_says_the_rest(context, address):
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    name, camera = next((n, rc.Camera.from_dict({"preset": n})) for n in catalogue(None).names())
+    open_file(page, "own.toml", LEFT_OUT.replace("PRESET", name))
+    state = page.state()
+    assert state["cameras"]["camera"]["plain"]["fx"] == camera.fx
+    assert state["task"]["max_incidence_deg"] == 60
+    assert state["task"]["min_facing_density"] == 0
+    (line,) = re.findall("^own.toml: .*$", page.page.locator("body").inner_text(), re.MULTILINE)
+    assert "left out task.by, " in line
+    for word in ("task.min_facing_density", "constraints", "selection", "goals", "meshes"):
+        assert word in line
+    assert "weight_by" not in line
+    page.button("Undo")
+    assert page.state()["task"]["max_incidence_deg"] != 60
 
 
 def colmap_files(folder, suffix):

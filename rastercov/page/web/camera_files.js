@@ -1,10 +1,11 @@
 /**
- * Files of cameras that a page opens: rigs of rastercov (JSON, TOML), calibrations of OpenCV and ROS
+ * Files of cameras that a page opens: rigs and plans of rastercov (JSON, TOML), calibrations of OpenCV and ROS
  * (YAML), and models of COLMAP.
  */
 
 import { expected, refuse } from "rastercov/api.js";
 import { readColmap } from "rastercov/colmap.js";
+import { readPlan } from "rastercov/plan_files.js";
 import { readToml } from "rastercov/toml.js";
 
 export const FILES = ".json,.toml,.yaml,.yml,.txt,.bin";
@@ -19,18 +20,23 @@ export async function openCameras(session, files) {
   try {
     const { data } = session.server;
     const contents = await contentsOf(files, data);
-    const [cameras, stations, notes] = [[], [], []];
-    for (const { name, content } of contents) {
-      const found = naming(name, () => rigOf(name, content, data, session.typeOfNext ?? Object.keys(session.state.cameras)[0]));
+    const plans = contents.filter(({ content }) => content.meshes);
+    const others = contents.filter(({ content }) => !content.meshes);
+    const notes = [];
+    if (plans.length > 1) expected("one plan", plans.length, "open one after the other");
+    const plan = plans.map(({ name, content }) => naming(name, () => readPlan(name, content, others, session, data)))[0] ?? { cameras: [], notes };
+    const [cameras, stations] = [plan.cameras, []];
+    for (const { name, content } of others) {
+      const found = naming(name, () => rigOf(name, content, data, plan.cameras[0]?.[0] ?? session.typeOfNext ?? Object.keys(session.state.cameras)[0]));
       cameras.push(...found.cameras);
       for (const each of found.stations) stations.push({ ...each, id: stations.length });
       notes.push(...found.notes);
     }
     const type = session.typeOfNext;
     [[session.typeOfNext] = [type]] = cameras;
-    const done = await session.act({ do: "open", cameras: Object.fromEntries(cameras), stations });
+    const done = await session.act({ do: "open", cameras: Object.fromEntries(cameras), stations, task: plan.task, needed: plan.needed });
     if (!done) session.typeOfNext = type;
-    else for (const words of notes) session.emit("notice", words);
+    else for (const words of [...plan.notes, ...notes]) session.emit("notice", words);
   } catch (error) {
     session.emit("fault", error.message);
   }
@@ -46,7 +52,7 @@ function naming(name, act) {
 }
 
 /** {name, content} of files; those of a COLMAP model are one. */
-async function contentsOf(files, data) {
+export async function contentsOf(files, data) {
   const read = await Promise.all([...files].map(async (file) => ({ name: file.name, bytes: new Uint8Array(await file.arrayBuffer()) })));
   const ofModel = read.filter(({ name }) => OF_COLMAP.test(name));
   const contents = read.filter((each) => !ofModel.includes(each)).map(({ name, bytes }) => ({ name, content: naming(name, () => contentOf(name, new TextDecoder().decode(bytes))) }));

@@ -253,7 +253,7 @@ function typeSection(session) {
       body,
       element("label.field-head", element("span.field-label", station ? "Type" : "Type of the next camera"), menu),
       sold,
-      fileButton("Open a rig or a camera…", FILES, (...files) => openCameras(session, files), true),
+      fileButton("Open a rig, plan or camera…", FILES, (...files) => openCameras(session, files), true),
       focusWords(camera),
       shared > 1 && station ? element("p.soft", `${shared} cameras use this type; a change affects all of them.`) : null,
       controls.map((each) => each.control.root),

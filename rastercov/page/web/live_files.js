@@ -135,7 +135,7 @@ function placementOf({ stations, cameras, gates = [] }, { unit, bounds, is_room:
 
 /** This page as a file, with a state in place of the one that it was opened with. */
 export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) {
-  const own = { ...data, samples: [], readers: "", isPlayground: false };
+  const own = { ...data, samples: [], readers: "", files: [], isPlayground: false };
   const [points, corners, groups] = await Promise.all([vertices, faces, groupOf].map(deflate));
   own.mesh = { ...data.mesh, vertices: points, faces: corners, groups };
   const { stations, cameras, task, needed = null } = state;

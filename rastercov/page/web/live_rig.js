@@ -115,10 +115,11 @@ const EDITS = {
     const needed = changes.views === undefined || changes.views === state.task.views ? state.needed : null;
     return [{ ...state, task: { ...state.task, ...changes }, needed }, `change ${Object.keys(changes).join(", ")}`];
   },
-  open: (state, { cameras, stations }) => {
+  open: (state, { cameras, stations, task = {}, needed = state.needed }) => {
     const made = Object.entries(cameras).map(([name, plain]) => [name, cameraOf(plain, state)]);
+    const [{ task: own }] = EDITS.task(state, { changes: task });
     return EDITS.restore(state, {
-      rig: { cameras: Object.fromEntries(made), stations: stations.length ? stations : state.stations },
+      rig: { cameras: Object.fromEntries(made), stations: stations.length ? stations : state.stations, task: own, needed },
     });
   },
   restore: (state, { rig }) => {

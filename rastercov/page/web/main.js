@@ -109,6 +109,10 @@ async function open() {
   fitAll(session, view);
   window.rastercov = testHandle(session, view, tools, frusta, gizmo);
   await session.refresh();
+  if (live?.data.files?.length) {
+    await openCameras(session, live.data.files);
+    fitAll(session, view);
+  }
   followPieces(session, view);
   session.watch();
   if (session.canEdit) jobs.resume();

@@ -67,7 +67,7 @@ function finish({ vertices, faces, groupOf, names, notes }, stem) {
 const printable = (text) => [...text.replace(/(?! )[\p{C}\p{Z}]/gu, "").trim()].slice(0, LONGEST_NAME).join("");
 
 /** A name that no group before it has. */
-function free(taken, name) {
+export function free(taken, name) {
   let found = name;
   for (let number = 2; taken.has(found); number++) {
     const end = ` #${number}`;

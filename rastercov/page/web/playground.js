@@ -3,11 +3,13 @@
  * page that computes. Nothing is uploaded: the file is read here.
  */
 
-import { Refused } from "rastercov/api.js";
+import { Refused, expected } from "rastercov/api.js";
+import { FILES, contentsOf, mayHaveCameras } from "rastercov/camera_files.js";
 import { button, choice, count, element, figure, fill } from "rastercov/dom.js";
 import { inflate } from "rastercov/live.js";
 import { cornersOf, cross, distance, dot, subtract } from "rastercov/maths.js";
 import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
+import { rolesOf, sceneOf } from "rastercov/plan_files.js";
 
 const CUT_AT = 0.6; // height of the floor plan, as a part of that of the scene
 const LARGEST = { stl: 20 }; // units beyond which they are more likely millimetres; 200 of other files
@@ -23,30 +25,40 @@ function chooseData(data) {
   return new Promise((resolve) => {
     const fault = element("p.fault", { role: "alert" });
     const more = element("div");
-    const input = element("input", { type: "file", accept: ".stl,.obj,.ply,.off,.glb", id: "mesh-file", class: "file" });
-    const take = async (file) => {
-      if (!file) return;
+    const input = element("input", { type: "file", multiple: true, accept: `.stl,.obj,.ply,.off,.glb,${FILES}`, id: "mesh-file", class: "file" });
+    const take = async (given) => {
+      const all = [...given];
+      if (!all.length) return;
+      const [file, ...meshes] = all.filter(({ name }) => !mayHaveCameras(name));
+      const files = all.filter(({ name }) => mayHaveCameras(name));
       fault.textContent = "";
       fill(more, element("p.soft", { role: "status" }, "Loading the file…"));
       await new Promise((drawn) => setTimeout(drawn, 30));
       try {
+        const readers = () => inflate(data.readers);
+        const plan = (await contentsOf(files, data)).find(({ content }) => content.meshes);
+        if (plan) {
+          const scene = await sceneOf(plan.content, all, readers, data);
+          return resolve({ ...scene, title: plan.name, planOfScene: plan.name, files });
+        }
+        if (!file || meshes.length) expected("one mesh, or a plan with its meshes", all.map(({ name }) => name), "open them together");
         checkSize(file.size);
-        const mesh = await readMesh(file.name, new Uint8Array(await file.arrayBuffer()), () => inflate(data.readers));
-        fill(more, unitForm(file.name, mesh, resolve));
+        const mesh = await readMesh(file.name, new Uint8Array(await file.arrayBuffer()), readers);
+        fill(more, unitForm(file.name, mesh, (scene) => resolve({ ...scene, files })));
         more.querySelector("select").focus();
       } catch (error) {
         fill(more);
-        fault.textContent = error instanceof Refused ? error.message : `${file.name}: the file could not be read (${error.message})`;
+        fault.textContent = error instanceof Refused ? error.message : `${all[0].name}: the file could not be read (${error.message})`;
       }
     };
-    input.addEventListener("change", () => take(input.files[0]));
+    input.addEventListener("change", () => take(input.files));
     const open = async (sample) => {
       const [vertices, faces, groups] = await Promise.all([sample.vertices, sample.faces, sample.groups].map(inflate));
       resolve({ ...sample, vertices: new Float64Array(vertices), faces: new Int32Array(faces), groupOf: new Uint16Array(groups), groups: sample.names });
     };
     const drop = (event) => {
       event.preventDefault();
-      if (event.type === "drop") take(event.dataTransfer.files[0]);
+      if (event.type === "drop") take(event.dataTransfer.files);
     };
     for (const name of ["dragover", "drop"]) document.addEventListener(name, drop);
     document.title = "Playground – rastercov";
@@ -55,7 +67,7 @@ function chooseData(data) {
         "main.begin",
         element("h1", "rastercov ", element("span.soft", "playground")),
         element("p", "Place cameras around a part or in a room, and see how much of the surface they cover, and why the rest is not covered."),
-        element("label.drop", { htmlFor: "mesh-file" }, element("strong", "Open a mesh, or drop it here"), element("span.soft", "STL, OBJ, PLY, OFF or GLB, up to 300,000 faces. The file stays on this device."), input),
+        element("label.drop", { htmlFor: "mesh-file" }, element("strong", "Open a mesh, or drop it here"), element("span.soft", "STL, OBJ, PLY, OFF or GLB, up to 300,000 faces; with it a rig, cameras, or a plan. Files stay on this device."), input),
         fault,
         more,
         element("p", "Or start from"),
@@ -110,7 +122,7 @@ function volumeOf(vertices, faces, origin) {
 }
 
 /** The data with a surface, as rastercov/report/live.py has it. */
-function withSurface(data, { title, vertices, faces, groupOf, groups }) {
+function withSurface(data, { title, vertices, faces, groupOf, groups, rest, goals, required = [], cameras, files = [], planOfScene }) {
   const bounds = boundsOf(vertices);
   const [low, high] = bounds;
   const counts = new Map();
@@ -136,10 +148,11 @@ function withSurface(data, { title, vertices, faces, groupOf, groups }) {
     towards: null,
     is_room: volumeOf(vertices, faces, low) < 0,
     groups: entries,
+    required,
+    placement: { ...data.scene.placement, ...(cameras ? { cameras } : {}) },
     levels: isSite ? data.scene.levels : {},
     modes: data.scene.modes.filter(({ id }) => isSite || id !== "level"),
   };
-  const roles = entries.map(({ role, is_two_sided: isTwoSided }) => (role === "occluder" ? 1 : 0) + (role === "target" ? 2 : 0) + (isTwoSided ? 4 : 0));
-  const mesh = { vertices, faces, groups: groupOf, roles, unseeable: [] };
-  return { ...data, scene, mesh, origin: low.map((value, axis) => (value + high[axis]) / 2), isPlayground: true };
+  const mesh = { vertices, faces, groups: groupOf, roles: rolesOf(entries, rest ?? [...entries.keys()].filter((row) => entries[row].role !== "occluder")), unseeable: [] };
+  return { ...data, goals, scene, mesh, origin: low.map((value, axis) => (value + high[axis]) / 2), isPlayground: true, files, planOfScene };
 }
