@@ -5,9 +5,9 @@ photograph, coarse to fine; the best are refined by distances to edges of the ph
 across each predicted edge, with weights that leave out what the mesh does not explain. Gradients
 are averaged along edges first: light and dark keep their sides there.
 
-A pose is believed where three things hold: its edges agree better than the same edges displaced
+A pose is believed where four things hold: its edges agree better than the same edges displaced
 (200 poses), every other optimum agrees worse by more than chance, of these poses or piece by piece
-of the edges, and its covariance is small.
+of the edges, its covariance is small, and halves of its edges, a checkerboard's, agree with it.
 
 T. Drummond, R. Cipolla. Real-Time Visual Tracking of Complex Structures. 2002.
 """
@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
-from rastercov.asbuilt.photograph import DIRECTIONS, Gradients, Level, pyramid, sample
-from rastercov.asbuilt.resection import displaced, jacobian_of, pixels_of, spread_of
-from rastercov.base import Float32Array, FloatArray, IntArray, norm, sort_order
+from rastercov.asbuilt.photograph import DIRECTIONS, Gradients, Level, pyramid, sample, strength_of
+from rastercov.asbuilt.resection import displaced, free_of, jacobian_of, pixels_of, spread_of
+from rastercov.base import Float32Array, FloatArray, IntArray, norm
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
@@ -52,7 +52,9 @@ NEAR = 0.7
 PLACES = 8
 """Squares along the longer side of a photograph; errors within one are taken as one."""
 COMMON = 0.2
-"""Standard deviation of the displacement that the edges of a place have in common, px."""
+"""Standard deviation of the displacement that edges of a direction share, in a place and in all."""
+MOST_APART = 2.0
+"""Largest error of a pixel of a pose that is believed, px."""
 DISPLACED = 200
 """Displaced poses by which chance is measured."""
 
@@ -103,7 +105,11 @@ class Aligner:
             return visible_points(self.edges, rasterizer, pose, step)
 
     def find(self, start: FloatArray) -> tuple[list[Optimum], float]:
-        """Optima, best first, and the distance of the surface that the edges are on, metres."""
+        """Optima, and the distance of the surface that the edges are on, metres.
+
+        The first is the best of those with which halves of the edges agree, the others follow by
+        their scores.
+        """
         coarse = self.levels[0]
         seen = self.points_at(coarse, start, 3.0)
         if len(seen) < 12:
@@ -112,17 +118,18 @@ class Aligner:
         rng = np.random.default_rng(0)
         steps = _steps(distance, TRIED, rng) * rng.uniform(0, 1, (TRIED, 1))
         steps[0] = 0
-        steps[:, _free(self.camera) :] = 0
+        steps[:, free_of(self.camera) :] = 0
         poses = [displaced(start, step) for step in steps]
-        scores = [likeness(coarse, self.camera, seen, pose) for pose in poses]
-        order = sort_order(scores)[::-1][:STARTS]
-        poses = [poses[row] for row in order.tolist()]
+        poses.sort(key=lambda pose: -likeness(coarse, self.camera, seen, pose))
+        poses = poses[:STARTS]
         finer = self.levels[1:] or self.levels
         for level in finer:
             poses = self._refine_level(level, poses)
         poses = self._refine_level(finer[-1], poses + self._beside(poses[0]))
-        found = [self._judge(pose) for pose in poses]
-        return sorted(found, key=lambda each: -each.score), distance
+        found = sorted(map(self._judge, poses), key=lambda each: -each.score)
+        firm = (each for each in found if self.halves_apart(each.pose) <= MOST_APART)
+        best = next(firm, found[0])
+        return [best, *(each for each in found if each is not best)], distance
 
     def _beside(self, pose: FloatArray) -> list[FloatArray]:
         """Poses beside one in each direction of its covariance, where a better one may hide."""
@@ -140,11 +147,10 @@ class Aligner:
         """Poses refined at a level, the best of those that differ, best first."""
         refined = []
         for pose in poses:
-            points = self.points_at(level, pose, 4.0)
-            moved = refine(level, self.camera, points, pose, 5.0)
-            points = self.points_at(level, moved, 2.0)
-            moved = refine(level, self.camera, points, moved, 3.0)
-            refined.append((agreement(level, self.camera, points, moved), moved, points))
+            for step, reach in ((4.0, 5.0), (2.0, 3.0)):
+                points = self.points_at(level, pose, step)
+                pose = refine(level, self.camera, points, pose, reach)
+            refined.append((agreement(level, self.camera, points, pose), pose, points))
         refined.sort(key=lambda each: -each[0])
         best: list[FloatArray] = []
         for score, pose, points in refined:
@@ -183,6 +189,22 @@ class Aligner:
             [agreement(level, self.camera, points, displaced(pose, step)) for step in steps]
         )
 
+    def halves_apart(self, pose: FloatArray) -> float:
+        """Largest distance of pixels in poses of every other place's edges, black or white, px."""
+        level = self.levels[-1]
+        seen = self.points_at(level, pose, 2.0)
+        places = _places(self.camera, pixels_of(seen.points, self.camera, pose))
+        is_white = (places // PLACES + places) % 2 == 0
+        white, black = (
+            pixels_of(
+                seen.points,
+                self.camera,
+                refine(level, self.camera, seen.take(part), pose, 3.0),
+            )
+            for part in (is_white, ~is_white)
+        )
+        return float(np.nanmax(norm(white - black), initial=0))
+
     def lead(self, pose: FloatArray, rival: FloatArray) -> float:
         """Standard deviations by which edges lie closer to the photograph's in the first pose.
 
@@ -202,11 +224,6 @@ class Aligner:
 def _steps(distance: float, count: int, rng: np.random.Generator) -> FloatArray:
     """(count, 6) random rotation vectors and translations of the basin, in camera axes."""
     return rng.uniform(-1, 1, (count, 6)) * BASIN * np.array((1, 1, 1, *[distance] * 3))
-
-
-def _free(camera: Camera) -> int:
-    """Parameters of a pose that change the picture: five of parallel rays, the last is distance."""
-    return 5 if camera.is_parallel else 6
 
 
 def _places(camera: Camera, pixels: FloatArray) -> IntArray:
@@ -278,7 +295,7 @@ def strengths(level: Level, camera: Camera, points: EdgePoints, pose: FloatArray
     pixels, normals = directions_of(level, camera, points, pose)
     turned = sample(level.gradient, pixels[:, None]) * (normals @ (1, -1j))[:, None]
     mean = _along(turned, points.edge)[0][:, 0]
-    return np.asarray(np.clip((np.abs(mean.real) - np.abs(mean.imag)) / 3, 0, 1), np.float64)
+    return strength_of(mean).astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -333,8 +350,6 @@ def refine(
     level: Level, camera: Camera, points: EdgePoints, pose: FloatArray, reach: float
 ) -> FloatArray:
     """Pose moved so that predicted edges lie on those of the photograph: Tukey's weights."""
-    if len(points) < 12:
-        return pose
     for _ in range(8):
         matches = Matches.of(level, camera, points, pose, reach)
         rows, jacobian, weights = _equations(level, camera, points, pose, matches, reach)
@@ -373,12 +388,13 @@ def covariance_of(
 ) -> FloatArray:
     """Covariance (6, 6) of a refined pose; errors of one direction in one place count as one.
 
-    H^-1 (sum over places of g g^T + s^2 n n^T) H^-1, where g is the sum of the weighted residuals
-    of a place, an eighth of the photograph, n that of residuals of 1 px, and s is `COMMON`. Of
-    parallel rays the distance is open: its variance is inf.
+    H^-1 (sum over places of g g^T + s^2 (n n^T + N N^T)) H^-1, where g is the sum of the weighted
+    residuals of a place, an eighth of the photograph, n that of residuals of 1 px, N that of all
+    places (light from one side shifts all edges of a direction), and s is `COMMON`. Of parallel
+    rays the distance is open: its variance is inf.
     """
     rows, jacobian, weights = _equations(level, camera, points, pose, matches, 1.5)
-    free = _free(camera)
+    free = free_of(camera)
     jacobian = jacobian[:, :free]
     out = np.diag(np.full(6, np.inf))
     if len(rows) < 12:
@@ -397,6 +413,7 @@ def covariance_of(
     turn = np.rint(np.arctan2(y, x) / np.pi * 4).astype(np.int64)
     group = _places(camera, pixels) * 4 + turn % 4
     found = _sums(slopes * matches.distance[rows, None], group)
-    common = COMMON * _sums(slopes * (1 - turn // 4 % 2 * 2)[:, None], group)
+    shifted = COMMON * slopes * (1 - turn // 4 % 2 * 2)[:, None]
+    common = np.concatenate((_sums(shifted, group), _sums(shifted, turn % 4)))
     out[:free, :free] = inverse @ (found.T @ found + common.T @ common) @ inverse
     return out

@@ -84,6 +84,10 @@ class EdgePoints:
         """Some of the points."""
         return EdgePoints(self.points[rows], self.tangents[rows], self.edge[rows])
 
+    def thinned(self, most: int) -> "EdgePoints":
+        """Every nth of the points, so that there are at most so many."""
+        return self.take(slice(None, None, max(1, -(-len(self) // most))))
+
 
 def visible_points(
     edges: MeshEdges, rasterizer: Rasterizer, pose: FloatArray, step: float
@@ -104,10 +108,8 @@ def visible_points(
     points = start + share[:, None] * (end - start)
     length = norm(end - start)[..., None]
     tangents = (end - start) / np.maximum(length, 1e-300)
-    every = max(1, -(-len(points) // (4 * MOST_POINTS)))
-    found = EdgePoints(points, tangents, rows[owner]).take(slice(None, None, every))
-    found = found.take(_is_visible(found.points, rasterizer, pose))
-    return found.take(slice(None, None, max(1, -(-len(found) // MOST_POINTS))))
+    found = EdgePoints(points, tangents, rows[owner]).thinned(4 * MOST_POINTS)
+    return found.take(_is_visible(found.points, rasterizer, pose)).thinned(MOST_POINTS)
 
 
 def _is_silhouette(edges: MeshEdges, camera: Camera, pose: FloatArray) -> BoolArray:
@@ -129,8 +131,7 @@ def _part_in_front(local: FloatArray, camera: Camera) -> tuple[FloatArray, Float
     with np.errstate(all="ignore"):
         crossing = first / (first - last)
     low = np.where(first < 0, crossing, low)
-    high = np.where(last < 0, crossing, high)
-    high = np.where((first < 0) & (last < 0), low, high)
+    high = np.where(last < 0, crossing, high)  # both are the same where both ends are behind
     return np.nan_to_num(low), np.nan_to_num(high)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.asbuilt import resection
-from rastercov.asbuilt.alignment import Aligner, Optimum
+from rastercov.asbuilt.alignment import MOST_APART, Aligner, Optimum
 from rastercov.asbuilt.photograph import brightness, read_photograph
 from rastercov.base import (
     BoolArray,
@@ -39,14 +39,14 @@ LEAST_Z = 8.0
 """Deviations above chance that edges must agree."""
 LEAST_EXPLAINED = 0.4
 """Share of the predicted edges that the photograph must show."""
-MOST_SPREAD = 0.4
-"""Largest standard deviation of a pixel by edges alone, px."""
 MOST_SPREAD_OF_POINTS = 0.01
 """Largest standard deviation of a pixel by points, as a share of the image's width."""
 LEAST_ERROR = 1e-3
 """Least expected standard deviation of a pixel, px."""
 POINTS = "u", "v", "x", "y", "z"
 """Columns of a file of points."""
+NORMAL_99 = 2.576
+"""Standard deviations within which 99 % of normal errors lie."""
 CLICK = "click at least four points of the model (--points), eight are better"
 
 
@@ -70,7 +70,7 @@ class Located(InOneLine):
     why : str
         Why not; "" if it is.
     poses : (K, 4, 4) float64
-        All optima, best first.
+        All optima, the believed one first.
     spread : float
         Largest standard deviation of the pixel of a visible point of the model, px.
     explained : float
@@ -115,18 +115,18 @@ class Located(InOneLine):
 
         Across the axis, where the distance along it is open.
         """
-        if self.near is None:
-            return math.nan
-        step = resection.difference(self.pose, self.near)[3:]
-        return float(norm(step[: 2 if self.is_distance_open else 3]))
+        return float(norm(self._to_plan()[3 : 5 if self.is_distance_open else 6]))
 
     @property
     def turned_deg(self) -> float:
         """Angle between the axes of the camera and of the plan's, degrees; NaN without a plan."""
-        if self.near is None:
-            return math.nan
-        turn = resection.difference(self.near, self.pose)[:3]
-        return math.degrees(float(norm(turn)))
+        return math.degrees(float(norm(self._to_plan()[:3])))
+
+    def _to_plan(self) -> FloatArray:
+        """Step (6,) to the plan's pose; NaN without one."""
+        return (
+            np.full(6, np.nan) if self.near is None else resection.difference(self.pose, self.near)
+        )
 
     @property
     def deviations(self) -> tuple[float, float]:
@@ -156,12 +156,10 @@ class Located(InOneLine):
             found += "; the distance along parallel rays is open, that of the plan is kept"
         if self.near is None:
             return f"found ({found})"
-        named = zip(
-            ("right", "up", "clockwise"), ("left", "down", "counter-clockwise"), strict=True
-        )
+        sides = ("right", "left"), ("up", "down"), ("clockwise", "counter-clockwise")
         turns = [
             f"{abs(angle):.2g} deg {side[angle < 0]}"
-            for angle, side in zip(self.to_plan_deg(), named, strict=True)
+            for angle, side in zip(self.to_plan_deg(), sides, strict=True)
             if abs(angle) >= 0.05
         ]
         back = f": turn {', '.join(turns)}" if turns else ""
@@ -251,7 +249,10 @@ def locate(
             f"expected pixel_error from {LEAST_ERROR} px to the width of the image, got "
             f"{pixel_error}"
         )
-    start = None if near is None else _only(valid_poses(near))
+    starts = [] if near is None else list(valid_poses(near))
+    if len(starts) > 1:
+        raise PoseError(f"near: expected one pose, got {len(starts)}; give that of the plan")
+    start = next(iter(starts), None)
     pairs = None if points is None else read_points(points)
     if isinstance(photo, (str, Path)):
         grey = read_photograph(photo, camera)
@@ -264,13 +265,6 @@ def locate(
             "expected a pose to begin with, or points, got neither; give near= or points="
         )
     return _by_edges(Aligner(mesh, camera, grey), start)
-
-
-def _only(poses: FloatArray) -> FloatArray:
-    """The pose of an array of one; PoseError for another number."""
-    if len(poses) != 1:
-        raise PoseError(f"near: expected one pose, got {len(poses)}; give that of the plan")
-    return poses[0]
 
 
 def read_points(points: Path | ArrayLike) -> FloatArray:
@@ -398,8 +392,10 @@ def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float
     best = optima[0]
     if best.explained < LEAST_EXPLAINED:
         return f"the photograph shows {best.explained:.0%} of its edges; {CLICK}"
-    if not best.spread <= MOST_SPREAD:
+    if not best.spread * NORMAL_99 <= MOST_APART:
         return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
+    if not (apart := aligner.halves_apart(best.pose)) <= MOST_APART:
+        return f"halves of its edges give poses {apart:.2g} px apart; {CLICK}"
     chance = aligner.chance(best.pose, distance)
     deviation = max(chance.std(), 1e-9)
     if best.score - chance.mean() < LEAST_Z * deviation or best.score <= chance.max():
@@ -438,9 +434,8 @@ class Tolerance:
         """Verdict "as planned", "moved" or "undecided", by two standard deviations of the pose."""
         if not found.accepted:
             return "undecided"
-        place, turn = found.deviations
-        if found.moved - 2 * place > self.place or found.turned_deg - 2 * turn > self.turn_deg:
+        excess = np.array((found.moved - self.place, found.turned_deg - self.turn_deg))
+        margin = 2 * np.array(found.deviations)
+        if (excess > margin).any():
             return "moved"
-        if found.moved + 2 * place < self.place and found.turned_deg + 2 * turn < self.turn_deg:
-            return "as planned"
-        return "undecided"
+        return "as planned" if (excess < -margin).all() else "undecided"

@@ -102,11 +102,13 @@ class Level:
 
         Direction k has its normal at pi k / DIRECTIONS from +x.
         """
-        out = np.empty((DIRECTIONS, *self.grey.shape), np.float32)
-        for k in range(DIRECTIONS):
-            turned = self.gradient * np.complex64(np.exp(-1j * np.pi * k / DIRECTIONS))
-            out[k] = smooth(np.clip((np.abs(turned.real) - np.abs(turned.imag)) / 3, 0, 1))
-        return out
+        turns = np.exp(-1j * np.pi * np.arange(DIRECTIONS) / DIRECTIONS).astype(np.complex64)
+        return np.stack([smooth(strength_of(self.gradient * turn)) for turn in turns])
+
+
+def strength_of(turned: Gradients) -> Float32Array:
+    """Strength, 0 to 1, of edges by gradients in axes whose real one is across the edges."""
+    return np.clip((np.abs(turned.real) - np.abs(turned.imag)) / 3, 0, 1)
 
 
 def pyramid(grey: Float32Array, least: int) -> list[Level]:
@@ -122,13 +124,12 @@ def pyramid(grey: Float32Array, least: int) -> list[Level]:
 
 def box_mean(image: Float32Array, n: int) -> Float32Array:
     """Mean over a square of 2 n + 1 pixels around each, at borders of what is inside."""
-    for axis in (0, 1):
-        size = image.shape[axis]
-        total = np.cumsum(np.insert(image.astype(np.float64), 0, 0, axis=axis), axis=axis)
+    for _ in range(2):
+        size = len(image)
+        total = np.cumsum(np.insert(image.astype(np.float64), 0, 0, axis=0), axis=0)
         low = np.maximum(np.arange(size) - n, 0)
         high = np.minimum(np.arange(size) + n + 1, size)
-        count = (high - low).reshape((-1, 1) if axis == 0 else (1, -1))
-        image = ((total.take(high, axis) - total.take(low, axis)) / count).astype(np.float32)
+        image = ((total[high] - total[low]) / (high - low)[:, None]).astype(np.float32).T
     return image
 
 

@@ -63,17 +63,17 @@ def write(made: Callable[[], AsBuilt], out: Path, *, pdf: bool) -> AsBuilt:
 def _row(result: AsBuilt, row: int) -> list[object]:
     """A camera of the table."""
     found = result.found[row]
+    said = [result.planned.names[row], result.verdicts[row]]
+    if not found.accepted:
+        return [*said, *"----"]
     place, turn = found.deviations
     limit = result.tolerances[row]
-    right, up, clockwise = found.to_plan_deg()
-    known = found.accepted
     return [
-        result.planned.names[row],
-        result.verdicts[row],
-        f"{found.moved * 1000:.3g} ± {2 * place * 1000:.2g}" if known else "-",
-        f"{found.turned_deg:.3g} ± {2 * turn:.2g}" if known else "-",
-        f"{limit.place * 1000:.3g}, {limit.turn_deg:g}" if known else "-",
-        f"{right:+.2f}, {up:+.2f}, {clockwise:+.2f}" if known else "-",
+        *said,
+        f"{found.moved * 1000:.3g} ± {2 * place * 1000:.2g}",
+        f"{found.turned_deg:.3g} ± {2 * turn:.2g}",
+        f"{limit.place * 1000:.3g}, {limit.turn_deg:g}",
+        ", ".join(f"{angle:+.2f}" for angle in found.to_plan_deg()),
     ]
 
 

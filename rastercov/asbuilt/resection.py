@@ -60,8 +60,6 @@ class Fit:
     is_inlier : (N,) bool
     cost : float
         Sum of Huber's function, in units of sigma^2.
-    sigma : float
-        Standard deviation of a coordinate of a pixel, px.
     """
 
     pose: FloatArray
@@ -69,7 +67,6 @@ class Fit:
     residuals: FloatArray
     is_inlier: BoolArray
     cost: float
-    sigma: float
 
 
 def displaced(pose: FloatArray, step: FloatArray) -> FloatArray:
@@ -101,6 +98,11 @@ def pixels_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatArra
     if camera.is_pinhole and not camera.is_parallel:
         pixels[local[..., 2] <= 0] = np.nan
     return pixels
+
+
+def free_of(camera: Camera) -> int:
+    """Parameters of a pose that change the picture: five of parallel rays, the last is distance."""
+    return 5 if camera.is_parallel else 6
 
 
 def fit(
@@ -168,8 +170,7 @@ def _finish(
     """Fit at an optimum, with its covariance."""
     errors = pixels_of(points, camera, pose) - pixels
     jacobian = jacobian_of(points[is_inlier], camera, pose).reshape(-1, 6)
-    parameters = 5 if camera.is_parallel else 6
-    freedom = 2 * int(is_inlier.sum()) - parameters
+    freedom = 2 * int(is_inlier.sum()) - free_of(camera)
     variance = float((errors[is_inlier] ** 2).sum()) / max(freedom, 1)
     found = sigma
     if variance > sigma**2 * _variance_limit(freedom):
@@ -180,7 +181,6 @@ def _finish(
         errors,
         is_inlier,
         _cost(errors, sigma),
-        found,
     )
 
 

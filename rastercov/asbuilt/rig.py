@@ -148,12 +148,9 @@ def match_photographs(photo: Path, names: Sequence[str], camera: str | None) -> 
                 "none; name it with --of"
             )
         return {0: photo}
-    if camera not in names and camera.isascii() and camera.isdigit():
-        if not 1 <= int(camera) <= len(names):
-            raise ConfigError(f"--of: expected 1 to {len(names)}, got {camera}")
-        return {int(camera) - 1: photo}
-    check_choice("--of", camera, names)
-    return {names.index(camera): photo}
+    choices = [*names, *(str(row + 1) for row in range(len(names)))]
+    check_choice("--of", camera, choices)
+    return {choices.index(camera) % len(names): photo}
 
 
 def locate_rig(
@@ -172,19 +169,18 @@ def locate_rig(
     """
     if points is not None and len(photos) > 1:
         raise ConfigError(f"expected one photograph for --points, got {len(photos)}")
-    mesh = planned.mesh if planned.scene is None else planned.scene
-    placed = planned.cameras.placed
-    poses = placed.world_from_camera.copy()
-    found = {}
-    for row, photo in photos.items():
-        camera = planned.plan.rig.cameras[int(placed.camera[row])]
-        found[row] = locate(mesh, camera, photo, poses[row], points, pixel_error=pixel_error)
+    mesh, poses, cameras = scene_of(planned)
+    found = {
+        row: locate(mesh, cameras[row], photo, poses[row], points, pixel_error=pixel_error)
+        for row, photo in photos.items()
+    }
     if is_rigid:
         found, poses = _move_together(found, poses)
     for row, each in found.items():
         if each.accepted:
             poses[row] = each.pose
-    built, notes = _check_built(planned, Poses.of(poses, camera=placed.camera), found)
+    placed = Poses.of(poses, camera=planned.cameras.placed.camera)
+    built, notes = _check_built(planned, placed, found)
     tolerances = {row: tolerance(each) for row, each in found.items()}
     return AsBuilt(planned, built, found, photos, tolerances, notes)
 
@@ -202,11 +198,10 @@ def _move_together(
         return dict(found), planned
     known = [np.where(np.isinf(found[row].covariance), OPEN, found[row].covariance) for row in rows]
     scales = [np.linalg.inv(np.linalg.cholesky(each)) for each in known]
-    about = np.eye(4)
-    about[:3, 3] = planned[rows, :3, 3].mean(axis=0)
+    about = planned[rows[0]]
 
     def moved(step: FloatArray) -> FloatArray:
-        """All poses after a displacement (6,) about the middle of the decided ones."""
+        """All poses after a displacement (6,) in the axes of the first decided one."""
         return np.asarray(displaced(about, step) @ np.linalg.inv(about) @ planned)
 
     def differences(step: FloatArray) -> FloatArray:
@@ -218,10 +213,14 @@ def _move_together(
         ]
         return np.concatenate(parts)
 
-    step, around = np.zeros(6), 1e-6 * np.eye(6)
+    def slopes(of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Derivatives (N, 6) of values (N,) by the displacement."""
+        around = 1e-6 * np.eye(6)
+        return np.stack([(of(step + one) - of(step - one)) / 2e-6 for one in around], axis=1)
+
+    step = np.zeros(6)
     for _ in range(10):
-        slopes = [(differences(step + one) - differences(step - one)) / 2e-6 for one in around]
-        jacobian = np.stack(slopes, axis=1)
+        jacobian = slopes(differences)
         step = step - np.linalg.lstsq(jacobian, differences(step), rcond=None)[0]
     excess = float((differences(step) ** 2).sum()) / max(6 * len(rows) - 6, 1)
     if excess > APART**2:
@@ -229,10 +228,14 @@ def _move_together(
         return {row: replace(each, accepted=False, why=why) for row, each in found.items()}, planned
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * max(excess, 1.0)
     poses = moved(step)
+
+    def apart(row: int, step: FloatArray) -> FloatArray:
+        """Difference of a pose after another displacement."""
+        return difference(poses[row], moved(step)[row])
+
     together = {}
     for row, each in found.items():
-        shifts = [difference(moved(step - one)[row], moved(step + one)[row]) for one in around]
-        turn = np.stack(shifts, axis=1) / 2e-6
+        turn = slopes(partial(apart, row))
         together[row] = replace(
             each, pose=poses[row], covariance=turn @ covariance @ turn.T, accepted=True, why=""
         )
@@ -263,8 +266,11 @@ def _check_built(
 
 def errors_of(found: Mapping[int, Located]) -> str | None:
     """Largest standard deviations of poses along and about any axis, as a text on tolerances."""
-    known = [each.covariance for each in found.values() if each.accepted]
-    known = [np.where(np.isinf(each), 0, each) for each in known]  # distances of parallel rays
+    known = [
+        np.where(np.isinf(each.covariance), 0, each.covariance)  # distances of parallel rays
+        for each in found.values()
+        if each.accepted
+    ]
     if not known:
         return None
     turn, place = [
@@ -302,4 +308,4 @@ def scene_of(checked: Checked) -> tuple[Mesh, FloatArray, list[Camera]]:
     placed = checked.cameras.placed
     cameras = [checked.plan.rig.cameras[row] for row in placed.camera.tolist()]
     mesh = checked.mesh if checked.scene is None else checked.scene
-    return mesh, np.asarray(placed.world_from_camera), cameras
+    return mesh, placed.world_from_camera.copy(), cameras

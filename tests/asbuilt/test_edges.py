@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.asbuilt import resection
-from rastercov.asbuilt.alignment import Aligner
+from rastercov.asbuilt import alignment, resection
+from rastercov.asbuilt.alignment import COMMON, Aligner, Matches, covariance_of
 from rastercov.asbuilt.alignment import _along as along
 from rastercov.asbuilt.located import Tolerance
 from rastercov.asbuilt.photograph import brightness
@@ -148,3 +148,59 @@ def test_poses_beside_the_best_are_tried_in_every_direction() -> None:
         assert abs(np.nanmax(np.linalg.norm(each, axis=1)) - 5) < 0.5
     sizes = np.linalg.svd(np.nan_to_num([each.ravel() for each in moved]), compute_uv=False)
     assert (sizes > 0.02 * sizes[0]).sum() >= 6
+
+
+def test_a_displacement_that_all_edges_of_a_direction_share_is_within_one_deviation() -> None:
+    """As of shadows by light from one side: the covariance counts it once, however many edges."""
+    true = pose_of(1)
+    aligner = Aligner(MESH, CAMERA, brightness(photograph(MESH, true, 1), CAMERA))
+    level = aligner.levels[-1]
+    points = aligner.points_at(level, true, 2.0)
+    matches = Matches.of(level, CAMERA, points, true, 3.0)
+    covariance = covariance_of(level, CAMERA, points, true, matches)
+    rows, jacobian, weights = alignment._equations(level, CAMERA, points, true, matches, 1.5)
+    x, y = matches.normals[rows].T
+    turn = np.rint(np.arctan2(y, x) / np.pi * 4).astype(int)
+    for direction in range(4):
+        shifted = COMMON * (turn % 4 == direction) * (1 - turn // 4 % 2 * 2)
+        square = jacobian.T @ (jacobian * weights[:, None])
+        step = np.linalg.solve(square, jacobian.T @ (shifted * weights))
+        assert step @ np.linalg.solve(covariance, step) < 1
+
+
+def test_halves_of_the_edges_must_agree() -> None:
+    """A photograph whose squares, as of a checkerboard, are of two poses has neither."""
+    true = pose_of(1)
+    other = off(true, 3, 0.4, 0.004)
+    row, column = np.indices((CAMERA.height, CAMERA.width)) // (CAMERA.width // 8)
+    own, moved = (photograph(MESH, pose, 1) for pose in (true, other))
+    mixed = np.where((row + column) % 2, own, moved)
+    apart = resection.pixels_of(MESH.vertices, CAMERA, other) - resection.pixels_of(
+        MESH.vertices, CAMERA, true
+    )
+    largest = np.nanmax(np.linalg.norm(apart, axis=1))
+    told = [
+        Aligner(MESH, CAMERA, brightness(each, CAMERA)).halves_apart(true) for each in (own, mixed)
+    ]
+    assert largest > 2.5
+    assert told[0] < 1
+    assert told[1] > 2
+    found = rc.locate(MESH, CAMERA, mixed, true)
+    assert not found.accepted
+    assert rc.locate(MESH, CAMERA, own, true).accepted
+
+
+def test_a_pose_with_which_halves_disagree_comes_after_one_with_which_they_agree(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    true = pose_of(1)
+    other = off(true, 3, 1.0, 0.01)
+    aligner = Aligner(MESH, CAMERA, brightness(photograph(MESH, true, 1), CAMERA))
+    monkeypatch.setattr(aligner, "_refine_level", lambda level, poses: [other, true])
+    for firm, first in (([other], other), ([other, true], true), ([], true)):
+        monkeypatch.setattr(
+            aligner,
+            "halves_apart",
+            lambda pose, firm=firm: 0.0 if any(pose is each for each in firm) else 9.0,
+        )
+        assert np.array_equal(aligner.find(true)[0][0].pose, first)

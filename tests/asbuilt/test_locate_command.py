@@ -83,7 +83,7 @@ def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monk
         ("text.png --of east", "expected a picture in 'text.png'"),
         ("photos/east.png", "expected the camera of east.png among 2 cameras"),
         ("photos/east.png --of roof", "roof"),
-        ("photos/east.png --of 3", "expected 1 to 2, got 3"),
+        ("photos/east.png --of 3", "expected --of to be east, door, 1 or 2, got '3'"),
         ("photos/east.png --of 1 --points three.csv", "at least 4 points, got 3"),
         ("photos/east.png --of 1 --points words.csv", "expected numbers in every row"),
         ("photos/east.png --of 1 --points none.csv", "none.csv"),
