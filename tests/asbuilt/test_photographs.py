@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from installed_scenes import CAMERA, SCENES
+from PIL import Image
 
 import rastercov as rc
 from rastercov.asbuilt.edges import MeshEdges, visible_points
@@ -67,3 +68,25 @@ def test_a_photograph_of_another_scene_is_undecided(name: str) -> None:
     other = OTHERS[name]
     found = rc.locate(scene(other), HALF, PHOTOS / f"{name}.jpg", POSES[f"{other}_2"])
     assert not found.accepted
+
+
+NARROW = rc.Camera.from_fov(HALF.width, HALF.height, hfov_deg=48)
+WRONG = ("mirrored", "another camera", "another place")
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize(
+    "name",
+    ["part_3", *(pytest.param(each, marks=pytest.mark.slow) for each in ("room_3", "cell_2"))],
+)
+def test_a_wrong_photograph_of_the_scene_is_undecided(name: str, wrong: str) -> None:
+    kind = name.split("_")[0]
+    photo = np.asarray(Image.open(PHOTOS / f"{name}.jpg"))
+    found = rc.locate(
+        scene(kind),
+        NARROW if wrong == "another camera" else HALF,
+        photo[:, ::-1] if wrong == "mirrored" else photo,
+        POSES[f"{kind}_0"] if wrong == "another place" else POSES[name],
+    )
+    assert not found.accepted
+    assert "--points" in found.why
