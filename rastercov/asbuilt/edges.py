@@ -122,16 +122,14 @@ def _is_silhouette(edges: MeshEdges, camera: Camera, pose: FloatArray) -> BoolAr
 
 def _part_in_front(local: FloatArray, camera: Camera) -> tuple[FloatArray, FloatArray]:
     """Part of each edge, 0 to 1, that is in front of a camera with an ideal plane; whole else."""
-    n = local.shape[1]
-    low, high = np.zeros(n), np.ones(n)
     if not camera.is_pinhole or camera.is_parallel:
-        return low, high
+        return np.zeros(local.shape[1]), np.ones(local.shape[1])
     nearest = max(camera.near, 1e-4 * float(np.abs(local[..., 2]).max(initial=1e-9)))
     first, last = local[0, :, 2] - nearest, local[1, :, 2] - nearest
     with np.errstate(all="ignore"):
         crossing = first / (first - last)
-    low = np.where(first < 0, crossing, low)
-    high = np.where(last < 0, crossing, high)  # both are the same where both ends are behind
+    low = np.where(first < 0, crossing, 0)
+    high = np.where(last < 0, crossing, 1)  # both are the same where both ends are behind
     return np.nan_to_num(low), np.nan_to_num(high)
 
 
