@@ -56,7 +56,7 @@ def summary_of(viewshed: Viewshed) -> ByName:
     """Figures for JSON."""
     return {
         "cells": list(viewshed.share.shape),
-        "spacing_m": list(viewshed.raster.spacing),
+        "spacing_m": list(viewshed.raster.sides),
         "crs": viewshed.raster.crs or None,
         "observers": [
             {"x": x, "y": y, "height_m": height, "share": seen.area / seen.of_area}
@@ -88,10 +88,9 @@ def picture_of(viewshed: Viewshed) -> bytes:
     """PNG of the visible share over a shaded relief, within the radius, with a legend."""
     raster, most = viewshed.raster, len(viewshed.seen)
     known = np.isfinite(viewshed.share)
-    middle = float(raster.xy[1].mean())
-    sides = raster.about(raster.spacing[0], middle + raster.spacing[1], (0.0, middle))
+    sides = raster.sides
     used = [np.flatnonzero(known.any(axis=axis)) for axis in (0, 1)]
-    lengths = [len(each) * float(side) for each, side in zip(used, sides, strict=True)]
+    lengths = [len(each) * side for each, side in zip(used, sides, strict=True)]
     pixel = max(lengths) / 1200  # metres, square
     columns, rows = (
         each[0] + np.arange(max(1, int(length / pixel))) * pixel / side

@@ -166,7 +166,10 @@ def test_a_raster_in_degrees_is_seen_on_the_ellipsoid(tmp_path, capsys, latitude
     assert (near <= bounds.reshape(-1, 2).sum(axis=1) + seen.bound.ravel() + 1e-4).all()
     line = ["viewshed", str(path), "--from", "{},{}".format(*place), "--height", "20"]
     out = ["--outlines", str(tmp_path / "a.json"), "--out", str(tmp_path / "out")]
-    assert call(capsys, [*line, *out])[0] == 0
+    code, text, _ = call(capsys, [*line, *out, "--json"])
+    assert code == 0
+    sides = json.loads(text)["spacing_m"]
+    assert sides == pytest.approx([2 * half[0], 2 * half[1]], rel=1e-3)
     outline = json.loads((tmp_path / "a.json").read_text())["features"][0]["geometry"]
     area = Geod(ellps="WGS84").geometry_area_perimeter(shapely.geometry.shape(outline))[0]
     assert abs(area) == pytest.approx(seen.seen[0].area, rel=1e-5)

@@ -365,8 +365,8 @@ class Mesh(InNotebook):
         -------
         Mesh
             Vertices in map coordinates, or of a raster in degrees metres from its middle, from
-            which heights fall with the curvature. Each cell is divided from its north-west to its south-east corner;
-            `source_face` counts two triangles a cell, also those of holes.
+            which heights fall with the curvature. Each cell is divided from its north-west to its
+            south-east corner; `source_face` counts two triangles a cell, also those of holes.
 
         Raises
         ------

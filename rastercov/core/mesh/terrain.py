@@ -121,6 +121,13 @@ class Raster:
         away = from_axis * cos(turn) - own * cos(here)
         return from_axis * sin(turn), rise * cos(here) - away * sin(here)
 
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Width and height of a cell in the middle, metres."""
+        middle = float(self.xy[1].mean())
+        east, north = self.about(self.spacing[0], middle + self.spacing[1], (0.0, middle))
+        return float(east), float(north)
+
     def areas(self) -> tuple[FloatArray, FloatArray]:
         """Areas of the triangles of cells, m^2: on the map, (H - 1, 1, 2), and on the slopes."""
         x, y = self.xy

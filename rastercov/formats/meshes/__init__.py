@@ -52,7 +52,7 @@ Value = TypeVar("Value")
 PLAIN = {each: partial(plain.read, extension=each) for each in plain.FORMATS}
 READERS: dict[str, Reader] = {
     ".3mf": threemf.read,
-    ".asc": terrain.read_ascii,
+    ".asc": terrain.read,
     ".dae": dae.read,
     ".glb": gltf.read_glb,
     ".gltf": gltf.read_gltf,
@@ -63,8 +63,8 @@ READERS: dict[str, Reader] = {
     ".step": step.read_step,
     ".stl": PLAIN[".stl"],
     ".stp": step.read_step,
-    ".tif": terrain.read_geotiff,
-    ".tiff": terrain.read_geotiff,
+    ".tif": terrain.read,
+    ".tiff": terrain.read,
 }
 MEMORY_BUDGET = 8 << 30
 SMALLER = "simplify the mesh, or raise max_bytes"
@@ -287,11 +287,10 @@ class _MeshFiles(MeshFiles):
         """Heights of a .tif, .tiff or .asc file."""
         try:
             reader, data = _reader_and_bytes(path, LARGEST_FILE)
-            read = terrain.RASTERS.get(reader)
-            if read is None:
-                raise MeshError("expected a GeoTIFF or an ESRI ASCII grid, got a mesh; name one")
+            wanted = "expected a GeoTIFF or an ESRI ASCII grid, got a mesh"
+            check(reader is terrain.read, wanted, "name one")
             with refuse_broken_files():
-                return read(data)
+                return terrain.raster_of(data)
         except MeshError as error:
             raise type(error)(f"{printable(str(path))}: {error}") from error
 

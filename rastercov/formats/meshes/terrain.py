@@ -6,7 +6,6 @@ OGC 19-008r4, GeoTIFF Standard 1.1.
 import io
 import re
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -31,32 +30,22 @@ CRS = {1: 3072, 2: 2048}
 VERTICAL_CRS, VERTICAL_UNIT = 4096, 4099
 """Keys of GeoTIFF."""
 FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937
-UNITS = {9001: 1.0, 9002: FOOT, 9003: SURVEY_FOOT, 9102: 1.0}
-"""Metres of a unit of length by its code; degrees."""
-VERTICAL_FEET = {5702: SURVEY_FOOT, 6360: SURVEY_FOOT, 8228: FOOT}
-"""Metres of the unit of vertical CRSs in feet."""
-HEIGHT_UNITS = {
-    **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
-    **dict.fromkeys(("ft", "foot", "feet"), FOOT),
-    **dict.fromkeys(("us survey foot", "us-ft", "ftus"), SURVEY_FOOT),
+UNITS: dict[object, float] = {
+    **dict.fromkeys((9001, 9102, "m", "metre", "meter", "metres", "meters"), 1.0),
+    **dict.fromkeys((9002, "ft", "foot", "feet"), FOOT),
+    **dict.fromkeys((9003, "us survey foot", "us-ft", "ftus"), SURVEY_FOOT),
 }
-"""Metres of a unit of heights by its name in GDAL."""
+"""Metres of a unit by its code or by its name in GDAL; degrees."""
+VERTICAL_FEET = {5702: 9003, 6360: 9003, 8228: 9002}
+"""Units of vertical CRSs in feet."""
 CONVERT = "convert it: gdalwarp -ot Float32 -dstnodata -1e9 -co COMPRESS=DEFLATE"
 LEAST_BUDGET = 2 << 30
 """Bytes that a surface may need, however well its file is compressed."""
 
 
-def read_geotiff(data: bytes, budget: int) -> Polygons:
-    """Surface of a GeoTIFF, with curvature and refraction."""
-    return _polygons(raster_of_geotiff(data), budget)
-
-
-def read_ascii(data: bytes, budget: int) -> Polygons:
-    """Surface of an ESRI ASCII grid, with curvature and refraction."""
-    return _polygons(raster_of_ascii(data), budget)
-
-
-def _polygons(raster: Raster, budget: int) -> Polygons:
+def read(data: bytes, budget: int) -> Polygons:
+    """Surface of a GeoTIFF or an ESRI ASCII grid, with curvature and refraction."""
+    raster = raster_of(data)
     most = max(budget, LEAST_BUDGET) // (2 * PEAK_BYTES_PER_FACE)
     if raster.heights.size > most:
         raise ResourceError(
@@ -66,6 +55,11 @@ def _polygons(raster: Raster, budget: int) -> Polygons:
     points, faces, cells, notes = raster.curved().surface()
     group = np.zeros(len(faces), np.int64)
     return Polygons(points, faces, cells, group, notes=notes, is_in_metres=True)
+
+
+def raster_of(data: bytes) -> Raster:
+    """Heights of a GeoTIFF or an ESRI ASCII grid."""
+    return (_of_geotiff if data[:2] in (b"II", b"MM") else _of_ascii)(data)
 
 
 def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
@@ -99,7 +93,7 @@ def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
     return values, tags
 
 
-def raster_of_geotiff(data: bytes) -> Raster:
+def _of_geotiff(data: bytes) -> Raster:
     """Heights, metres, of the first band of a GeoTIFF, on a map in metres, feet or degrees."""
     values, tags = _opened(data)
     keys = _keys(tags)
@@ -131,20 +125,17 @@ def _heights(
 ) -> FloatArray:
     """Heights, metres, by GDAL's scale, offset and unit, or the vertical unit of GeoTIFF."""
     said = dict(re.findall(r'sample="0" role="(\w+)">([^<]*)<', str(tags.get(METADATA, ""))))
-    name, code = said.get("unittype"), keys.get(VERTICAL_UNIT)
+    vertical = VERTICAL_FEET.get(keys[VERTICAL_CRS], 9001) if VERTICAL_CRS in keys else None
+    given = said.get("unittype", "").casefold() or keys.get(VERTICAL_UNIT) or vertical
     check(
-        name or code or VERTICAL_CRS in keys or unit == 1.0,
+        given is not None or unit == 1.0,
         "expected the unit of heights of a map in feet, got none",
         "give it, such as gdal_edit.py -units ft",
     )
-    upwards = VERTICAL_FEET.get(keys.get(VERTICAL_CRS, 0), 1.0)
-    if name or code:
-        upwards = HEIGHT_UNITS.get(name.casefold(), 0.0) if name else UNITS.get(code or 0, 0.0)
-    check(upwards > 0, f"expected heights in metres or feet, got unit {shown(name or code)}")
-    scale, offset = (
-        finite_number(_number(said.get(key, usual)))
-        for key, usual in (("scale", "1"), ("offset", "0"))
-    )
+    upwards = UNITS.get(given or 9001, 0.0)
+    check(upwards > 0, f"expected heights in metres or feet, got unit {shown(given)}")
+    scale = finite_number(_number(said.get("scale", "1")))
+    offset = finite_number(_number(said.get("offset", "0")))
     return (values * scale + offset) * upwards
 
 
@@ -155,7 +146,7 @@ def _keys(tags: dict[int, Any]) -> dict[int, int]:
     return {key: value for key, location, _, value in entries if location == 0}
 
 
-def raster_of_ascii(data: bytes) -> Raster:
+def _of_ascii(data: bytes) -> Raster:
     """Heights of an ESRI ASCII grid."""
     text = data.decode("ascii", "replace")
     start = re.match(r"(\s*[A-Za-z]\w*[ \t]+\S+[ \t\r]*\n)*", text)
@@ -189,10 +180,3 @@ def _number(word: str) -> object:
         return float(word)
     except ValueError:
         return word
-
-
-RASTERS: dict[object, Callable[[bytes], Raster]] = {
-    read_geotiff: raster_of_geotiff,
-    read_ascii: raster_of_ascii,
-}
-"""Heights alone, by the reader of a surface."""
