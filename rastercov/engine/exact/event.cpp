@@ -204,8 +204,18 @@ int64_t take_hidden(const Passage &passage, int64_t m, int64_t n) {
     return hidden.first < hidden.last ? take_range(view.work.ranges, n, hidden) : n;
 }
 
-// Lists the crossings of a face and n parts of a passage; returns the number of all crossings.
-int64_t add_crossings(const Passage &passage, int64_t f, int64_t n, int64_t n_crossings) {
+// Crossings of a face in a cell with n entries beyond which it is UNFIT. Each edge that is seen of
+// needles before one another crosses all that are behind; half planes find soon that these are
+// hidden.
+int64_t most_crossings(int64_t n) {
+    const double share = double(MANY) / std::max(n, MANY), square = share * share;
+    return 1 + int64_t((MOST_CROSSINGS - 1) * square * square);
+}
+
+// Lists the crossings of a face and n parts of a passage; returns the number of all crossings. A
+// face with more than `most` is UNFIT.
+int64_t add_crossings(const Passage &passage, int64_t f, int64_t n, int64_t n_crossings,
+                      int64_t most) {
     const Course &course = passage.course;
     const View &view = course.view;
     const auto &[projected, ranges] = std::tie(view.projected, view.work.ranges);
@@ -219,7 +229,7 @@ int64_t add_crossings(const Passage &passage, int64_t f, int64_t n, int64_t n_cr
         n_crossings =
             record_crossing(f, course.edge, course.segment, across, crossings, n_crossings);
         const int64_t last = crossings.last[f];
-        if (last >= 0 && crossings.number[last] > MOST_CROSSINGS) state[f] |= UNFIT;
+        if (last >= 0 && crossings.number[last] > most) state[f] |= UNFIT;
     }
     return n_crossings;
 }
@@ -302,7 +312,8 @@ int64_t mark_in_cell(int64_t c, const Course &course, Part part, int64_t n_cross
         const int64_t f = grid.found[k];
         if (!is_settled(f, projected) &&
             nearest >= projected.box(f, W_MIN) * (1 - 2 * DEPTH_TIE_REL))
-            n_crossings = add_crossings(passage, f, n, n_crossings);
+            n_crossings = add_crossings(passage, f, n, n_crossings,
+                                        most_crossings(grid.stops[c] - grid.starts[c]));
     }
     return n_crossings;
 }
