@@ -15,8 +15,9 @@
 // above the horizon. The ground below the observer starts at w = inf.
 //
 // An error of v is 16 units of rounding of the numbers that it is the sum of. The bound of an
-// area is its difference between horizons that are lower and higher by these errors, and 48 units
-// of rounding of its distance times the sides of a cell.
+// area is its difference between horizons that are lower and higher by these errors, and, for the
+// triangle and for each visible part, 48 units of rounding of the distance times the sides of a
+// cell.
 //
 // J. Wang, G. J. Robinson, K. White. Generating viewsheds without using sightlines. 2000, for the
 // horizon of what is nearer, here without its approximations. Twin:
@@ -190,9 +191,10 @@ class Viewshed : View {
 
     void triangle(const std::array<Corner, 3> &corners) {
         if (std::isnan(corners[0][2] + corners[1][2] + corners[2][2])) return;
-        if (_counts && std::isnan(*_share)) *_share = *_bound = 0.0;
         const auto &[p, q, r] = corners;
         _area = 0.5 * std::abs(cross({q[0] - p[0], q[1] - p[1]}, {r[0] - p[0], r[1] - p[1]}));
+        if (_counts && std::isnan(*_share)) *_share = *_bound = 0.0;
+        if (_counts) *_bound += rounding_at(std::abs(q[0]) + std::abs(q[1]) + _width);
         for (size_t quadrant = 0; quadrant < 4; quadrant++) {
             _signs = {quadrant % 2 ? 1.0 : -1.0, quadrant < 2 ? 1.0 : -1.0};
             _horizon = &_horizons[quadrant];
@@ -242,10 +244,13 @@ class Viewshed : View {
             return area_above({line.u, line.v + shift, line.slope, 0.0}, low, top, u0, u1,
                               shift == 0);
         };
-        const double far = _width / std::min(top.depth.at(u0), top.depth.at(u1));
         *_share += above(0.0) / _area;
-        *_bound += (above(-error) - above(error) + 48 * ROUNDING * far) / _area;
+        *_bound += (above(-error) - above(error)) / _area;
+        *_bound += rounding_at(1 / std::min(top.depth.at(u0), top.depth.at(u1)));
     }
+
+    // Of a share, by the rounding of corners and areas at a distance.
+    double rounding_at(double distance) const { return 48 * ROUNDING * _width * distance / _area; }
 
     // Above a line between two sides, from u0 to u1.
     double area_above(const Line &line, const Edge &low, const Edge &top, double u0, double u1,
