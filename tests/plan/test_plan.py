@@ -332,6 +332,15 @@ def test_mounts_stay_on_their_walls_unless_the_plan_says_where_cameras_may_stand
         assert space.allows([on_wall, in_air]).tolist() == allowed
 
 
+def test_walls_of_the_bounding_box_are_told_from_those_of_the_mesh():
+    text = '[[candidates]]\ngenerator = "on_walls"\nspacing = 1\ninset = 0.01\n'
+    told = []
+    for shape in ("box", "room"):
+        plan = plan_of(BASE.replace("box", shape) + text)
+        told.append("generator in_room" in candidate_pool(plan, scene(plan)).lines()[0])
+    assert told == [True, False]
+
+
 # --- requirements and bounds ----------------------------------------------------------------------
 
 

@@ -339,7 +339,11 @@ class CandidatePool:
         if not self.refused:
             return [f"{total}, by source: {made}"]
         lines = [f"generated, by source: {made}"] if len(self.made) > 1 else []
-        return [f"{total}: {in_words(self.refused)}; {len(self.candidates)} remain", *lines]
+        line = f"{total}: {in_words(self.refused)}; {len(self.candidates)} remain"
+        behind = [each.source for each in self.refused if each.reason == "in_solid"]
+        if 2 * sum(map(behind.count, ("walls", "ceiling"))) > sum(self.made.values()):
+            line += "; these walls are of the bounding box: generator in_room takes the mesh's"
+        return [line, *lines]
 
     def summary(self) -> ByName:
         """Counts, ready for JSON."""
