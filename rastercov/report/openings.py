@@ -61,6 +61,20 @@ class Openings(NamedTuple):
             rooms.append(other or one)
         return normals, rooms
 
+    def are_of_rooms(self) -> BoolArray:
+        """(M,) True for windows, by names of groups; for all where there are but windows and doors.
+
+        And where there are no windows.
+        """
+        names = [group.name.casefold() for group in self.mesh.groups]
+        own = self.piece >= 0
+        part, group = self.piece[own], self.mesh.face_group[own]
+        is_window, is_door = (
+            np.bincount(part, [word in names[each] for each in group], len(self.at)) > 0
+            for word in ("window", "door")
+        )
+        return is_window | (is_window | is_door).all() | ~is_window.any()
+
     def _n_met(self, axes: FloatArray) -> IntArray:
         """(M,) rays that meet something, of those of `RAYS` along axes (M, 3, 3)."""
         rays = np.einsum("mik,rk->rmi", axes, RAYS)

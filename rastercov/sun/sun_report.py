@@ -170,9 +170,11 @@ class Study(NamedTuple):
             entry["hours_in_front"] = float(sunlit.weights @ is_before[:, row])
             entry["shaded_by"] = shading[row]
             entries.append(entry)
-        of_rooms = []
+        of_rooms, of_room = [], openings.are_of_rooms()
         for name in dict.fromkeys(filter(None, rooms)):
-            own = [each for each in entries if each["room"] == name]
+            own = [each for each in entries if each["room"] == name and of_room[each["row"]]]
+            if not own:
+                continue
             figures = [self._of_union(each, [e["row"] for e in own]) for each in self.ways.values()]
             entry = self._entry(
                 ", ".join(name.split("/")), float(figures[0][0]), float(self._errors(figures))

@@ -189,6 +189,16 @@ def test_rooms_get_the_hours_of_a_level_by_their_windows_together(
     assert "Ground, 0 Kitchen, S" in page
 
 
+def test_rooms_of_a_whole_house_have_the_hours_of_their_windows(dwelling, folder, capsys):
+    hours = []
+    for of in ("--of *IfcWindow* ", ""):
+        line = f"sun dwelling.ifc {WINDOWS} --day 2026-02-10".replace("--of *IfcWindow* ", of)
+        assert call(capsys, line)[0] == 0
+        rooms = json.loads((folder / "rooms" / "sun.json").read_text(encoding="utf-8"))["rooms"]
+        hours.append({each["name"]: each["hours"] for each in rooms})
+    assert hours[0] == pytest.approx(hours[1], abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
