@@ -411,7 +411,7 @@ def drawable(text: str, font: Font) -> str:
             return letter
         return "".join(filter(has, unicodedata.normalize("NFKD", letter).strip())) or "?"
 
-    whole = unicodedata.normalize("NFC", " ".join(text.split())[:400])
+    whole = unicodedata.normalize("NFC", " ".join(text.split())[:400]).replace("\u2215", "/")
     return "".join(map(drawn, whole))
 
 

@@ -90,7 +90,8 @@ def html_of(value: Any) -> str:
         page = network_of(value)
         mesh, heading, draw = page.mesh, page.answer, page.overview
         table = _parts(page.figures, page.unit)
-        said = placement.verdicts(getattr(value, "requirements", ()))
+        asked = getattr(value, "requirements", ())
+        said = placement.verdicts(asked) if asked else []
     else:
         network = value
         if isinstance(value, Coverage):

@@ -30,7 +30,7 @@ def test_ascii_stays(text):
     ("text", "wanted"),
     [("\u00e9", "e"), ("e\u0301", "e"), ("\u90e8\u54c11", "??1"), ("\ud55c", "?"), ("\u338f", "kg"),
      ("\u0141\u00f3d\u017a", "?odz"), ("a\tb\nc", "a b c"), ("\udc80x", "?x"),
-     ("\u2026", "\u2026"), ("\u00a8", "?")],
+     ("\u2026", "\u2026"), ("\u00a8", "?"), ("a\u2215b", "a/b")],
 )  # fmt: skip
 def test_accents_go_and_letters_without_a_glyph_are_question_marks(text, wanted):
     assert drawable(text, FONT) == wanted
