@@ -85,7 +85,7 @@ class EdgePoints:
         return EdgePoints(self.points[rows], self.tangents[rows], self.edge[rows])
 
     def thinned(self, most: int) -> "EdgePoints":
-        """Every nth of the points, so that there are at most so many."""
+        """Every nth of the points, so that there are at most as many as given."""
         return self.take(slice(None, None, max(1, -(-len(self) // most))))
 
 

@@ -332,6 +332,7 @@ def _layers(devices: Sequence[tuple[str, SheetDevice]], frame: SheetFrame) -> di
     return {
         word.upper(): [
             _label(shapely.Point(each.pose[:2, 3]), shorten(each.name, 24), frame, above=-4.2)
+            | {"at": frame.on_paper(each.pose[:2, 3]).tolist()}
             for kind, each in devices
             if kind == word and each.has_position and frame.holds(each.pose[:2, 3])
         ]

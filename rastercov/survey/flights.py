@@ -9,19 +9,21 @@ from rastercov.placement.plan.legs import Airspace
 from rastercov.placement.plan.product import Figure
 from rastercov.placement.plan.run import Placement, Products
 from rastercov.placement.plan.scene import keep_outs
-from rastercov.report.pages import render
 from rastercov.survey.flight import Flight, flight_of
-from rastercov.survey.geo.flight import files_of
-from rastercov.survey.geo.route import route_of
 
 
 class _Written(Flight):
     def files(self) -> dict[str, bytes]:
         """See `Product`."""
+        from rastercov.survey.geo.flight import files_of
+
         return files_of(self)
 
     def figure(self) -> Figure:
         """Map of the route."""
+        from rastercov.report.pages import render
+        from rastercov.survey.geo.route import route_of
+
         route = route_of(self)
         values = {"route": route, "missions": self.table(), "asked": self.asked, "home": self.home}
         return Figure("Flight", render("flight.html", "rastercov.survey", **values), route["words"])
