@@ -151,7 +151,7 @@ def change_of(placement: Placement | Checked) -> list[str]:
 
 def verdicts(requirements: Sequence[Judged]) -> list[tuple[str, str | None]]:
     """Lines on requirements for `report.html`: what was wanted, and the status."""
-    lines = [(each.words(), each.status) for each in requirements]
+    lines: list[tuple[str, str | None]] = [(each.words(), each.status) for each in requirements]
     return lines or [("no share of the area was required", None)]
 
 

@@ -1,7 +1,6 @@
 // Covered pairs of candidates and faces as bits, one row a candidate.
 //
 //     out[n, k] = sum of values[k, f] over the faces f of row n within mask k
-//     totals[k, f] += sum of amounts[n, k] over the rows n with face f
 //
 // Face f is bit f % 64 of word f / 64 of a row. Arrays over faces have 64 W entries for W words.
 // Words that are 0 are skipped, the bits of others taken as lanes, without branches: of 10,000
@@ -42,35 +41,29 @@ void set_pairs(IntArray row, Int32Array face, Array<uint64_t, Any, Any> words) {
         words(row[j], face[j] / BITS) |= uint64_t(1) << face[j] % BITS;
 }
 
-// Visits the words of each row, with each row of `values`, which has an entry for each bit of them.
-template <class T, class Visit>
-void each_row(Words words, Rows rows, Array<T, Any, Any> values, Visit visit) {
-    require(values.rows() == 0 || values.extent(1) == BITS * words.extent(1),
-            "values and totals must have 64 columns for each word");
-    require_indices(rows, words.rows(), "rows must hold rows of words");
-    Poll poll(64);
-    for (int64_t n = 0; n < rows.rows(); n++) {
-        poll();
-        for (int64_t k = 0; k < values.rows(); k++) visit(n, k, words[rows[n]], values[k].data);
-    }
-}
-
 void sums(Words words, Rows rows, Words masks, Array<const int64_t, Any, Any> values,
           Array<int64_t, Any, Any> out) {
     const int64_t n_words = words.extent(1), n_values = values.rows();
     require(out.rows() == rows.rows() && out.extent(1) == n_values && masks.rows() == n_values,
             "out must have a row for each row, and a column for each row of masks and of values");
     require(masks.extent(1) == n_words, "masks must have as many words as rows");
-    each_row(words, rows, values, [&](int64_t n, int64_t k, auto row, const int64_t *value) {
-        const auto mask = masks[k];
-        Long total(0);
-        for (int64_t i = 0; i < n_words; i++)
-            if (const uint64_t word = row[i] & mask[i])
-                for (int b = 0; b < BITS; b += LANES)
-                    total = total +
-                            (select<int64_t>(lanes(word, b), Long::load(value + BITS * i + b), 0));
-        out(n, k) = sum(total);
-    });
+    require(n_values == 0 || values.extent(1) == BITS * n_words,
+            "values must have 64 columns for each word");
+    require_indices(rows, words.rows(), "rows must hold rows of words");
+    Poll poll(64);
+    for (int64_t n = 0; n < rows.rows(); n++) {
+        poll();
+        const uint64_t *row = words[rows[n]].data;
+        for (int64_t k = 0; k < n_values; k++) {
+            Long total(0);
+            for (int64_t i = 0; i < n_words; i++)
+                if (const uint64_t word = row[i] & masks(k, i))
+                    for (int b = 0; b < BITS; b += LANES)
+                        total = total + select<int64_t>(lanes(word, b),
+                                                        Long::load(&values(k, BITS * i + b)), 0);
+            out(n, k) = sum(total);
+        }
+    }
 }
 
 void count_up(Words words, Array<uint64_t, Any, Any> planes) {
