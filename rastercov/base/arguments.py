@@ -48,8 +48,7 @@ def number(
 ) -> float:
     """`value` as a finite float; `wanted` says what it must be, where it has limits in pixels."""
     if not is_number(value):
-        got = shown([*value] if isinstance(value, tuple) else value)  # as files have it
-        raise CameraError(f"expected {name} to be a number, got {got}")
+        raise CameraError(f"expected {name} to be a number, got {shown_entry(value)}")
     try:
         result = float(value)
     except OverflowError:
@@ -82,19 +81,18 @@ def principal_point_px(name: str, value: object) -> float:
 
 def pair(name: str, value: object) -> tuple[float, float]:
     """One or two positive numbers as two."""
-    values = value if isinstance(value, tuple | list) else (value, value)
+    values = value if is_list(value) else (value, value)
     if len(values) != 2:
-        raise CameraError(f"expected {name} to be one or two numbers, got {shown(value)}")
+        raise CameraError(f"expected {name} to be one or two numbers, got {shown_entry(value)}")
     return positive(name, values[0]), positive(name, values[1])
 
 
 def two(name: str, value: object) -> tuple[Any, Any]:
     """Two values of any kind, from a sequence or an array."""
-    if isinstance(value, np.ndarray) and value.shape == (2,):
-        value = value.tolist()
-    if not isinstance(value, tuple | list) or len(value) != 2:
-        raise CameraError(f"expected {name} to be two numbers, got {shown(value)}")
-    return value[0], value[1]
+    values = of_array(value)
+    if not is_list(values) or len(values) != 2:
+        raise CameraError(f"expected {name} to be two numbers, got {shown_entry(values)}")
+    return values[0], values[1]
 
 
 def image_side(name: str, value: object) -> int:
@@ -120,6 +118,26 @@ def coefficients_of(distortion: Any) -> tuple[Any, ...]:
 def is_number(value: object) -> TypeIs[float]:
     """True for a whole or real number of Python or numpy; True and False are none."""
     return not isinstance(value, bool) and isinstance(value, int | float | np.integer | np.floating)
+
+
+def is_list(value: object) -> TypeIs[Sequence[Any]]:
+    """True for a list or a tuple."""
+    return isinstance(value, tuple | list)
+
+
+def is_printable(value: object) -> TypeIs[str]:
+    """True for text without line breaks and other signs that are not seen."""
+    return isinstance(value, str) and value.isprintable()
+
+
+def of_array(value: object) -> object:
+    """Values of an array of two; all else as it is."""
+    return value.tolist() if isinstance(value, np.ndarray) and value.shape == (2,) else value
+
+
+def shown_entry(value: object) -> str:
+    """`shown`, of a tuple as a list, as files have it."""
+    return shown([*value] if isinstance(value, tuple) else value)
 
 
 def is_one_of(value: object, names: Container[str]) -> bool:

@@ -1,9 +1,10 @@
-"""JavaScript of Python's functions of plain values, so that what reports and the page print is one.
+"""JavaScript of Python's functions of plain values, so that what both print and accept is one.
 
 `texts_script` is the module `texts.js` of the page. A function may have numbers, texts, lists and
-mappings, the statements and expressions of `TEMPLATES`, `CALLS` and `METHODS`, constants of its
-module, and calls of other such functions; anything else is refused. Python's formats of numbers
-are in `page/plain.js`. JavaScript takes an empty list as true: compare its length.
+mappings, the statements and expressions of `TEMPLATES`, `CALLS` and `METHODS`, comprehensions over
+one list, constants of its module, and calls of other such functions; anything else is refused.
+Python's formats of numbers are in `page/plain.js`. JavaScript takes an empty list as true: compare
+its length. It has one null: None is no default of `get` where a value may be None.
 """
 
 import ast
@@ -16,7 +17,12 @@ from types import FunctionType
 from rastercov.base import ByName
 from rastercov.base import format as texts
 from rastercov.core.area.advice import advice_of, hidden_by, verdict_of, verdict_of_rigs
-from rastercov.core.camera.camera import depths_in_focus
+from rastercov.core.camera.camera import (
+    central_arguments,
+    check_fields,
+    check_focus,
+    depths_in_focus,
+)
 from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.placement import required
 
@@ -39,13 +45,20 @@ SHARED: tuple[Shared, ...] = (
     required.share_of,
     required.ends_in_words,
     required.outcome_line,
+    central_arguments,
+    check_fields,
+    check_focus,
 )
-"""Functions that both print with."""
-HEAD = 'import { fillText, formatNumber, withoutEnd } from "rastercov/plain.js";\n'
+"""Functions of both."""
+HEAD = (
+    "import { Refused, fillText, formatNumber, isIn, shown, withoutEnd } "
+    'from "rastercov/plain.js";\n'
+)
 TEMPLATES = {
     "Assign": "{targets} = {value};\n",
     "Attribute": "{value}.{attr}",
     "BinOp": "({left} {op} {right})",
+    "ExceptHandler": "{body}",
     "Expr": "",
     "For": "for ({target} of {iter}) {{\n{body}}}\n",
     "FormattedValue": "formatNumber({value}, {format_spec})",
@@ -53,8 +66,10 @@ TEMPLATES = {
     "IfExp": "({test} ? {body} : {orelse})",
     "JoinedStr": "[{values}].join('')",
     "List": "[{elts}]",
+    "Raise": "throw {exc};\n",
     "Return": "return {value};\n",
     "Subscript": "{value}[{slice}]",
+    "Try": "try {{\n{body}}} catch {{\n{handlers}}}\n",
     "Tuple": "[{elts}]",
     "UnaryOp": "({op}{operand})",
     **dict.fromkeys(("Load", "Store"), ""),
@@ -65,12 +80,26 @@ TEMPLATES = {
 }
 """JavaScript of nodes of `ast`, by their fields; a docstring is the only expression alone."""
 CALLS = {
+    "CameraError": "new Refused({0})",
     "abs": "Math.abs({0})",
     "float": "Number({0})",
     "getattr": "{0}[{1}]",
     "int": "Math.trunc(Number({0}))",
+    "is_inf": "({0} === Infinity)",
+    "is_list": "Array.isArray({0})",
+    "is_number": "(typeof {0} === 'number')",
+    "is_printable": r"(typeof {0} === 'string' && !/(?! )[\p{{C}}\p{{Z}}]/u.test({0}))",
+    "len": "{0}.length",
     "math.inf": "Infinity",
     "math.ceil": "Math.ceil({0})",
+    "math.pi": "Math.PI",
+    "math.radians": "({0} * (Math.PI / 180))",
+    "math.sqrt": "Math.sqrt({0})",
+    "cos": "Math.cos({0})",
+    "of_array": "{0}",
+    "shown": "shown({0})",
+    "shown_entry": "shown({0})",
+    "sin": "Math.sin({0})",
     "math.degrees": "({0} * (180 / Math.PI))",
     "math.isfinite": "Number.isFinite({0})",
     "math.isinf": "(Math.abs({0}) === Infinity)",
@@ -82,6 +111,8 @@ CALLS = {
 METHODS = {
     "format": "fillText({on}, {{ {named} }})",
     "get": "({on}[{0}] ?? {1})",
+    "items": "Object.entries({on})",
+    "join": "{0}.join({on})",
     "removesuffix": "withoutEnd({on}, {0})",
     "replace": "{on}.replaceAll({0}, {1})",
     "split": "{on}.split({0})",
@@ -95,7 +126,7 @@ def script_of(functions: Iterable[Shared]) -> str:
     """
     made = _Script(functions)
     bodies = [made.function(each) for each in made.called]
-    constants = [f"const {name} = {value};\n" for name, value in made.constants.items()]
+    constants = [f"export const {name} = {value};\n" for name, value in made.constants.items()]
     return "".join([HEAD, *constants, *bodies])
 
 
@@ -112,6 +143,7 @@ class _Script:
         self.called = [*functions]
         self.constants: dict[str, str] = {}
         self._globals: ByName = {}
+        self._names: dict[str, Shared] = {}
         self._local: tuple[str, ...] = ()
 
     def function(self, given: Shared) -> str:
@@ -121,13 +153,22 @@ class _Script:
         assert isinstance(tree, ast.FunctionDef)
         parameters = inspect.signature(given).parameters.values()
         self._globals, self._local = given.__globals__, given.__code__.co_varnames
+        self._bound: set[str] = {*self._local}
         heads = ", ".join(
             each.name + ("" if each.default is each.empty else f" = {json.dumps(each.default)}")
             for each in parameters
         )
         own = ", ".join(self._local[len(parameters) :])
         let = f"let {own};\n" if own else ""
-        return f"export function {given.__name__}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
+        return f"export function {self._of(given)}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
+
+    def _of(self, function: Shared) -> str:
+        """Name of a function, one of each; it is translated in its turn."""
+        name = function.__name__
+        while self._names.setdefault(name, function) is not function:
+            name += "_"
+        self.called += [function] * (function not in self.called)
+        return name
 
     def text(self, node: object) -> str:
         """A node of `ast`, or several of one field."""
@@ -140,7 +181,8 @@ class _Script:
         if kind == "Attribute" and (said := ast.unparse(node)) in CALLS:
             return CALLS[said]
         if kind in TEMPLATES:
-            own = {name: self.text(value) for name, value in ast.iter_fields(node)}
+            fields = ast.iter_fields(node)
+            own = {name: self.text(value) for name, value in fields if name != "type"}
             return TEMPLATES[kind].format(**own)
         match node:
             case ast.Constant(value):
@@ -152,22 +194,40 @@ class _Script:
             case ast.Compare(left, operators, others):
                 pairs = zip([left, *others], operators, others, strict=False)
                 return f"({' && '.join(self._compare(*each) for each in pairs)})"
+            case ast.Dict(keys, values):
+                heads = [f"[{self.text(key)}]: " if key else "..." for key in keys]
+                return f"({{ {', '.join(map(str.__add__, heads, map(self.text, values)))} }})"
+            case ast.ListComp(element, [of]):
+                return self._each(of, element)
+            case ast.DictComp(key, value, [of]):
+                return f"Object.fromEntries({self._each(of, ast.List([key, value]))})"
             case ast.Call():
                 return self._call(node)
         raise _refusal_of(node)
 
+    def _each(self, of: ast.comprehension, element: ast.expr) -> str:
+        """A list of what an expression gives for each of others, where conditions hold."""
+        self._bound |= {each.id for each in ast.walk(of.target) if isinstance(each, ast.Name)}
+        head = f"({self.text(of.target)}) =>"
+        is_in = " && ".join(["true", *map(self.text, of.ifs)])
+        return f"{self.text(of.iter)}.filter({head} {is_in}).map({head} {self.text(element)})"
+
     def _name_of(self, name: str) -> str:
-        if name in self._local:
+        if name in self._bound:
             return name
-        text = json.dumps(self._globals[name], ensure_ascii=False)
+        value = self._globals[name]
+        text = ""
+        if isinstance(value, Mapping) and all(map(inspect.isfunction, value.values())):
+            text = f"{{ {_entries({key: self._of(each) for key, each in value.items()})} }}"
+        text = text or json.dumps(value, ensure_ascii=False)
         if self.constants.setdefault(name, text) != text:
             raise TypeError(f"expected one constant {name} of all functions, got two; rename one")
         return name
 
     def _compare(self, left: ast.expr, operator: ast.cmpop, right: ast.expr) -> str:
         one, other = self.text(left), self.text(right)
-        if isinstance(operator, ast.In):
-            return f"{other}.includes({one})"
+        if isinstance(operator, ast.In | ast.NotIn):
+            return f"{'!' * isinstance(operator, ast.NotIn)}isIn({one}, {other})"
         return f"{one} {self.text(operator)} {other}"
 
     def _call(self, node: ast.Call) -> str:
@@ -177,16 +237,17 @@ class _Script:
             return CALLS[said].format(*given, every=", ".join(given))
         if isinstance(node.func, ast.Attribute) and node.func.attr in METHODS:
             of = {"on": self.text(node.func.value), "named": _entries(named)}
-            return METHODS[node.func.attr].format(*given, **of)
+            return METHODS[node.func.attr].format(*given, "null", **of)
+        if said in self._bound:
+            return f"{said}({', '.join(given)})"
         function = self._globals.get(said)
         if fields := getattr(function, "_fields", ()):
             return f"({{ {_entries(dict(zip(fields, given, strict=True)))} }})"
         if not inspect.isfunction(function):
             raise _refusal_of(node)
-        self.called += [function] * (function not in self.called)
         rest = [*inspect.signature(function).parameters][len(given) :]
         given += [named.get(each, "undefined") for each in rest]
-        return f"{function.__name__}({', '.join(given)})"
+        return f"{self._of(function)}({', '.join(given)})"
 
 
 def _entries(named: Mapping[str, str]) -> str:

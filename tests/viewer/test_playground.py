@@ -357,25 +357,25 @@ def test_files_of_cameras_open_as_python_reads_them(context, address, tmp_path, 
 
 WRONG_FILES = {
     "empty.json": ("", "empty.json: expected JSON"),
-    "text.yaml": ("a: b\n", "expected a camera with width"),
+    "text.yaml": ("a: b\n", "expected width to be finite, got nan"),
     "bad.json": ("{", "JSON"),
     "list.json": ('{"cameras": 3}', "list.json: expected lists of cameras and poses, got 3"),
     "null.json": ('{"cameras": [null]}', "null.json: expected lists of cameras and poses"),
-    "three.json": ("3", "expected a camera with width"),
+    "three.json": ("3", "expected image size and focal length, got no width"),
     "many.json": (json.dumps({"world_from_camera": [np.eye(4).tolist()] * 5001}), "up to 5000"),
     "binned.yaml": (ROS.replace("LAW", "plumb_bob\nbinning_x: 2"), "got binning or roi"),
     "roi.yaml": (ROS.replace("LAW", "plumb_bob\nroi:\n  y: 2\n  width: 300"), "binning or roi"),
     "rule.json": ('{"rule": {}, "cameras": []}', "expected cameras and poses, got rule"),
     "law.yaml": (ROS.replace("distortion_model: LAW\n", ""), "expected distortion_model"),
-    "size.yaml": (OPENCV.replace("640", "-640"), "expected a camera with width"),
-    "nan.yaml": (OPENCV.replace("5.5e+02", ".nan"), "expected a camera with width"),
+    "size.yaml": (OPENCV.replace("640", "-640"), "expected width to be a whole number"),
+    "nan.yaml": (OPENCV.replace("5.5e+02", ".nan"), "expected fx to be finite"),
     "model.json": ('{"width": 6, "height": 4, "fx": 5, "model": "lens"}', "a lens model"),
     "name.json": ('{"cameras": [{"name": "a", "width": 6, "height": 4, "fx": 5}], "camera": ["b"],'
                   ' "world_from_camera": [[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]]}', "no camera b"),
     "pose.json": ('{"cameras": [{"name": "a", "width": 6, "height": 4, "fx": 5}],'
                   ' "world_from_camera": [[2,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]]}', "rigid transform"),
     "bend.json": (CAMERA_FILES["lens.json"].replace("-0.1", "1e30"), ""),
-    "<img src=x onerror=alert(1)>.json": ("{}", "expected a camera with width"),
+    "<img src=x onerror=alert(1)>.json": ("{}", "expected image size and focal length"),
 }  # fmt: skip
 
 

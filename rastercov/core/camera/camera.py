@@ -43,6 +43,7 @@ from rastercov.base.arguments import (
     coefficients_of,
     focal_length_px,
     is_inf,
+    is_printable,
     number,
     pair,
     positive,
@@ -102,24 +103,37 @@ def _arguments_of(entries: object, fields: Sequence[str]) -> ByName:
     }
     if given.get("model") in parallel.MODELS or not given.keys().isdisjoint(parallel.ENTRIES):
         return parallel.arguments_of(given)
-    if not given.keys().isdisjoint(ANGLES):
+    return central_arguments(given)
+
+
+def central_arguments(given: ByName) -> ByName:
+    """Arguments of a camera whose rays meet in a point, of its entries with other names of some.
+
+    The page has this function, and those that it calls, in JavaScript: see `report/script.py`.
+    """
+    if "hfov_deg" in given or "vfov_deg" in given:
         given = _with_focal_lengths(given)
     focal = [given[name] for name in ("fx", "fy") if name in given]
-    wanted = ("width", "height", "focal_length", "pixel_size")
-    if missing := [name for name in wanted[: 2 if focal else 4] if name not in given]:
+    wanted = ["width", "height"]
+    if len(focal) == 0:
+        wanted = ["width", "height", "focal_length", "pixel_size"]
+    missing = [name for name in wanted if name not in given]
+    if len(missing) > 0:
         raise CameraError(
             f"expected image size and focal length, got no {', '.join(missing)}; give fx, "
             "hfov_deg, or focal_length and pixel_size"
         )
-    if not focal:
+    if len(focal) == 0:
         given = _of_lens(given)
     elif "principal_point" in given:
         raise CameraError(
             "expected fx and fy, or focal_length, pixel_size and principal_point, got both; remove "
             "one"
         )
-    given = dict.fromkeys(("fx", "fy"), *focal[:1]) | given  # one alone: square pixels
-    n = given.pop("f_number", None)  # of other models a camera has the aperture
+    else:
+        given = {"fx": focal[0], "fy": focal[0], **given}  # one alone: square pixels
+    n = given.get("f_number")
+    given = {k: v for k, v in given.items() if k != "f_number"}  # which only other models have
     has_aperture = given.get("aperture") is not None
     if n is not None and has_aperture:
         raise CameraError("expected f_number or aperture, got both; remove one")
@@ -143,14 +157,15 @@ def _of_lens(entries: ByName) -> ByName:
     """Entries with fx, fy and the principal point in pixels: fx = f/s_u, fy = f/s_v."""
     f = positive("focal_length", entries["focal_length"])
     s_u, s_v = pair("pixel_size", entries["pixel_size"])
-    entries |= {"fx": f / s_u, "fy": f / s_v, "focal_length": f, "pixel_size": (s_u, s_v)}
+    own = {"fx": f / s_u, "fy": f / s_v, "focal_length": f, "pixel_size": (s_u, s_v)}
+    given = {**entries, **own}
     if "principal_point" in entries:
         if entries.get("cx") is not None or entries.get("cy") is not None:
             raise CameraError("expected principal_point, or cx and cy, got both; remove one")
-        point = two("principal_point", entries.pop("principal_point"))
-        r_u, r_v = (number("principal_point", each) for each in point)
-        entries |= {"cx": r_u / s_u, "cy": r_v / s_v}
-    return entries
+        r_u, r_v = two("principal_point", entries["principal_point"])
+        given["cx"] = number("principal_point", r_u) / s_u
+        given["cy"] = number("principal_point", r_v) / s_v
+    return {k: v for k, v in given.items() if k != "principal_point"}
 
 
 def _change_preset(entries: ReadByName) -> ByName:
@@ -162,7 +177,7 @@ def _change_preset(entries: ReadByName) -> ByName:
 def _with_focal_lengths(entries: ByName) -> ByName:
     """Entries with fx and fy in place of hfov_deg and vfov_deg; one of these is of both."""
     given = [name for name in ("fx", "fy", "focal_length", "principal_point") if name in entries]
-    if given:
+    if len(given) > 0:
         raise CameraError(
             f"expected hfov_deg and vfov_deg, or {', '.join(given)}, got both; remove one"
         )
@@ -171,20 +186,19 @@ def _with_focal_lengths(entries: ByName) -> ByName:
         raise CameraError(
             f"expected hfov_deg and vfov_deg for a pinhole, got {shown(model)}; give fx and fy"
         )
-    table = {}
+    made = {k: v for k, v in entries.items() if k not in ANGLES}
     for name, focal, centre in (("hfov_deg", "fx", "cx"), ("vfov_deg", "fy", "cy")):
-        if name not in entries:
-            continue
-        if (side := CENTRES[centre]) not in entries:
-            raise CameraError(
-                f"expected {side} with {name}, got none; give the image size in pixels"
-            )
-        length = image_side(side, entries[side])
-        at = entries.get(centre)
-        at = length / 2 if at is None else principal_point_px(centre, at)
-        table[focal] = _focal_length(name, number(name, entries[name]), length, at)
-    both = {"fx": table.get("fx", table.get("fy")), "fy": table.get("fy", table.get("fx"))}
-    return {k: v for k, v in entries.items() if k not in ANGLES} | both
+        if name in entries:
+            side = CENTRES[centre]
+            if side not in entries:
+                raise CameraError(
+                    f"expected {side} with {name}, got none; give the image size in pixels"
+                )
+            length = image_side(side, entries[side])
+            at = entries.get(centre)
+            middle = length / 2 if at is None else principal_point_px(centre, at)
+            made[focal] = _focal_length(name, number(name, entries[name]), length, middle)
+    return made
 
 
 def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
@@ -241,7 +255,7 @@ def field_angle(name: str, value: object) -> float:
 
 
 def _text(name: str, value: object) -> str:
-    if not isinstance(value, str) or not value.isprintable():
+    if not is_printable(value):
         raise CameraError(f"expected {name} to be printable text, got {shown(value)}")
     return value
 
@@ -251,7 +265,7 @@ def _range(name: str, value: object) -> tuple[float, float]:
     is_open = second is None or is_inf(second)  # JSON has no infinity
     z_n, z_f = number(name, first), math.inf if is_open else number(name, second)
     if not 0 <= z_n < z_f:
-        raise CameraError(f"expected {name} to satisfy 0 <= near < far, got [{z_n}, {z_f}]")
+        raise CameraError(f"expected {name} to satisfy 0 <= near < far, got [{z_n:g}, {z_f:g}]")
     return z_n, z_f
 
 
@@ -272,6 +286,38 @@ CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
 """Check of each field by itself."""
 CENTRES = {"cx": "width", "cy": "height"}
 """Fields that are the half of others unless given."""
+
+
+def check_fields(given: ReadByName, defaults: ReadByName) -> ByName:
+    """Fields of a camera, each as its check has it; those that are a default are not checked."""
+    made = {**given}
+    for name, check in CHECKS.items():
+        value = made.get(name)
+        if value is None and name in CENTRES:
+            value = made[CENTRES[name]] / 2
+        if value is not defaults.get(name):
+            made[name] = check(name, value)
+    return made
+
+
+def check_focus(given: ReadByName) -> None:
+    """Raise `CameraError` unless a lens with an aperture has a plane in focus."""
+    aperture, f = given.get("aperture"), given.get("focal_length")
+    at = given.get("focus_distance")
+    if (aperture is None) != (at is None):
+        raise CameraError(
+            "expected aperture and focus_distance together, got one of them; give both or neither"
+        )
+    if aperture is not None:
+        if f is None or given.get("pixel_size") is None:
+            raise CameraError(
+                "expected focal_length and pixel_size with an aperture, got none; see "
+                "Camera.from_lens"
+            )
+        if given.get("focus_range") is not None:
+            raise CameraError("expected focus_range or aperture, got both; remove one")
+        if not at > f:
+            raise CameraError(f"expected focus_distance above focal_length {f:g} m, got {at:g} m")
 
 
 def border_of(width: float, height: float, n: int) -> FloatArray:
@@ -385,12 +431,8 @@ class Camera:
     f_number: Annotated[float | None, Doc("Working F-number of a telecentric lens.")] = None
 
     def __post_init__(self) -> None:
-        for each in self.__dataclass_fields__.values():
-            value = getattr(self, each.name)
-            if value is None and each.name in CENTRES:
-                value = getattr(self, CENTRES[each.name]) / 2
-            if each.name in CHECKS and value is not each.default:
-                object.__setattr__(self, each.name, CHECKS[each.name](each.name, value))
+        defaults = {each.name: each.default for each in self.__dataclass_fields__.values()}
+        self.__dict__.update(check_fields(vars(self), defaults))
         model, coefficients = check_model(self.model, self.distortion)
         self.__dict__.update(model=model, distortion=coefficients)
         if self.is_parallel:
@@ -405,34 +447,13 @@ class Camera:
                 "expected no max_angle_deg for an equirectangular image, got "
                 f"{self.max_angle_deg:g}; remove it"
             )
-        if (self.aperture is None) != (self.focus_distance is None):
-            raise CameraError(
-                "expected aperture and focus_distance together, got one of them; give both or "
-                "neither"
-            )
-        if self.aperture is not None:
-            self._check_aperture()
-
-    def _check_aperture(self) -> None:
-        """Raise `CameraError` unless the lens has a plane in focus at `focus_distance`."""
-        if self.focal_length is None or self.pixel_size is None:
-            raise CameraError(
-                "expected focal_length and pixel_size with an aperture, got none; see "
-                "Camera.from_lens"
-            )
-        if self.focus_range is not None:
-            raise CameraError("expected focus_range or aperture, got both; remove one")
+        check_focus(vars(self))
         is_tilted = any(self.distortion[12:])
-        if is_tilted or not MODELS[self.model].is_planar:
+        if self.aperture is not None and (is_tilted or not MODELS[self.model].is_planar):
             lens = "a tilted sensor" if is_tilted else f"a lens of model {self.model}"
             raise CameraError(
                 f"expected a lens with a plane of focus for an aperture, got {lens}; give "
                 "focus_range instead"
-            )
-        if not (self.focus_distance or 0) > self.focal_length:
-            raise CameraError(
-                f"expected focus_distance above focal_length {self.focal_length:g} m, got "
-                f"{self.focus_distance:g} m"
             )
 
     @classmethod

@@ -6,22 +6,15 @@
  */
 
 import { UNITS } from "rastercov/fields.js";
+import { Refused } from "rastercov/plain.js";
 import { number } from "rastercov/texts.js";
 
 const TOKEN_HEADER = "X-Rastercov-Token";
 const TOKEN_KEY = "rastercov-token";
 
-/** An answer that says no: `message` is its one line, `status` that of HTTP. */
-export class Refused extends Error {
-  constructor(message, status) {
-    super(message);
-    this.status = status;
-  }
-}
-
 /** Says no to a request. */
 export function refuse(words) {
-  throw new Refused(words, 400);
+  throw new Refused(words);
 }
 
 /** Says no in the form that all such lines have; texts that a file gave are cut short. */

@@ -6,7 +6,7 @@
  * answers what the engine cannot, by questions with the whole rig: see rastercov/page/live.py and session.py.
  */
 
-import { Refused, base64Of, bytesOf, expected, refuse } from "rastercov/api.js";
+import { base64Of, bytesOf, expected, refuse } from "rastercov/api.js";
 import { metres, squareMetres } from "rastercov/dom.js";
 import { fragmentOf, rigOfFragment, through } from "rastercov/live_link.js";
 import { pageOf, planFile, rigFile, surfaceFiles, taskFile } from "rastercov/live_files.js";
@@ -16,6 +16,7 @@ import { LIVE_MODES, paintFaces } from "rastercov/live_paint.js";
 import { headsOf, isWithin, labelOf, nearest, rowsOf } from "rastercov/live_rules.js";
 import { centreOf, centroid, clamp, column, cornersOf, degrees, distance, dot, length, multiply, normalOf, rigidInverse, subtract } from "rastercov/maths.js";
 import { advice_of, area, density_text, ends_in_words, hidden_by, number, outcome_line, percent, share_of, short_by, status_of, verdict_of, verdict_of_rigs } from "rastercov/texts.js";
+import { Refused } from "rastercov/plain.js";
 import { polygonsOf, spotsOf, zonesOf } from "rastercov/live_zones.js";
 import { Asking } from "rastercov/live_worker.js";
 import { offerFile } from "rastercov/status.js";

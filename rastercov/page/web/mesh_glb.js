@@ -2,6 +2,7 @@
 
 import { expected, refuse } from "rastercov/api.js";
 import { cross, dot, multiply } from "rastercov/maths.js";
+import { shown } from "rastercov/plain.js";
 
 const COMPONENTS = {
   5120: [1, "getInt8", 127],
@@ -80,7 +81,6 @@ function chunksOf(bytes) {
 
 /** Type of a value, and the value, as Python names them. */
 const typeOf = (value) => (value === null ? "NoneType" : Array.isArray(value) ? "list" : ({ object: "dict", string: "str", boolean: "bool" }[typeof value] ?? (Number.isInteger(value) ? "int" : "float")));
-const shown = (value) => ({ null: "None", undefined: "None", true: "True", false: "False" }[value] ?? (typeof value === "string" ? `'${value}'` : JSON.stringify(value)).slice(0, 20));
 
 const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
 

@@ -49,3 +49,17 @@ export const fillText = (text, values) => text.replace(/\{(\w+)\}/g, (_, name) =
 
 /** As Python's text.removesuffix(end). */
 export const withoutEnd = (text, end) => (text.endsWith(end) ? text.slice(0, -end.length) : text);
+
+/** As Python's `one in all`, of a list, a text or the names of an object. */
+export const isIn = (one, all) => (typeof all === "string" || Array.isArray(all) ? all.includes(one) : Object.hasOwn(all, one));
+
+/** A value that a file gave, as Python shows it. */
+export const shown = (value) => ({ null: "None", undefined: "None", true: "True", false: "False" }[value] ?? (typeof value === "string" ? `'${value}'` : JSON.stringify(value)).slice(0, 20));
+
+/** An answer that says no: `message` is its one line, `status` that of HTTP. */
+export class Refused extends Error {
+  constructor(message, status = 400) {
+    super(message);
+    this.status = status;
+  }
+}

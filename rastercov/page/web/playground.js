@@ -3,12 +3,13 @@
  * page that computes. Nothing is uploaded: the file is read here.
  */
 
-import { Refused, expected } from "rastercov/api.js";
+import { expected } from "rastercov/api.js";
 import { FILES, contentsOf, mayHaveCameras } from "rastercov/camera_files.js";
 import { button, choice, count, element, figure, fill } from "rastercov/dom.js";
 import { inflate } from "rastercov/live.js";
 import { cornersOf, cross, distance, dot, subtract } from "rastercov/maths.js";
 import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
+import { Refused } from "rastercov/plain.js";
 import { rolesOf, sceneOf } from "rastercov/plan_files.js";
 
 const CUT_AT = 0.6; // height of the floor plan, as a part of that of the scene
