@@ -24,7 +24,6 @@ from rastercov.base.format import base64_of
 from rastercov.core.area.regions import OF_A_FACE
 from rastercov.core.camera import (
     MODELS,
-    PROGRAMS,
     Camera,
     Cameras,
     Poses,
@@ -374,14 +373,11 @@ def describe_surface(mesh: Mesh) -> ByName:
 def _of_files() -> ByName:
     """Tables by which the page reads files of cameras.
 
-    Names of the coefficients of each lens model; COLMAP's models by their ids, each with its name,
-    ours and its parameters; entries of a rig that the page does not need; levels by name.
+    Names of the coefficients of each lens model; entries of a rig that the page does not need;
+    levels by name.
     """
     return {
         "models": {name: each.coefficients.split() for name, each in MODELS.items()},
-        "colmap": [
-            [name, each.ours, *each.parameters.split()] for name, each in PROGRAMS["colmap"].items()
-        ],
         "unused": sorted(UNUSED),
         "levels": LEVELS,
     }

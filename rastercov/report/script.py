@@ -24,6 +24,7 @@ from rastercov.core.camera.camera import (
     depths_in_focus,
 )
 from rastercov.core.camera.viewpoints import distances_to_try
+from rastercov.formats.cameras import colmap
 from rastercov.placement import required
 
 Shared = Callable[..., object]
@@ -48,6 +49,9 @@ SHARED: tuple[Shared, ...] = (
     central_arguments,
     check_fields,
     check_focus,
+    colmap.read_cameras,
+    colmap.read_images,
+    colmap.parameters_of,
 )
 """Functions of both."""
 HEAD = (
@@ -56,10 +60,10 @@ HEAD = (
 )
 TEMPLATES = {
     "Assign": "{targets} = {value};\n",
+    "AnnAssign": "{target} = {value};\n",
     "Attribute": "{value}.{attr}",
     "BinOp": "({left} {op} {right})",
     "ExceptHandler": "{body}",
-    "Expr": "",
     "For": "for ({target} of {iter}) {{\n{body}}}\n",
     "FormattedValue": "formatNumber({value}, {format_spec})",
     "If": "if ({test}) {{\n{body}}} else {{\n{orelse}}}\n",
@@ -72,6 +76,8 @@ TEMPLATES = {
     "Try": "try {{\n{body}}} catch {{\n{handlers}}}\n",
     "Tuple": "[{elts}]",
     "UnaryOp": "({op}{operand})",
+    "With": "try {{\n{body}}} catch (error) {{\nthrow new Refused({items} + error.message);\n}}\n",
+    "withitem": "{context_expr}",
     **dict.fromkeys(("Load", "Store"), ""),
     **{"Add": "+", "Sub": "-", "Mult": "*", "Div": "/", "Pow": "**", "USub": "-"},
     **{"And": "&&", "Or": "||", "Not": "!"},
@@ -79,6 +85,8 @@ TEMPLATES = {
     **{"Lt": "<", "LtE": "<=", "Gt": ">", "GtE": ">="},
 }
 """JavaScript of nodes of `ast`, by their fields; a docstring is the only expression alone."""
+UNTYPED = ("type", "annotation")
+"""Fields of nodes that JavaScript does not have."""
 CALLS = {
     "CameraError": "new Refused({0})",
     "abs": "Math.abs({0})",
@@ -96,6 +104,8 @@ CALLS = {
     "math.radians": "({0} * (Math.PI / 180))",
     "math.sqrt": "Math.sqrt({0})",
     "cos": "Math.cos({0})",
+    "enumerate": "{0}.entries()",
+    "errors_as": "{0} + ': '",
     "of_array": "{0}",
     "shown": "shown({0})",
     "shown_entry": "shown({0})",
@@ -109,6 +119,7 @@ CALLS = {
 }
 """The same of functions, by the numbers of arguments; of one that is a list `max` has all of it."""
 METHODS = {
+    "append": "{on}.push({0})",
     "format": "fillText({on}, {{ {named} }})",
     "get": "({on}[{0}] ?? {1})",
     "items": "Object.entries({on})",
@@ -163,7 +174,7 @@ class _Script:
         return f"export function {self._of(given)}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
 
     def _of(self, function: Shared) -> str:
-        """Name of a function, one of each; it is translated in its turn."""
+        """Name of a function, one of each, which joins those that are translated."""
         name = function.__name__
         while self._names.setdefault(name, function) is not function:
             name += "_"
@@ -182,13 +193,15 @@ class _Script:
             return CALLS[said]
         if kind in TEMPLATES:
             fields = ast.iter_fields(node)
-            own = {name: self.text(value) for name, value in fields if name != "type"}
+            own = {name: self.text(value) for name, value in fields if name not in UNTYPED}
             return TEMPLATES[kind].format(**own)
         match node:
             case ast.Constant(value):
                 return json.dumps(value, ensure_ascii=False)
             case ast.Name(name):
                 return self._name_of(name)
+            case ast.Expr(value):
+                return f"{self.text(value)};\n" * isinstance(value, ast.Call)
             case ast.BoolOp(operator, values):
                 return f"({f' {self.text(operator)} '.join(map(self.text, values))})"
             case ast.Compare(left, operators, others):
@@ -210,7 +223,7 @@ class _Script:
         self._bound |= {each.id for each in ast.walk(of.target) if isinstance(each, ast.Name)}
         head = f"({self.text(of.target)}) =>"
         is_in = " && ".join(["true", *map(self.text, of.ifs)])
-        return f"{self.text(of.iter)}.filter({head} {is_in}).map({head} {self.text(element)})"
+        return f"[...{self.text(of.iter)}].filter({head} {is_in}).map({head} {self.text(element)})"
 
     def _name_of(self, name: str) -> str:
         if name in self._bound:
@@ -231,15 +244,16 @@ class _Script:
         return f"{one} {self.text(operator)} {other}"
 
     def _call(self, node: ast.Call) -> str:
-        said, given = ast.unparse(node.func), [*map(self.text, node.args)]
+        said = ast.unparse(node.func)  # the kind of an error is one in JavaScript
+        given = [self.text(each) for each in node.args if ast.unparse(each) != "CameraError"]
         named = {str(each.arg): self.text(each.value) for each in node.keywords}
         if said in CALLS:
             return CALLS[said].format(*given, every=", ".join(given))
         if isinstance(node.func, ast.Attribute) and node.func.attr in METHODS:
             of = {"on": self.text(node.func.value), "named": _entries(named)}
             return METHODS[node.func.attr].format(*given, "null", **of)
-        if said in self._bound:
-            return f"{said}({', '.join(given)})"
+        if said.split(".")[0] in self._bound:
+            return f"{said}({', '.join([*given, *named.values()])})"
         function = self._globals.get(said)
         if fields := getattr(function, "_fields", ()):
             return f"({{ {_entries(dict(zip(fields, given, strict=True)))} }})"

@@ -270,6 +270,7 @@ def test_damaged_colmap_models_are_a_line(read, tmp_path):
     given = [
         [{"name": k, "text": base64.b64encode(v).decode()} for k, v in c.items()] for c in cases
     ]
+    said = []
     for case, found in zip(cases, read([("colmap", each) for each in given]), strict=True):
         folder = tmp_path / "case"
         folder.mkdir()
@@ -277,11 +278,16 @@ def test_damaged_colmap_models_are_a_line(read, tmp_path):
             (folder / name).write_bytes(data)
         try:
             views = rc.read_views(folder)
-        except rc.RastercovError:
+        except rc.RastercovError as error:
             views = None  # some of it only the proof of a lens or the check of a pose refuses
+            said.append((str(error).removeprefix(f"{folder}: "), found.get("fault", "")))
         if views is not None and "value" in found:
             assert len(found["value"]["world_from_camera"]) == len(views.poses)
         for path in folder.iterdir():
             path.unlink()
         folder.rmdir()
-    assert sum("fault" in each for each in read([("colmap", each) for each in given])) > 100
+    # Counts beyond the file are found by Python alone. A few other files have two faults, of which
+    # Python and the page find another one first, such as NaN, or numbers above 2^53.
+    lines = [each for each in said if each[1] and not re.search("as declared|MVSNet", each[0])]
+    assert len(lines) > 200
+    assert sum(one != other for one, other in lines) < len(lines) / 10

@@ -14,7 +14,10 @@ from text_cases import SPECS, case_of, of_kinds
 from rastercov.report.pages import static_file
 from rastercov.report.script import SHARED, script_of, texts_script
 
-ELSEWHERE = {"advice_of", "central_arguments", "check_fields", "check_focus"}
+ELSEWHERE = {
+    *("advice_of", "central_arguments", "check_fields", "check_focus"),
+    *("read_cameras", "read_images", "parameters_of"),
+}
 """Functions of test_live_advice.py and test_page_files.py."""
 
 

@@ -15,11 +15,11 @@ Source: COLMAP documentation, "Output Format"; src/colmap/scene/reconstruction_i
 import math
 import re
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -52,6 +52,7 @@ from rastercov.core.camera.conventions import from_quaternions, unique_names
 from rastercov.core.mesh.arrays import inverse
 from rastercov.formats.cameras.source import Source, number_of
 
+T = TypeVar("T")
 Record = tuple[str, Sequence[Any]]
 """Form of a record in `struct`, and its values."""
 
@@ -64,6 +65,9 @@ PROMISE = re.compile(r"#\s*number of (\w+)\s*[:=]\s*([0-9]{1,15})\b", re.IGNOREC
 """Line by which COLMAP begins a text: # Number of images: 12, mean observations ..."""
 MODELS = tuple(PROGRAMS["colmap"])
 """Names of the models by their ids."""
+OURS = {name: each.ours for name, each in PROGRAMS["colmap"].items()}
+ORDERS = {name: each.parameters for name, each in PROGRAMS["colmap"].items()}
+"""Names of the parameters of each model, in order."""
 SENSORS = ("CAMERA", "IMU")
 SUBFOLDERS = ("sparse/0", "sparse", "0")
 """Folders of a project that COLMAP's pipelines put a model in."""
@@ -179,20 +183,23 @@ def _one_file(path: Path, part: str, border: Border) -> Any:
         return content
 
 
-def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
-    """Camera of a model of COLMAP; CameraError for another number of parameters than it has."""
-    ours, order = PROGRAMS["colmap"][model]
-    names = order.split()
+def parameters_of(model: str, parameters: Sequence[float]) -> dict[str, float]:
+    """Parameters of a model of COLMAP by name; CameraError for another number than it has."""
+    names = ORDERS[model].split(" ")
     if len(names) != len(parameters):
         raise CameraError(
-            f"expected {len(names)} parameters ({order}) for {model}, got {len(parameters)}; "
-            "export it again"
+            f"expected {len(names)} parameters ({ORDERS[model]}) for {model}, got "
+            f"{len(parameters)}; export it again"
         )
-    p = dict(zip(names, parameters, strict=True))
-    if ours == "equirectangular":
-        w, h = p["w"], p["h"]
-        p = {"fx": w / (2 * math.pi), "fy": h / math.pi, "cx": w / 2, "cy": h / 2}
-    return lens_camera(ours, (width, height), p)
+    if OURS[model] == "equirectangular":
+        w, h = parameters
+        return {"fx": w / (2 * math.pi), "fy": h / math.pi, "cx": w / 2, "cy": h / 2}
+    return {name: parameters[row] for row, name in enumerate(names)}
+
+
+def camera_of(model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
+    """Camera of a model of COLMAP; CameraError for another number of parameters than it has."""
+    return lens_camera(OURS[model], (width, height), parameters_of(model, parameters))
 
 
 # Records of both forms.
@@ -218,7 +225,8 @@ class _Words:
         # The longest: -2^63 and 2^64 - 1.
         if not _is_whole(word) or len(word) > 20:
             raise CameraError(
-                f"{self._where}: expected {what} to be a whole number, got {shown(word)}"
+                f"{self._where}: expected {what} to be a whole number, got {shown(word)}; export "
+                "it again"
             )
         return int(word)
 
@@ -228,7 +236,8 @@ class _Words:
         for value in numbers:
             if isinstance(value, str):
                 raise CameraError(
-                    f"{self._where}: expected {what} to be a number, got {shown(value)}"
+                    f"{self._where}: expected {what} to be a number, got {shown(value)}; export it "
+                    "again"
                 )
         return tuple(map(float, numbers))
 
@@ -287,36 +296,44 @@ Rigs = list[dict[int, tuple[float, ...] | None]]
 and () for the reference."""
 
 
-def _cameras(records: Fields) -> dict[int, Camera]:
-    table: dict[int, Camera] = {}
+def read_cameras(records: Fields, make: Callable[..., T]) -> dict[int, T]:
+    """Cameras by their ids, each made of its model, sides and parameters.
+
+    The page has this function, and the next one, in JavaScript, with records of its own: see
+    `report/script.py`.
+    """
+    table: dict[int, T] = {}
     for values in records:
         number, model = values.whole("the camera's id"), values.word("the model", MODELS)
         if model not in MODELS:
             raise CameraError(
                 f"expected the model to be one of {', '.join(MODELS)}, got {shown(model)}"
             )
-        sides = values.whole("the width", "Q"), values.whole("the height", "Q")
-        n_parameters = len(PROGRAMS["colmap"][model].parameters.split())
-        parameters = values.reals("a parameter", n_parameters, is_last=True)
+        width, height = values.whole("the width", "Q"), values.whole("the height", "Q")
+        count = len(ORDERS[model].split(" "))
+        parameters = values.reals("a parameter", count, is_last=True)
         if number in table:
             raise CameraError(f"expected each camera once, got {number} twice; remove one")
         with errors_as(CameraError, f"camera {number}"):
-            size = image_side("width", sides[0]), image_side("height", sides[1])
-            table[number] = camera_of(model, *size, parameters)
+            size = image_side("width", width), image_side("height", height)
+            table[number] = make(model, size[0], size[1], parameters)
     return table
 
 
-def _images(records: Fields) -> list[Image]:
-    table: dict[int, Image] = {}
+def read_images(records: Fields) -> list[Image]:
+    """Images in their order."""
+    images: list[Image] = []
+    known: dict[int, bool] = {}
     for values in records:
         number = values.whole("the image's id")
         motion = values.reals("the quaternion", 4), values.reals("the translation", 3)
         camera_id, name = values.whole("the camera's id"), values.name()
         values.pass_points(name)
-        if number in table:
+        if number in known:
             raise CameraError(f"expected each image once, got {number} twice; remove one")
-        table[number] = Image(*motion, camera_id, name, number)
-    return list(table.values())
+        known[number] = True
+        images.append(Image(motion[0], motion[1], camera_id, name, number))
+    return images
 
 
 def _rigs(records: Fields) -> Rigs:
@@ -352,8 +369,8 @@ def _frames(records: Fields) -> list[tuple[int, list[int]]]:
 
 
 RECORDS: dict[str, tuple[str, int, Any]] = {
-    "cameras": ("a camera", 24, _cameras),
-    "images": ("an image", 73, _images),
+    "cameras": ("a camera", 24, lambda records: read_cameras(records, camera_of)),
+    "images": ("an image", 73, read_images),
     "rigs": ("a rig", 8, _rigs),
     "frames": ("a frame", 68, _frames),
 }

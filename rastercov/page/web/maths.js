@@ -82,6 +82,13 @@ export function inCamera(pose, point) {
   return [dot(column(pose, 0), away), dot(column(pose, 1), away), dot(forwardOf(pose), away)];
 }
 
+/** Rotation of a unit quaternion x y z w, by rows, as `rotations_of_quaternions` of rastercov/core/mesh/arrays.py. */
+export const turnOf = ([x, y, z, w]) => [
+  [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+  [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+  [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+];
+
 /** Inverse of a rigid motion. */
 export function rigidInverse(pose) {
   const axes = [column(pose, 0), column(pose, 1), column(pose, 2)];

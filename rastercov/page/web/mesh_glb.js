@@ -1,7 +1,7 @@
 /** Scenes of GLB files; see rastercov/formats/meshes/gltf.py. One group a node, in the order of the tree. */
 
 import { expected, refuse } from "rastercov/api.js";
-import { cross, dot, multiply } from "rastercov/maths.js";
+import { cross, dot, multiply, turnOf } from "rastercov/maths.js";
 import { shown } from "rastercov/plain.js";
 
 const COMPONENTS = {
@@ -262,9 +262,9 @@ function nameOf(owner) {
 
 function matrixOf(index, node) {
   const hasParts = ["translation", "rotation", "scale"].some((key) => key in node);
-  const [x, y, z, w] = numbersOf(node, "rotation", [0, 0, 0, 1]);
-  const long = Math.hypot(x, y, z, w);
-  if (!(Math.abs(long - 1) <= QUATERNION_TOLERANCE)) expected(`a rotation of node ${index} to be a quaternion of length 1`, [x, y, z, w].join(" "));
+  const rotation = numbersOf(node, "rotation", [0, 0, 0, 1]);
+  const long = Math.hypot(...rotation);
+  if (!(Math.abs(long - 1) <= QUATERNION_TOLERANCE)) expected(`a rotation of node ${index} to be a quaternion of length 1`, rotation.join(" "));
   if ("matrix" in node) {
     const m = numbersOf(node, "matrix", Array(16).fill(0));
     const rows = Array.from({ length: 16 }, (_, k) => m[4 * (k & 3) + (k >> 2)]);
@@ -272,12 +272,7 @@ function matrixOf(index, node) {
     if (hasParts) expected(`one transform of node ${index}`, "a matrix and another");
     return rows;
   }
-  const [a, b, c, d] = [x, y, z, w].map((value) => value / long);
-  const turn = [
-    [1 - 2 * (b * b + c * c), 2 * (a * b - c * d), 2 * (a * c + b * d)],
-    [2 * (a * b + c * d), 1 - 2 * (a * a + c * c), 2 * (b * c - a * d)],
-    [2 * (a * c - b * d), 2 * (b * c + a * d), 1 - 2 * (a * a + b * b)],
-  ];
+  const turn = turnOf(rotation.map((value) => value / long));
   const size = numbersOf(node, "scale", [1, 1, 1]);
   const place = numbersOf(node, "translation", [0, 0, 0]);
   return turn.flatMap((row, k) => [...row.map((value, column) => value * size[column]), place[k]]).concat([0, 0, 0, 1]);

@@ -54,7 +54,10 @@ export const withoutEnd = (text, end) => (text.endsWith(end) ? text.slice(0, -en
 export const isIn = (one, all) => (typeof all === "string" || Array.isArray(all) ? all.includes(one) : Object.hasOwn(all, one));
 
 /** A value that a file gave, as Python shows it. */
-export const shown = (value) => ({ null: "None", undefined: "None", true: "True", false: "False" }[value] ?? (typeof value === "string" ? `'${value}'` : JSON.stringify(value)).slice(0, 20));
+export function shown(value) {
+  const text = typeof value === "string" ? `'${value}'` : ({ null: "None", undefined: "None", true: "True", false: "False" }[value] ?? JSON.stringify(value));
+  return text.length > 30 ? [text.slice(0, 13), text.slice(-14)].join("...") : text;
+}
 
 /** An answer that says no: `message` is its one line, `status` that of HTTP. */
 export class Refused extends Error {
