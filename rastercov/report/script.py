@@ -10,6 +10,7 @@ its length. It has one null: None is no default of `get` where a value may be No
 import ast
 import inspect
 import json
+import re
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from types import FunctionType
@@ -25,6 +26,7 @@ from rastercov.core.camera.camera import (
 )
 from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.formats.cameras import colmap
+from rastercov.formats.meshes import gltf_file
 from rastercov.placement import required
 
 Shared = Callable[..., object]
@@ -52,10 +54,13 @@ SHARED: tuple[Shared, ...] = (
     colmap.read_cameras,
     colmap.read_images,
     colmap.parameters_of,
+    gltf_file.json_list,
+    gltf_file.json_object,
+    gltf_file.json_count,
 )
 """Functions of both."""
 HEAD = (
-    "import { Refused, fillText, formatNumber, isIn, shown, withoutEnd } "
+    "import { Refused, fillText, formatNumber, isIn, isTable, kindOf, shown, withoutEnd } "
     'from "rastercov/plain.js";\n'
 )
 TEMPLATES = {
@@ -88,7 +93,7 @@ TEMPLATES = {
 UNTYPED = ("type", "annotation")
 """Fields of nodes that JavaScript does not have."""
 CALLS = {
-    "CameraError": "new Refused({0})",
+    **dict.fromkeys(("CameraError", "MeshError"), "new Refused({0})"),
     "abs": "Math.abs({0})",
     "float": "Number({0})",
     "getattr": "{0}[{1}]",
@@ -97,6 +102,9 @@ CALLS = {
     "is_list": "Array.isArray({0})",
     "is_number": "(typeof {0} === 'number')",
     "is_printable": r"(typeof {0} === 'string' && !/(?! )[\p{{C}}\p{{Z}}]/u.test({0}))",
+    "is_table": "isTable({0})",
+    "is_whole": "Number.isInteger({0})",
+    "kind_of": "kindOf({0})",
     "len": "{0}.length",
     "math.inf": "Infinity",
     "math.ceil": "Math.ceil({0})",
@@ -171,7 +179,8 @@ class _Script:
         )
         own = ", ".join(self._local[len(parameters) :])
         let = f"let {own};\n" if own else ""
-        return f"export function {self._of(given)}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
+        text = f"export function {self._of(given)}({heads}) {{\n{let}{self.text(tree.body)}}}\n"
+        return re.sub(r" else \{\n\}|(, undefined)+(?=\))", "", text)
 
     def _of(self, function: Shared) -> str:
         """Name of a function, one of each, which joins those that are translated."""
@@ -222,7 +231,7 @@ class _Script:
         """A list of what an expression gives for each of others, where conditions hold."""
         self._bound |= {each.id for each in ast.walk(of.target) if isinstance(each, ast.Name)}
         head = f"({self.text(of.target)}) =>"
-        is_in = " && ".join(["true", *map(self.text, of.ifs)])
+        is_in = " && ".join(map(self.text, of.ifs)) or "true"
         return f"[...{self.text(of.iter)}].filter({head} {is_in}).map({head} {self.text(element)})"
 
     def _name_of(self, name: str) -> str:

@@ -17,8 +17,9 @@ from rastercov.report.script import SHARED, script_of, texts_script
 ELSEWHERE = {
     *("advice_of", "central_arguments", "check_fields", "check_focus"),
     *("read_cameras", "read_images", "parameters_of"),
+    *("json_list", "json_object", "json_count"),
 }
-"""Functions of test_live_advice.py and test_page_files.py."""
+"""Functions of test_live_advice.py, test_page_files.py and test_page_readers.py."""
 
 
 @NEEDS_NODE

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from typing_extensions import TypeIs
 
 from rastercov.base import (
     AnyArray,
@@ -34,6 +35,7 @@ from rastercov.formats.meshes.polygons import broken, check, check_budget
 JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
 LONGEST_NAME = 1000
+MOST_COUNTED = 1 << 63
 COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
@@ -92,20 +94,42 @@ def header_of(data: bytes) -> ByName:
     return chunks(data)[0] if data[:4] == b"glTF" else json_header(data, "JSON")
 
 
+def is_list(value: object) -> TypeIs[list[Any]]:
+    """True for a list of JSON."""
+    return isinstance(value, list)
+
+
+def is_table(value: object) -> TypeIs[ByName]:
+    """True for an object of JSON."""
+    return isinstance(value, dict)
+
+
+def is_whole(value: object) -> TypeIs[int]:
+    """True for a whole number of JSON; True and False are none."""
+    return type(value) is int
+
+
+def kind_of(value: object) -> str:
+    """Name of the type of a value."""
+    return type(value).__name__
+
+
 def json_list(owner: ByName, key: str) -> list[Any]:
     """List at a key, empty where there is none."""
-    entry = owner.get(key, [])
-    if not isinstance(entry, list):
-        raise broken(f"expected {key!r} to be a list, got {type(entry).__name__}")
+    entry: object = []
+    if key in owner:  # null is no list: `get` of the page takes it for none
+        entry = owner[key]
+    if not is_list(entry):
+        raise broken(f"expected '{key}' to be a list, got {kind_of(entry)}")
     return entry
 
 
 def json_object(header: ByName, key: str, index: object) -> ByName:
     """Object of that index in the list at a key."""
     items = json_list(header, key)
-    if type(index) is not int or not 0 <= index < len(items) or type(items[index]) is not dict:
+    if not is_whole(index) or not 0 <= index < len(items) or not is_table(items[index]):
         raise broken(
-            f"expected an index below {len(items)}, the objects of {key!r}, got {shown(index)}"
+            f"expected an index below {len(items)}, the objects of '{key}', got {shown(index)}"
         )
     return items[index]
 
@@ -118,11 +142,13 @@ def json_name(owner: ByName) -> str:
     return name[:LONGEST_NAME]
 
 
-def json_count(owner: ByName, key: str, default: int | None = None) -> int:
+def json_count(owner: ByName, key: str, otherwise: int | None = None) -> int:
     """Integer of 0 or more at a key."""
-    value = owner.get(key, default)
-    if type(value) is not int or not 0 <= value < 1 << 63:
-        raise broken(f"expected {key!r} to be a whole number from 0, got {shown(value)}")
+    value: object = otherwise
+    if key in owner:
+        value = owner[key]
+    if not is_whole(value) or not 0 <= value < MOST_COUNTED:
+        raise broken(f"expected '{key}' to be a whole number from 0, got {shown(value)}")
     return value
 
 

@@ -2,7 +2,8 @@
 
 import { expected, refuse } from "rastercov/api.js";
 import { cross, dot, multiply, turnOf } from "rastercov/maths.js";
-import { shown } from "rastercov/plain.js";
+import { isTable, kindOf, shown } from "rastercov/plain.js";
+import { json_count, json_list, json_object } from "rastercov/texts.js";
 
 const COMPONENTS = {
   5120: [1, "getInt8", 127],
@@ -33,12 +34,12 @@ export function readGlb(bytes, most) {
   const made = { points: [], corners: [], groupOf: [], notes: [], most };
   const { header, buffer } = chunksOf(bytes);
   checkNames("file", header);
-  const required = listOf(header, "extensionsRequired").map(String);
+  const required = json_list(header, "extensionsRequired").map(String);
   const foreign = required.filter((name) => !READ.includes(name) && !HARMLESS.some((each) => name.startsWith(each)));
   if (foreign.length) expected("supported extensions", foreign[0], "export without them");
   const scene = new Scene(header, buffer, made);
   for (const { node, name, matrix } of scene.nodes()) if ("mesh" in node) scene.add(node, name, matrix);
-  if (listOf(header, "animations").length) made.notes.push("ignored animations: the nodes are at rest");
+  if (json_list(header, "animations").length) made.notes.push("ignored animations: the nodes are at rest");
   const { points, corners, groupOf, notes } = made;
   if (!groupOf.length) refuse("expected triangles, got no faces; export the surface, not points");
   const bad = points.findIndex((x) => !(Math.abs(x) <= LARGEST_COORDINATE));
@@ -70,38 +71,13 @@ function chunksOf(bytes) {
   } catch {
     refuse("expected a readable JSON chunk, got damaged text; export it again");
   }
-  if (!isObject(header)) expected("the JSON chunk to be an object", typeOf(header));
+  if (!isTable(header)) expected("the JSON chunk to be an object", kindOf(header));
   const asset = header.asset ?? {};
   for (const [key, known] of [["version", "2."], ["minVersion", "2.0"]]) {
     const wanted = String(asset[key] ?? "2.0");
     if (!`${wanted}.`.startsWith(known)) expected("glTF 2.0", `${key} ${wanted.slice(0, 20)}`);
   }
   return { header, buffer: found.get(0x004e4942) ?? new Uint8Array() };
-}
-
-/** Type of a value, and the value, as Python names them. */
-const typeOf = (value) => (value === null ? "NoneType" : Array.isArray(value) ? "list" : ({ object: "dict", string: "str", boolean: "bool" }[typeof value] ?? (Number.isInteger(value) ? "int" : "float")));
-
-const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
-
-function listOf(owner, key) {
-  const found = owner[key] ?? [];
-  if (!Array.isArray(found) || (key in owner && owner[key] === null)) expected(`'${key}' to be a list`, typeOf(owner[key]));
-  return found;
-}
-
-function objectOf(header, key, index) {
-  const items = listOf(header, key);
-  if (!Number.isInteger(index) || !(index >= 0 && index < items.length) || !isObject(items[index])) {
-    expected(`an index below ${items.length}, the objects of '${key}'`, shown(index));
-  }
-  return items[index];
-}
-
-function countOf(owner, key, otherwise) {
-  const value = key in owner ? owner[key] : otherwise;
-  if (!Number.isSafeInteger(value) || value < 0) expected(`'${key}' to be a whole number from 0`, shown(value));
-  return value;
 }
 
 function numbersOf(owner, key, otherwise) {
@@ -123,10 +99,10 @@ class Scene {
 
   constructor(header, buffer, made) {
     Object.assign(this, { header, buffer, made });
-    const [own] = listOf(header, "buffers");
+    const [own] = json_list(header, "buffers");
     if (own && "uri" in own) this.buffer = null;
     else if (own) {
-      const promised = countOf(own, "byteLength");
+      const promised = json_count(own, "byteLength");
       if (buffer.length - promised < 0 || buffer.length - promised > 3) made.notes.push(`buffer 0 declares ${promised} bytes; the file has ${buffer.length}`);
     }
   }
@@ -134,23 +110,23 @@ class Scene {
   /** Nodes that the scene shows, depth first, {node, name, matrix}. */
   *nodes() {
     const { header } = this;
-    const all = listOf(header, "nodes");
-    const below = new Set(all.flatMap((node) => (isObject(node) ? listOf(node, "children") : [])));
-    const scenes = listOf(header, "scenes");
-    const scene = scenes.length ? objectOf(header, "scenes", "scene" in header ? header.scene : 0) : null;
+    const all = json_list(header, "nodes");
+    const below = new Set(all.flatMap((node) => (isTable(node) ? json_list(node, "children") : [])));
+    const scenes = json_list(header, "scenes");
+    const scene = scenes.length ? json_object(header, "scenes", "scene" in header ? header.scene : 0) : null;
     if (scene) checkNames("scene", scene);
-    const roots = scene ? listOf(scene, "nodes") : [...all.keys()].filter((row) => !below.has(row));
+    const roots = scene ? json_list(scene, "nodes") : [...all.keys()].filter((row) => !below.has(row));
     const seen = new Set();
     const stack = [...roots].reverse().map((index) => ({ index, above: "", parent: EYE }));
     while (stack.length) {
       const { index, above, parent } = stack.pop();
-      const node = objectOf(header, "nodes", index);
+      const node = json_object(header, "nodes", index);
       checkNames("node", node);
       if (seen.has(index)) expected("nodes that form a tree", `two parents of node ${index}`);
       seen.add(index);
       const name = nameOf(node) || above;
       const matrix = node.extras?.rastercov_world === true ? EYE : multiply(parent, matrixOf(index, node));
-      for (const child of [...listOf(node, "children")].reverse()) stack.push({ index: child, above: name, parent: matrix });
+      for (const child of [...json_list(node, "children")].reverse()) stack.push({ index: child, above: name, parent: matrix });
       yield { node, name, matrix };
     }
   }
@@ -158,18 +134,18 @@ class Scene {
   /** Adds the triangles of the mesh of a node. */
   add(node, name, matrix) {
     const { header, made } = this;
-    const mesh = objectOf(header, "meshes", node.mesh);
+    const mesh = json_object(header, "meshes", node.mesh);
     checkNames("mesh", mesh);
-    const weights = [...listOf(mesh, "weights"), ...listOf(node, "weights")];
+    const weights = [...json_list(mesh, "weights"), ...json_list(node, "weights")];
     if (weights.some((each) => each !== 0) || node.extensions?.[INSTANCING] || "skin" in node) {
       refuse("expected a scene at rest, got morph weights, instances or a skin; apply them, or use rastercov view");
     }
-    const primitives = listOf(mesh, "primitives");
+    const primitives = json_list(mesh, "primitives");
     if (!primitives.length) expected("primitives", "none", "export it again", `mesh ${node.mesh}: `);
     const group = this.names.length;
     this.names.push(name || nameOf(mesh) || `node${group}`);
     for (const primitive of primitives) {
-      if (!isObject(primitive)) expected("primitives", "something else", "export it again", `mesh ${node.mesh}: `);
+      if (!isTable(primitive)) expected("primitives", "something else", "export it again", `mesh ${node.mesh}: `);
       checkNames("primitive", primitive);
       const mode = "mode" in primitive ? primitive.mode : TRIANGLES;
       if (!Number.isInteger(mode) || mode < 0 || mode > FAN) expected("a mode from 0 to 6", shown(mode), "export it again", `mesh ${node.mesh}: `);
@@ -182,12 +158,12 @@ class Scene {
     const { made } = this;
     const attributes = primitive.attributes ?? {};
     if (!("POSITION" in attributes)) expected("a primitive with POSITION", "one without", "export it again", `mesh ${mesh}: `);
-    if (listOf(primitive, "targets").length) refuse("expected a scene at rest, got morph targets; apply them, or use rastercov view");
+    if (json_list(primitive, "targets").length) refuse("expected a scene at rest, got morph targets; apply them, or use rastercov view");
     const points = this.#read(attributes.POSITION, "VEC3");
     const n = points.length / 3;
     let corners = Array.from({ length: n }, (_, row) => row);
     if ("indices" in primitive) {
-      const [, , most] = COMPONENTS[objectOf(this.header, "accessors", primitive.indices).componentType] ?? [];
+      const [, , most] = COMPONENTS[json_object(this.header, "accessors", primitive.indices).componentType] ?? [];
       corners = this.#read(primitive.indices, "SCALAR");
       const last = Math.min(n, most) - 1;
       const high = corners.reduce((a, b) => Math.max(a, b), 0);
@@ -213,7 +189,7 @@ class Scene {
 
   /** Numbers of an accessor; normalised ones as fractions. */
   #read(index, wanted) {
-    const accessor = objectOf(this.header, "accessors", index);
+    const accessor = json_object(this.header, "accessors", index);
     checkNames("accessor", accessor);
     const where = `accessor ${index}`;
     if ("sparse" in accessor || !("bufferView" in accessor)) expected("plain data", "sparse or none", "export it uncompressed", `${where}: `);
@@ -223,7 +199,7 @@ class Scene {
     if (!size || !isRight) expected(`${where} to be ${wanted}`, `${shown(accessor.type)} of ${shown(accessor.componentType)}`);
     const isNormalised = "normalized" in accessor ? accessor.normalized : false;
     if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) expected("'normalized' of integers only", "it elsewhere", "export it again", `${where}: `);
-    const count = countOf(accessor, "count");
+    const count = json_count(accessor, "count");
     const columns = isIndex ? 1 : 3;
     checkCount(this.made, count / 3);
     const { at, stride, buffer } = this.#window(where, accessor, count, columns * size);
@@ -235,14 +211,14 @@ class Scene {
   }
 
   #window(where, accessor, count, row) {
-    const view = objectOf(this.header, "bufferViews", accessor.bufferView);
+    const view = json_object(this.header, "bufferViews", accessor.bufferView);
     checkNames("bufferView", view);
     const index = "buffer" in view ? view.buffer : 0;
-    objectOf(this.header, "buffers", index);
+    json_object(this.header, "buffers", index);
     if (index !== 0 || !this.buffer) refuse("expected buffers in the file, got one outside (uri); export a .glb");
-    const stride = countOf(view, "byteStride", row);
-    const [start, within] = [countOf(view, "byteOffset", 0), countOf(accessor, "byteOffset", 0)];
-    const room = Math.min(countOf(view, "byteLength", 0), this.buffer.length - start);
+    const stride = json_count(view, "byteStride", row);
+    const [start, within] = [json_count(view, "byteOffset", 0), json_count(accessor, "byteOffset", 0)];
+    const room = Math.min(json_count(view, "byteLength", 0), this.buffer.length - start);
     if (!(stride >= row && (!count || within + (count - 1) * stride + row <= room))) {
       expected(`${count} elements of ${row} bytes every ${stride}`, `a view of ${Math.max(room, 0)} bytes`, "truncated; export it again", `${where}: `);
     }
@@ -257,7 +233,7 @@ function checkCount({ most }, n) {
 
 function nameOf(owner) {
   const name = owner.name || "";
-  return typeof name === "string" ? name.slice(0, 1000) : expected("a name to be a string", typeOf(name));
+  return typeof name === "string" ? name.slice(0, 1000) : expected("a name to be a string", kindOf(name));
 }
 
 function matrixOf(index, node) {

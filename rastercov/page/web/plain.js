@@ -59,6 +59,12 @@ export function shown(value) {
   return text.length > 30 ? [text.slice(0, 13), text.slice(-14)].join("...") : text;
 }
 
+/** Whether a value of JSON is a table of names and values. */
+export const isTable = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+
+/** Type of a value of JSON, as Python names it. */
+export const kindOf = (value) => (value === null ? "NoneType" : Array.isArray(value) ? "list" : ({ object: "dict", string: "str", boolean: "bool" }[typeof value] ?? (Number.isInteger(value) ? "int" : "float")));
+
 /** An answer that says no: `message` is its one line, `status` that of HTTP. */
 export class Refused extends Error {
   constructor(message, status = 400) {
