@@ -19,7 +19,7 @@ const say = (what) => process.stdout.write(`${JSON.stringify(what)}\n`);
 const packed = (found) => (found?.payload ? { ...found, payload: Buffer.from(found.payload).toString("base64") } : found);
 const need = (name, given) => new Promise((resolve, reject) => {
   waiting.push(({ answer, fault, status }) => {
-    if (fault !== undefined) reject(new api_js.Refused(fault, status));
+    if (fault !== undefined) reject(new plain_js.Refused(fault, status));
     else resolve(answer?.payload === undefined ? answer : { ...answer, payload: new Uint8Array(Buffer.from(answer.payload, "base64")) });
   });
   say({ need: name, given });
