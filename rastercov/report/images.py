@@ -307,7 +307,7 @@ def draw_lines(
     # The index -1 of the background finds the last entry.
     is_large = np.bincount(flat[flat >= 0], minlength=mesh.n_faces + 1) >= LEAST_WITH_LINES
     normals = np.append(mesh.normals, np.zeros((1, 3)), axis=0).astype(np.float32)
-    drawn = []
+    is_drawn = np.zeros(flat.size, np.bool_)
     for step in (1, width):
         at = np.flatnonzero(flat[:-step] != flat[step:])
         if step == 1:
@@ -323,9 +323,8 @@ def draw_lines(
             before, jump, after = np.abs(np.diff(1 / depth.ravel()[places], axis=0))
             least = STEP_REL / np.minimum(*depth.ravel()[places[1:3]])
             is_line |= jump > 3 * np.maximum(before, after) + least
-        drawn += [at[is_line], at[is_line] + step * (width > WIDE)]
-    rows = np.unique(np.concatenate(drawn))
-    rows = _long(rows[flat[rows] >= 0], width)
+        is_drawn[at[is_line]] = is_drawn[at[is_line] + step * (width > WIDE)] = True
+    rows = _long(np.flatnonzero(is_drawn & (flat >= 0)), width)
     colour = colours[rows].astype(np.float32)
     is_dark = colour.mean(axis=1, keepdims=True) < 56
     colours[rows] = np.where(is_dark, colour + 40, LINE * colour).astype(np.uint8)

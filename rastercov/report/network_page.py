@@ -55,7 +55,6 @@ from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import blocker
 from rastercov.placement.required import HOLDS
-from rastercov.report.drawing import devices_of
 from rastercov.report.feature import NetworkPart, part_of
 from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
 from rastercov.report.live import NO_ENGINE, Asked, record_cause, view_of
@@ -548,6 +547,10 @@ class NetworkPage:
 
     def _lamps(self) -> list[Volume]:
         """Equipment beside the cameras, to be drawn."""
+        if not equipment_on(self.camera):
+            return []
+        from rastercov.report.drawing import devices_of  # loads shapely
+
         placed = self._placed[0]
         size = LAMP_REL * float(np.ptp([*self.mesh.bounds, *placed.eyes], axis=0).max())
         every = islice(devices_of(self.camera, placed, self.network.task), MOST_LAMPS)

@@ -53,7 +53,8 @@ def test_a_report_loads_no_heavy_package_that_it_does_not_need(tmp_path, by):
     line = ("evaluate", "icosahedron", "-c", "khepra", "-p", "sphere:2", "--by", by)
     modules = loaded_after(*line, "-o", str(tmp_path / "out"))
     assert (tmp_path / "out" / "contact_sheet.png").exists()
-    others = tuple(set(HEAVY) - {"jinja2"})  # of the page
+    readers = (f"rastercov.formats.meshes.{name}" for name in ("dae", "ifc", "step", "threemf"))
+    others = (*{*HEAVY, "shapely", *readers} - {"jinja2"},)  # of the page
     assert not {name for name in modules if name.startswith(others)}
 
 

@@ -43,7 +43,7 @@ from rastercov.core.camera import (
 from rastercov.core.camera.rig import phased_features, with_equipment
 from rastercov.core.coverage.coverage import Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
-from rastercov.core.coverage.face_pass import FIGURES, FacePass
+from rastercov.core.coverage.face_pass import NO_FIGURES, FacePass
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.phases import MOST_IMAGES, Phases
 from rastercov.core.coverage.provenance import provenance_of
@@ -147,7 +147,7 @@ def bits_of_a_pair(names: Collection[str], engine: Engine) -> int:
     if engine.method == "sampled":
         each = 64 if {*names} - {COVERED} else 0
     else:
-        each = sum(8 * np.dtype(FIGURES[name]).itemsize for name in names if name != COVERED)
+        each = sum(8 * NO_FIGURES[name].itemsize for name in names if name != COVERED)
     return each + (COVERED in names)
 
 

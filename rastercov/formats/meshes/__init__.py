@@ -13,7 +13,7 @@ import posixpath
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TypeVar
 
@@ -35,7 +35,6 @@ from rastercov.core.mesh.groups import names_beside, stem_of
 from rastercov.core.mesh.site import Site
 from rastercov.core.mesh.terrain import Raster
 from rastercov.engine.solver_readers import cut_concave
-from rastercov.formats.meshes import dae, gltf, ifc, plain, step, terrain, threemf
 from rastercov.formats.meshes.polygons import (
     LONGEST_NAME,
     PEAK_BYTES_PER_FACE,
@@ -46,26 +45,25 @@ from rastercov.formats.meshes.polygons import (
     refuse_broken_files,
 )
 
-Reader = Callable[..., Polygons]
 Value = TypeVar("Value")
 
-PLAIN = {each: partial(plain.read, extension=each) for each in plain.FORMATS}
-READERS: dict[str, Reader] = {
-    ".3mf": threemf.read,
-    ".asc": terrain.read,
-    ".dae": dae.read,
-    ".glb": gltf.read_glb,
-    ".gltf": gltf.read_gltf,
-    ".ifc": ifc.read,
-    ".obj": PLAIN[".obj"],
-    ".off": PLAIN[".off"],
-    ".ply": PLAIN[".ply"],
-    ".step": step.read_step,
-    ".stl": PLAIN[".stl"],
-    ".stp": step.read_step,
-    ".tif": terrain.read,
-    ".tiff": terrain.read,
+READERS = {
+    ".3mf": "threemf.read",
+    ".asc": "terrain.read",
+    ".dae": "dae.read",
+    ".glb": "gltf.read_glb",
+    ".gltf": "gltf.read_gltf",
+    ".ifc": "ifc.read",
+    ".obj": "plain.read",
+    ".off": "plain.read",
+    ".ply": "plain.read",
+    ".step": "step.read_step",
+    ".stl": "plain.read",
+    ".stp": "step.read_step",
+    ".tif": "terrain.read",
+    ".tiff": "terrain.read",
 }
+"""Module of this package and its function for each suffix; imported with the first such file."""
 MEMORY_BUDGET = 8 << 30
 SMALLER = "simplify the mesh, or raise max_bytes"
 FREE_FACES = 1 << 20
@@ -127,12 +125,15 @@ def _read_file(
     if memory_budget is None:
         memory_budget = min(MEMORY_BUDGET, PEAK_BYTES_PER_FACE * max(FREE_FACES, len(data)))
     beside = _Beside(path, max_bytes - len(data))
-    if reader is gltf.read_gltf:
-        reader = partial(gltf.read_gltf, bytes_beside=beside.read)
-    elif reader is step.read_step:
-        reader = partial(step.read_step, deflection_mm=deflection_mm)
+    options: dict[str, ByName] = {
+        "gltf.read_gltf": {"bytes_beside": beside.read},
+        "plain.read": {"extension": Path(path).suffix.lower()},
+        "step.read_step": {"deflection_mm": deflection_mm},
+    }
+    module, name = reader.split(".")
+    read = getattr(import_module(f"{__name__}.{module}"), name)
     with refuse_broken_files():
-        polygons = reader(data, memory_budget)
+        polygons: Polygons = read(data, memory_budget, **options.get(reader, {}))
     faces, n_vertices = polygons.faces, len(polygons.vertices)
     check(len(faces), "expected triangles, got no faces", "export the surface, not points")
     outside = np.any((faces < 0) | (faces >= n_vertices), axis=1)
@@ -159,14 +160,16 @@ def of_gltf(path: StrPath, read: Callable[[ByName, Sequence[memoryview], int], V
 
     MeshError has the name of the file.
     """
+    from rastercov.formats.meshes import gltf
+
     try:
         reader, data = _reader_and_bytes(path, LARGEST_FILE)
         with refuse_broken_files():
-            if reader is gltf.read_glb:
+            if reader == "gltf.read_glb":
                 header, buffers, _ = gltf.content_of_glb(data)
             else:
                 wanted = "expected a .glb or .gltf file, got another format"
-                check(reader is gltf.read_gltf, wanted, "convert it")
+                check(reader == "gltf.read_gltf", wanted, "convert it")
                 beside = _Beside(path, LARGEST_FILE - len(data))
                 header, buffers, _ = gltf.content_of_gltf(data, beside.read)
             return read(header, buffers, MEMORY_BUDGET)
@@ -208,8 +211,8 @@ class _Beside:
         return self.contents[name]
 
 
-def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[Reader, bytes]:
-    """Reader of the file's format, and the bytes of the file, read once."""
+def _reader_and_bytes(path: StrPath, max_bytes: int) -> tuple[str, bytes]:
+    """Reader, of `READERS`, of the file's format, and the bytes of the file, read once."""
     is_url = re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/", str(path))
     check(not is_url, "expected a file on this machine, got a URL", "download it first")
     extension = Path(path).suffix.lower()
@@ -285,10 +288,12 @@ class _MeshFiles(MeshFiles):
 
     def raster(self, path: StrPath) -> Raster:
         """Heights of a .tif, .tiff or .asc file."""
+        from rastercov.formats.meshes import terrain
+
         try:
             reader, data = _reader_and_bytes(path, LARGEST_FILE)
             wanted = "expected a GeoTIFF or an ESRI ASCII grid, got a mesh"
-            check(reader is terrain.read, wanted, "name one")
+            check(reader == "terrain.read", wanted, "name one")
             with refuse_broken_files():
                 return terrain.raster_of(data)
         except MeshError as error:
