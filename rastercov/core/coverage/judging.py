@@ -227,7 +227,8 @@ def classify_poses(
         columns = {
             name: np.concatenate([part[:0], *(part[start:stop] for start, stop in spans.tolist())])
             for name, part in memory.items()
-        }
+            if choice
+        } or memory
         whole = {camera: merge_sums(some) for camera, some in parts.items()}
         eyes, leads = eyes_of(observer.camera, batch), leads_of(observer.camera, batch)
         regions = getattr(seen, "regions", None)
