@@ -396,6 +396,7 @@ class AuditPage(NetworkPage):
             noun="suggested image",
             about=", and the weak parts that they improve",
             left="still weak",
+            unit=self.unit,
         )
         return shown.picture()
 
@@ -409,6 +410,7 @@ class AuditPage(NetworkPage):
             summary=self.summary,
             run=self.summary["run"],
             notes=self.summary["notes"],
+            sentences=self.sentences(),
             has_view=has_view,
             by_face=self.found.by == "face",
             unit=self.unit,

@@ -288,6 +288,7 @@ def mode_picture(
     *,
     marks: Marks | None = None,
     left: DeadZones | None = None,
+    unit: str = "",
 ) -> Image.Image:
     """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`.
 
@@ -305,7 +306,8 @@ def mode_picture(
         zones = left, painted.palette[NOTHING]
     keys = painted.keys(mode.label.lower())
     title, hatch = mode.words.rstrip("."), painted.hatch
-    return two_sides(mesh, painted.colours, title, keys, hatch, eyes, marks=marks, left=zones)
+    scene = mesh, painted.colours, title, keys, hatch, eyes
+    return two_sides(*scene, marks=marks, left=zones, unit=unit)
 
 
 def _cycle_levels(mesh: Mesh, row: WholeArray) -> Levels:

@@ -8,12 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, partial
 from itertools import chain, islice
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from PIL import Image
 
 from rastercov.base import (
+    TINY,
     BoolArray,
     ByName,
     FloatArray,
@@ -29,7 +30,7 @@ from rastercov.base import (
     thread_count,
     with_bound,
 )
-from rastercov.base.format import area, coordinates, length, text_with_sign, verb
+from rastercov.base.format import area, coordinates, distance, length, text_with_sign
 from rastercov.core.area.advice import focus_in_words
 from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.feature import in_words
@@ -41,6 +42,7 @@ from rastercov.core.area.zones import DeadZones, face_zones
 from rastercov.core.camera import (
     Cameras,
     Poses,
+    Rig,
     axes_of,
     cameras_of,
     equipment_on,
@@ -53,7 +55,7 @@ from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.groups import blocker
+from rastercov.core.mesh.groups import blocker, rows_of
 from rastercov.placement.required import HOLDS
 from rastercov.report.feature import NetworkPart, part_of
 from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
@@ -92,13 +94,16 @@ from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
 from rastercov.shards import Progress, silent
 
+if TYPE_CHECKING:
+    from rastercov.placement.plan.network import Requirement
+
 NO_FOCUS = (0.0, np.inf)
 """Depth of field of a camera without one."""
 LAMP, LAMP_REL, MOST_LAMPS = (148, 98, 0), 0.02, 40
 """Colour of equipment in pictures, its radius relative to the scene, and most of it."""
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
-MOST_CLOSE_UPS = MOST_KINDS = 3
+MOST_CLOSE_UPS = 3
 """Zones with a picture of their own."""
 MOST_FACES = 32
 """Faces of a zone of whole faces on which advice is tried."""
@@ -123,7 +128,8 @@ def pictures_in_words() -> dict[str, str]:
 class GoalPart(NamedTuple):
     """A goal of a plan: lines on it, the page of it alone, and area of each camera.
 
-    The area is lost without it, or that it sees of what must not be seen.
+    The area is lost without it, or that it sees of what must not be seen. Its groups are judged
+    alone where they must not be seen.
     """
 
     name: str
@@ -133,6 +139,7 @@ class GoalPart(NamedTuple):
     lines: Sequence[str]
     page: "NetworkPage"
     areas_m2: FloatArray | None
+    groups: "Sequence[Requirement]" = ()
 
     @property
     def is_short(self) -> bool:
@@ -179,6 +186,10 @@ class NetworkPage:
     volumes : sequence of Volume
         Limits of places of cameras.
     goals : sequence of GoalPart
+    required : sequence of Requirement
+        Shares that are required of the surface.
+    north : float or None
+        From which headings are, as of `mounting_angles`.
     asked : Asked or None
         What a page computes; recorded figures for None.
     allowed : Allowed
@@ -207,6 +218,8 @@ class NetworkPage:
     asked: Asked | None = None
     allowed: Allowed = ANY
     goals: Sequence[GoalPart] = ()
+    required: "Sequence[Requirement]" = ()
+    north: float | None = None
 
     @property
     def eyes(self) -> FloatArray:
@@ -274,6 +287,16 @@ class NetworkPage:
             return None
         areas = np.bincount(self.parts.pair_pose, self.parts.area, len(self.poses))
         return areas.astype(np.float64)
+
+    @cached_property
+    def _away(self) -> FloatArray | None:
+        """(P,) mean distance of each camera from the faces of what it covers, 0 for none."""
+        parts, seen = self.parts, self.seen_m2
+        if parts is None or seen is None:
+            return None
+        away = norm(self.eyes[parts.pair_pose] - self.mesh.centroids[parts.pair_face])
+        sums = np.bincount(parts.pair_pose, parts.area * away, len(self.poses))
+        return np.asarray(sums / np.maximum(seen, TINY), np.float64)
 
     @cached_property
     def lost_m2(self) -> FloatArray | None:
@@ -393,18 +416,45 @@ class NetworkPage:
         return {name: image for name, image in images if image is not None}
 
     @cached_property
-    def shown_zones(self) -> list[tuple[ReadByName, Sequence[str], str]]:
-        """The worst dead zones, with their rows of a table and the nearest camera."""
-        entries = number_cameras(self.dead[1])[:MOST_CLOSE_UPS]
-        rows = zone_rows(self.dead[1])
-        return [(e, row, self._nearest_of(e)) for e, row in zip(entries, rows, strict=False)]
+    def shown_zones(self) -> list[tuple[ReadByName, Sequence[str], str, list[str]]]:
+        """The worst dead zones, with their rows of a table, the nearest camera, and their goals.
+
+        Those in what fails a goal are first; of these goals there are words, also after the change.
+        """
+        shown, found = number_cameras(self.dead[1]), list[tuple[bool, int, list[str]]]()
+        short = [each for each in self.required if each.status != HOLDS]
+        for row, zone in enumerate(shown):
+            own = [each for each in short if self._members(each) & {*zone["groups"]}]
+            found.append((not own, row, [self._after(zone, each) for each in own]))
+        rows, words = zone_rows(self.dead[1]), self._nearest_of
+        return [
+            (shown[row], rows[row], words(shown[row]), said)
+            for _, row, said in sorted(found)[:MOST_CLOSE_UPS]
+        ]
+
+    def _members(self, required: "Requirement") -> set[str]:
+        """Names of the groups of a requirement."""
+        names = [each.name for each in self.mesh.groups]
+        own = required.group
+        return {*names} if own is None else {names[row] for row in rows_of(names, own)}
+
+    def _after(self, zone: ReadByName, required: "Requirement") -> str:
+        """Words on a requirement that fails for a zone, and on its share after the change."""
+        tried, whole = zone["tried"] or {}, getattr(required, "of_m2", 0.0)
+        gains = tried.get("group_gains_m2")
+        if "gain_m2" not in tried or not whole or not self._members(required) >= {*zone["groups"]}:
+            return f"missing in {required.called}"
+        m2 = tried["gain_m2"]
+        if gains:
+            m2 = sum(gains.get(name, 0.0) for name in self._members(required))
+        return f"missing in {required.called}; {required.after(m2 / whole, is_about=not gains)}"
 
     def _close_ups(self, prefix: str = "") -> dict[str, Callable[[], Image.Image | None]]:
         """Pictures of `shown_zones` by their names."""
         own = *self.dead, self.poses.world_from_camera
         return {
-            f"{prefix}zone_{row + 1}": partial(zone_close_up, *own[:2], row, own[2])
-            for row in range(len(self.shown_zones))
+            f"{prefix}zone_{row}": partial(zone_close_up, *own[:2], int(row) - 1, own[2])
+            for _, (row, *_), *_ in self.shown_zones
         }
 
     @cached_property
@@ -464,17 +514,17 @@ class NetworkPage:
         title_block = (values["run"]["options"] or {}).get("sheet") or {}
         rows, more = self.camera_table(values.pop("columns", {}))
         drawn = {name: Picture.draw("", image) for name, image in images.items()}
-        by_area = "covered_area" in self.figures
+        by_area, cameras = "covered_area" in self.figures, cameras_of(self.camera)
         return render(
             template,
             "rastercov.report" if self.part is None else self.part.package,
             heading=self.title,
             title=self.title,
-            sentences=self.sentences(),
+            page=self,
             rules=self._rules(),
             is_joint=bool(gates_of(self.camera)),
             goals=self.asked and self.asked.goals,
-            kinds=self._kinds(),
+            kinds=[(names_of(self.camera)[at], camera_words(cameras[at])) for at in self._used],
             pictures={
                 name: replace(drawn[name], alt=text)
                 for name, text in pictures_in_words().items()
@@ -482,9 +532,6 @@ class NetworkPage:
             }
             | values.pop("more", {}),
             close_ups=drawn,
-            zones=self.shown_zones,
-            has_groups=len(self.mesh.groups) > 1,
-            shown_goals=self.goals,
             zone_rows=zone_rows(self.dead[1]),
             features=table_of(self.features, self.unit),
             by_area=by_area,
@@ -493,7 +540,7 @@ class NetworkPage:
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
             figures=self.figures,
-            level=self.level,
+            lights=first_of([*equipment_on(self.camera)]),
             section=None if self.part is None else self.part.template,
             own=None if self.part is None else self.part.section(self.figures),
             names=dict(zip(self.poses.ids.tolist(), self.names, strict=True)),
@@ -529,6 +576,11 @@ class NetworkPage:
         names, task = names_of(self.camera), self.network.task
         gates = gates_of(self.camera).items()
         said = [gate.in_words(names[at : at + gate.n]) for at, gate in gates]
+        if isinstance(rig := self.camera, Rig):
+            of_two = (slice(at, at + 2) for at, gate in gates if gate.n == 2)
+            said += [
+                _crossing(rig.rig_from_camera[at]) for at in of_two if not rig.is_fixed[at].any()
+            ]
         every = [(names[row], cameras_of(self.camera)[row]) for row in self._used]
         ends = {name: each.depth_of_field(task.max_blur) for name, each in every}
         focus = {name: focus_in_words(own) for name, own in ends.items() if own != NO_FOCUS}
@@ -569,16 +621,6 @@ class NetworkPage:
         gates = gates_of(self.camera).items()
         return index.tolist() or [at + row for at, gate in gates for row in range(gate.n)]
 
-    def _kinds(self) -> list[str]:
-        """Words on each type of camera that is used, with its name where there are several."""
-        names, used = names_of(self.camera), self._used
-        words = [camera_words(cameras_of(self.camera)[row]) for row in used]
-        if len(set(words)) == 1:
-            return words[:1]
-        said = [f"{names[row]}: {text}" for row, text in zip(used, words, strict=True)]
-        more = len(said) - MOST_KINDS
-        return said[:MOST_KINDS] + ([f"and {more} more"] if more > 0 else [])
-
     @property
     def answer(self) -> str:
         """Headline: what the cameras cover."""
@@ -611,35 +653,6 @@ class NetworkPage:
         bound = f" (error bound {exact['bound_percent']:.2g} %)"
         words = f"{some} of {area(exact['of_m2'], self.unit)} is covered{bound}{by_fewer}"
         return f"{words}{self._long}"
-
-    def sentences(self) -> list[str]:
-        """Sentences on what is covered, by area with its bound, and on cameras."""
-        figures, lost = self.figures, self.lost_m2
-        whole, exact = figures["covered"], figures.get("covered_area")
-        by_face = (
-            f"{whole['faces']:,} of {figures['task_faces']:,} faces "
-            f"({percent(whole['percent'] / 100)}) are covered"
-        )
-        said = [f"{self.covered_words or by_face}."]
-        reasons = figures["not_covered_because"]
-        if reasons and exact is None:
-            parts = [
-                f"{each['faces']:,} {verb(each['faces'], REASONS[name].sentence)}"
-                for name, each in reasons.items()
-            ]
-            said[0] += f" Of the others, {', '.join(parts)}."
-        if hidden := figures["unseeable_m2"]:
-            never = "is not visible from anywhere (proved)"
-            said.append(f"Of the uncovered area, {area(hidden)} {never}.")
-        if lost is not None and len(lost) > 1 and (lost > self._least).any():
-            best = int(lost.argmax())
-            spare = 0 if self.serves_goals else int((lost <= self._least).sum())
-            rest = f" Removable one at a time without loss: {plural(spare, self.noun)}."
-            said.append(
-                f"{self.noun.capitalize()} {self.labels[best]} contributes most: without it, "
-                f"a further {area(lost[best])} would be uncovered.{rest if spare else ''}"
-            )
-        return said
 
     @property
     def _least(self) -> float:
@@ -684,9 +697,13 @@ class NetworkPage:
                 for value in places.tolist()
             ]
         axes = upright(poses := self.poses.world_from_camera)
-        turned = [mounting_angles(axes @ pose[:3]) for pose in poses]
+        turned = [mounting_angles(axes @ pose[:3], self.north) for pose in poses]
         for row, name in enumerate(("heading", "tilt down", "roll")):
             columns[name] = [f"{text_with_sign(angles[row], 1)}°" for angles in turned]
+        if self._away is not None:
+            columns["mean distance"] = [
+                distance(x, self.unit) if x else "-" for x in self._away.tolist()
+            ]
         whole = 0.0
         if seen is None:
             columns["faces covered"] = [f"{count:,}" for count in self.covered_faces]
@@ -714,6 +731,14 @@ class NetworkPage:
         # Of a rig with a rule its first camera may be shown alone.
         place = np.searchsorted(self.poses.ids, zone["nearest"]["pose"], side="right") - 1
         return f"{self.noun} {self.labels[int(place)]}"
+
+
+def _crossing(places: FloatArray) -> str:
+    """Sentence on two devices of a rig by their poses, (2, 4, 4)."""
+    across, ways = places[1, :3, 3] - places[0, :3, 3], places[:, :3, 2] * ((1,), (-1,))
+    reach = float(np.linalg.lstsq(ways.T, across)[0][0])
+    cross = f"; their axes cross {distance(reach)} away" if reach > TINY else ""
+    return f"They are {distance(float(norm(across)))} apart{cross}."
 
 
 class FaceRemedies(Remedies):

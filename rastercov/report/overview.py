@@ -317,8 +317,8 @@ class Overview:
     are all poses of which they are some, and which say what is up; `noun` is a word for a pose. Of
     `zones`, with their entries `said`, those for which a camera of a rig with a rule fails have the
     hatch of that camera. `most` says which camera gives a face its colour, `about` is a title in
-    place of that, and `left` a word for -1. `volumes` are limits of the places of cameras. The
-    pyramids of cameras that were kept are dashed.
+    place of that, `left` a word for -1, and `unit` as of `smooth`. `volumes` are limits of the
+    places of cameras. The pyramids of cameras that were kept are dashed.
     """
 
     mesh: Mesh
@@ -335,6 +335,7 @@ class Overview:
     about: str = ""
     left: str = "not covered"
     volumes: Sequence[Volume] = ()
+    unit: str = "m"
 
     @property
     def devices(self) -> dict[str, int]:
@@ -434,8 +435,10 @@ class Overview:
             draw_in_space(image, scene, lines, colours[row])
         font = font_for(round(FINE * (850 if len(self.placed) <= MANY else 600)))
         names = [self.names[row] for row in rows]
-        write_labels(image, places, names, [colours[row] for row in rows], font, FINE)
-        return smooth(image)
+        # Beside what rides on the cameras, or it is hidden.
+        areas = 0.0 if any(each.whole and each.body is None for each in volumes) else np.inf
+        write_labels(image, places, names, [colours[row] for row in rows], font, FINE, areas)
+        return smooth(image, scene, self.unit)
 
 
 def device_hatches(zones: Sequence[ReadByName]) -> dict[str, int]:
@@ -734,7 +737,7 @@ def _with_zones(
     own_colours = [REASONS[listed[row]["reason"]].colour for row in rows]
     names, font = [str(row + 1) for row in rows], font_for(round(FINE * 1200))
     write_labels(image, places, names, own_colours, font, FINE, counts[rows])
-    return smooth(image), rows, sorted(drawn)
+    return smooth(image, scene, "m"), rows, sorted(drawn)
 
 
 def middle_of(places: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ The task fills the picture. Faces that turn away from the viewer are left out of
 a doll's house; an occluder in front of the task is hatched over it, and hides none of its colours.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -28,6 +29,7 @@ from rastercov.base import (
     frozen_record,
     matmul,
     norm,
+    size_in_words,
     sort_order,
 )
 from rastercov.core.area.polygons import quantile
@@ -112,6 +114,8 @@ SOME = 10_000
 """Faces that the box is found of, spread evenly."""
 FEW_REL = 1e-4
 """Part of a picture that needs no entry in its legend."""
+LONGEST = 0.2
+"""Length of a scale bar at most, relative to the width of a picture."""
 BEYOND = 0.01
 """Part of the task's area that may be beyond each side of the box around most of it."""
 AROUND = 0.25
@@ -545,10 +549,11 @@ def two_sides(
     *,
     marks: Marks | None = None,
     left: tuple[DeadZones, Pixels] | None = None,
+    unit: str = "",
 ) -> Image.Image:
     """Two views side by side, with title and legend; the others are as of `side_by_side`."""
     pixels, more = side_by_side(
-        mesh, colours, hatch, sides(mesh, eyes), eyes, marks=marks, left=left
+        mesh, colours, hatch, sides(mesh, eyes), eyes, marks=marks, left=left, unit=unit
     )
     return add_frame(pixels, title, [*keys, *more])
 
@@ -563,11 +568,12 @@ def side_by_side(
     *,
     marks: Marks | None = None,
     left: tuple[DeadZones, Pixels] | None = None,
+    unit: str = "",
 ) -> tuple[Pixels, list[Key]]:
     """Views from some directions side by side, and their part of a legend.
 
     `colours`, (F, 3), and `hatch`, (F,), are those of faces; what is `left` of them has the
-    colour with it. `scale` is as of `look`.
+    colour with it. `scale` is as of `look`, `unit` as of `smooth`.
     """
     scenes = [look(mesh, direction, scale=scale, eyes=eyes) for direction in directions]
 
@@ -587,7 +593,8 @@ def side_by_side(
     if marks is not None:
         for image, scene in zip(images, scenes, strict=True):
             marks.write(image, scene)
-    return beside([smooth(image) for image in images]), scene_keys(scenes)
+    pairs = zip(images, scenes, strict=True)
+    return beside([smooth(*each, unit) for each in pairs]), scene_keys(scenes)
 
 
 def beside(images: Sequence[Image.Image]) -> Pixels:
@@ -680,9 +687,39 @@ def in_picture(scene: DrawnScene, points: ArrayLike) -> tuple[IntArray, FloatArr
     return np.flatnonzero(inside), places[inside]
 
 
-def smooth(image: Image.Image) -> Image.Image:
-    """The picture at its final size."""
+def smooth(image: Image.Image, scene: DrawnScene | None = None, unit: str = "") -> Image.Image:
+    """The picture at its final size, with the axes of a scene and, in "m" or "units", its scale.
+
+    The scale is that at the median depth of what is in the picture.
+    """
+    if scene is not None:
+        _draw_axes(ImageDraw.Draw(image), scene, unit)
     return image.reduce(FINE)
+
+
+def _draw_axes(draw: ImageDraw.ImageDraw, scene: DrawnScene, unit: str) -> None:
+    font, size = font_for(round(FINE * 750)), 22 * FINE
+    height, near = scene.camera.height, scene.depth[np.isfinite(scene.depth)]
+
+    def write(ends: ArrayLike, words: str, at: ArrayLike, anchor: str) -> None:
+        line = [tuple(each) for each in np.asarray(ends).tolist()]
+        draw.line(line, PAPER, 5 * FINE)
+        draw.line(line, INK, 2 * FINE)
+        place = np.asarray(at).tolist()
+        draw.text(place, words, INK, font, anchor, stroke_width=2 * FINE, stroke_fill=PAPER)
+
+    start = np.array((1.6 * size, height - 2.6 * size))
+    for name, way in zip("xyz", size * scene.pose[:3, :2], strict=True):
+        write([start, start + way], name, start + 1.5 * way, "mm")
+    if not (unit and len(near)):
+        return
+    metre = scene.camera.fx / float(np.median(near))
+    most = LONGEST * scene.camera.width / metre
+    power = 10.0 ** math.floor(math.log10(most))
+    bar = max(n * power for n in (1, 2, 5) if n * power <= most)
+    x, y = 0.5 * size, height - 0.5 * size
+    words = size_in_words(bar) if unit == "m" else f"{bar:g} units"
+    write([(x, y), (x + bar * metre, y)], words, (x + bar * metre + size / 4, y), "lm")
 
 
 def is_inside(mesh: Mesh, eyes: ArrayLike) -> bool:

@@ -4,7 +4,7 @@ The tables are those of `plan.json`; the templates `report.html` and `placement.
 headings and words.
 """
 
-from collections import defaultdict
+import re
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -13,14 +13,11 @@ import numpy as np
 
 from rastercov.base import ByName, IntArray, ReadByName, percent
 from rastercov.core.area.remedies import Allowed
-from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.area.zones import ZONES
 from rastercov.core.camera import heads_of, led_by
 from rastercov.core.coverage.evaluation import regions
-from rastercov.core.mesh.groups import body_of
-from rastercov.placement.candidates.cavities import Access, Openings
+from rastercov.placement.candidates.cavities import Access
 from rastercov.placement.candidates.rooms import KeepOutBox
-from rastercov.placement.parts import MOST_ROWS
 from rastercov.placement.plan.check import MOST_GOALS, Checked, to_json
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
@@ -43,8 +40,11 @@ ARM = (176, 183, 190), (128, 137, 146), (150, 100, 60)
 """Colours of links of an arm in turn, and of its tool."""
 MOST_VOLUMES = 20
 """Of either kind that a picture has."""
-MAX_SENTENCES = 12
-"""Faces out of reach that have a sentence of their own."""
+REACH = re.compile("out of reach|together reach|reach(ing|es)? the goal|^rig ")
+"""In notes on goals that no candidates reach, and on what would."""
+MOST_WORK = 100_000_000
+"""Pairs of candidate and element up to which it is known what one more camera adds."""
+UNCHECKED = "motion between the stops of the arm is neither planned nor checked"
 
 
 def pages_of(
@@ -73,9 +73,11 @@ def pages_of(
         None for a page that no other file lies beside.
     """
     prepared, cameras, plan = placement.prepared, placement.cameras, placement.prepared.plan
-    shown = replace(network_of(placement, summary), level=level)
+    products = placement.products
+    north = next((each.north for each in products if each.north is not None), None)
+    shown = replace(network_of(placement, summary), level=level, north=north)
     drawn, leads = shown.draw(progress), led_by(plan.rig, cameras.placed)
-    unmet = [note for note in prepared.notes if note.startswith("rig ") and not len(leads)]
+    reach = filter(REACH.search, prepared.notes)
     columns = {
         "source": [source_of(placement.origin[row]) for row in cameras.owner[leads]],
         "covered so far": [
@@ -88,23 +90,48 @@ def pages_of(
         answer=shown.answer,
         passed=placement.is_met if placement.requirements else None,
         title_block=plan.sheet.words(plan=plan.name),
-        lines=[*change_of(placement), *verdicts(placement.requirements), *unmet],
+        lines=[*change_of(placement), *verdicts(placement.requirements), *reach],
+        placement=placement,
+        one_more=_one_more(placement),
         log=notes,
-        notes=[*summary["warnings"], *summary["result_warnings"]],
+        notes=[
+            *(note for each in products for note in each.notes),
+            *[UNCHECKED] * (placement.carried is not None),
+            *summary["warnings"],
+            *summary["result_warnings"],
+        ],
         columns=columns,
         summary=summary,
         run=summary["made_from"],
         views=plan.task.views,
         has_view=has_view and shown.view is not None,
-        out_of_reach=_out_of_reach(prepared.openings),
-        hiders=_hiders(summary["left"]),
+        openings=prepared.openings,
+        reached=Access.REACHED,
         noun=prepared.noun,
         stops=placement.carried and _stops(placement.carried, shown, cameras.owner[leads]),
         choices={word: each.table() for word, each in placement.choices.items()},
         sections={name: each.section() for name, each in placement.made.items()},
-        products=[(each.figure(), each.lines()) for each in placement.products],
+        products=[
+            (each.figure(), [line for line in each.lines() if line not in each.notes])
+            for each in products
+        ],
     )
     return {"page.html": page} | ({} if shown.view is None else {"view.html": shown.view})
+
+
+def _one_more(placement: Placement) -> float | None:
+    """Share that the best further candidate adds to the chosen ones; None where not known."""
+    problem, chosen = placement.prepared.problem, placement.selection.chosen
+    is_moved = placement.optimised is not None or placement.refined is not None
+    if is_moved or problem.is_spread or problem.n_candidates * problem.n_faces > MOST_WORK:
+        return None
+    before, _ = problem.covered_by(chosen)
+    best = 0.0
+    for row in np.setdiff1d(np.arange(problem.n_candidates), chosen).tolist():
+        views = before.copy()
+        problem.add(row, views, problem.spread())
+        best = max(best, problem.share((views >= problem.views) & (before < problem.views)))
+    return best
 
 
 def _stops(
@@ -115,27 +142,6 @@ def _stops(
     names = ([shown.labels[at] for at in np.flatnonzero(owner == own)] for own in carried.order)
     made = [[", ".join(some), *row] for some, row in zip(names, rows, strict=True)]
     return [shown.noun, *heads], made
-
-
-def _hiders(left: ReadByName | None) -> list[tuple[tuple[str, str], float]]:
-    """Parts, what hides them, and the hidden area, m^2: `MOST_ROWS` at most, the largest."""
-    values: dict[tuple[str, str], float] = defaultdict(float)
-    for group in left["groups"] if left else ():
-        for name, m2 in group["hidden_by"].items():
-            values[body_of(group["name"]), body_of(name)] += m2
-    least = SLIVER_REL * max(values.values(), default=0.0)
-    ranked = sorted(values.items(), key=lambda each: -each[1])
-    return [each for each in ranked[:MOST_ROWS] if each[1] > least]
-
-
-def _out_of_reach(openings: Openings | None) -> list[str]:
-    """Sentences on faces of cavities that no camera gets to see."""
-    if openings is None:
-        return []
-    shut = np.flatnonzero(openings.access != Access.REACHED)
-    sentences = [openings.words(row) for row in shut[:MAX_SENTENCES].tolist()]
-    more = len(shut) - MAX_SENTENCES
-    return sentences + ([f"And {more:,} more."] if more > 0 else [])
 
 
 def with_features(placement: Placement | Checked, content: ReadByName) -> ByName:
@@ -218,6 +224,7 @@ def network_of(
         ),
         allowed=Allowed(places_of(plan, of.mesh), free=partial(free_places, plan)),
         goals=_goal_parts(placement),
+        required=[each for each in placement.requirements if each.goal not in placement.goals],
     )
 
 
@@ -231,8 +238,11 @@ def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
         page = network_of(own, to_json(own), has_parts=each.is_most and each.status != HOLDS)
         # Of what must not be seen the area that each camera sees.
         areas = None if own.by_camera is None else own.by_camera[int(not each.is_most)]
+        groups = own.groups
+        if each.is_most:
+            groups = tuple(group.at_most(each.goal, each.limit) for group in groups)
         said = each.goal, each.words(), each.status, each.is_most, own.explain(each)
-        items.append(GoalPart(*said, page, areas))
+        items.append(GoalPart(*said, page, areas, groups))
     return items
 
 

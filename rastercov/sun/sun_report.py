@@ -300,7 +300,7 @@ def write(
         order = [each.pop("row") for each in summary["pieces"]]
         numbers = (sort_order(order) + 1).tolist()
         marks = Marks([str(each) for each in numbers], sunlit.pieces.of_face) if order[1:] else None
-        image = mode_picture("sun", mesh, hours, marks=marks)
+        image = mode_picture("sun", mesh, hours, marks=marks, unit="m")
         picture = Picture.of("Hours of sun, from two sides", image)
         names = [summary["pieces"][each - 1]["name"] for each in numbers]
         has_plans = 1 < len(order) <= MOST_MARKS

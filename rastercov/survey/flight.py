@@ -6,6 +6,7 @@ straight up at home, and lands there straight down. Overlap and ground
 sampling distance are those of the exact footprints of the planned images.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -45,6 +46,11 @@ STRAIGHT = 1e-6
 """Sine of the angle to the vertical below which a view has no heading of its own."""
 LEAST_OF_LINE, SAME_STEP_REL, SAME_ANGLE_DEG = 3, 1e-3, 0.1
 """Waypoints of a straight line at least; its steps and headings differ by less."""
+HIGHEST = {
+    120.0: "the 120 m of the open category in the EU",
+    121.92: "the 400 ft of FAA part 107",
+}
+"""Limits of the height above ground, m."""
 MOST_TIMES = 6
 """Missions whose times are printed."""
 LOOKS_DOWN_DEG = -45.0
@@ -125,6 +131,12 @@ class Flight(Product):
         if (place := self.asked.place) is not None:
             return place.headings_deg(self.places, 10 * ahead)
         return np.degrees(arctan2(ahead[:, 0], ahead[:, 1])) % 360
+
+    @property
+    def north(self) -> float:
+        """Direction of north at the first waypoint, degrees from +x towards +y."""
+        x, y, _ = self.views[0][0].tolist()
+        return (float(self.headings_deg[0]) + math.degrees(math.atan2(y, x))) % 360
 
     def way_to(self, row: int) -> FloatArray:
         """(K + 2, 3) points of the way to a waypoint from the one before or home; N is home."""
@@ -255,13 +267,25 @@ class Flight(Product):
 
     @property
     def notes(self) -> list[str]:
-        """Sentence on waypoints beside the surface, where there are some."""
+        """Sentences on heights, time, and waypoints beside the surface, where there are some."""
+        each = [m.way_to(row) for m in self.flown for row in range(len(m.over))]
+        ways, battery = np.concatenate(each), self.asked.battery
+        high = float(np.nanmax(ways[:, 2] - heights_at(self.mesh, ways[:, :2]), initial=0.0))
+        over = " and ".join(text for most, text in HIGHEST.items() if high > most)
+        notes = [f"up to {in_decimals(high, 0)} m above ground: above {over}"] if over else []
+        notes += [
+            "time is without wind, turns and a reserve of the battery"
+            if battery is not None
+            else "no battery is given: neither its limit nor a reserve is checked",
+            "airspace and a failsafe return are not checked",
+        ]
         if not (n := self.n_beside):
-            return []
+            return notes
         return [
+            *notes,
             f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
             "surface, where strips keep to its mean height: the median GSD may differ from what "
-            "the height or gsd of the plan gives"
+            "the height or gsd of the plan gives",
         ]
 
     def summary(self) -> dict[str, Any]:

@@ -263,15 +263,6 @@ def test_advice_by_face_tries_only_places_that_the_plan_allows(placement, monkey
     assert places.tolist() == [list(outside)]
 
 
-def test_a_page_lists_the_largest_hiders_by_part():
-    faces = [{"name": f"arm/face {k}", "hidden_by": {f"jig {k % 20}/face 1": 1 + k % 20}}
-             for k in range(100)]  # fmt: skip
-    hiders = page_module._hiders({"groups": faces})
-    assert len(hiders) == 12
-    assert hiders[0] == (("arm", "jig 19"), 100)
-    assert page_module._hiders(None) == []
-
-
 def test_a_percentage_is_within_the_bound_beside_it():
     rng = np.random.default_rng(3)
     values, bounds = rng.uniform(0, 100, 500), 10.0 ** rng.uniform(-9, 1, 500)
@@ -304,4 +295,4 @@ def test_the_rule_of_a_rig_is_among_the_first_sentences(rule, words, tmp_path):
     run(MESH, rig, rig.poses(POSES[:1]), rc.Task(), tmp_path, Options(pictures=1))
     told = words_of(tmp_path / "report.html")
     assert words in told
-    assert told.index(words) < 600
+    assert told.index(words) < 1000

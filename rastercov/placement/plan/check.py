@@ -722,7 +722,9 @@ def best_change(
     for each in sorted(short, key=lambda each: -each.lack)[:MOST_GOALS]:
         own = goals.get(each.goal)
         if each.is_most and own is not None:
-            found.append(own.turn_away(each, lost))
+            change = own.turn_away(each, lost)
+            end = each.after(-change.share)
+            found.append(change._replace(line=f"{change.line}; {end}"))
             continue
         of = summary if own is None else own.summary()
         for zone in of.get("dead_zones", ()):
@@ -740,7 +742,9 @@ def best_change(
             }
             losses = _losses({name: -share for name, share in shares.items()})
             exact = shares.get(each.called)
-            found.append(GoalChange.of_zone(zone, each.called, exact, losses, each.of_m2))
+            change = GoalChange.of_zone(zone, each.called, exact, losses, each.of_m2)
+            end = each.after(change.share, is_about=exact is None)
+            found.append(change._replace(line=f"{change.line}; {end}"))
     return max(found, key=lambda change: change.share, default=NO_CHANGE if short else None)
 
 

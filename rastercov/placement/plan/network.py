@@ -29,6 +29,7 @@ from rastercov.base import (
     plural,
 )
 from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import points
 from rastercov.core.area.by_camera import ByCamera, cameras_apart
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
@@ -59,6 +60,7 @@ from rastercov.placement.plan.sections import (
 )
 from rastercov.placement.required import (
     HOLDS,
+    SHARE_TOLERANCE,
     UNDECIDED,
     ends_in_words,
     outcome_line,
@@ -150,6 +152,19 @@ class Requirement:
         if self.status == HOLDS:
             return 0.0
         return self.high - self.limit if self.is_most else self.limit - self.low
+
+    def after(self, gain: float, *, is_about: bool = False) -> str:
+        """Words on what becomes of it by a change of its share, which may be an estimate."""
+        share = min(max(self.share + gain, 0.0), 1.0)
+        lack, doubt = self.limit - share, self.high - self.low
+        lack, about = -lack if self.is_most else lack, "about " * is_about
+        end = "the goal is then met" if lack + doubt <= SHARE_TOLERANCE else "too near to say"
+        if lack > doubt + SHARE_TOLERANCE:
+            end = f"still {'too much' if self.is_most else 'missing'}: {points(lack)}"
+        elif is_about:
+            end = "the goal is then met, if the estimate holds"
+        what = "seen" if self.is_most else "covered"
+        return f"then {about}{percent(share)} is {what}: {end}"
 
     def at_most(self, goal: str, limit: float) -> Self:
         """The same share as one that is permitted up to a limit."""

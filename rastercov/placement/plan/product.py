@@ -26,6 +26,11 @@ class Product:
     """Its entry of JSON."""
 
     @property
+    def north(self) -> float | None:
+        """Direction from which it has headings, as of `mounting_angles`, if any."""
+        return None
+
+    @property
     def notes(self) -> list[str]:
         """Sentences on what to look at."""
         raise NotImplementedError  # each feature has its own
