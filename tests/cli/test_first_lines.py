@@ -15,10 +15,8 @@ import rastercov as rc
 from rastercov.advice.headline import MOST_REASONS, by_reason
 from rastercov.base import percent
 from rastercov.core.area.feature import in_words
-from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.coverage.task import NAMES, REASONS
 from rastercov.report import coverage
-from rastercov.report.placement import _hiders
 from rastercov.report.plan import cameras_table, source_of
 
 CAMERA = "width = 96\nheight = 72\nfx = 60\nfy = 60\n"
@@ -117,17 +115,6 @@ def test_what_is_edge_on_is_said_where_its_figure_is_not_0(doubtful):
     figures = {"percent": 50.0, "bound_percent": 0.0, "views": 1, "doubtful_percent": doubtful}
     assert ("edge-on" in in_words(figures)) == (percent(doubtful / 100) != "0.0 %")
     assert "0.0 % more" not in in_words(figures)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_what_hides_little_beside_the_rest_is_not_listed(seed):
-    """A page listed walls that hide 0.00009 square micrometres."""
-    hidden = 10 ** np.random.default_rng(seed).uniform(-18, 1, 12)
-    by = {f"wall {row}": m2 for row, m2 in enumerate(hidden.tolist())}
-    listed = _hiders({"groups": [{"name": "hall", "hidden_by": by}]})
-    assert listed
-    assert all(m2 > SLIVER_REL * hidden.max() for _, m2 in listed)
-    assert sum(m2 for _, m2 in listed) >= hidden.max()
 
 
 def test_cameras_that_add_under_one_percent_are_named(here, capsys):

@@ -83,7 +83,7 @@ def test_waypoints_beside_the_surface_are_counted():
     assert line.startswith(f"{flight.n_beside} of {len(x)} waypoints look down beside the surface")
     over = placed(meshes=[*PLAN["meshes"], GROUND], candidates=[STRIPS, ORBIT]).product("flight")
     assert over.n_beside == 0
-    assert over.notes == []
+    assert not any("beside the surface" in note for note in over.notes)
 
 
 @pytest.mark.parametrize("hover", [0.0, 2.0])
