@@ -690,9 +690,10 @@ def in_picture(scene: DrawnScene, points: ArrayLike) -> tuple[IntArray, FloatArr
 def smooth(image: Image.Image, scene: DrawnScene | None = None, unit: str = "") -> Image.Image:
     """The picture at its final size, with the axes of a scene and, in "m" or "units", its scale.
 
+    Small pictures have neither.
     The scale is that at the median depth of what is in the picture.
     """
-    if scene is not None:
+    if scene is not None and scene.camera.height >= HEIGHT:
         _draw_axes(ImageDraw.Draw(image), scene, unit)
     return image.reduce(FINE)
 
