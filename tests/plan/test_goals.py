@@ -615,6 +615,11 @@ def test_a_change_names_what_others_lose_by_it(room, seed):
                 for a, b in zip(after.requirements, checked.requirements, strict=True)
             ]
             assert best.share == pytest.approx(max(gains), abs=1e-7)
+            own = after.requirements[int(np.argmax(gains))]
+            then = re.search(r"then ([\d.]+) % is covered: (.*?)(;|$)", best.line)
+            assert float(then[1]) == pytest.approx(100 * own.share, abs=0.051)
+            assert ("met" in then[2]) <= (own.status == "holds")
+            assert ("missing" in then[2]) == (own.status != "holds")
 
 
 @pytest.mark.parametrize("seed", range(4))

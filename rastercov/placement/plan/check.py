@@ -461,7 +461,8 @@ class Checked(InOneLine, InNotebook):
         rows, words, left = self._turned(requirement)
         gain = f"{points(requirement.share - left)} less"
         without = " without it" if len(rows) == 1 else " without them"
-        line = gain_line(words, requirement.name, gain, lost(rows), without)
+        goal = f"{requirement.name}; {requirement.after(left - requirement.share)}"
+        line = gain_line(words, goal, gain, lost(rows), without)
         return GoalChange(requirement.share - left, line, words)
 
 
@@ -722,9 +723,7 @@ def best_change(
     for each in sorted(short, key=lambda each: -each.lack)[:MOST_GOALS]:
         own = goals.get(each.goal)
         if each.is_most and own is not None:
-            change = own.turn_away(each, lost)
-            end = each.after(-change.share)
-            found.append(change._replace(line=f"{change.line}; {end}"))
+            found.append(own.turn_away(each, lost))
             continue
         of = summary if own is None else own.summary()
         for zone in of.get("dead_zones", ()):
@@ -742,9 +741,10 @@ def best_change(
             }
             losses = _losses({name: -share for name, share in shares.items()})
             exact = shares.get(each.called)
-            change = GoalChange.of_zone(zone, each.called, exact, losses, each.of_m2)
-            end = each.after(change.share, is_about=exact is None)
-            found.append(change._replace(line=f"{change.line}; {end}"))
+            about = tried["gain_m2"] / each.of_m2
+            end = each.after(about if exact is None else exact, is_about=exact is None)
+            goal = f"{each.called}; {end}"
+            found.append(GoalChange.of_zone(zone, goal, exact, losses, each.of_m2))
     return max(found, key=lambda change: change.share, default=NO_CHANGE if short else None)
 
 
