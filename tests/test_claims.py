@@ -82,7 +82,7 @@ CLAIMS = {
         "**Sampled figures.**": "test_observer the_bound_holds_for_nearly_all_partly_hidden",
         "Small and thin faces": "test_coverage reason",
         "**Coincident surfaces.**": "raster/test_raster_laws of_coincident_faces_the_lowest",
-        "Where coincidence is not": "exact/test_nearly_coincident copies_together_are_seen_as",
+        "If another face comes": "exact/test_nearly_coincident copies_are_within_their_bounds",
         "Sampled depths are": "raster/test_raster_laws surfaces_1e_5_apart_are_told_apart",
         "**Devices.**": NOTHING,
         "- The OpenGL graphics": "raster/test_extreme_cameras a_lens_too_long_for_float32",

@@ -337,12 +337,13 @@ Closeness closeness(int64_t f, int64_t n, int64_t n_own, int64_t m, const View &
     const Gap gap =
         gap_between(plane, its, images.overlap(), n, images.its(), n_sides, images.spare());
     if (gap.n < 3) return APART;
-    const double most = std::max(gap.most, -gap.least);
-    if (gap.apart <= 0) return most > plane.error + its.error ? CLOSE : APART;
-    const double tie = DEPTH_TIE_REL * box(f, W_MAX);
-    const bool is_ambiguous =
-        most <= NEARLY_REL * box(f, W_MAX) && std::max(gap.least, -gap.most) <= MOST_TIES * tie;
-    return is_ambiguous ? AMBIGUOUS : APART;
+    if (gap.apart <= 0)
+        return std::max(gap.most, -gap.least) > plane.error + its.error ? CLOSE : APART;
+    const auto [least, most] = gap.ties;
+    return std::max(most, -least) * DEPTH_TIE_REL <= NEARLY_REL &&
+                   std::max(least, -most) <= MOST_TIES
+               ? AMBIGUOUS
+               : APART;
 }
 
 // Closeness of all faces of a group to a face, in a rectangle within a cell: CLOSE where they
@@ -393,7 +394,8 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
     const auto &[projected, grid] = std::tie(view.projected, view.grid);
     const auto &[box, state] = std::tie(projected.box, projected.state);
     Images images;
-    const auto [n, n_own] = outline(f, projected, images.target(), images.own());
+    const auto [n, n_own] =
+        outline_inside(f, view, images.target(), images.own(), images.overlap());
     const Bounds own = bounds_in(box, f);
     const Plane plane = plane_of(f, view.camera, projected);
     const Depths depths = {box(f, W_MIN) * (1 - NEARLY_REL), -INF,
@@ -536,8 +538,7 @@ Order order_in_pairs(int64_t t, int64_t m, int64_t gap_n, int64_t n_sides, const
     if (!(a.d_error < far_a && b.d_error < far_b)) {
         in_doubt = common;
     } else if (all.least <= error && all.most >= -error) {
-        const Bounds box = extent_of(work.spare, gap_n);
-        const double extent = box.across();
+        const double extent = extent_of(work.spare, gap_n).across();
         in_doubt = std::min(2 * error / length(slope_u, slope_v, 0.0) * extent, common);
     } else {
         in_doubt = 0.0;

@@ -33,10 +33,11 @@ inline double extent_in_image(int64_t t, const View &view) {
 }
 
 // Difference of 1/z of face m to face t, over the overlap of their images.
-struct Gap {
-    int64_t n;                 // corners of the overlap, fewer than 3 for none
-    double first, least, most; // at the first corner, and of all corners
-    double apart;              // the largest beyond DEPTH_TIE_REL of 1/z
+struct Gap : Range {
+    int64_t n;    // corners of the overlap, fewer than 3 for none
+    double first; // at the first corner
+    double apart; // the largest beyond DEPTH_TIE_REL of 1/z
+    Range ties;   // in DEPTH_TIE_REL of 1/z, where it is
 };
 
 // Measures the difference of the planes of faces t and m; `overlap` has the n corners of t, and
@@ -45,7 +46,7 @@ template <class Rows>
 Gap gap_between(const Plane &of_t, const Plane &of_m, Points overlap, int64_t n, const Rows &lines,
                 int64_t n_sides, Points spare) {
     n = clip(overlap, n, lines, n_sides, spare);
-    Gap gap = {n, 0.0, INF, -INF, -INF};
+    Gap gap = {{}, n, 0.0, -INF, {}};
     for (int64_t p = 0; p < n; p++) {
         const double u = overlap(p, U), v = overlap(p, V);
         const double mine = of_t.at(u, v).w;
@@ -53,8 +54,8 @@ Gap gap_between(const Plane &of_t, const Plane &of_m, Points overlap, int64_t n,
         const double nearer = its - mine, tie = DEPTH_TIE_REL * std::max(mine, its);
         if (p == 0) gap.first = nearer;
         gap.apart = std::max(gap.apart, std::abs(nearer) - tie);
-        gap.least = std::min(gap.least, nearer);
-        gap.most = std::max(gap.most, nearer);
+        gap.ties.add(nearer / tie);
+        gap.add(nearer);
     }
     return gap;
 }
@@ -115,9 +116,8 @@ inline Order depth_order(int64_t t, int64_t m, int64_t n, int64_t n_sides, const
     } else if ((std::abs(apart) <= error && !by_depth) || (apart > 0 && most <= error)) {
         area_error += common;
     } else if (apart > 0 && shared < 2 && gap.least <= error && gap.most >= -error) {
-        const Bounds b = extent_of(spare, gap.n);
-        const double extent = b.across();
-        const double strip = error / length(of_m.a - of_t.a, of_m.b - of_t.b, 0.0) * extent;
+        const double strip = error / length(of_m.a - of_t.a, of_m.b - of_t.b, 0.0) *
+                             extent_of(spare, gap.n).across();
         area_error += std::min(strip, common);
     }
     if (apart <= 0) return TIED;
@@ -148,17 +148,21 @@ inline bool hides_all(int64_t m, int64_t t, int64_t n, const View &view) {
     return hides && is_sure;
 }
 
-// Fills work.target and work.own with the image of a face; its own error begins the bound of the
-// face. There are fewer than 3 corners outside the image.
-inline Outline take_target(int64_t t, const View &view) {
-    const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
-    const double error = outline_error(t, camera, projected);
-    view.area_error[t] = OUTLINE_ERROR_FACTOR * extent_in_image(t, view) * error;
-    Outline image = outline(t, projected, work.target, work.own);
-    if (projected.state[t] & PARTLY)
-        image.n_corners =
-            clip(work.target, image.n_corners, camera.border, camera.border.rows(), work.spare);
+// Fills `corners` and `lines` with what is in the image of a face: fewer than 3 corners outside.
+inline Outline outline_inside(int64_t f, const View &view, Points corners, Lines lines,
+                              Points spare) {
+    const auto &border = view.camera.border;
+    Outline image = outline(f, view.projected, corners, lines);
+    if (view.projected.state[f] & PARTLY)
+        image.n_corners = clip(corners, image.n_corners, border, border.rows(), spare);
     return image;
+}
+
+// Fills work.target and work.own so; the face's own error begins its bound.
+inline Outline take_target(int64_t t, const View &view) {
+    const double error = outline_error(t, view.camera, view.projected);
+    view.area_error[t] = OUTLINE_ERROR_FACTOR * extent_in_image(t, view) * error;
+    return outline_inside(t, view, view.work.target, view.work.own, view.work.spare);
 }
 
 // True if a face that hid another one there hides all of a face, see take_target. Faces beside each
