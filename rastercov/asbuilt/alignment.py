@@ -9,7 +9,12 @@ A pose is believed where four things hold: its edges agree better than the same 
 (200 poses), every other optimum agrees worse by more than chance, of these poses or piece by piece
 of the edges, its covariance is small, and halves of its edges, a checkerboard's, agree with it.
 
+Weights that leave out what disagrees hide errors of the pose too: what a place shows that is left
+out, the residuals of the rest do not. So the pose is estimated again with weights that reach twice
+as far; were the mesh right, both would estimate the same. Their difference is a further error.
+
 T. Drummond, R. Cipolla. Real-Time Visual Tracking of Complex Structures. 2002.
+J. A. Hausman. Specification Tests in Econometrics. 1978.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +23,15 @@ import numpy as np
 
 from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
 from rastercov.asbuilt.photograph import DIRECTIONS, Gradients, Level, pyramid, sample, strength_of
-from rastercov.asbuilt.resection import displaced, free_of, jacobian_of, pixels_of, spread_of
+from rastercov.asbuilt.resection import covariance_of as inverse_of
+from rastercov.asbuilt.resection import (
+    difference,
+    displaced,
+    free_of,
+    jacobian_of,
+    pixels_of,
+    spread_of,
+)
 from rastercov.base import Float32Array, FloatArray, IntArray, norm
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
@@ -49,6 +62,8 @@ LEAST_STRENGTH = 1.8
 """Relative gradient of a single point above which it is an edge of the photograph."""
 NEAR = 0.7
 """Standard deviation of the distance of an edge of the photograph from its prediction, px."""
+FINAL, WIDE = 1.5, 3.0
+"""Reaches of weights, px: of the pose, and of one that counts more of the edges that disagree."""
 PLACES = 8
 """Squares along the longer side of a photograph; errors within one are taken as one."""
 COMMON = 0.2
@@ -96,10 +111,10 @@ class Aligner:
 
     def __post_init__(self) -> None:
         self.edges = MeshEdges.of(self.mesh)
-        levels = pyramid(self.grey, COARSEST)
+        levels = pyramid(self.grey, self.camera, COARSEST)
         self.levels = [each for each in levels if max(each.grey.shape) <= FINEST] or levels[:1]
 
-    def points_at(self, level: Level, pose: FloatArray, step: float) -> EdgePoints:
+    def points_at(self, level: Level, pose: FloatArray, step: float = 2.0) -> EdgePoints:
         """Visible points of edges in a pose, `step` px of a level apart."""
         with open_rasterizer(self.mesh, self.camera.resized(level.scale), "cpu") as rasterizer:
             return visible_points(self.edges, rasterizer, pose, step)
@@ -120,7 +135,7 @@ class Aligner:
         steps[0] = 0
         steps[:, free_of(self.camera) :] = 0
         poses = [displaced(start, step) for step in steps]
-        poses.sort(key=lambda pose: -likeness(coarse, self.camera, seen, pose))
+        poses.sort(key=lambda pose: -likeness(coarse, seen, pose))
         poses = poses[:STARTS]
         finer = self.levels[1:] or self.levels
         for level in finer:
@@ -149,8 +164,8 @@ class Aligner:
         for pose in poses:
             for step, reach in ((4.0, 5.0), (2.0, 3.0)):
                 points = self.points_at(level, pose, step)
-                pose = refine(level, self.camera, points, pose, reach)
-            refined.append((agreement(level, self.camera, points, pose), pose, points))
+                pose = refine(level, points, pose, reach)
+            refined.append((agreement(level, points, pose), pose, points))
         refined.sort(key=lambda each: -each[0])
         best: list[FloatArray] = []
         for score, pose, points in refined:
@@ -159,23 +174,27 @@ class Aligner:
                 best.append(pose)
         return best[:KEPT]
 
-    def _apart(self, points: EdgePoints, pose: FloatArray, other: FloatArray) -> float:
+    def _apart(
+        self, points: EdgePoints, pose: FloatArray, other: FloatArray, part: float = 0.9
+    ) -> float:
         """Typical distance of the images of points in two poses, px of the photograph."""
         first = pixels_of(points.points, self.camera, pose)
         moved = norm(first - pixels_of(points.points, self.camera, other))
-        return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else np.inf
+        return float(np.nanquantile(moved, part)) if np.isfinite(moved).any() else np.inf
 
     def _judge(self, pose: FloatArray) -> Optimum:
         """Agreement and covariance of a pose at the finest level."""
         level = self.levels[-1]
-        points = self.points_at(level, pose, 2.0)
-        matches = Matches.of(level, self.camera, points, pose, 3.0)
-        good = (matches.strength > 0) & (np.abs(matches.distance) < 1.5)
-        covariance = covariance_of(level, self.camera, points, pose, matches)
+        points = self.points_at(level, pose)
+        matches = Matches.of(level, points, pose, WIDE)
+        good = (matches.strength > 0) & (np.abs(matches.distance) < FINAL)
+        wide = difference(pose, refine(level, points, pose, WIDE, WIDE))
+        covariance = covariance_of(level, points, pose, matches)
+        covariance += np.outer(wide, wide) / 3  # of errors anywhere up to it
         return Optimum(
             pose,
             covariance,
-            agreement(level, self.camera, points, pose),
+            agreement(level, points, pose),
             float(good.sum()) / max(len(good), 1),
             spread_of(covariance, points.points, self.camera, pose),
         )
@@ -183,41 +202,31 @@ class Aligner:
     def chance(self, pose: FloatArray, distance: float) -> FloatArray:
         """Agreement of the edges of a pose, seen from `DISPLACED` others around it."""
         level = self.levels[-1]
-        points = self.points_at(level, pose, 2.0)
+        points = self.points_at(level, pose)
         steps = 1.5 * _steps(distance, DISPLACED, np.random.default_rng(1))
-        return np.array(
-            [agreement(level, self.camera, points, displaced(pose, step)) for step in steps]
-        )
+        return np.array([agreement(level, points, displaced(pose, step)) for step in steps])
 
     def halves_apart(self, pose: FloatArray) -> float:
         """Largest distance of pixels in poses of every other place's edges, black or white, px."""
         level = self.levels[-1]
-        seen = self.points_at(level, pose, 2.0)
-        places = _places(self.camera, pixels_of(seen.points, self.camera, pose))
+        seen = self.points_at(level, pose)
+        places = _places(self.camera, seen.points, pose)
         is_white = (places // PLACES + places) % 2 == 0
-        white, black = (
-            pixels_of(
-                seen.points,
-                self.camera,
-                refine(level, self.camera, seen.take(part), pose, 3.0),
-            )
-            for part in (is_white, ~is_white)
-        )
-        return float(np.nanmax(norm(white - black), initial=0))
+        white, black = (refine(level, seen.take(part), pose, 3.0) for part in (is_white, ~is_white))
+        return self._apart(seen, white, black, 1.0)
 
     def lead(self, pose: FloatArray, rival: FloatArray) -> float:
         """Standard deviations by which edges lie closer to the photograph's in the first pose.
 
         Edges are compared piece by piece, an eighth of the photograph each.
         """
-        level, gains, pieces = self.levels[-1], [], []
-        for seen in (pose, rival):
-            points = self.points_at(level, seen, 2.0)
-            near = [Matches.of(level, self.camera, points, at, 3.0).near for at in (pose, rival)]
-            gains.append((near[0] - near[1]) / max(len(points), 1))
-            places = _places(self.camera, pixels_of(points.points, self.camera, seen))
-            pieces.append(points.edge * PLACES**2 + places)
-        sums = _sums(np.concatenate(gains)[:, None], np.concatenate(pieces))
+        seen = self.points_at(self.levels[-1], pose)
+        found = [Matches.of(self.levels[-1], seen, at, WIDE) for at in (pose, rival)]
+        first, second = (
+            each.strength * np.exp(-0.5 * (each.distance / NEAR) ** 2) for each in found
+        )
+        pieces = seen.edge * PLACES**2 + _places(self.camera, seen.points, pose)
+        sums = _sums((first - second)[:, None], pieces)
         return float(sums.sum() / np.sqrt((sums**2).sum() + 1e-300))
 
 
@@ -226,9 +235,10 @@ def _steps(distance: float, count: int, rng: np.random.Generator) -> FloatArray:
     return rng.uniform(-1, 1, (count, 6)) * BASIN * np.array((1, 1, 1, *[distance] * 3))
 
 
-def _places(camera: Camera, pixels: FloatArray) -> IntArray:
-    """Number (N,) of the square, an eighth of the longer side, in which each pixel lies."""
-    column, row = (pixels * (PLACES / max(camera.width, camera.height))).astype(np.int64).T
+def _places(camera: Camera, points: FloatArray, pose: FloatArray) -> IntArray:
+    """Number (N,) of the square, an eighth of the longer side, in which each point is seen."""
+    scale = PLACES / max(camera.width, camera.height)
+    column, row = (pixels_of(points, camera, pose) * scale).astype(np.int64).T
     return row * PLACES + column
 
 
@@ -257,15 +267,15 @@ def _along(values: Gradients, edge: IntArray) -> tuple[Gradients, IntArray]:
 
 
 def directions_of(
-    level: Level, camera: Camera, points: EdgePoints, pose: FloatArray
+    level: Level, points: EdgePoints, pose: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Pixels (N, 2) of points at a level, and unit normals (N, 2) of their edges.
 
     Points without a pixel, or a normal, lie outside of the image, and have the normal 0.
     """
     away = norm(points.points - pose[:3, 3])[..., None]
-    pixels = pixels_of(points.points, camera, pose)
-    ahead = pixels_of(points.points + points.tangents * (1e-4 * away), camera, pose)
+    pixels = pixels_of(points.points, level.camera, pose)
+    ahead = pixels_of(points.points + points.tangents * (1e-4 * away), level.camera, pose)
     along = ahead - pixels
     length = norm(along)[..., None]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -274,9 +284,9 @@ def directions_of(
     return np.where(usable, pixels * level.scale, -9), np.where(usable, normals, 0)
 
 
-def likeness(level: Level, camera: Camera, points: EdgePoints, pose: FloatArray) -> float:
+def likeness(level: Level, points: EdgePoints, pose: FloatArray) -> float:
     """Mean strength, 0 to 1, of the photograph's edges near predicted ones, in their directions."""
-    pixels, normals = directions_of(level, camera, points, pose)
+    pixels, normals = directions_of(level, points, pose)
     h, w = level.grey.shape
     inside = np.all((pixels >= 0) & (pixels < (w, h)), axis=1)
     column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
@@ -285,17 +295,12 @@ def likeness(level: Level, camera: Camera, points: EdgePoints, pose: FloatArray)
     return float((level.channels[direction, row, column] * inside).sum()) / max(len(points), 1)
 
 
-def agreement(level: Level, camera: Camera, points: EdgePoints, pose: FloatArray) -> float:
-    """Mean of `strengths`; 0 without points."""
-    return float(strengths(level, camera, points, pose).sum()) / max(len(points), 1)
-
-
-def strengths(level: Level, camera: Camera, points: EdgePoints, pose: FloatArray) -> FloatArray:
-    """Strengths (N,), 0 to 1, of the photograph's edges on predicted ones, in their directions."""
-    pixels, normals = directions_of(level, camera, points, pose)
+def agreement(level: Level, points: EdgePoints, pose: FloatArray) -> float:
+    """Mean strength, 0 to 1, of the photograph's edges on predicted ones, in their directions."""
+    pixels, normals = directions_of(level, points, pose)
     turned = sample(level.gradient, pixels[:, None]) * (normals @ (1, -1j))[:, None]
-    mean = _along(turned, points.edge)[0][:, 0]
-    return strength_of(mean).astype(np.float64)
+    mean = _along(turned, points.edge)[0]
+    return float(strength_of(mean).sum(dtype=np.float64)) / max(len(points), 1)
 
 
 @dataclass(frozen=True)
@@ -316,17 +321,10 @@ class Matches:
     distance: FloatArray
     strength: FloatArray
 
-    @property
-    def near(self) -> FloatArray:
-        """Strengths (N,) of edges of the photograph, by their distance: Gauss's function."""
-        return self.strength * np.exp(-0.5 * (self.distance / NEAR) ** 2)
-
     @classmethod
-    def of(
-        cls, level: Level, camera: Camera, points: EdgePoints, pose: FloatArray, reach: float
-    ) -> "Matches":
+    def of(cls, level: Level, points: EdgePoints, pose: FloatArray, reach: float) -> "Matches":
         """The strongest edge within `reach` px of each point, nearer ones preferred."""
-        pixels, normals = directions_of(level, camera, points, pose)
+        pixels, normals = directions_of(level, points, pose)
         n = int(np.ceil(reach)) + 1
         offsets = np.arange(-n, n + 1.0)
         found = sample(level.gradient, pixels[:, None] + normals[:, None] * offsets[:, None])
@@ -347,12 +345,19 @@ class Matches:
 
 
 def refine(
-    level: Level, camera: Camera, points: EdgePoints, pose: FloatArray, reach: float
+    level: Level,
+    points: EdgePoints,
+    pose: FloatArray,
+    reach: float,
+    least: float = FINAL,
 ) -> FloatArray:
-    """Pose moved so that predicted edges lie on those of the photograph: Tukey's weights."""
+    """Pose moved so that predicted edges lie on those of the photograph: Tukey's weights.
+
+    Their reach falls to the least one, px.
+    """
     for _ in range(8):
-        matches = Matches.of(level, camera, points, pose, reach)
-        rows, jacobian, weights = _equations(level, camera, points, pose, matches, reach)
+        matches = Matches.of(level, points, pose, reach)
+        rows, jacobian, weights = _equations(level, points, pose, matches, reach)
         if len(rows) < 12:
             return pose
         square = jacobian.T @ (jacobian * weights[:, None])
@@ -361,13 +366,12 @@ def refine(
         pose = displaced(pose, np.asarray(step, np.float64))
         if np.abs(jacobian @ step).max(initial=0) < 0.02:
             break
-        reach = max(reach * 0.8, 1.5)
+        reach = max(reach * 0.8, least)
     return pose
 
 
 def _equations(
     level: Level,
-    camera: Camera,
     points: EdgePoints,
     pose: FloatArray,
     matches: Matches,
@@ -377,14 +381,14 @@ def _equations(
     inside = 1 - (matches.distance / (1.2 * reach)) ** 2
     weights = np.maximum(inside, 0) ** 2 * matches.strength
     rows = np.flatnonzero(weights > 0)
-    moved = jacobian_of(points.points[rows], camera, pose)
+    moved = jacobian_of(points.points[rows], level.camera, pose)
     jacobian = (moved * matches.normals[rows, :, None]).sum(axis=1) * level.scale
     usable = np.isfinite(jacobian).all(axis=1)
     return rows[usable], jacobian[usable], weights[rows[usable]]
 
 
 def covariance_of(
-    level: Level, camera: Camera, points: EdgePoints, pose: FloatArray, matches: Matches
+    level: Level, points: EdgePoints, pose: FloatArray, matches: Matches
 ) -> FloatArray:
     """Covariance (6, 6) of a refined pose; errors of one direction in one place count as one.
 
@@ -393,27 +397,19 @@ def covariance_of(
     places (light from one side shifts all edges of a direction), and s is `COMMON`. Of parallel
     rays the distance is open: its variance is inf.
     """
-    rows, jacobian, weights = _equations(level, camera, points, pose, matches, 1.5)
-    free = free_of(camera)
-    jacobian = jacobian[:, :free]
-    out = np.diag(np.full(6, np.inf))
+    rows, jacobian, weights = _equations(level, points, pose, matches, FINAL)
     if len(rows) < 12:
-        return out
+        return np.diag(np.full(6, np.inf))
     slopes = jacobian * weights[:, None]
-    square = jacobian.T @ slopes
-    scale = np.sqrt(np.diag(square))
-    if not (scale > 0).all():
-        return out
-    scaled = square / np.outer(scale, scale)
-    if np.linalg.cond(scaled) > 1e10:
-        return out
-    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    pixels = pixels_of(points.points[rows], camera, pose)
+    inverse = inverse_of(jacobian * np.sqrt(weights)[:, None], pose, points.points[rows])
+    unknown = np.isinf(np.diag(inverse))
+    inverse[unknown, unknown] = 0
     x, y = matches.normals[rows].T
     turn = np.rint(np.arctan2(y, x) / np.pi * 4).astype(np.int64)
-    group = _places(camera, pixels) * 4 + turn % 4
+    group = _places(level.camera, points.points[rows], pose) * 4 + turn % 4
     found = _sums(slopes * matches.distance[rows, None], group)
     shifted = COMMON * slopes * (1 - turn // 4 % 2 * 2)[:, None]
     common = np.concatenate((_sums(shifted, group), _sums(shifted, turn % 4)))
-    out[:free, :free] = inverse @ (found.T @ found + common.T @ common) @ inverse
+    out = inverse @ (found.T @ found + common.T @ common) @ inverse
+    out[unknown, unknown] = np.inf
     return out

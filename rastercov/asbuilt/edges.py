@@ -12,6 +12,7 @@ import numpy as np
 from rastercov.asbuilt.resection import pixels_of
 from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm
 from rastercov.core.camera import Camera
+from rastercov.core.camera.lenses.of_camera import planes_of
 from rastercov.core.camera.projection import to_camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.topology import edge_table
@@ -161,14 +162,6 @@ def _is_visible(points: FloatArray, rasterizer: Rasterizer, pose: FloatArray) ->
         inside = np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
     cell = np.where(inside[:, None], pixels, 0).astype(np.int64)
     local = to_camera(points, pose)
-    own = local[:, 2] if _has_planar_depth(camera) else norm(local)
+    is_wide = camera.is_curved and len(planes_of(camera)) > 1  # of depths along rays
+    own = norm(local) if is_wide else local[:, 2]
     return inside & (own <= farthest[cell[:, 1], cell[:, 0]] * (1 + DEPTH_SLACK))
-
-
-def _has_planar_depth(camera: Camera) -> bool:
-    """True where depth is z: not of lenses too wide for one ideal plane."""
-    if not camera.is_curved:
-        return True
-    from rastercov.core.camera.lenses.of_camera import planes_of
-
-    return len(planes_of(camera)) == 1

@@ -34,7 +34,7 @@ from rastercov.core.mesh import Mesh
 LEAST_RIGHT = 0.6
 """Share of the pairs that must agree."""
 RIVAL = 2.0
-"""Deviations, of chance or edge by edge, by which any other optimum must be worse."""
+"""Deviations, of points or of chance, by which any other optimum must be worse."""
 LEAST_Z = 8.0
 """Deviations above chance that edges must agree."""
 LEAST_EXPLAINED = 0.4
@@ -137,14 +137,12 @@ class Located(InOneLine):
 
     def to_plan_deg(self) -> tuple[float, float, float]:
         """Turns that bring the camera's axes back to the plan's: right, up, clockwise, degrees."""
-        if self.near is None:
-            return math.nan, math.nan, math.nan
-        back = self.pose[:3, :3].T @ self.near[:3, :3]
-        ahead, right = back[:, 2], back[:, 0]
-        yaw = math.atan2(ahead[0], ahead[2])
-        pitch = math.atan2(-ahead[1], math.hypot(ahead[0], ahead[2]))
-        roll = math.atan2(right[1], right[0])
-        return math.degrees(yaw), math.degrees(pitch), math.degrees(roll)
+        back = resection.displaced(np.eye(4), self._to_plan())
+        ahead, right = back[:3, 2], back[:3, 0]
+        across = ahead[0], -ahead[1], right[1]
+        along = ahead[2], math.hypot(ahead[0], ahead[2]), math.hypot(right[0], right[2])
+        yaw, pitch, roll = np.degrees(np.arctan2(across, along)).tolist()
+        return yaw, pitch, roll
 
     def words(self) -> str:
         """The pose beside the plan in one line, or why there is none."""

@@ -31,14 +31,11 @@ def read_photograph(path: StrPath, camera: Camera) -> Float32Array:
     """
     try:
         with Image.open(path) as picture:
-            size = picture.size
-            check_size(str(path), size, camera)
-            grey = np.asarray(picture.convert("F"), dtype=np.float32)
+            return brightness(np.asarray(picture.convert("F")), camera)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise ConfigError(
             f"expected a picture in {shown(str(path))}, got: {reason_of(error)}"
         ) from error
-    return grey / max(float(grey.max()), 1e-6)
 
 
 def brightness(photo: ArrayLike, camera: Camera) -> Float32Array:
@@ -51,7 +48,7 @@ def brightness(photo: ArrayLike, camera: Camera) -> Float32Array:
         )
     image = image.astype(np.float32)
     grey = image if image.ndim == 2 else image[..., :3].mean(axis=2)
-    check_size("a photograph", (grey.shape[1], grey.shape[0]), camera)
+    check_size("a photograph", grey.shape[::-1], camera)
     return np.asarray(grey / max(float(grey.max()), 1e-6), np.float32)
 
 
@@ -80,12 +77,15 @@ class Level:
     Attributes
     ----------
     grey : (H, W) float32
+    camera : Camera
+        Of the photograph.
     scale : float
         Pixels of this level in one of the photograph.
     """
 
     grey: Float32Array
-    scale: float
+    camera: Camera
+    scale: float = 1.0
 
     @cached_property
     def gradient(self) -> Gradients:
@@ -111,14 +111,14 @@ def strength_of(turned: Gradients) -> Float32Array:
     return np.clip((np.abs(turned.real) - np.abs(turned.imag)) / 3, 0, 1)
 
 
-def pyramid(grey: Float32Array, least: int) -> list[Level]:
+def pyramid(grey: Float32Array, camera: Camera, least: int) -> list[Level]:
     """Levels from the coarsest, whose longer side is at least `least` px, to the photograph's."""
-    levels = [Level(grey, 1.0)]
+    levels = [Level(grey, camera)]
     while max(levels[0].grey.shape) >= 2 * least and min(levels[0].grey.shape) >= 32:
         finer = levels[0].grey
         h, w = finer.shape[0] // 2 * 2, finer.shape[1] // 2 * 2
         half = finer[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3))
-        levels.insert(0, Level(half, levels[0].scale / 2))
+        levels.insert(0, Level(half, camera, levels[0].scale / 2))
     return levels
 
 

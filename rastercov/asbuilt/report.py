@@ -12,13 +12,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from rastercov.asbuilt.edges import EdgePoints, MeshEdges, visible_points
+from rastercov.asbuilt.edges import MeshEdges, visible_points
 from rastercov.asbuilt.resection import pixels_of
 from rastercov.asbuilt.rig import AsBuilt, scene_of
-from rastercov.base import FloatArray, write_json
-from rastercov.core.camera import Camera
+from rastercov.base import write_json
 from rastercov.core.camera.conventions import write_poses
-from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.pages import Picture, render
@@ -86,24 +84,15 @@ def _picture(result: AsBuilt, row: int) -> Picture:
         image = photo.convert("RGB")
     if scale < 1:
         image = image.resize((round(camera.width * scale), round(camera.height * scale)))
-    draw = ImageDraw.Draw(image)
-    _draw_edges(draw, mesh, camera.resized(scale), poses[row], PLANNED)
-    if found.accepted:
-        _draw_edges(draw, mesh, camera.resized(scale), found.pose, BUILT)
+    draw, small, edges = ImageDraw.Draw(image), camera.resized(scale), MeshEdges.of(mesh)
+    with open_rasterizer(mesh, small, "cpu") as rasterizer:
+        for pose, colour in ((poses[row], PLANNED), (found.pose, BUILT))[: 1 + found.accepted]:
+            points = visible_points(edges, rasterizer, pose, 1.5).points
+            pixels = pixels_of(points, small, pose)
+            for x, y in pixels[np.isfinite(pixels).all(axis=1)].tolist():
+                draw.ellipse((x - 1, y - 1, x + 1, y + 1), fill=colour)
     words = f"{result.planned.names[row]}: edges as planned in red, as built in green"
     return Picture.of(words, image)
-
-
-def _draw_edges(
-    draw: ImageDraw.ImageDraw, mesh: Mesh, camera: Camera, pose: FloatArray, colour: tuple[int, ...]
-) -> None:
-    """Visible edges of a mesh as dots."""
-    with open_rasterizer(mesh, camera, "cpu") as rasterizer:
-        points: EdgePoints = visible_points(MeshEdges.of(mesh), rasterizer, pose, 1.5)
-    pixels = pixels_of(points.points, camera, pose)
-    pixels = pixels[np.isfinite(pixels).all(axis=1)]
-    for x, y in pixels.tolist():
-        draw.ellipse((x - 1, y - 1, x + 1, y + 1), fill=colour)
 
 
 def _coverage(result: AsBuilt) -> list[tuple[str, str]]:

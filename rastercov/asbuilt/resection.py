@@ -122,14 +122,13 @@ def fit(
     """
     found = (_fit_from(points, pixels, camera, start, sigma) for start in starts)
     optima: list[Fit] = []
-    for each in sorted((one for one in found if one is not None), key=_rank):
+    for each in sorted(
+        (one for one in found if one is not None),
+        key=lambda one: (-int(one.is_inlier.sum()), one.cost),
+    ):
         if all(distance(each.pose, other.pose, points) > 1e-4 for other in optima):
             optima.append(each)
     return optima
-
-
-def _rank(one: Fit) -> tuple[int, float]:
-    return -int(one.is_inlier.sum()), one.cost
 
 
 def distance(pose: FloatArray, other: FloatArray, points: FloatArray) -> float:
@@ -171,25 +170,17 @@ def _finish(
     errors = pixels_of(points, camera, pose) - pixels
     jacobian = jacobian_of(points[is_inlier], camera, pose).reshape(-1, 6)
     freedom = 2 * int(is_inlier.sum()) - free_of(camera)
-    variance = float((errors[is_inlier] ** 2).sum()) / max(freedom, 1)
-    found = sigma
-    if variance > sigma**2 * _variance_limit(freedom):
-        found = float(np.sqrt(variance))
+    variance = float((errors[is_inlier] ** 2).sum()) / freedom
+    part = 2 / (9 * freedom)  # Wilson and Hilferty
+    limit = (1 - part + VARIANCE_QUANTILE * np.sqrt(part)) ** 3
+    found = variance if variance > sigma**2 * limit else sigma**2
     return Fit(
         pose,
-        covariance_of(jacobian, pose, points) * found**2,
+        covariance_of(jacobian, pose, points) * found,
         errors,
         is_inlier,
         _cost(errors, sigma),
     )
-
-
-def _variance_limit(freedom: int) -> float:
-    """Variance, in units of the expected one, that chance exceeds in 1 %; Wilson and Hilferty."""
-    if freedom < 1:
-        return np.inf
-    part = 2 / (9 * freedom)
-    return float((1 - part + VARIANCE_QUANTILE * np.sqrt(part)) ** 3)
 
 
 def covariance_of(jacobian: FloatArray, pose: FloatArray, points: FloatArray) -> FloatArray:
@@ -224,11 +215,6 @@ def spread_of(
     return float(np.sqrt(max(np.linalg.eigvalsh(squares).max(initial=0), 0)))
 
 
-def huber(scaled: FloatArray) -> FloatArray:
-    """Huber's function of residuals in standard deviations, twice: their squares if small."""
-    return np.where(scaled <= HUBER, scaled**2, HUBER * (2 * scaled - HUBER))
-
-
 def jacobian_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatArray:
     """Derivatives (N, 2, 6) of the pixels of points by steps of `displaced`, by differences."""
     local = to_camera(points, pose)
@@ -257,18 +243,17 @@ def minimise(
         square = jacobian.T @ (jacobian * weights[:, None])
         slope = jacobian.T @ (errors.ravel() * weights)
         diagonal = np.diag(square) + 1e-12 * np.trace(square)
-        while damping < 1e12:
+        while True:
             step = np.linalg.lstsq(square + damping * np.diag(diagonal), -slope, rcond=None)[0]
             next_pose = displaced(pose, step)
             next_errors = pixels_of(points, camera, next_pose) - pixels
-            next_cost = _cost(next_errors, sigma)
-            if next_cost < cost:
+            gain = cost - _cost(next_errors, sigma)
+            if gain > 0:
                 break
             damping *= 10
-        else:
-            return pose
-        gain = cost - next_cost
-        pose, errors, cost = next_pose, next_errors, next_cost
+            if damping >= 1e12:
+                return pose
+        pose, errors, cost = next_pose, next_errors, cost - gain
         damping = max(damping / 10, 1e-9)
         if gain <= 1e-12 * cost:
             return pose
@@ -276,8 +261,9 @@ def minimise(
 
 
 def _cost(errors: FloatArray, sigma: float) -> float:
-    lengths = norm(errors)
-    return float(huber(np.where(np.isfinite(lengths), lengths, np.inf) / sigma).sum())
+    """Sum of Huber's function, twice: of squares of residuals in deviations, if they are small."""
+    scaled = np.nan_to_num(norm(errors) / sigma, nan=np.inf)
+    return float(np.where(scaled <= HUBER, scaled**2, HUBER * (2 * scaled - HUBER)).sum())
 
 
 def starts_of(
@@ -323,39 +309,29 @@ def _agreement(
 def p3p(points: FloatArray, rays: FloatArray) -> list[FloatArray]:
     """Poses, up to four, in which three points (3, 3) lie on three rays (3, 3) of unit length.
 
-    Grunert's quartic in the ratio of two distances; points on a line have none.
+    Grunert's quartic in the ratio v of the third distance to the first, from the second's, u =
+    over / under; points on a line have none.
     """
     a, b, c = (float(norm(points[i] - points[j])) for i, j in ((1, 2), (0, 2), (0, 1)))
     area = float(norm(np.cross(points[1] - points[0], points[2] - points[0])))
     if area <= 1e-9 * max(a, b, c) ** 2:
         return []
     alpha, beta, gamma = (float(rays[i] @ rays[j]) for i, j in ((1, 2), (0, 2), (0, 1)))
-    aa, bb, cc = a * a, b * b, c * c
-    p, q, r = (aa - cc) / bb, (aa + cc) / bb, (bb - cc) / bb
-    s = (bb - aa) / bb
-    coefficients = (
-        (p - 1) ** 2 - 4 * cc / bb * alpha**2,
-        4 * (p * (1 - p) * beta - (1 - q) * alpha * gamma + 2 * cc / bb * alpha**2 * beta),
-        2 * (p**2 - 1 + 2 * p**2 * beta**2 + 2 * r * alpha**2 - 4 * q * alpha * beta * gamma)
-        + 4 * s * gamma**2,
-        4 * (-p * (1 + p) * beta + 2 * aa / bb * gamma**2 * beta - (1 - q) * alpha * gamma),
-        (1 + p) ** 2 - 4 * aa / bb * gamma**2,
-    )
+    p, ratio = (a * a - c * c) / (b * b), (c / b) ** 2
+    over = np.poly1d((p - 1, -2 * p * beta, 1 + p))
+    under = np.poly1d((-2 * alpha, 2 * gamma))
+    square = np.poly1d((1, -2 * beta, 1))
+    quartic = over * over + (under - 2 * gamma * over - ratio * square * under) * under
     found = []
-    for root in np.roots(coefficients):
+    for root in quartic.roots:
         v = float(root.real)
-        if abs(root.imag) > 1e-6 * max(1.0, abs(v)) or v <= 0:
+        if abs(root.imag) > 1e-6 * max(1.0, abs(v)) or v <= 0 or abs(under(v)) < 1e-12:
             continue
-        below = 1 + v * v - 2 * v * beta
-        under = 2 * (gamma - v * alpha)
-        if below <= 0 or abs(under) < 1e-12:
+        u, below = over(v) / under(v), square(v)
+        if u <= 0 or below <= 0:
             continue
-        u = ((p - 1) * v * v - 2 * p * beta * v + 1 + p) / under
-        if u <= 0:
-            continue
-        first = b / np.sqrt(below)
-        local = rays * (first * np.array((1.0, u, v)))[:, None]
-        found.append(aligned(local, points))
+        lengths = b / np.sqrt(below) * np.array((1.0, u, v))
+        found.append(aligned(rays * lengths[:, None], points))
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rastercov.asbuilt.located import Located, Tolerance, locate
 from rastercov.asbuilt.resection import difference, displaced
-from rastercov.base import ByName, ConfigError, FloatArray, check_choice, plural, shown
+from rastercov.base import ByName, ConfigError, FloatArray, IntArray, check_choice, plural, shown
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.camera.conventions import metres_per
 from rastercov.core.mesh import Mesh
@@ -63,10 +63,8 @@ class AsBuilt:
     @property
     def status(self) -> int:
         """0 where all located cameras are as planned, 1 where one has moved, otherwise 2."""
-        verdicts = set(self.verdicts.values())
-        if "moved" in verdicts:
-            return 1
-        return 2 if "undecided" in verdicts else 0
+        verdicts = self.verdicts.values()
+        return 1 if "moved" in verdicts else 2 * ("undecided" in verdicts)
 
     def lines(self) -> list[str]:
         """The result in words: each camera, then what is lost."""
@@ -164,8 +162,8 @@ def locate_rig(
 ) -> AsBuilt:
     """Poses as built of the cameras of a checked rig, and the rig checked with them.
 
-    Cameras whose pose is undecided stay as planned. Those of a rigid rig move together, by the
-    displacement that the decided ones have in common.
+    Cameras whose pose is undecided stay as planned. Those of a rigid rig, and of each sensor head
+    of the plan, move together, by the displacement that the decided ones have in common.
     """
     if points is not None and len(photos) > 1:
         raise ConfigError(f"expected one photograph for --points, got {len(photos)}")
@@ -174,8 +172,11 @@ def locate_rig(
         row: locate(mesh, cameras[row], photo, poses[row], points, pixel_error=pixel_error)
         for row, photo in photos.items()
     }
-    if is_rigid:
-        found, poses = _move_together(found, poses)
+    for rows in _heads(planned, is_rigid=is_rigid):
+        own = {row: each for row, each in found.items() if row in rows}
+        together, moved = _move_together(own, poses)
+        found |= together
+        poses[rows] = moved[rows]
     for row, each in found.items():
         if each.accepted:
             poses[row] = each.pose
@@ -183,6 +184,22 @@ def locate_rig(
     built, notes = _check_built(planned, placed, found)
     tolerances = {row: tolerance(each) for row, each in found.items()}
     return AsBuilt(planned, built, found, photos, tolerances, notes)
+
+
+def _heads(planned: Checked, *, is_rigid: bool) -> list[IntArray]:
+    """Rows of cameras that move together: all of a rigid rig, or those of each head of the plan.
+
+    Those of a head follow each other in the rig, at the places that its mount gives them.
+    """
+    rig, placed = planned.plan.rig, planned.cameras.placed
+    camera = placed.camera
+    places = placed.world_from_camera @ np.linalg.inv(rig.rig_from_camera[camera])
+    mounts = np.array([name.rpartition("/")[0] for name in rig.names])[camera]
+    is_next = (mounts[1:] == mounts[:-1]) & (mounts[1:] != "") & (np.diff(camera) == 1)
+    is_next &= np.isclose(places[1:], places[:-1], atol=1e-6).all(axis=(1, 2))
+    head = np.cumsum(np.append(0, ~is_next)) * (not is_rigid)
+    heads = (np.flatnonzero((head == each) & ~rig.is_fixed[camera]) for each in np.unique(head))
+    return [rows for rows in heads if len(rows) > 1]
 
 
 def _move_together(
@@ -196,50 +213,45 @@ def _move_together(
     rows = [row for row, each in found.items() if each.accepted]
     if not rows:
         return dict(found), planned
-    known = [np.where(np.isinf(found[row].covariance), OPEN, found[row].covariance) for row in rows]
-    scales = [np.linalg.inv(np.linalg.cholesky(each)) for each in known]
-    about = planned[rows[0]]
-
-    def moved(step: FloatArray) -> FloatArray:
-        """All poses after a displacement (6,) in the axes of the first decided one."""
-        return np.asarray(displaced(about, step) @ np.linalg.inv(about) @ planned)
-
-    def differences(step: FloatArray) -> FloatArray:
-        """Differences of poses in standard deviations."""
-        poses = moved(step)
-        parts = [
-            scale @ difference(found[row].pose, poses[row])
-            for row, scale in zip(rows, scales, strict=True)
-        ]
-        return np.concatenate(parts)
-
-    def slopes(of: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Derivatives (N, 6) of values (N,) by the displacement."""
-        around = 1e-6 * np.eye(6)
-        return np.stack([(of(step + one) - of(step - one)) / 2e-6 for one in around], axis=1)
-
-    step = np.zeros(6)
+    scales = {
+        row: np.linalg.inv(
+            np.linalg.cholesky(
+                np.where(np.isinf(found[row].covariance), OPEN, found[row].covariance)
+            )
+        )
+        for row in rows
+    }
+    first = planned[rows[0]]
+    beside = np.linalg.inv(first) @ planned
+    carried = {row: _carried(beside[row]) for row in found}
+    jacobian = np.concatenate([scales[row] @ carried[row] for row in rows])
     for _ in range(10):
-        jacobian = slopes(differences)
-        step = step - np.linalg.lstsq(jacobian, differences(step), rcond=None)[0]
-    excess = float((differences(step) ** 2).sum()) / max(6 * len(rows) - 6, 1)
+        parts = [scales[row] @ difference(found[row].pose, first @ beside[row]) for row in rows]
+        apart = np.concatenate(parts)
+        first = displaced(first, -np.linalg.lstsq(jacobian, apart, rcond=None)[0])
+    excess = float((apart**2).sum()) / max(6 * len(rows) - 6, 1)
     if excess > APART**2:
         why = f"the cameras did not move as one: they differ by {excess**0.5:.2g} deviations"
         return {row: replace(each, accepted=False, why=why) for row, each in found.items()}, planned
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * max(excess, 1.0)
-    poses = moved(step)
-
-    def apart(row: int, step: FloatArray) -> FloatArray:
-        """Difference of a pose after another displacement."""
-        return difference(poses[row], moved(step)[row])
-
-    together = {}
-    for row, each in found.items():
-        turn = slopes(partial(apart, row))
-        together[row] = replace(
-            each, pose=poses[row], covariance=turn @ covariance @ turn.T, accepted=True, why=""
+    poses = first @ beside
+    together = {
+        row: replace(
+            each,
+            pose=poses[row],
+            covariance=carried[row] @ covariance @ carried[row].T,
+            accepted=True,
+            why="",
         )
+        for row, each in found.items()
+    }
     return together, poses
+
+
+def _carried(beside: FloatArray) -> FloatArray:
+    """Steps (6, 6) of a camera for those of one beside which it is, each in its own axes."""
+    turn, arm = beside[:3, :3].T, np.cross(np.eye(3), beside[:3, 3])
+    return np.block([[turn, np.zeros((3, 3))], [turn @ arm.T, turn]])
 
 
 def _check_built(
@@ -283,7 +295,13 @@ def errors_of(found: Mapping[int, Located]) -> str | None:
 def tolerance_of(plan: Plan, within: str | None) -> Callable[[Located], Tolerance]:
     """Accepted deviation: that asked for, that of the plan, or 1 % of the distance and 1 degree."""
     if within is not None:
-        given = _read_tolerance(within)
+        match = WITHIN.fullmatch(within.strip())
+        if match is None:
+            raise ConfigError(
+                '--within: expected a length and an angle, such as "10 mm, 0.5 deg", got '
+                f"{shown(within)}"
+            )
+        given = Tolerance(float(match[1]) * metres_per(match[2]), float(match[3]))
         return lambda found: given
     asked = getattr(plan.selection, "tolerance", None)
     if asked is not None:
@@ -291,16 +309,6 @@ def tolerance_of(plan: Plan, within: str | None) -> Callable[[Located], Toleranc
         own = Tolerance(times * asked.position_mm / 1000, times * asked.angle_deg)
         return lambda found: own
     return lambda found: Tolerance(0.01 * found.distance, 1.0)
-
-
-def _read_tolerance(text: str) -> Tolerance:
-    """A length and an angle of a text such as "10 mm, 0.5 deg"."""
-    match = WITHIN.fullmatch(text.strip())
-    if match is None:
-        raise ConfigError(
-            f'--within: expected a length and an angle, such as "10 mm, 0.5 deg", got {shown(text)}'
-        )
-    return Tolerance(float(match[1]) * metres_per(match[2]), float(match[3]))
 
 
 def scene_of(checked: Checked) -> tuple[Mesh, FloatArray, list[Camera]]:

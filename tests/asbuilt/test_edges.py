@@ -156,9 +156,9 @@ def test_a_displacement_that_all_edges_of_a_direction_share_is_within_one_deviat
     aligner = Aligner(MESH, CAMERA, brightness(photograph(MESH, true, 1), CAMERA))
     level = aligner.levels[-1]
     points = aligner.points_at(level, true, 2.0)
-    matches = Matches.of(level, CAMERA, points, true, 3.0)
-    covariance = covariance_of(level, CAMERA, points, true, matches)
-    rows, jacobian, weights = alignment._equations(level, CAMERA, points, true, matches, 1.5)
+    matches = Matches.of(level, points, true, 3.0)
+    covariance = covariance_of(level, points, true, matches)
+    rows, jacobian, weights = alignment._equations(level, points, true, matches, 1.5)
     x, y = matches.normals[rows].T
     turn = np.rint(np.arctan2(y, x) / np.pi * 4).astype(int)
     for direction in range(4):
@@ -204,3 +204,27 @@ def test_a_pose_with_which_halves_disagree_comes_after_one_with_which_they_agree
             lambda pose, firm=firm: 0.0 if any(pose is each for each in firm) else 9.0,
         )
         assert np.array_equal(aligner.find(true)[0][0].pose, first)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_edges_that_weights_leave_out_widen_the_covariance(seed: int) -> None:
+    """A third of the picture is 2 px off: what is left out of the pose counts in its deviation."""
+    true = pose_of(seed)
+    photo = photograph(MESH, true, seed)
+    photo[:, 300:] = np.roll(photo, 2, axis=0)[:, 300:]
+    aligner = Aligner(MESH, CAMERA, brightness(photo, CAMERA))
+    level = aligner.levels[-1]
+    pose = alignment.refine(level, aligner.points_at(level, true), true, alignment.WIDE)
+    points = aligner.points_at(level, pose)
+    wider = alignment.refine(level, points, pose, alignment.WIDE, alignment.WIDE)
+    apart = resection.pixels_of(points.points, CAMERA, wider)
+    apart -= resection.pixels_of(points.points, CAMERA, pose)
+    bias = float(np.nanmax(np.linalg.norm(apart, axis=1)))
+    assert bias > 0.2
+    matches = Matches.of(level, points, pose, alignment.WIDE)
+    alone = resection.spread_of(
+        covariance_of(level, points, pose, matches), points.points, CAMERA, pose
+    )
+    (found, *_), _ = aligner.find(pose)
+    assert found.spread >= 0.95 * bias / np.sqrt(3)
+    assert found.spread > alone
