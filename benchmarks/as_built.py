@@ -6,17 +6,19 @@ a plan that errs by 1 degree and 1 % of the distance; from its true pose; from o
 degrees, where an alarm is due; and by eight corners of the mesh, clicked with an error of 1 px. An
 accepted pose is right where every visible point of an edge lies within 2 px of its true pixel.
 The share of the area that a camera covers at the pose found must lie, from that at the true one,
-within what is possible and sure under the covariance.
+within what is possible and sure under the covariance. At last the time of a photograph of 12 Mpx
+of 100,000 faces is measured.
 """
 
 import json
+import time
 from collections import defaultdict
 from importlib.util import find_spec
 from pathlib import Path
 
 import as_built_photos
 import numpy as np
-from installed_scenes import CAMERA, SCENES
+from installed_scenes import CAMERA, SCENES, pose_in
 from rows import Report, arguments
 
 import rastercov as rc
@@ -53,7 +55,26 @@ def main() -> None:
         print(f"skipped: Mitsuba is not there, and no photographs in {args.photos}")
         return
     summarise(report, found)
+    report.add("12 Mpx, 100,000 faces", time_of_large(), "CPU-s", at_most=5)
     report.finish(args.json)
+
+
+def time_of_large() -> float:
+    """CPU seconds of a photograph of 12 Mpx: the cell, and balls of 102,400 faces, shaded."""
+    balls = [
+        rc.shapes.sphere(level).moved(scale=0.1, translation=(0.3 * level - 1.6, 0.3, 0.5))
+        for level in (5, 6)
+    ]
+    mesh = rc.Mesh.joined([SCENES["cell"](), *balls])
+    camera = CAMERA.resized(6.25)
+    true = pose_in("cell", mesh, np.random.default_rng(0))
+    with rc.open_rasterizer(mesh, camera, "cpu", supersample=1) as rasterizer:
+        face = rasterizer.render(true).face
+    photo = np.append(0.55 + 0.4 * mesh.normals @ (0.3, 0.5, 0.8), 0.5)[face]
+    near = displaced(true, np.full(6, 0.005))
+    start = time.process_time()
+    rc.locate(mesh, camera, photo, near)
+    return time.process_time() - start
 
 
 def measure(found: Rows, name: str, mesh: rc.Mesh, path: Path, seed: int) -> None:
@@ -111,22 +132,25 @@ def by_points(
     seen: np.ndarray,
     rng: np.random.Generator,
 ) -> None:
-    """Locate by eight points of visible edges, with an error of 1 px."""
-    points = seen[rng.choice(len(seen), 8, replace=False)]
-    pixels = pixels_of(points, CAMERA, true) + rng.normal(size=(8, 2))
-    near = displaced(true, rng.normal(size=6) * 0.01)
-    got = rc.locate(mesh, CAMERA, path, near, np.hstack((pixels, points)))
-    found["points accepted"].append(got.accepted)
-    if got.accepted:
-        turn = rotation_vector(got.pose[:3, :3].T @ true[:3, :3])
-        error = np.concatenate((turn, got.pose[:3, :3].T @ (true[:3, 3] - got.pose[:3, 3])))
-        square = error @ np.linalg.solve(got.covariance, error)
-        found["ellipse"].append(square < CHI_95)
-        found["three deviations"].append(
-            bool(np.all(np.abs(error) < 3 * np.sqrt(np.diag(got.covariance))))
-        )
+    """Locate by sets of eight points of visible edges, with an error of 1 px."""
+    for _ in range(SETS):
+        points = seen[rng.choice(len(seen), 8, replace=False)]
+        pixels = pixels_of(points, CAMERA, true) + rng.normal(size=(8, 2))
+        near = displaced(true, rng.normal(size=6) * 0.01)
+        got = rc.locate(mesh, CAMERA, path, near, np.hstack((pixels, points)))
+        found["points accepted"].append(got.accepted)
+        if got.accepted:
+            turn = rotation_vector(got.pose[:3, :3].T @ true[:3, :3])
+            error = np.concatenate((turn, got.pose[:3, :3].T @ (true[:3, 3] - got.pose[:3, 3])))
+            square = error @ np.linalg.solve(got.covariance, error)
+            found["ellipse"].append(square < CHI_95)
+            found["three deviations"].append(
+                bool(np.all(np.abs(error) < 3 * np.sqrt(np.diag(got.covariance))))
+            )
 
 
+SETS = 10
+"""Sets of eight points of a photograph."""
 CHI_95 = 12.592
 """Chi-squared of six degrees of freedom at 95 %."""
 
@@ -143,7 +167,8 @@ def _holds_share(mesh: rc.Mesh, edges: rc.Located, true: np.ndarray) -> bool:
 
 def summarise(report: Report, found: Rows) -> None:
     """Rows of the table."""
-    share = {what: float(np.mean(values)) for what, values in found.items()}
+    share = defaultdict(lambda: np.nan)  # where nothing was decided
+    share |= {what: float(np.mean(values)) for what, values in found.items()}
     report.add("photographs", len(found["accepted"]), "")
     report.add("accepted by edges alone", share["accepted"], "of all", must=0.7)
     for what in sorted(found):
@@ -160,6 +185,7 @@ def summarise(report: Report, found: Rows) -> None:
     report.add("eight points: accepted", share["points accepted"], "of all")
     report.add("  all within three deviations", share["three deviations"], "of the accepted")
     report.add("  within the ellipse of 95 %", share["ellipse"], "of the accepted", must=0.92)
+    report.add("  apart from 95 %", abs(share["ellipse"] - 0.95), "of them", at_most=0.03)
 
 
 if __name__ == "__main__":

@@ -190,7 +190,7 @@ class Aligner:
         good = (matches.strength > 0) & (np.abs(matches.distance) < FINAL)
         wide = difference(pose, refine(level, points, pose, WIDE, WIDE))
         covariance = covariance_of(level, points, pose, matches)
-        covariance += np.outer(wide, wide) / 3  # of errors anywhere up to it
+        covariance += np.outer(wide, wide)
         return Optimum(
             pose,
             covariance,

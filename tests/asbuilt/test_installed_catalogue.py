@@ -25,7 +25,9 @@ def test_a_camera_of_the_catalogue_is_located(tmp_path, capsys, monkeypatch):
     camera = rc.Camera.preset("kinect-v1")
     planned = pose_of(1)
     turned = off(planned, 2, 1.5, 0)
-    rc.write_views("rig.json", rc.Views(rc.Rig([camera]), rc.Poses.of(planned[None])))
+    rc.write_views(
+        "rig.json", rc.Views(rc.Rig([camera]), rc.Poses.of(planned[None]), images=("east",))
+    )
     photo = photograph(MESH, turned, 2, camera)
     Image.fromarray((255 * photo).astype(np.uint8)).save("photo.png")
     code, out, _ = call(capsys, "locate photo.png plan.toml -p rig.json --json")
