@@ -50,9 +50,10 @@ from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import boxes_of
 from rastercov.core.mesh.topology import Topology, components_of
+from rastercov.engine import camera_pose
 from rastercov.shards import Progress, silent
 
-EDGE_ON = 1e-9
+EDGE_ON = camera_pose.EDGE_ON_RAD
 """Radians between rays and a face up to which the face gets nothing."""
 PAIRS_TOGETHER = 1 << 14
 """Pairs of directions and faces that are summed at a time: their figures stay in the cache."""
@@ -409,13 +410,11 @@ def _over(areas: FloatArray, whole: FloatArray) -> FloatArray:
 
 
 def _facing(mesh: Mesh, directions: FloatArray, some: SunlitAreas) -> SunlitAreas:
-    """Areas of the faces to evaluate, 0 of those that turn away or are edge-on."""
-    task = mesh.task_mask & ~mesh.degenerate_mask
-    cosine = directions @ mesh.normals.T
-    facing = np.where(task, np.where(mesh.two_sided_mask, np.abs(cosine), cosine), -1.0)
-    is_lit = facing > EDGE_ON
-    lit, whole, bound = (np.where(is_lit, each, 0.0) for each in some)
-    return SunlitAreas(lit, whole, np.where((facing > 0) & ~is_lit, facing * mesh.areas, bound))
+    """Areas of the faces to evaluate, 0 of those that turn away or are edge-on, in place."""
+    areas = np.where(mesh.task_mask, mesh.areas, 0.0)
+    faces = np.ascontiguousarray(mesh.normals), areas, mesh.two_sided_mask
+    camera_pose.keep_front(np.ascontiguousarray(directions), faces, *some)
+    return some
 
 
 def _observe_sun(

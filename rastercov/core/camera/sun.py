@@ -30,7 +30,8 @@ from rastercov.base import (
     sin,
 )
 from rastercov.base.arguments import number
-from rastercov.core.camera import Camera, look_at
+from rastercov.core.camera import Camera
+from rastercov.engine import camera_pose
 
 YEARS = 1950, 2050
 """First and last year of the formula."""
@@ -38,10 +39,6 @@ EPOCH = datetime(2000, 1, 1, 12, tzinfo=UTC)
 """J2000.0, to a minute between the scales of time: 0.001 degrees of the sun."""
 PARALLAX = math.radians(8.794 / 3600)
 """Angle by which the sun is lower at the horizon than seen from the centre of the Earth."""
-SIDE, MARGIN = 1280, 1.01
-"""Pixels of the image of a scene from the sun, and its size relative to the scene."""
-
-
 NORTH_DEG = 90.0
 """Direction of north unless given: +y."""
 
@@ -156,8 +153,9 @@ def views_from(directions: FloatArray, bounds: FloatArray) -> tuple[Camera, Floa
 
     The rotations come from the directions alone: the place of the scene rounds none of them.
     """
-    middle, radius = bounds.mean(axis=0), float(norm(np.ptp(bounds, axis=0))) / 2 or 1.0
-    camera = Camera.orthographic(SIDE, SIDE, px_per_m=SIDE / (2 * MARGIN * radius))
-    poses = look_at(directions, np.zeros(3))
-    poses[:, :3, 3] = middle + 2 * radius * directions
-    return camera, poses
+    poses = np.empty((len(directions), 4, 4))
+    px_per_m = camera_pose.see_along(
+        np.ascontiguousarray(directions), np.ascontiguousarray(bounds), poses
+    )
+    side = camera_pose.SUN_SIDE
+    return Camera.orthographic(side, side, px_per_m=px_per_m), poses

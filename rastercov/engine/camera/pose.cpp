@@ -1,5 +1,5 @@
 // Poses by where cameras look; faults of poses: what is no rigid motion, and what has drifted from
-// one; and their near planes.
+// one; their near planes; and views along parallel rays.
 //
 // The rotation R of a pose has drifted by the largest entry of |R^T R - 1|.
 //
@@ -7,6 +7,7 @@
 #include "bind.hpp"
 #include "camera/look_at.hpp"
 #include "camera/near.hpp"
+#include "camera/sun.hpp"
 #include <algorithm>
 #include <cmath>
 
@@ -51,12 +52,17 @@ void find_faults(FloatRows<4, 4> poses, const PoseLimits &limits, Column<uint8_t
     for (int64_t i = 0; i < poses.rows(); i++) out[i] = fault_of(poses[i], limits);
 }
 
+Box box_of(const Array<const double, 2, 3> &bounds) {
+    Box box;
+    for (int k = 0; k < 6; k++) box[k / 3][k % 3] = bounds.data[k];
+    return box;
+}
+
 void find_near_limits(FloatRows<4, 4> poses, Array<const double, 2, 3> bounds,
                       FloatArray of_cameras, Column<double> out) {
     require(have_rows(poses.rows(), of_cameras, out),
             "of_cameras and out must have one row for each pose");
-    Box box;
-    for (int k = 0; k < 6; k++) box[k / 3][k % 3] = bounds.data[k];
+    const Box box = box_of(bounds);
     for (int64_t i = 0; i < poses.rows(); i++) {
         const auto centre = [&](int axis) { return poses(i, axis, 3); };
         out[i] = near_of(of_cameras[i], farthest_of(box, centre));
@@ -70,9 +76,42 @@ void look_at(FloatRows<3> eyes, FloatRows<3> targets, FloatRows<3> ups,
         write_pose(eyes[i].data, targets[i].data, ups[i].data, out[i].data);
 }
 
+double see_along(FloatRows<3> directions, Array<const double, 2, 3> bounds,
+                 Array<double, Any, 4, 4> out) {
+    require(have_rows(out.rows(), directions), "there must be one row for each pose");
+    const SunViews views(box_of(bounds));
+    for (int64_t i = 0; i < out.rows(); i++) views.write(directions[i].data, out[i].data);
+    return views.px_per_m();
+}
+
+struct SunlitFaces {
+    FloatRows<3> normals;
+    FloatArray areas; // 0 of faces that are not evaluated
+    BoolArray two_sided;
+};
+using Areas = Array<double, Any, Any>;
+
+void keep_front(FloatRows<3> directions, const SunlitFaces &faces, Areas lit, Areas whole,
+                Areas bound) {
+    const int64_t n = faces.normals.rows();
+    require(have_rows(n, faces.areas, faces.two_sided), "faces must have equal lengths");
+    for (const Areas &each : {lit, whole, bound})
+        require(each.rows() == directions.rows() && each.extent(1) == n,
+                "areas must have a row for each direction, and a column for each face");
+    for (int64_t i = 0; i < directions.rows(); i++)
+        for (int64_t f = 0; f < n; f++) {
+            double cosine = 0.0;
+            if (faces.areas[f] > 0)
+                for (int k = 0; k < 3; k++) cosine += directions(i, k) * faces.normals(f, k);
+            SunlitFace{lit(i, f), whole(i, f), bound(i, f)}.keep_front(cosine, faces.two_sided[f],
+                                                                       faces.areas[f]);
+        }
+}
+
 } // namespace
 
 RECORD(PoseLimits, farthest, tolerance, rounding);
+RECORD(SunlitFaces, normals, areas, two_sided);
 
 void register_camera_pose(nanobind::module_ &m) {
     m.attr("DRIFTED") = int(DRIFTED);
@@ -85,6 +124,18 @@ void register_camera_pose(nanobind::module_ &m) {
     def(m, "look_at", look_at,
         "Set `out`, (P, 4, 4), to the pose at each eye that looks at its target.", "eyes",
         "targets", "ups", "out");
+    m.attr("EDGE_ON_RAD") = EDGE_ON_RAD;
+    m.attr("SUN_SIDE") = int(SUN_SIDE);
+    def(m, "see_along", see_along,
+        "Set `out`, (N, 4, 4), to poses of parallel rays by unit vectors to their source; returns "
+        "pixels per metre of an image of the box.",
+        "directions", "bounds", "out");
+    def(m, "keep_front", keep_front,
+        "Set areas (N, F), lit, whole and their bound, to 0 where faces turn away or are "
+        "edge-on.\n\n"
+        "faces : normals (F, 3), areas, m^2, or 0 of faces that are not evaluated, and two_sided, "
+        "(F,).",
+        "directions", "faces", "lit", "whole", "bound");
 }
 
 } // namespace rastercov
