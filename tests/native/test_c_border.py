@@ -20,6 +20,7 @@ from summed import sums_of
 
 import rastercov as rc
 from rastercov.base.errors import MeshError, ResourceError
+from rastercov.core.area.table import take_rows
 from rastercov.core.camera.models import MODELS
 from rastercov.core.camera.projection import view_border
 from rastercov.placement import NearestSurface, in_solid
@@ -89,6 +90,17 @@ class Figures(ctypes.Structure):
     _fields_ = [(name, ctypes.c_void_p) for name in FIGURES]
 
 
+class Lit(ctypes.Structure):
+    _fields_ = [("size", ctypes.c_int32),
+                *((name, ctypes.c_void_p) for name in ("lit", "whole", "bound"))]  # fmt: skip
+
+
+class Search(ctypes.Structure):
+    _fields_ = [("size", ctypes.c_int32), ("most", ctypes.c_int32), ("least", ctypes.c_double),
+                ("n_given", ctypes.c_int64), ("n_faces", ctypes.c_int64),
+                ("views", ctypes.c_void_p)]  # fmt: skip
+
+
 class Library:
     """The functions of rastercov.h; a code that is not 0 is a RuntimeError with the text."""
 
@@ -139,19 +151,39 @@ def c_camera(camera):
 CAMERA = rc.Camera(width=640, height=480, fx=800, fy=800, cx=320, cy=240)
 
 
-@pytest.mark.parametrize("name", COMPILERS)
-def test_the_example_prints_what_python_computes(name, tmp_path):
+def said_by(name, example, folder):
+    """Lines of an example by a compiler."""
     if not has_compiler(name):
         pytest.skip(f"no {name} to compile with")
-    program = tmp_path / "coverage"
-    source = ROOT / "examples/c/coverage.c"
+    program, source = folder / example, ROOT / f"examples/c/{example}.c"
     assert len(source.read_text().splitlines()) < 60
     subprocess.run(
         [*COMPILERS[name], "-std=c11", "-Wall", "-Wextra", "-Werror", "-pedantic", str(source),
          f"-I{HEADERS}", str(LIBRARY), f"-Wl,-rpath,{LIBRARY.parent}", "-o", str(program)],
         check=True,
     )  # fmt: skip
-    said = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    return subprocess.run([program], capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def test_the_example_of_choice_prints_what_python_computes(tmp_path):
+    mesh, row = rc.shapes.box((1, 1, 1), centre=(0.5, 0.5, 0.5)), np.arange(8)
+    eyes = np.stack((row % 3 * 3 - 2.5, row // 3 * 4 - 3.5, 2 + row % 2), axis=-1)
+    poses = rc.look_at(eyes, (0.5, 0.5, 0.5))
+    regions, need, rows, lines = rc.regions(mesh, CAMERA, poses, rc.Task()), np.ones(12), [], []
+    for _ in range(2):
+        worth = [worth_of(regions, [*rows, other], need) for other in row]
+        gain = max(worth) - worth_of(regions, rows, need)
+        rows.append(int(np.argmax(np.array(worth) >= max(worth) - 1e-12)))
+        lines.append(f"camera {rows[-1]} adds {gain:.9f} m2")
+    lit = rc.sunlit(mesh, [(-0.001, -0.416, 0.909)]).part_energy[0]
+    lines.append(f"the sun lights {lit:.9f} m2 across its rays")
+    compiler = next((name for name in COMPILERS if has_compiler(name)), "gcc")
+    assert said_by(compiler, "place", tmp_path) == lines
+
+
+@pytest.mark.parametrize("name", COMPILERS)
+def test_the_example_prints_what_python_computes(name, tmp_path):
+    said = said_by(name, "coverage", tmp_path)
     lid = [(-0.2, -0.2, 1.5), (1.2, -0.2, 1.5), (1.2, 0.5, 1.5), (-0.2, 0.5, 1.5)]
     corners = np.array([(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
     sides = [(0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4), (1, 2, 6), (1, 6, 5),
@@ -167,7 +199,7 @@ def test_the_example_prints_what_python_computes(name, tmp_path):
     regions = rc.regions(mesh, CAMERA, poses, rc.Task())
     together = rc.unite(regions)
     areas = [regions.area[regions.pair_pose == row].sum() for row in range(2)]
-    assert said.splitlines() == [
+    assert said == [
         *(f"camera {row} covers {area:.9f} m2" for row, area in enumerate(areas)),
         f"together they cover {together.area[0].sum():.9f} m2, "
         f"within {together.bound.sum():.1e} m2",
@@ -238,6 +270,117 @@ def test_areas_of_c_and_of_python_are_equal_and_figures_agree_within_their_bound
             library.call(f"rc_{name}_free", handle)
 
 
+@given(seed=st.integers(0, 2**32 - 1), n_threads=st.integers(1, 3), is_fine=st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_what_the_sun_lights_has_the_bits_of_python(library, seed, n_threads, is_fine):
+    rng = np.random.default_rng(seed)
+    mesh, _ = scene(seed)
+    if seed % 3 == 0:  # closed, divided unevenly
+        mesh = rc.shapes.by_name(("sphere", "torus", "box", "teapot-5")[seed // 3 % 4])
+    n = int(rng.integers(1, 9))
+    towards = rng.normal(size=(n, 3)) if is_fine else rng.integers(0, 3, (n, 3)) - 1.0
+    towards[~towards.any(axis=1)] = 0, 0, 1  # among them those along walls
+    towards *= 10.0 ** rng.integers(-3, 4, (n, 1))
+    out = np.full((3, n, mesh.n_faces), -7.0)
+    lit = Lit(ctypes.sizeof(Lit), *(each.ctypes.data for each in out))
+    surface = library.surface(mesh)
+    solver = library.make("rc_solver_create", surface, 0, ctypes.c_int32(n_threads))
+    library.call("rc_sunlit", solver, towards, n, None, None, ctypes.byref(lit))
+    areas, whole, bound = out
+    assert ((areas >= 0) & (bound >= 0) & (areas <= whole + bound)).all()
+    expected = rc.sunlit(mesh, towards)
+    share = np.divide(areas, whole, np.zeros(areas.shape), where=whole > 0)
+    np.testing.assert_array_equal(np.minimum(share, 1).sum(axis=0), expected.hours)
+    np.testing.assert_array_equal(areas.sum(axis=0), expected.energy)
+    np.testing.assert_allclose(bound.sum(axis=0), expected.energy_bound, rtol=1e-9, atol=1e-13)
+    for kind, handle in (("solver", solver), ("surface", surface)):
+        library.call(f"rc_{kind}_free", handle)
+
+
+STOPPING = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)
+
+
+def test_sunlight_that_is_none_is_a_line_and_rows_before_a_stop_are_kept(library):
+    mesh = rc.shapes.torus(520, 512)  # of which one direction is solved at a time
+    n, out = 4, np.full((3, 4, mesh.n_faces), -7.0)
+    solver = library.make("rc_solver_create", library.surface(mesh), 0, 1)
+    lit = Lit(ctypes.sizeof(Lit), *(each.ctypes.data for each in out))
+    towards, asked = np.tile((0.1, 0.2, 0.3), (n, 1)), []
+    go_on = STOPPING(lambda _: asked.append(1) or len(asked) < n)
+    with pytest.raises(RuntimeError, match="4: stopped by the callback"):
+        library.call("rc_sunlit", solver, towards, n, go_on, None, ctypes.byref(lit))
+    is_there = (out != -7).all(axis=(0, 2))
+    assert 0 < is_there.sum() < n
+    assert (out[:, ~is_there] == -7).all()
+    assert (out[:, is_there] == out[:, :1]).all()
+    before = out.copy()
+    for row, bad, line in (
+        (0, math.nan, "1: expected directions within 1e30, got nan"),
+        (1, math.inf, "1: expected directions within 1e30, got inf"),
+        (3, 0.0, "1: expected directions of a length above 0, got 0; leave these out"),
+    ):
+        wrong = towards.copy()
+        wrong[row] = bad
+        with pytest.raises(RuntimeError, match=line):
+            library.call("rc_sunlit", solver, wrong, n, None, None, ctypes.byref(lit))
+    lit.size -= 8
+    with pytest.raises(RuntimeError, match=r"1: expected size of sizeof\(rc_lit\) bytes, got 24"):
+        library.call("rc_sunlit", solver, towards, n, None, None, ctypes.byref(lit))
+    np.testing.assert_array_equal(out, before)
+
+
+def worth_of(regions, rows, need):
+    """Area that poses cover, in their order, counted up to the views that each face needs."""
+    if not len(rows):
+        return 0.0
+    areas = rc.unite(take_rows(regions, np.array(rows)), views=int(need.max())).area
+    return float(np.where(np.arange(len(areas))[:, None] < need, areas, 0.0).sum())
+
+
+@given(seed=st.integers(0, 2**32 - 1), n_given=st.integers(0, 2), is_rare=st.booleans())
+@settings(max_examples=15, deadline=None)
+def test_poses_are_chosen_that_add_most_of_all(library, seed, n_given, is_rare):
+    rng = np.random.default_rng(seed)
+    mesh, _ = scene(seed)
+    eyes = rng.normal(size=(7, 3))
+    eyes *= rng.uniform(1.5, 5, (7, 1)) / np.linalg.norm(eyes, axis=1)[:, None]
+    poses = rc.look_at(eyes, rng.uniform(-0.3, 0.3, (7, 3)))
+    poses[6] = poses[3]  # of two alike the first
+    need = rng.integers(1, 4, mesh.n_faces).astype(np.int32)
+    least = 0.5 if is_rare else 0.0
+    surface = library.surface(mesh)
+    solver = library.make("rc_solver_create", surface, 0, 1)
+    of = ctypes.byref(c_camera(CAMERA)), ctypes.byref(library.task())
+    parts = [
+        library.make("rc_find_regions", solver, *of, np.ascontiguousarray(own), len(own), None,
+                     None)
+        for own in (poses[:3], poses[3:])
+    ]  # fmt: skip
+    handles = (ctypes.c_void_p * 2)(*(each.value for each in parts))
+    search = Search(ctypes.sizeof(Search), 5, least, n_given, mesh.n_faces, need.ctypes.data)
+    chosen, gains, n = np.full(5, -7), np.full(5, -7.0), ctypes.c_int64(-7)
+    library.call("rc_place", handles, 2, ctypes.byref(search), None, None, chosen, gains,
+                 ctypes.byref(n))  # fmt: skip
+    regions, rows = rc.regions(mesh, CAMERA, poses, rc.Task()), [*range(n_given)]
+    for row, gain in [*zip(chosen[: n.value].tolist(), gains, strict=False), (-1, least)]:
+        rest = [other for other in range(7) if other not in rows]
+        before = worth_of(regions, rows, need)
+        added = {other: worth_of(regions, [*rows, other], need) - before for other in rest}
+        if row < 0:  # the end
+            assert n.value == 5 or all(each <= least + 1e-12 for each in added.values())
+            continue
+        assert gain == pytest.approx(added[row], rel=1e-12, abs=1e-12)
+        assert gain > least
+        assert gain >= max(added.values()) - 1e-12
+        assert row != 6 or 3 in rows
+        rows.append(row)
+    assert (chosen[n.value :] == -7).all()
+    for kind, each in [("regions", own) for own in parts] + [
+        ("solver", solver), ("surface", surface)
+    ]:  # fmt: skip
+        library.call(f"rc_{kind}_free", each)
+
+
 def rule_of(rng, n):
     """A rule of n devices by their names "0", "1", ..."""
     some = [str(row) for row in rng.permutation(n)]
@@ -284,6 +427,54 @@ def test_what_devices_of_a_rule_measure_together_is_that_of_python(library, seed
     del arrays
     for kind, handle in [("regions", each) for each in (*own, together)] + [
         ("solver", solver), ("surface", surface)
+    ]:  # fmt: skip
+        library.call(f"rc_{kind}_free", handle)
+
+
+def lens_of(library, camera):
+    """A camera with its lens, of its model."""
+    values = [getattr(camera, each) or 0 for each in OPTICS]
+    optics = Optics(*values, list(MODELS).index(camera.model))
+    own, distortion = c_camera(camera), np.array(camera.distortion, float)
+    own.lens = library.make("rc_lens_prove", ctypes.byref(optics), distortion, len(distortion))
+    return own
+
+
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 3))
+@settings(max_examples=10, deadline=None)
+def test_what_a_camera_sees_that_some_lamp_lights_is_a_rule(library, seed, n):
+    """That of Python's lamps, by a rule that needs the camera, and one more."""
+    rng = np.random.default_rng(seed)
+    mesh, poses = scene(seed)
+    lamps = [
+        rc.Lamp.point(intensity=1) if rng.random() < 0.3
+        else rc.Lamp.spot(half_angle_deg=float(rng.integers(2, 9) * 10), intensity=1)
+        for _ in range(n)
+    ]  # fmt: skip
+    eyes = rng.normal(size=(n, 3))
+    eyes *= 3 / np.linalg.norm(eyes, axis=1)[:, None]
+    places = rc.look_at(eyes, rng.uniform(-0.5, 0.5, (n, 3)))
+    surface = library.surface(mesh)
+    solver = library.make("rc_solver_create", surface, 0, 1)
+    task = ctypes.byref(library.task())
+    world = np.ascontiguousarray(np.concatenate([poses[:1], places]))
+    eyes = [c_camera(CAMERA), *(lens_of(library, lamp.eye) for lamp in lamps)]
+    own = [
+        library.make("rc_find_regions", solver, ctypes.byref(by), task, pose, 1, None, None)
+        for by, pose in zip(eyes, world.reshape(-1, 16), strict=True)
+    ]
+    needs = np.array([1] + [0] * n, np.uint8)
+    gate = Gate(2, needs.ctypes.data, 0.0, 180.0, 0.0, None, None)
+    handles = (ctypes.c_void_p * len(own))(*(each.value for each in own))
+    lit = library.make("rc_regions_together", ctypes.byref(gate), handles, world, len(own))
+    areas, bounds = np.empty((2, mesh.n_faces))
+    library.call("rc_regions_areas", lit, 0, 1, mesh.n_faces, areas, bounds)
+    expected = rc.regions(mesh, CAMERA, poses[:1], rc.Task(), lamps=rc.Lamps(lamps, places))
+    np.testing.assert_allclose(areas, expected.areas()[0], rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(bounds, expected.bounds()[0], rtol=1e-3, atol=1e-9)
+    for kind, handle in [("regions", each) for each in (*own, lit)] + [
+        *(("lens", ctypes.c_void_p(each.lens)) for each in eyes[1:]),
+        ("solver", solver), ("surface", surface),
     ]:  # fmt: skip
         library.call(f"rc_{kind}_free", handle)
 
@@ -498,11 +689,8 @@ def test_a_concave_polygon_is_cut_in_c_as_in_python(library, load):
 
 @pytest.mark.parametrize("name", LENSES)
 def test_lenses_of_models_are_those_of_python(library, name):
-    camera = LENSES[name]
-    values = [getattr(camera, each) or 0 for each in OPTICS]
-    optics = Optics(*values, list(MODELS).index(camera.model))
-    distortion, n = np.array(camera.distortion, float), ctypes.c_int64()
-    lens = library.make("rc_lens_prove", ctypes.byref(optics), distortion, len(distortion))
+    camera, n = LENSES[name], ctypes.c_int64()
+    lens = ctypes.c_void_p(lens_of(library, camera).lens)
     library.call("rc_lens_size", lens, ctypes.byref(n))
     numbers, border = np.empty(n.value), np.empty((32, 3))
     library.call("rc_lens_read", lens, n.value, numbers)

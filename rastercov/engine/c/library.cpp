@@ -149,12 +149,20 @@ std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &cam
     return pass;
 }
 
-namespace {
-engine::GoOn go_on_of(rc_go_on function, void *context) {
-    if (!function) return {};
-    return [=] { return function(context) != 0; };
+RegionsList::RegionsList(const rc_regions *const *regions, int64_t n,
+                         std::shared_ptr<const SurfaceObject> of)
+    : surface(std::move(of)) {
+    expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 regions", n, "pass the number of handles");
+    if (n > 0) expect_array(regions, "regions");
+    for (int64_t k = 0; k < n; k++) {
+        kept.push_back(object_of(regions[k]));
+        if (!surface) surface = kept.back()->surface;
+        require(surface == kept.back()->surface,
+                "expected regions of one surface, got those of another one too; keep those of each "
+                "surface apart");
+        for (const engine::Regions &each : kept.back()->poses) poses.push_back(&each);
+    }
 }
-} // namespace
 
 void add_poses(engine::Union &to, const std::vector<const engine::Regions *> &poses) {
     engine::Regions all;
@@ -389,20 +397,9 @@ rc_status rc_union_add(rc_union *unite, const rc_regions *regions) {
 rc_status rc_union_add_all(rc_union *unite, const rc_regions *const *regions, int64_t n) {
     return guard("uniting regions", [&] {
         const auto object = object_of(unite);
-        expect(n >= 0 && n <= MOST_FACES, "0 to 715827882 regions", n,
-               "pass the number of handles");
-        if (n > 0) expect_array(regions, "regions");
-        std::vector<std::shared_ptr<RegionsObject>> kept;
-        std::vector<const engine::Regions *> poses;
-        for (int64_t k = 0; k < n; k++) {
-            kept.push_back(object_of(regions[k]));
-            require(object->surface == kept.back()->surface,
-                    "expected regions of the surface of the union, got those of another surface; "
-                    "create a union for each surface");
-            for (const engine::Regions &each : kept.back()->poses) poses.push_back(&each);
-        }
+        const RegionsList all(regions, n, object->surface);
         const std::scoped_lock lock(object->changes);
-        add_poses(*object->all, poses);
+        add_poses(*object->all, all.poses);
     });
 }
 

@@ -3,6 +3,7 @@
 // Twin: tests/native/test_c_border.py.
 #pragma once
 #include "c/handles.hpp"
+#include "camera/near.hpp"
 #include "solver/mesh.hpp"
 #include "solver/pass.hpp"
 #include "solver/union.hpp"
@@ -182,12 +183,28 @@ template <class T> T *expect_result(T *result) {
     return result;
 }
 
+inline engine::GoOn go_on_of(rc_go_on function, void *context) {
+    if (!function) return {};
+    return [=] { return function(context) != 0; };
+}
+
+// Bounds of the corners of faces.
+Box box_of(const engine::MeshArrays &mesh);
 void check_camera(const rc_camera *camera);
 void check_pose(const double *pose);
 void check_faces(const SurfaceObject &surface, int64_t n_faces);
 void write_corners(const SurfaceObject &surface, const std::vector<int32_t> &faces,
                    const int32_t *counts, const double *xy, double *corners);
 Rules rules_of(const rc_task &task);
+// Regions of n handles and all of their poses, of one surface: the first one's where none is given.
+struct RegionsList {
+    std::shared_ptr<const SurfaceObject> surface;
+    std::vector<std::shared_ptr<const RegionsObject>> kept;
+    std::vector<const engine::Regions *> poses;
+
+    RegionsList(const rc_regions *const *regions, int64_t n,
+                std::shared_ptr<const SurfaceObject> of = nullptr);
+};
 // Adds regions of poses, all at once.
 void add_poses(engine::Union &to, const std::vector<const engine::Regions *> &poses);
 #ifdef __wasm__

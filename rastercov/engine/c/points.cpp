@@ -4,7 +4,6 @@
 // Twin: rastercov.core.area.point_pass, by tests/native/test_c_border.py.
 #include "area/point.hpp"
 #include "c/objects.hpp"
-#include "camera/near.hpp"
 #include "mesh/grow.hpp"
 #include "mesh/place.hpp"
 #include "sort.hpp"
@@ -12,10 +11,6 @@
 #include <numeric>
 
 namespace rastercov::c {
-namespace {
-// Distance from a point up to which a surface hides nothing, in diagonals.
-constexpr double MARGIN_REL = 1e-9;
-
 Box box_of(const engine::MeshArrays &mesh) {
     Box box;
     for (size_t axis = 0; axis < 3; axis++) {
@@ -26,6 +21,10 @@ Box box_of(const engine::MeshArrays &mesh) {
     }
     return box;
 }
+
+namespace {
+// Distance from a point up to which a surface hides nothing, in diagonals.
+constexpr double MARGIN_REL = 1e-9;
 
 std::unique_ptr<const Hiders> make_hiders(const engine::Mesh &of) {
     const engine::MeshArrays &mesh = *of.arrays;

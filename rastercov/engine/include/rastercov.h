@@ -5,10 +5,10 @@
  * Arrays are the caller's and are copied; rows follow one another without gaps.
  *
  * Every function but rc_version and rc_last_error returns a code. Where it is not RC_OK, nothing
- * was written but for rows of rc_observe that were finished, and rc_last_error says why in one
- * line. A handle is a number, not an address: one that was freed, or is of another kind, is an
- * error, never a crash. Any thread may call with any handle; calls with one union, or that free it,
- * take turns.
+ * was written but for rows of rc_observe, rc_sunlit and rc_place that were finished, and
+ * rc_last_error says why in one line. A handle is a number, not an address: one that was freed, or
+ * is of another kind, is an error, never a crash. Any thread may call with any handle; calls with
+ * one union, or that free it, take turns.
  *
  * No binary interface is promised before version 2.0: compile against the header of the library.
  */
@@ -113,6 +113,12 @@ typedef struct rc_figures { /* P x F arrays, or all null: poses, faces in the ca
     uint8_t *is_certified;               /* 1 where a proof decided, 0 where it was computed */
 } rc_figures;
 
+typedef struct rc_lit {  /* N x F arrays: directions, faces in the caller's order */
+    int32_t size;        /* sizeof(rc_lit), bytes */
+    double *lit, *whole; /* area across the rays, m^2; 0 of a face that turns away, or hides only */
+    double *bound;       /* of the errors of both together, m^2; lit / whole is the lit share */
+} rc_lit;
+
 typedef struct rc_judged { /* of F faces, or null for what is not asked for */
     uint8_t *reasons;      /* criteria that a face fails as a whole, an RC_... or 4: no sample */
     double *coverage;      /* visible fraction of a face that meets all of them, else 0 */
@@ -138,6 +144,15 @@ typedef struct rc_gate {  /* devices that measure a point together, from one sid
     const double *noise;        /* n: standard deviation of a ray, radians, for that limit */
     const uint8_t *stripes;     /* n: 1 where only x of the image is known; null for none */
 } rc_gate;
+
+typedef struct rc_search { /* for poses that cover most together */
+    int32_t size;          /* sizeof(rc_search), bytes */
+    int32_t most;          /* poses to choose, 1 or more */
+    double least;          /* each adds more, m^2 */
+    int64_t n_given;       /* of the poses the first ones, which are there already */
+    int64_t n_faces;       /* F, of: */
+    const int32_t *views;  /* poses that each face needs; null for 1 */
+} rc_search;
 
 typedef struct rc_parts {    /* of N polygons, by zone or not */
     int32_t *faces, *counts; /* the face, and the number of corners of each */
@@ -197,6 +212,11 @@ rc_status rc_solver_free(rc_solver *solver);
 rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *poses,
                      int64_t n_poses, rc_go_on go_on, void *context, const rc_figures *figures);
 
+/* What parallel rays light, by N directions to their source, N x 3 of any length above 0, such as
+ * those of the sun: areas of faces from in front, of two-sided ones from either side. */
+rc_status rc_sunlit(const rc_solver *solver, const double *directions, int64_t n_directions,
+                    rc_go_on go_on, void *context, const rc_lit *lit);
+
 rc_task rc_task_default(void);
 /* The pose of a camera at a point that looks at another, with `up` upwards in the image, each 3
  * numbers, metres: z where it is null; the axis furthest from the view where that is along it. */
@@ -222,9 +242,18 @@ rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_pol
                           int64_t n_corners, int32_t *faces, int32_t *counts, double *corners);
 
 /* What n devices of one rig measure together, of what each sees in a pose: n regions of a pose
- * each, and these poses. */
+ * each, and these poses. A lamp is a camera of its cone: a gate of k = 2 that needs the camera
+ * leaves of it what one lamp or more lights. */
 rc_status rc_regions_together(const rc_gate *gate, const rc_regions *const *regions,
                               const double *poses, int64_t n, rc_regions **together);
+
+/* Of all poses of n results of one surface, counted from 0 through them: one after another the pose
+ * that adds most to the given and the chosen ones, of equal ones the first, as area counted up to
+ * the views of each face; ends where none adds enough. Writes up to `most` poses and their gains,
+ * m^2, and how many; those so far if it is stopped. */
+rc_status rc_place(const rc_regions *const *regions, int64_t n, const rc_search *search,
+                   rc_go_on go_on, void *context, int64_t *chosen, double *gains,
+                   int64_t *n_chosen);
 
 /* What several poses cover together, of one surface: counted up to `views` of them. */
 rc_status rc_union_create(const rc_surface *surface, int32_t views, rc_union **unite);

@@ -251,6 +251,49 @@ TEST_CASE("each null, and each size that is none, has a code and writes nothing"
     refused(rc_solver_create(surface, RC_EXACT, 1, nullptr));
     refused(rc_union_create(surface, 2, nullptr));
     refused(rc_union_add(all, nullptr));
+    const rc_lit lit = {sizeof(rc_lit), a.data(), a.data(), a.data()};
+    for (int k = 0; k < 4; k++) {
+        rc_lit some = lit;
+        (k == 0 ? some.lit : k == 1 ? some.whole : some.bound) = nullptr;
+        if (k == 3) some = {sizeof(rc_lit) + 8, a.data(), a.data(), a.data()};
+        refused(rc_sunlit(solver, b.data(), 1, nullptr, nullptr, &some));
+    }
+    refused(rc_sunlit(nullptr, at, 1, nullptr, nullptr, &lit));
+    refused(rc_sunlit(solver, nullptr, 1, nullptr, nullptr, &lit));
+    refused(rc_sunlit(solver, at, 1, nullptr, nullptr, nullptr));
+    const rc_search search = {sizeof(rc_search), 2, 0.0, 0, 12, nullptr};
+    int64_t rows[2] = {-7, -7}, n_rows = -7;
+    const std::vector<int32_t> no_views(12, 0);
+    for (int k = 0; k < 7; k++) {
+        rc_search some = search;
+        if (k == 0) some.size -= 8;
+        if (k == 1) some.most = 0;
+        if (k == 2) some.least = NAN;
+        if (k == 3) some.n_given = 3;
+        if (k == 4) some.n_given = -1;
+        if (k >= 5) some.views = no_views.data();
+        if (k == 6) some.n_faces = 11;
+        refused(rc_place(&regions, 1, &some, nullptr, nullptr, rows, a.data(), &n_rows));
+    }
+    refused(rc_place(nullptr, 1, &search, nullptr, nullptr, rows, a.data(), &n_rows));
+    refused(rc_place(&regions, -1, &search, nullptr, nullptr, rows, a.data(), &n_rows));
+    refused(rc_place(&regions, 1, nullptr, nullptr, nullptr, rows, a.data(), &n_rows));
+    refused(rc_place(&regions, 1, &search, nullptr, nullptr, nullptr, a.data(), &n_rows));
+    refused(rc_place(&regions, 1, &search, nullptr, nullptr, rows, nullptr, &n_rows));
+    refused(rc_place(&regions, 1, &search, nullptr, nullptr, rows, a.data(), nullptr));
+    rc_surface *const apart = scene.surface();
+    rc_solver *by_other = nullptr;
+    rc_regions *of_other = nullptr;
+    REQUIRE(rc_solver_create(apart, RC_EXACT, 1, &by_other) == RC_OK);
+    REQUIRE(rc_find_regions(by_other, by, task, at, 1, nullptr, nullptr, &of_other) == RC_OK);
+    const rc_regions *const both[] = {regions, of_other};
+    refused(rc_place(both, 2, &search, nullptr, nullptr, rows, a.data(), &n_rows));
+    CHECK(says("regions of one surface"));
+    refused(rc_union_add_all(all, both, 2));
+    CHECK(rc_regions_free(of_other) == RC_OK);
+    CHECK(rc_solver_free(by_other) == RC_OK);
+    CHECK(rc_surface_free(apart) == RC_OK);
+    CHECK((rows[0] == -7 && n_rows == -7));
     refused(rc_union_add(nullptr, regions));
     refused(rc_regions_size(regions, 0, nullptr, &other));
     refused(rc_regions_size(regions, 0, &other, nullptr));

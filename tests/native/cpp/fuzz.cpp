@@ -148,6 +148,38 @@ rc_status read() {
                            counts.data(), corners.data());
 }
 
+// Of any surface, whose faces are no more than 20.
+rc_status light() {
+    double directions[12], areas[3][80];
+    for (double &each : directions) each = real();
+    const int64_t n = below(5);
+    rc_lit out = {sizeof(rc_lit), areas[0], areas[1], areas[2]};
+    if (rarely()) out.size = int32_t(below(200));
+    if (rarely()) (rarely() ? out.lit : out.bound) = nullptr;
+    return rc_sunlit(solvers.any(), rarely() ? nullptr : directions, rarely() ? -n : n,
+                     below(2) ? go_on : nullptr, nullptr, rarely() ? nullptr : &out);
+}
+
+// Some poses of some results; those of a surface are mostly its own.
+rc_status place() {
+    const rc_regions *const first = results.any();
+    const rc_regions *const some[] = {first, first, below(3) ? first : results.any()};
+    int32_t views[32];
+    for (int32_t &each : views) each = int32_t(below(4)) + (below(40) ? 1 : -1);
+    int64_t rows[16], n = 0;
+    double gains[16];
+    rc_search search = {sizeof(rc_search), int32_t(1 + below(16)), 0.0,
+                        below(3),          1 + below(21),          nullptr};
+    if (below(2)) search.views = views;
+    if (rarely()) search.size = int32_t(below(200));
+    if (rarely()) search.most = int32_t(below(3)) - 2;
+    if (rarely()) search.n_given = below(20) - 5;
+    if (below(3) == 0) search.least = real();
+    return rc_place(rarely() && rarely() ? nullptr : some, below(20) ? below(4) : -1,
+                    rarely() ? nullptr : &search, below(2) ? go_on : nullptr, nullptr,
+                    rarely() ? nullptr : rows, gains, rarely() ? nullptr : &n);
+}
+
 // Numbers of a lens of one plane as rc_lens_read lays them out.
 std::vector<double> lens_numbers() {
     namespace lens = rastercov::lens;
@@ -400,7 +432,12 @@ rc_status release() {
 }
 
 rc_status call() {
-    switch (below(18)) {
+    switch (below(21)) {
+    case 18:
+        return light();
+    case 19:
+    case 20:
+        return place();
     case 14:
     case 15:
     case 16:

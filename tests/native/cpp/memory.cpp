@@ -65,6 +65,18 @@ TEST_CASE("memory that runs out is a code, and what there was goes on") {
     failed += starve([&] { return rc_union_add(all, regions); });
     std::vector<double> areas(12), bounds(12);
     failed += starve([&] { return rc_union_areas(all, 2, 12, areas.data(), bounds.data()); });
+    std::vector<double> lit(3 * 12), whole(lit), bound(lit);
+    const rc_lit out_of_sun = {sizeof(rc_lit), lit.data(), whole.data(), bound.data()};
+    const double up[] = {0, 0, 2, 1, 0, 0, 1, 1, 1};
+    failed += starve([&] { return rc_sunlit(solver, up, 3, nullptr, nullptr, &out_of_sun); });
+    CHECK(lit[2] + lit[3] == doctest::Approx(1.0));
+    const rc_search search = {sizeof(rc_search), 2, 0.0, 0, 12, nullptr};
+    int64_t row[2], n_rows = 0;
+    double gains[2];
+    failed += starve(
+        [&] { return rc_place(&regions, 1, &search, nullptr, nullptr, row, gains, &n_rows); });
+    CHECK((n_rows == 1 && row[0] == 0)); // each sees all of the lid
+    CHECK(gains[0] == doctest::Approx(1.0));
     CHECK(failed > 100);
     CHECK(areas[2] + areas[3] == doctest::Approx(1.0));
     CHECK(rc_union_free(all) == RC_OK);
