@@ -1,6 +1,6 @@
 // What parallel rays light, such as those of the sun, for C.
 //
-// Twin: rastercov.sun.sunlight, by tests/native/test_c_border.py.
+// Twin: tests/native/test_c_border.py.
 #include "camera/sun.hpp"
 #include "c/objects.hpp"
 #include <algorithm>
@@ -97,7 +97,7 @@ using namespace rastercov::c;
 
 rc_status rc_sunlit(const rc_solver *solver, const double *directions, int64_t n_directions,
                     rc_go_on go_on, void *context, const rc_lit *lit) {
-    return guard("finding sunlit areas", [&] {
+    return guard("finding lit areas", [&] {
         const auto object = object_of(solver);
         expect_array(lit, "lit");
         expect(lit->size == sizeof(rc_lit), "size of sizeof(rc_lit) bytes", lit->size,

@@ -2,7 +2,7 @@
 //
 // Rotations come from directions alone: the place of the scene rounds none of them.
 //
-// Twins: tests/sun/test_sunlit.py, tests/native/test_c_border.py.
+// Twin: tests/native/test_c_border.py.
 #pragma once
 #include "camera/look_at.hpp"
 #include "camera/near.hpp"
