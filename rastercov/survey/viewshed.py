@@ -18,7 +18,6 @@ from rastercov.base import (
     check_array,
     finite_number,
     frozen_record,
-    hypot,
     shown,
 )
 from rastercov.core.camera.conventions import panorama
@@ -215,31 +214,28 @@ class Place(NamedTuple):
 
 
 def _place(raster: Raster, observer: FloatArray) -> Place:
+    """The place of an observer; its triangle is that of the engine, with straight sides."""
     xs, ys = raster.xy
     x, y = (observer[:2] - raster.origin).tolist()
-    if not (0 <= x <= xs[-1] and ys[-1] <= y <= 0):
-        (west, east), (north, south) = (
-            each[[0, -1]] + start for each, start in zip((xs, ys), raster.origin, strict=True)
-        )
+    column = min(max(int(x // raster.spacing[0]), 0), len(xs) - 2)
+    east, north = np.broadcast_arrays(*raster.about(xs[column : column + 2], ys[:, None], (x, y)))
+    fall = 0.5 * raster.inverse_radius * (east**2 + north**2)
+    points = np.stack((east, north, raster.heights[:, column : column + 2] - fall))
+    nw, ne, sw, se = points[:, :-1, 0], points[:, :-1, 1], points[:, 1:, 0], points[:, 1:, 1]
+    corners = np.array(((nw, sw, se), (nw, se, ne)))  # two triangles, corners, x y z, rows
+    before, after = np.roll(corners, 1, axis=1), np.roll(corners, -1, axis=1)
+    weights = after[:, :, 0] * before[:, :, 1] - after[:, :, 1] * before[:, :, 0]
+    parts = np.where(weights > 0, weights * corners[:, :, 2], 0.0).sum(axis=1)
+    heights = np.where((weights >= 0).all(axis=1), parts / weights.sum(axis=1), np.nan)
+    known = np.argwhere(np.isfinite(heights))
+    if not len(known):
         raise ConfigError(
-            f"expected an observer on the raster, x from {west:.10g} to {east:.10g} and y from "
-            f"{south:.10g} to {north:.10g}, got {observer[0]:.10g}, {observer[1]:.10g}; correct it"
+            f"expected an observer on the raster, over ground, x from {raster.origin[0]:.10g} to "
+            f"{raster.origin[0] + xs[-1]:.10g} and y from {raster.origin[1] + ys[-1]:.10g} to "
+            f"{raster.origin[1]:.10g}, got {observer[0]:.10g}, {observer[1]:.10g}; move it"
         )
-    u, v = x / raster.spacing[0], -y / raster.spacing[1]
-    column, row = min(int(u), len(xs) - 2), min(int(v), len(ys) - 2)
-    u, v = u - column, v - row
-    weights = np.array((1 - max(u, v), abs(u - v), min(u, v)))
-    rows = row + np.array((0, u <= v, 1))[weights > 0]
-    columns = column + np.array((0, u > v, 1))[weights > 0]
-    away = hypot(*raster.about(xs[columns], ys[rows], (x, y)))
-    heights = raster.heights[rows, columns] - 0.5 * raster.inverse_radius * away**2
-    eye = float((weights[weights > 0] * heights).sum() + observer[2])
-    if not np.isfinite(eye):
-        raise ConfigError(
-            f"expected an observer over ground, got {observer[0]:.10g}, {observer[1]:.10g} over a "
-            "hole; move it"
-        )
-    return Place(x, y, row, column, eye)
+    half, row = known[0].tolist()
+    return Place(x, y, row, column, float(heights[half, row] + observer[2]))
 
 
 def _solve(
@@ -302,9 +298,10 @@ def outlines_of(viewshed: Viewshed) -> list[shapely.Geometry]:
             )
         away = pieces[:n, :, ::-1] * (1, -1)  # east and north
         x, y = np.add(place[:2], raster.spacing)
-        scale = np.array(raster.about(x, y, place))
+        east, north = raster.about((x, place.x), (place.y, y), place)
+        scale = np.array((east[0], north[1]))
         found = np.array(place[:2])
-        for _ in range(9):  # until nothing moves, by a hundredth a time at 50 km
+        for _ in range(20):  # until nothing moves, by a fifth a time at 50 km and 88 degrees
             moved = np.stack(raster.about(found[..., 0], found[..., 1], place), axis=-1)
             found = found + (away - moved) / scale * raster.spacing
         polygons = shapely.make_valid(shapely.polygons(found + raster.origin))

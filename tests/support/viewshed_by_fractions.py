@@ -1,4 +1,4 @@
-"""Visible share of the cells of a small grid of heights in fractions: twin of engine/survey."""
+"""Visible share of the triangles of a small grid in fractions: twin of engine/survey."""
 
 from collections.abc import Iterator
 from fractions import Fraction
@@ -6,7 +6,9 @@ from itertools import combinations, pairwise
 from typing import NamedTuple
 
 Point = tuple[Fraction, Fraction, Fraction]
-Cell = tuple[int, int]
+Grid = list[list[Point | None]]
+Cell = tuple[int, int, int]
+"""Row and column of a cell, and its triangle: 0 with the corner below, 1 with that beside."""
 ZERO = Fraction(0)
 
 
@@ -35,25 +37,24 @@ class Piece(NamedTuple):
     is_front: bool
 
 
-def triangles(
-    heights: list[list[Fraction | None]], spacing: tuple[Fraction, Fraction]
-) -> Iterator[tuple[Cell, list[Point]]]:
-    """Triangles of cells, divided from their first to their last corner."""
-    for i, j in ((i, j) for i in range(len(heights) - 1) for j in range(len(heights[0]) - 1)):
-        corners: dict[tuple[int, int], Point | None] = {}
-        for k, m in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            z = heights[i + k][j + m]
-            place = ((j + m) * spacing[0], (i + k) * spacing[1])
-            corners[k, m] = None if z is None else (*place, z)
-        for middle in ((0, 1), (1, 0)):
-            points = [corners[0, 0], corners[middle], corners[1, 1]]
-            if None not in points:
-                yield (i, j), [each for each in points if each is not None]
+def triangles(points: Grid) -> Iterator[tuple[Cell, list[Point]]]:
+    """Triangles of cells, divided from their first to their last corner, by their halves."""
+    for i, j in ((i, j) for i in range(len(points) - 1) for j in range(len(points[0]) - 1)):
+        for half, (k, m) in enumerate(((1, 0), (0, 1))):
+            corners = [points[i][j], points[i + k][j + m], points[i + 1][j + 1]]
+            if None not in corners:
+                yield (i, j, half), [each for each in corners if each is not None]
 
 
 def cross(p: Point, q: Point) -> Fraction:
     """Twice the area beside the observer."""
     return p[0] * q[1] - p[1] * q[0]
+
+
+def is_over(points: list[Point]) -> bool:
+    """The observer is above or below the triangle, or its border."""
+    sides = [cross(p, q) for p, q in zip(points, points[1:] + points[:1], strict=True)]
+    return not min(sides) < 0 < max(sides)
 
 
 def plane_below(points: list[Point]) -> Fraction:
@@ -104,34 +105,25 @@ def crossings(edges: list[Edge]) -> set[Fraction]:
     return cuts
 
 
-def shares(
-    heights: list[list[Fraction | None]],
-    spacing: tuple[Fraction, Fraction],
-    eye: Point,
-    target: Fraction,
-    inverse_radius: Fraction = ZERO,
-) -> dict[Cell, Fraction]:
-    """Visible share of each cell on the map, from a point above the ground."""
+def shares(points: Grid, target: Fraction) -> dict[Cell, Fraction]:
+    """Visible share of each triangle on the map, from the origin above the ground."""
     result: dict[Cell, Fraction] = {}
+    areas: dict[Cell, Fraction] = {}
     quadrants: list[list[Piece]] = [[], [], [], []]
-    for cell, own in triangles(heights, spacing):
-        result.setdefault(cell, ZERO)
-        moved = [(p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]) for p in own]
-        points = [(a, b, z - (a * a + b * b) * inverse_radius / 2) for a, b, z in moved]
-        sides = [cross(p, q) for p, q in zip(points, points[1:] + points[:1], strict=True)]
-        is_over = not min(sides) < 0 < max(sides)
-        below = plane_below(points)
-        if is_over and (target > 0 or below < 0):
-            result[cell] += Fraction(1, 2)
+    for cell, own in triangles(points):
+        corners = own
+        sides = [cross(p, q) for p, q in zip(own, own[1:] + own[:1], strict=True)]
+        areas[cell] = abs(sum(sides)) / 2
+        is_near, below = is_over(own), plane_below(own)
+        result[cell] = Fraction(is_near and (target > 0 or below < 0))
         for quadrant in quadrants:
-            inside = clipped(points)
-            raised = [] if is_over else edges_of(inside, target)
+            inside = clipped(corners)
+            raised = [] if is_near else edges_of(inside, target)
             quadrant.append(Piece(cell, edges_of(inside, ZERO), raised, target > 0 or below < 0))
-            points = [(b, -a, z) for a, b, z in points]
-    area = spacing[0] * spacing[1]
+            corners = [(b, -a, z) for a, b, z in corners]
     for quadrant in quadrants:
         for cell, value in visible(quadrant):
-            result[cell] += value / area
+            result[cell] += value / areas[cell]
     return result
 
 

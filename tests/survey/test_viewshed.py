@@ -6,6 +6,7 @@ import zlib
 from contextlib import suppress
 from fractions import Fraction
 from math import sqrt
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,11 +15,13 @@ from commands import call, refusal
 from nightly import amount
 from PIL import Image
 from pyproj import Geod
-from viewshed_by_fractions import shares
+from viewshed_by_fractions import is_over, plane_below, shares, triangles
 
 import rastercov as rc
 from rastercov.core.camera.conventions import panorama
+from rastercov.core.mesh.terrain import Raster
 from rastercov.engine import survey_viewshed as kernels
+from rastercov.survey import viewshed
 from rastercov.survey.geo import geotiff
 
 ORIGIN = (500000.0, 5300000.0)
@@ -79,20 +82,79 @@ def test_shares_are_those_of_fractions(seed):
         pytest.skip("the observer is over a hole")
     z = float(ground + Fraction(float(rng.choice([0.25, 1.5, 3, 20]))))
     target = float(rng.choice([0, 0, 0.5, 2]))
-    wanted = shares(heights, exact_spacing, (*eye, Fraction(z)), Fraction(target), inverse_radius)
     points = points_from(array, spacing, (*at, z), float(inverse_radius), target)
     cell = [min(int(at[k] / spacing[k]), n - 2) for k, n in ((1, rows), (0, columns))]
     both = np.full((2, rows - 1, columns - 1, 2), np.nan)
     n = kernels.viewshed((points, *cell, target, np.inf, *both, np.empty((0, 4, 2))))
     pieces = np.zeros((n, 4, 2))
     kernels.viewshed((points, *cell, target, np.inf, *np.zeros(both.shape), pieces))
-    share, bound = np.nansum(both, axis=3) / 2
-    for cell, value in wanted.items():
-        error = abs(Fraction(share[cell]) - value)
-        assert error <= bound[cell], (cell, share[cell], float(value), bound[cell])
-    assert bound.max() < 1e-9
+    check_shares(points, target, *both)
+    assert np.nanmax(both[1], initial=0) < 1e-9
+    share = np.nansum(both[0], axis=2) / 2
     area = shapely.area(shapely.make_valid(shapely.polygons(pieces))).sum()
     assert area == pytest.approx(share.sum() * spacing.prod(), abs=1e-9)
+
+
+def check_shares(points, target, share, bound):
+    """Shares of triangles are those of fractions, within their bounds; returns these triangles."""
+    exact = [
+        [None if np.isnan(q[2]) else tuple(map(Fraction, q)) for q in r]
+        for r in points[..., :3].tolist()
+    ]
+    for triangle, value in shares(exact, Fraction(target)).items():
+        error = abs(Fraction(share[triangle]) - value)
+        assert error <= bound[triangle], (triangle, share[triangle], float(value))
+    return [corners for _, corners in triangles(exact)]
+
+
+def long_degrees(rng):
+    """Raster in degrees with cells thousands of times as wide as high, or the reverse."""
+    fine, coarse = 10 ** rng.uniform(-4, -1), rng.choice([0.1, 1, 2, 5])
+    spacing = [(coarse, fine), (fine, coarse), (coarse, coarse / 2)][rng.integers(3)]
+    shape = rng.integers(2, 5, 2)
+    heights = rng.normal(0, 1, shape) * rng.choice([0, 1, 30, 400])
+    north = rng.choice([-60, -1, 60, 75, 88.9])
+    return Raster(heights, tuple(map(float, spacing)), (10.0, float(north)), "", True)
+
+
+@pytest.mark.parametrize("seed", range(amount(30, 400)))
+def test_long_cells_in_degrees_are_seen_from_above_their_straight_sides(seed, monkeypatch):
+    rng = np.random.default_rng(seed)
+    raster, caught = long_degrees(rng), []
+
+    def caught_viewshed(view):
+        caught.append(view)
+        return kernels.viewshed(view)
+
+    monkeypatch.setattr(viewshed, "raster_of", lambda *_: raster)
+    monkeypatch.setattr(viewshed, "kernels", SimpleNamespace(viewshed=caught_viewshed))
+    part = np.array([each[-1] for each in raster.xy]) * rng.choice([0.25, 0.5, 0.61], 2)
+    try:
+        rc.viewshed("a.tif", part + raster.origin, height=5.0, target=rng.choice([0, 2]))
+    except rc.ConfigError as error:
+        pytest.skip(str(error))  # beside the straight sides
+    points, _, _, target, _, share, bound, _ = caught[0]
+    below = [
+        plane_below(each) for each in check_shares(points, target, share, bound) if is_over(each)
+    ]
+    assert below
+    assert max(abs(float(each) + 5) for each in below) < 1e-6
+
+
+@pytest.mark.parametrize("north", [-80.0, 0.0, 60.0, 88.0])
+def test_sides_and_outlines_of_long_cells_in_degrees_are_those_of_the_map(north, monkeypatch):
+    raster = Raster(np.zeros((41, 5)), (0.5, 0.005), (10.0, north), "", True)
+    monkeypatch.setattr(viewshed, "raster_of", lambda *_: raster)
+    middle = north - 0.1
+    sides = [
+        Geod(ellps="WGS84").inv(10, middle, *each)[2]
+        for each in ((10.5, middle), (10, middle + 0.005))
+    ]
+    assert raster.sides == pytest.approx(sides, rel=1e-4)
+    seen = rc.viewshed("a.tif", (11.0, middle), height=9.0, curvature=False)
+    (outline,) = viewshed.outlines_of(seen)
+    assert outline.area == pytest.approx(2 * 0.2, rel=0.02)  # all, with straight sides
+    np.testing.assert_allclose(outline.bounds, (10, north - 0.2, 12, north), atol=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(amount(3, 20)))

@@ -84,10 +84,11 @@ class Raster:
         if not all(abs(finite_number(each)) < 1e9 for each in self.origin):
             raise MeshError(f"expected an origin (x, y), metres, got {shown(self.origin)}")
         degrees = self.origin[1] + self.xy[1][[0, -1]]
-        if self.is_geographic and not (abs(degrees).max() < 89 and self.xy[0][-1] < 90):
+        extent = max(self.xy[0][-1], np.ptp(degrees))
+        if self.is_geographic and not (abs(degrees).max() < 89 and extent < 60):
             raise MeshError(
-                "expected latitudes within 89 degrees and less than 90 of longitude, got more; cut "
-                "it, such as gdalwarp -te"
+                "expected latitudes within 89 degrees and less than 60 each way, got more; cut it, "
+                "such as gdalwarp -te"
             )
         if not self.is_ground.any():
             raise MeshError("expected heights of neighbours, got none; check the value of no data")
@@ -125,8 +126,9 @@ class Raster:
     def sides(self) -> tuple[float, float]:
         """Width and height of a cell in the middle, metres."""
         middle = float(self.xy[1].mean())
-        east, north = self.about(self.spacing[0], middle + self.spacing[1], (0.0, middle))
-        return float(east), float(north)
+        (dx, dy), place = self.spacing, (0.0, middle)
+        east, north = self.about((dx, 0.0), (middle, middle + dy), place)
+        return float(east[0]), float(north[1])
 
     def areas(self) -> tuple[FloatArray, FloatArray]:
         """Areas of the triangles of cells, m^2: on the map, (H - 1, 1, 2), and on the slopes."""

@@ -186,7 +186,7 @@ class Viewshed : View {
             _bound = &bound(i, j, half);
             triangle({nw, corner(i + 1 - half, j + half), se});
         }
-        return distance <= reach + _width;
+        return distance <= reach + 2 * _width;
     }
 
     void triangle(const std::array<Corner, 3> &corners) {
