@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 import typer
 from typer import Argument, Option
 
-from rastercov.base import ConfigError, check_place, json_text, shown
+from rastercov.base import ConfigError, check_choice, check_place, json_text
 from rastercov.cli.console import out_option, print_lines, progress_bar, say
 from rastercov.cli.options import AsJson, expand_options
 
@@ -72,11 +72,9 @@ def viewshed(
     from rastercov.survey.viewshed import viewshed as viewshed_of
 
     if (eyes.at is None) == (eyes.observers is None):
-        both = "neither" if eyes.at is None else "both"
-        raise ConfigError(f"expected --from or --observers, got {both}; give one")
+        raise ConfigError("expected --from or --observers, got neither or both; give one")
     if outlines is not None:
-        if outlines.suffix.lower() not in (".geojson", ".json"):
-            raise ConfigError(f"--outlines: expected a .geojson file, got {shown(outlines.name)}")
+        check_choice("the suffix of --outlines", outlines.suffix.lower(), (".geojson", ".json"))
         if eyes.beside:
             raise ConfigError("expected --outlines or --beside, got both; leave one out")
         check_place(outlines)
@@ -84,7 +82,7 @@ def viewshed(
     with progress_bar("observers") as progress:
         result = viewshed_of(
             raster,
-            files.read_observers(eyes.observers) if eyes.observers else [_place(eyes.at or "")],
+            files.read_observers(eyes.observers or eyes.at),
             height=eyes.height,
             target=eyes.target,
             radius=eyes.radius,
@@ -102,17 +100,6 @@ def viewshed(
         print_lines(*files.lines_of(result))
         if out is not None:
             say(str(out / "viewshed.png"))
-    share = min(seen.area / seen.of_area for seen in result.seen)
-    if at_least is not None and not 100 * share >= at_least:
+    shares = [100 * seen.area / seen.of_area for seen in result.seen]
+    if at_least is not None and not min(shares) >= at_least:
         raise typer.Exit(1)
-
-
-def _place(text: str) -> list[float]:
-    """Map coordinates of text such as "500100,5300200"."""
-    try:
-        x, y = map(float, text.split(","))
-    except ValueError:
-        raise ConfigError(
-            f"--from: expected X,Y, got {shown(text)}; give two numbers, as on the map"
-        ) from None
-    return [x, y]

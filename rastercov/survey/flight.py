@@ -6,7 +6,6 @@ straight up at home, and lands there straight down. Overlap and ground
 sampling distance are those of the exact footprints of the planned images.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -135,8 +134,8 @@ class Flight(Product):
     @property
     def north(self) -> float:
         """Direction of north at the first waypoint, degrees from +x towards +y."""
-        x, y, _ = self.views[0][0].tolist()
-        return (float(self.headings_deg[0]) + math.degrees(math.atan2(y, x))) % 360
+        x, y, _ = self.views[0][0]
+        return float((self.headings_deg[0] + np.degrees(arctan2(y, x))) % 360)
 
     def way_to(self, row: int) -> FloatArray:
         """(K + 2, 3) points of the way to a waypoint from the one before or home; N is home."""

@@ -25,6 +25,7 @@ from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.files import raster_of
+from rastercov.core.mesh.sections import cross
 from rastercov.core.mesh.terrain import REFRACTION, Raster
 from rastercov.engine import survey_viewshed as kernels
 from rastercov.shards import Progress, silent
@@ -191,14 +192,13 @@ def viewshed(
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
     """(N, 3) map coordinates and heights above the ground."""
     array = np.atleast_2d(check_array("observers", points, "iuf", "(N, 2)", ConfigError))
-    if array.ndim != 2 or array.shape[1] not in (2, 3) or not len(array):
-        raise ConfigError(f"expected observers (N, 2) or (N, 3), got shape {array.shape}")
-    if array.shape[1] == 2:
+    if array.shape[1:] == (2,):
         array = np.column_stack((array, np.full(len(array), finite_number(height))))
-    if not np.isfinite(array).all() or not (array[:, 2] >= 0).all():
+    is_usable = array.size > 0 and array.shape[1:] == (3,) and np.isfinite(array).all()
+    if not (is_usable and (array[:, 2] >= 0).all()):
         raise ConfigError(
-            "expected finite observers with a height of 0 or more above the ground, got "
-            f"{shown(array.tolist())}; correct them"
+            "expected finite observers (N, 2) or (N, 3) with a height of 0 or more above the "
+            f"ground, got {shown(array.tolist())}; correct them"
         )
     return array.astype(np.float64)
 
@@ -220,12 +220,11 @@ def _place(raster: Raster, observer: FloatArray) -> Place:
     column = min(max(int(x // raster.spacing[0]), 0), len(xs) - 2)
     east, north = np.broadcast_arrays(*raster.about(xs[column : column + 2], ys[:, None], (x, y)))
     fall = 0.5 * raster.inverse_radius * (east**2 + north**2)
-    points = np.stack((east, north, raster.heights[:, column : column + 2] - fall))
-    nw, ne, sw, se = points[:, :-1, 0], points[:, :-1, 1], points[:, 1:, 0], points[:, 1:, 1]
-    corners = np.array(((nw, sw, se), (nw, se, ne)))  # two triangles, corners, x y z, rows
-    before, after = np.roll(corners, 1, axis=1), np.roll(corners, -1, axis=1)
-    weights = after[:, :, 0] * before[:, :, 1] - after[:, :, 1] * before[:, :, 0]
-    parts = np.where(weights > 0, weights * corners[:, :, 2], 0.0).sum(axis=1)
+    points = np.stack((east, north, raster.heights[:, column : column + 2] - fall), axis=2)
+    nw, ne, sw, se = points[:-1, 0], points[:-1, 1], points[1:, 0], points[1:, 1]
+    corners = np.array(((nw, sw, se), (nw, se, ne)))
+    weights = cross(np.roll(corners, -1, axis=1), np.roll(corners, 1, axis=1))
+    parts = np.where(weights > 0, weights * corners[..., 2], 0.0).sum(axis=1)
     heights = np.where((weights >= 0).all(axis=1), parts / weights.sum(axis=1), np.nan)
     known = np.argwhere(np.isfinite(heights))
     if not len(known):

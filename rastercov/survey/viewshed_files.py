@@ -3,13 +3,11 @@
 from pathlib import Path
 
 import numpy as np
-import shapely
 
 from rastercov.base import (
     ByName,
     ConfigError,
     FloatArray,
-    json_bytes,
     write_bytes,
     write_text,
 )
@@ -18,22 +16,26 @@ from rastercov.base.output import csv_text, name_folder
 from rastercov.core.mesh.columns import columns_of
 from rastercov.core.mesh.terrain import Raster
 from rastercov.report.images import Key, add_frame, png
-from rastercov.survey.geo import geotiff
+from rastercov.survey.geo import geojson, geotiff
 from rastercov.survey.viewshed import Viewshed, outlines_of
 
 UNSEEN, SEEN, HOLE, OBSERVER = (140, 140, 150), (255, 190, 60), (255, 255, 255), (200, 0, 60)
 """Colours of no visible ground, of all, of none, and of an observer."""
 
 
-def read_observers(path: Path) -> FloatArray:
-    """(N, 2) or (N, 3) observers of a CSV file with columns x, y and, if it has it, height."""
+def read_observers(given: Path | str | None) -> FloatArray:
+    """(N, 2) or (N, 3) observers of a CSV file with columns x, y and, if it has it, height.
+
+    Or one of text such as "500100,5300200".
+    """
     try:
-        columns = columns_of(path.read_text(encoding="utf-8-sig"))
-        names = ("x", "y", "height") if "height" in columns else ("x", "y")
-        return np.column_stack([columns[name] for name in names])
-    except (OSError, UnicodeDecodeError, KeyError, ConfigError) as error:
+        is_file = isinstance(given, Path)
+        text = given.read_text(encoding="utf-8-sig") if is_file else f"x,y\n{given}"
+        columns = columns_of(text)
+        return np.column_stack([columns[k] for k in ("x", "y", "height") if k in columns])
+    except (OSError, UnicodeDecodeError, ConfigError) as error:
         raise ConfigError(
-            f"--observers: expected a CSV file of numbers x,y,height, got: {error}; correct it"
+            f"expected --from X,Y, or --observers with a CSV file of x,y,height, got: {error}"
         ) from None
 
 
@@ -120,12 +122,7 @@ def relief_of(raster: Raster) -> FloatArray:
 
 def write_outlines(viewshed: Viewshed, path: Path) -> None:
     """Write the outlines as GeoJSON in map coordinates, with their CRS as a name."""
-    entries = summary_of(viewshed)["observers"]
-    features = [
-        {"type": "Feature", "properties": entry, "geometry": shapely.geometry.mapping(outline)}
-        for outline, entry in zip(outlines_of(viewshed), entries, strict=True)
-    ]
     crs = viewshed.raster.crs
     named = {"type": "name", "properties": {"name": crs}} if crs else None
-    whole = {"type": "FeatureCollection", "name": "viewshed", "crs": named, "features": features}
-    write_bytes(path, json_bytes(whole) + b"\n")
+    polygons, entries = outlines_of(viewshed), summary_of(viewshed)["observers"]
+    write_bytes(path, geojson.collection("viewshed", polygons, entries, {"crs": named}))

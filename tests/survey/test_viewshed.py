@@ -532,14 +532,14 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
     ("options", "words"),
     [
         ([], "got neither"),
-        (["--from", "1"], "expected X,Y"),
+        (["--from", "1"], "expected --from X,Y"),
         (["--from", "1,2"], "an observer on the raster"),
         (["--from", "500100,5299900", "--height", "-1"], "a height of 0 or more"),
         (["--from", "500100,5299900", "--radius", "0"], "a radius above 0"),
         (["--from", "500100,5299900", "--target", "-1"], "a target of 0 m or more"),
         (["--from", "500100,5299900", "--refraction", "1"], "a number from -10 to below 1"),
-        (["--from", "500100,5299900", "--outlines", "a.shp"], "a .geojson file"),
-        (["--observers", "nothing.csv"], "a CSV file"),
+        (["--from", "500100,5299900", "--outlines", "a.shp"], "to be .geojson or .json"),
+        (["--observers", "nothing.csv"], "with a CSV file"),
         (["--from", "1,2", "--outlines", "a.json", "--beside", "a.obj"], "--outlines or --beside"),
     ],
 )

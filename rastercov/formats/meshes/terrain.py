@@ -4,13 +4,14 @@ OGC 19-008r4, GeoTIFF Standard 1.1.
 """
 
 import io
+import math
 import re
 import warnings
 from typing import Any
 
 import numpy as np
 
-from rastercov.base import FloatArray, MeshError, ResourceError, finite_number, shown
+from rastercov.base import FloatArray, MeshError, ResourceError, shown
 from rastercov.core.mesh.terrain import Raster, raster_of_array
 from rastercov.formats.meshes.polygons import PEAK_BYTES_PER_FACE, Polygons, broken, check
 
@@ -134,8 +135,8 @@ def _heights(
     )
     upwards = UNITS.get(given or 9001, 0.0)
     check(upwards > 0, f"expected heights in metres or feet, got unit {shown(given)}")
-    scale = finite_number(_number(said.get("scale", "1")))
-    offset = finite_number(_number(said.get("offset", "0")))
+    scale = _number(said.get("scale", "1"))
+    offset = _number(said.get("offset", "0"))
     return (values * scale + offset) * upwards
 
 
@@ -152,7 +153,7 @@ def _of_ascii(data: bytes) -> Raster:
     start = re.match(r"(\s*[A-Za-z]\w*[ \t]+\S+[ \t\r]*\n)*", text)
     at = start.end() if start else 0
     pairs = zip(text[:at].lower().split()[::2], text[:at].split()[1::2], strict=True)
-    header = {key: finite_number(_number(word)) for key, word in pairs}
+    header = {key: _number(word) for key, word in pairs}
     missing = {"ncols", "nrows"} - set(header)
     check(not missing, f"expected {' and '.join(sorted(missing))} in the header, got none")
     check(np.isfinite(list(header.values())).all(), "expected numbers in the header, got a word")
@@ -175,8 +176,9 @@ def _of_ascii(data: bytes) -> Raster:
     return raster_of_array(heights, (dx, dy), (x, y + (rows - 1) * dy))
 
 
-def _number(word: str) -> object:
+def _number(word: str) -> float:
+    """The number, or NaN for a word."""
     try:
         return float(word)
     except ValueError:
-        return word
+        return math.nan

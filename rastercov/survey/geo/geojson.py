@@ -4,34 +4,37 @@ H. Butler and others. The GeoJSON Format. RFC 7946, 2016. The null CRS is of the
 Specification of 2008: no CRS can be assumed.
 """
 
+from collections.abc import Iterable
+from functools import partial
+
 import numpy as np
+import shapely
 
 from rastercov.base import ByName, json_bytes
-from rastercov.survey.geo.layer import Layer, rings_of
+from rastercov.survey.geo.layer import Layer
 
-DEGREES, METRES = 9, 9
-"""Decimals of coordinates."""
+rounded = partial(np.round, decimals=9)
+"""Coordinates as written."""
 
 
 def content(layer: Layer) -> bytes:
-    """The file."""
+    """The file of footprints."""
     is_local = layer.place is None
     polygons = layer.on_map if is_local else layer.geodetic
-    digits = METRES if is_local else DEGREES
+    return collection("footprints", polygons, layer.attributes, {"crs": None} if is_local else {})
+
+
+def collection(
+    name: str, polygons: Iterable[shapely.Geometry], entries: Iterable[ByName], more: ByName
+) -> bytes:
+    """File of polygons with the entries of each, and more of all."""
     features = [
         {
             "type": "Feature",
             "properties": entry,
-            "geometry": {
-                "type": "MultiPolygon",
-                "coordinates": [
-                    [np.round(ring, digits).tolist() for ring in rings_of(part)]
-                    for part in each.geoms
-                ],
-            },
+            "geometry": shapely.geometry.mapping(shapely.transform(each, rounded)),
         }
-        for each, entry in zip(polygons, layer.attributes, strict=True)
+        for each, entry in zip(polygons, entries, strict=True)
     ]
-    local: ByName = {"crs": None} if is_local else {}
-    whole = {"type": "FeatureCollection", "name": "footprints"} | local | {"features": features}
+    whole = {"type": "FeatureCollection", "name": name} | more | {"features": features}
     return json_bytes(whole) + b"\n"
