@@ -29,8 +29,7 @@ def read_observers(given: Path | str | None) -> FloatArray:
     Or one of text such as "500100,5300200".
     """
     try:
-        is_file = isinstance(given, Path)
-        text = given.read_text(encoding="utf-8-sig") if is_file else f"x,y\n{given}"
+        text = given.read_text(encoding="utf-8-sig") if isinstance(given, Path) else f"x,y\n{given}"
         columns = columns_of(text)
         return np.column_stack([columns[k] for k in ("x", "y", "height") if k in columns])
     except (OSError, UnicodeDecodeError, ConfigError) as error:
