@@ -42,11 +42,13 @@ class FeatureRow:
     camera : str
         Name of the camera; "" for none.
     px_per_m : float
-        Least density of pixels on the surface.
+        Least density of pixels on the surface; of a target that faces the camera if `is_facing`.
     incidence_deg : float
         Angle to the normal of the surface.
     in_focus, lit : bool or None
         None where the task asks for neither.
+    is_facing : bool
+        True where the task asks for this density alone.
     """
 
     name: str
@@ -58,6 +60,7 @@ class FeatureRow:
     incidence_deg: float = 90.0
     in_focus: bool | None = None
     lit: bool | None = None
+    is_facing: bool = False
 
 
 def feature_rows(
@@ -85,15 +88,17 @@ def feature_rows(
             made.append(FeatureRow(*own))
             continue
         row, figures = _best(camera, poses, ranks, points[at], mesh.normals[face[at]])
+        is_facing = task.min_facing_density > 0 and not task.min_pixel_density > 0
+        density = figures["facing_density" if is_facing else "pixel_density"]
+        angle = math.degrees(figures["incidence"])
         sees = np.ones((1, len(face)), np.bool_)
         dark = [
             each.reasons(poses[row : row + 1], sees)[at] != Reason.COVERED for each in conditions
         ]
         eye = cameras_of(camera)[poses.camera[row]]
         focus = _in_focus(eye, poses.world_from_camera[row], points[at], task)
-        density, angle = figures["pixel_density"], math.degrees(figures["incidence"])
         lit = not any(dark) if dark else None
-        made.append(FeatureRow(*own, names[row], density, angle, focus, lit))
+        made.append(FeatureRow(*own, names[row], density, angle, focus, lit, is_facing))
     return sorted(made, key=lambda each: (each.covered_percent, -each.area_m2))
 
 
@@ -141,7 +146,9 @@ def table_of(rows: Sequence[FeatureRow], unit: str = "m") -> tuple[list[str], li
         "missing": [each.missing for each in rows],
         "best camera": short_names([each.camera for each in rows]),
         "pixels": [
-            density_text(each.px_per_m, f"px/{unit}", most) * bool(each.camera) for each in rows
+            (density_text(each.px_per_m, f"px/{unit}", most) + " facing" * each.is_facing)
+            * bool(each.camera)
+            for each in rows
         ],
         "incidence": [f"{each.incidence_deg:.1f}°" * bool(each.camera) for each in rows],
         "in focus": [said[each.in_focus] for each in rows],

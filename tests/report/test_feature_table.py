@@ -235,3 +235,25 @@ def test_parts_and_their_features_are_one_table(tmp_path):
     assert max(at[part] for part in parts) < min(at[name] for name in names)
     assert text.count("<h2>Parts") == 1
     assert "<h2>Features</h2>" not in text
+
+
+@pytest.mark.parametrize("tilt", [0, 30, 55, 75])
+@pytest.mark.parametrize("name", ["min_facing_density", "min_pixel_density"])
+def test_the_density_of_a_row_is_the_one_that_the_task_limits(name, tilt):
+    """So what is covered at its middle never has fewer pixels than are asked for."""
+    mesh = box_of_sides((0.02, 0.02, 0.02))
+    angle = math.radians(tilt)
+    eye = np.array([math.sin(angle), 0.0, math.cos(angle)])
+    pose = rc.look_at([eye], (0, 0, 0.01))
+    camera = rc.Camera(width=320, height=240, fx=250, fy=250)
+    task = rc.Task(max_incidence_deg=85, **{name: 60.0})
+    result = rc.evaluate(mesh, camera, pose, task)
+    rows = feature_rows(mesh, camera, result.poses, task, ["camera 1"], result.summary())
+    (top,) = (each for each in rows if each.name == "+z")
+    ray = eye - (0, 0, 0.01)
+    away = np.linalg.norm(ray)
+    expected = 250 / away * (1 if name == "min_facing_density" else ray[2] / away)
+    assert top.px_per_m == pytest.approx(expected, rel=0.02)
+    assert top.px_per_m >= 60 or top.covered_percent == 0
+    text = table_of(rows)[1][rows.index(top)][table_of(rows)[0].index("pixels")]
+    assert text.endswith(" facing") == (name == "min_facing_density")
