@@ -501,6 +501,22 @@ def test_the_goal_that_lacks_most_has_its_zone_in_the_first_lines_and_on_the_pag
     assert "  no camera sees any of it (proved)" in away.other_lines()
 
 
+def test_a_page_says_first_that_kept_cameras_fail_a_goal_whatever_is_chosen(room, tmp_path):
+    path, said = tmp_path / "old.json", "than it permits, for any selection"
+    selection = {"goal": "fewest_cameras", "coverage": 0.6}
+    shown = {}
+    for sees, aim in {"window": (2.0, 4.0, 1.5), "none": (0.0, 0.5, 1.0)}.items():
+        rc.write_poses(path, rc.look_at([(2.0, 1.0, 1.5)], [aim]))
+        asked = plan(room, existing=str(path), goals={"window": PRIVATE}, selection=selection)
+        placed = rc.place(asked)
+        shown[sees] = pages_of(placed, summary(placed), [], silent)["page.html"]
+        assert placed.is_met == (sees == "none")
+    for sees, page in shown.items():
+        head = page[: page.index("The figures hold under these conditions")]
+        assert (said in head) == (sees == "window")
+        assert ("without those that kept cameras fail" in page) == (sees == "window")
+
+
 def test_a_camera_that_is_kept_is_drawn_and_named_as_kept(room, tmp_path):
     path = tmp_path / "old.json"
     rc.write_poses(path, rc.look_at([(3.5, 0.5, 2.5)], [(1.0, 2.5, 0.5)]))
