@@ -48,7 +48,7 @@ class FeatureRow:
     in_focus, lit : bool or None
         None where the task asks for neither.
     is_facing : bool
-        True where the task asks for this density alone.
+        True where the task asks for more of this density.
     """
 
     name: str
@@ -88,7 +88,7 @@ def feature_rows(
             made.append(FeatureRow(*own))
             continue
         row, figures = _best(camera, poses, ranks, points[at], mesh.normals[face[at]])
-        is_facing = task.min_facing_density > 0 and not task.min_pixel_density > 0
+        is_facing = task.min_facing_density > task.min_pixel_density
         density = figures["facing_density" if is_facing else "pixel_density"]
         angle = math.degrees(figures["incidence"])
         sees = np.ones((1, len(face)), np.bool_)

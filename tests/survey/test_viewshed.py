@@ -107,6 +107,31 @@ def check_shares(points, target, share, bound):
     return [corners for _, corners in triangles(exact)]
 
 
+@pytest.mark.parametrize("seed", range(amount(20, 600)))
+def test_triangles_that_are_seen_edge_on_have_the_shares_of_fractions(seed):
+    """Planes of far targets go through the observer, to rounding; what is nearer hides parts."""
+    rng = np.random.default_rng(seed)
+    shape = rng.integers(3, 6, 2)
+    spacing = [(1000.0, 1.0), (1.0, 1000.0), (30.0, 0.25), (0.001, 5.0), (1.0, 1.0)][seed % 5]
+    at = np.array([rng.integers(0, n) for n in shape[::-1]])
+    x, y = np.meshgrid(
+        *((np.arange(n) - k) * s for n, k, s in zip(shape[::-1], at, spacing, strict=True))
+    )
+    target = float(rng.choice([0, 0.5, 2]))
+    heights = np.round(rng.normal(0, 3, shape) * 4) / 4
+    slopes = rng.normal(0, 2, 2) / spacing
+    plane = (slopes[0] * x + slopes[1] * y) * (1 + 2.0**-52 * rng.integers(-4, 5, shape)) - target
+    cells = abs(x / spacing[0]) + abs(y / spacing[1])
+    heights = np.where(cells > 1, plane, heights)
+    heights[cells == 0] = -1.0
+    points = np.stack((x, y, heights, abs(heights) + target), axis=2)
+    row, column = (min(int(k), n - 2) for k, n in zip(at[::-1], shape, strict=True))
+    both = np.full((2, *(shape - 1), 2), np.nan)
+    kernels.viewshed((points, row, column, target, np.inf, *both, np.empty((0, 4, 2))))
+    check_shares(points, target, *both)
+    assert (both[1] >= 0).all()
+
+
 def long_degrees(rng):
     """Raster in degrees with cells thousands of times as wide as high, or the reverse."""
     fine, coarse = 10 ** rng.uniform(-4, -1), rng.choice([0.1, 1, 2, 5])

@@ -46,8 +46,7 @@ constexpr Line BELOW_ALL = {0.0, -1e300, 0.0, 0.0};
 // u between two where lines cross; the first where they do not.
 double crossing(const Line &line, const Line &other, double u0, double u1) {
     const double d0 = line.at(u0) - other.at(u0), d1 = line.at(u1) - other.at(u1);
-    const bool is_crossing = (d0 > 0 && d1 < 0) || (d0 < 0 && d1 > 0);
-    return is_crossing ? u0 + (u1 - u0) * (d0 / (d0 - d1)) : u0;
+    return d0 * d1 < 0 ? u0 + (u1 - u0) * (d0 / (d0 - d1)) : u0;
 }
 
 // The greatest v of all that is nearer, for u from 0 to 1: lines and where they start, from a place
@@ -258,16 +257,16 @@ class Viewshed : View {
         std::array<double, 4> cuts = {u0, crossing(line, low.seen, u0, u1),
                                       crossing(line, top.seen, u0, u1), u1};
         std::ranges::sort(cuts);
-        const auto bottom = [&](double u) {
-            const double v = low.seen.at(u), w = low.depth.at(u);
-            const double height = top.seen.at(u) - v;
-            const double part = height > 0 ? (line.at(u) - v) / height : 0.0;
-            return w + std::clamp(part, 0.0, 1.0) * (top.depth.at(u) - w);
-        };
         double sum = 0.0;
         for (size_t k = 1; k < 4; k++) {
             const double first = cuts[k - 1], last = cuts[k], middle = 0.5 * (first + last);
             if (!(first < last) || line.at(middle) >= top.seen.at(middle)) continue;
+            const bool is_free = line.at(middle) <= low.seen.at(middle);
+            const auto bottom = [&](double u) {
+                const double v = low.seen.at(u), w = low.depth.at(u);
+                const double part = (line.at(u) - v) / (top.seen.at(u) - v);
+                return is_free || !(part > 0) ? w : w + std::min(part, 1.0) * (top.depth.at(u) - w);
+            };
             const double u[] = {first, last, last, first};
             const double w[] = {bottom(first), bottom(last), top.depth.at(last),
                                 top.depth.at(first)};
