@@ -23,6 +23,7 @@ from rastercov.core.camera.camera import (
     check_fields,
     check_focus,
     depths_in_focus,
+    with_pixels,
 )
 from rastercov.core.camera.viewpoints import distances_to_try
 from rastercov.formats.cameras import colmap
@@ -51,12 +52,16 @@ SHARED: tuple[Shared, ...] = (
     central_arguments,
     check_fields,
     check_focus,
+    with_pixels,
     colmap.read_cameras,
     colmap.read_images,
     colmap.parameters_of,
     gltf_file.json_list,
     gltf_file.json_object,
     gltf_file.json_count,
+    gltf_file.check_version,
+    gltf_file.component_of,
+    gltf_file.window_of,
 )
 """Functions of both."""
 HEAD = (
@@ -118,6 +123,7 @@ CALLS = {
     "shown": "shown({0})",
     "shown_entry": "shown({0})",
     "sin": "Math.sin({0})",
+    "str": "String({0})",
     "math.degrees": "({0} * (180 / Math.PI))",
     "math.isfinite": "Number.isFinite({0})",
     "math.isinf": "(Math.abs({0}) === Infinity)",
@@ -135,6 +141,7 @@ METHODS = {
     "removesuffix": "withoutEnd({on}, {0})",
     "replace": "{on}.replaceAll({0}, {1})",
     "split": "{on}.split({0})",
+    "startswith": "{on}.startsWith({0})",
 }
 
 

@@ -33,6 +33,17 @@ def test_another_width_keeps_the_field_of_view(width):
     assert described(made)["hfov_deg"] == pytest.approx(described(LENS)["hfov_deg"])
 
 
+@given(st.sampled_from([PINHOLE, LENS]), st.integers(64, 4000))
+def test_the_page_resizes_a_camera_as_python_does(camera, width):
+    assert changed(camera, {"width": width}) == camera.resized(width / camera.width)
+
+
+@given(st.floats(1, 170))
+def test_the_page_takes_the_focal_length_of_an_angle_from_python(angle):
+    wanted = Camera.from_fov(640, 480, hfov_deg=angle, cx=300, cy=250)
+    assert changed(PINHOLE, {"hfov_deg": angle}).fx == pytest.approx(wanted.fx, rel=1e-14)
+
+
 def test_focus_and_aperture():
     made = changed(LENS, {"focus_distance": 0.5})
     assert made.depth_of_field()[0] < 0.5 < made.depth_of_field()[1]

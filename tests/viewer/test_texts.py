@@ -15,11 +15,11 @@ from rastercov.report.pages import static_file
 from rastercov.report.script import SHARED, script_of, texts_script
 
 ELSEWHERE = {
-    *("advice_of", "central_arguments", "check_fields", "check_focus"),
+    *("advice_of", "central_arguments", "check_fields", "check_focus", "with_pixels"),
     *("read_cameras", "read_images", "parameters_of"),
-    *("json_list", "json_object", "json_count"),
+    *("json_list", "json_object", "json_count", "check_version", "component_of", "window_of"),
 }
-"""Functions of test_live_advice.py, test_page_files.py and test_page_readers.py."""
+"""Functions of test_live_advice, test_lens_edits, test_page_files and test_page_readers."""
 
 
 @NEEDS_NODE

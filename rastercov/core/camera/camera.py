@@ -197,11 +197,11 @@ def _with_focal_lengths(entries: ByName) -> ByName:
             length = image_side(side, entries[side])
             at = entries.get(centre)
             middle = length / 2 if at is None else principal_point_px(centre, at)
-            made[focal] = _focal_length(name, number(name, entries[name]), length, middle)
+            made[focal] = focal_length_across(name, number(name, entries[name]), length, middle)
     return made
 
 
-def _focal_length(name: str, angle: float, side: int, centre: float) -> float:
+def focal_length_across(name: str, angle: float, side: int, centre: float) -> float:
     """Focal length in pixels by which a side of the image spans an angle, in degrees.
 
     atan(c / f) + atan((w - c) / f) = a, so that f^2 sin a - f w cos a - c (w - c) sin a = 0.
@@ -318,6 +318,28 @@ def check_focus(given: ReadByName) -> None:
             raise CameraError("expected focus_range or aperture, got both; remove one")
         if not at > f:
             raise CameraError(f"expected focus_distance above focal_length {f:g} m, got {at:g} m")
+
+
+def with_pixels(own: ReadByName, factor: float) -> ByName:
+    """Fields of a camera that change with the pixels per side, which are a factor times as many."""
+    # A side beyond the limit is refused by the camera; cut to twice that, it is still a number.
+    width, height = [
+        max(1, int(round(min(own[side] * factor, 2.0 * MAX_IMAGE_SIDE), 0)))
+        for side in ("width", "height")
+    ]
+    across, down = width / own["width"], height / own["height"]
+    pitch = own.get("pixel_size")
+    return {
+        "width": width,
+        "height": height,
+        "fx": own["fx"] * across,
+        "fy": own["fy"] * down,
+        "cx": own["cx"] * across,
+        "cy": own["cy"] * down,
+        "skew": own.get("skew", 0.0) * across,
+        "max_blur": own.get("max_blur", 1.0) * min(across, down),
+        **({} if pitch is None else {"pixel_size": (pitch[0] / across, pitch[1] / down)}),
+    }
 
 
 def border_of(width: float, height: float, n: int) -> FloatArray:
@@ -924,18 +946,7 @@ class Camera:
         >>> half.width, half.height, half.fx
         (320, 240, 300.0)
         """
-        factor = positive("scale", scale)
-        # A side beyond the limit is refused below; cut to twice that, it is still a number.
-        width, height = (
-            max(1, round(min(side * factor, 2.0 * MAX_IMAGE_SIDE)))
-            for side in (self.width, self.height)
-        )
-        across, down = width / self.width, height / self.height
-        scaled = {name: getattr(self, name) * across for name in ("fx", "cx", "skew")}
-        scaled |= {name: getattr(self, name) * down for name in ("fy", "cy")}
-        sizes = self.pixel_size and (self.pixel_size[0] / across, self.pixel_size[1] / down)
-        blur = self.max_blur * min(across, down)
-        return replace(self, width=width, height=height, **scaled, pixel_size=sizes, max_blur=blur)
+        return replace(self, **with_pixels(vars(self), positive("scale", scale)))
 
     def _without_focus(self) -> "Camera":
         """The camera with everything in focus."""

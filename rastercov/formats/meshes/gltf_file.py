@@ -82,11 +82,16 @@ def json_header(text: bytes, what: str) -> ByName:
         raise MeshError(f"{what}: {error.reason}") from error
     if not isinstance(header, dict):
         raise broken(f"expected the {what} to be an object, got {type(header).__name__}")
+    check_version(header)
+    return header
+
+
+def check_version(header: ByName) -> None:
+    """Raise MeshError for a file of another version than glTF 2."""
     asset = header.get("asset", {})
     for key, known in (("version", "2."), ("minVersion", "2.0")):
         wanted = str(asset.get(key, "2.0"))
-        check(f"{wanted}.".startswith(known), f"expected glTF 2.0, got {key} {wanted[:20]!r}")
-    return header
+        check(f"{wanted}.".startswith(known), f"expected glTF 2.0, got {key} {shown(wanted)}")
 
 
 def header_of(data: bytes) -> ByName:
@@ -163,6 +168,42 @@ def json_numbers(owner: ByName, key: str, default: tuple[float, ...]) -> FloatAr
     return np.array(values, dtype=np.float64)
 
 
+def component_of(accessor: ByName, where: str, wanted: str) -> str:
+    """Kind of the numbers of an accessor of the type that is wanted; scalars are indices."""
+    kind = COMPONENTS.get(accessor["componentType"])
+    is_index = wanted == "SCALAR"
+    if (
+        accessor.get("type") != wanted
+        or kind is None
+        or not (kind[0] == "u" if is_index else kind != "u4")
+    ):
+        got = f"{shown(accessor.get('type'))} of {shown(accessor.get('componentType'))}"
+        raise broken(f"expected {where} to be {wanted}, got {got}")
+    is_normalised: object = False
+    if "normalized" in accessor:
+        is_normalised = accessor["normalized"]
+    check(
+        kind_of(is_normalised) == "bool" and not (is_normalised and (is_index or kind == "f4")),
+        f"{where}: expected 'normalized' of integers, got {shown(is_normalised)}",
+    )
+    return kind
+
+
+def window_of(
+    view: ByName, owner: ByName, where: str, count: int, size: int, length: int
+) -> tuple[int, int]:
+    """Start and stride, bytes, of elements of a size that `owner` has in a buffer of a length."""
+    stride = json_count(view, "byteStride", size)
+    start, within = json_count(view, "byteOffset", 0), json_count(owner, "byteOffset", 0)
+    window = min(json_count(view, "byteLength", 0), length - start)
+    check(
+        stride >= size and (not count or within + (count - 1) * stride + size <= window),
+        f"{where}: expected {count} elements of {size} bytes every {stride}, got a view of "
+        f"{max(window, 0)} bytes; truncated",
+    )
+    return start + within, stride
+
+
 class Accessors:
     """Typed, strided windows of the buffers, and the memory that reading them needs in all.
 
@@ -197,20 +238,7 @@ class Accessors:
         sparse = accessor.get("sparse")
         has_data = sparse if "sparse" in accessor else "bufferView" in accessor
         check(has_data, f"{where}: expected plain data, got none", "export it uncompressed")
-        kind = COMPONENTS.get(accessor["componentType"])
-        is_index = wanted == "SCALAR"
-        is_normalised = accessor.get("normalized", False)
-        if (
-            accessor.get("type") != wanted
-            or kind is None
-            or not (kind[0] == "u" if is_index else kind != "u4")
-        ):
-            got = f"{shown(accessor.get('type'))} of {shown(accessor.get('componentType'))}"
-            raise broken(f"expected {where} to be {wanted}, got {got}")
-        check(
-            type(is_normalised) is bool and not (is_normalised and (is_index or kind == "f4")),
-            f"{where}: expected 'normalized' of integers, got {shown(is_normalised)}",
-        )
+        kind = component_of(accessor, where, wanted)
         dtype, n, n_columns = np.dtype(f"<{kind}"), self.count(index), COLUMNS[wanted]
         if "bufferView" in accessor:
             values = self._window(where, accessor, n, dtype, n_columns)
@@ -218,7 +246,7 @@ class Accessors:
             values = np.zeros((n, n_columns), dtype)
         if sparse:
             values = self._replace(where, sparse, values)
-        if is_normalised:
+        if accessor.get("normalized"):
             values = np.maximum(values / np.iinfo(dtype).max, -1)
         return values
 
@@ -274,20 +302,11 @@ class Accessors:
         )
         check(is_here, "expected buffers in the file, got one outside (uri)", "export a .glb")
         row = n_columns * dtype.itemsize
-        stride = json_count(view, "byteStride", row)
-        start, within = json_count(view, "byteOffset", 0), json_count(owner, "byteOffset", 0)
         buffer = self._buffers[index]
-        window = min(json_count(view, "byteLength", 0), len(buffer) - start)
-        check(
-            stride >= row and (not count or within + (count - 1) * stride + row <= window),
-            f"{where}: expected {count} elements of {row} bytes every {stride}, got a view of "
-            f"{max(window, 0)} bytes; truncated",
-        )
+        start, stride = window_of(view, owner, where, count, row, len(buffer))
         if not count:
             return np.empty((0, n_columns), dtype)
-        return np.ndarray(
-            (count, n_columns), dtype, buffer, start + within, (stride, dtype.itemsize)
-        )
+        return np.ndarray((count, n_columns), dtype, buffer, start, (stride, dtype.itemsize))
 
 
 INSTANCING = "EXT_mesh_gpu_instancing"

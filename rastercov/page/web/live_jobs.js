@@ -9,7 +9,7 @@
 import { refuse } from "rastercov/api.js";
 import { editState, focusOf, stationOf } from "rastercov/live_rig.js";
 import { polygonsOf } from "rastercov/live_zones.js";
-import { add, clamp, column, cross, distance, dot, length, movePose, multiply, normalOf, poseOf, scale, subtract, unit } from "rastercov/maths.js";
+import { add, clamp, column, distance, dot, length, lookingAt, movePose, multiply, normalOf, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 import { distances_to_try } from "rastercov/texts.js";
 
@@ -281,13 +281,4 @@ function* spotsBefore(live, camera, parts, random) {
     const eye = add(middle, scale(direction, away)).map((x, axis) => clamp(x, low[axis], high[axis]));
     if (distance(middle, eye) > 1e-9) yield { eye, middle };
   }
-}
-
-/** Pose at an eye that looks at a point, upright. */
-export function lookingAt(eye, point, up) {
-  const forward = unit(subtract(point, eye));
-  const other = Math.abs(up[0]) > 0.5 ? [0, 1, 0] : [1, 0, 0];
-  const upright = Math.abs(dot(forward, up)) > 0.999 ? other : up;
-  const right = unit(cross(forward, upright));
-  return poseOf(right, cross(forward, right), forward, eye);
 }

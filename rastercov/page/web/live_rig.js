@@ -7,8 +7,8 @@
 
 import { expected, refuse } from "rastercov/api.js";
 import { plainOf } from "rastercov/camera_entries.js";
-import { column, cross, degrees, dot, driftOf, length, orthonormal, poseOf, radians, scale, subtract, unit } from "rastercov/maths.js";
-import { depths_in_focus } from "rastercov/texts.js";
+import { column, cross, degrees, distance, dot, driftOf, lookingAt, orthonormal, scale } from "rastercov/maths.js";
+import { depths_in_focus, focal_length_across, positive, with_pixels } from "rastercov/texts.js";
 
 const LONGEST_NAME = 120;
 const MOST_STATIONS = 5000;
@@ -66,12 +66,8 @@ function withNew(before, camera, pose, name = "") {
 /** The pose with a point in the middle of the image; its up stays as near as it can. */
 function aim(pose, point) {
   const eye = column(pose, 3);
-  const forward = unit(subtract(point, eye));
-  if (!(length(subtract(point, eye)) > 1e-9)) refuse("expected a point away from the camera; choose another one");
-  let up = scale(column(pose, 1), -1);
-  if (Math.abs(dot(up, forward)) > 0.999) up = column(pose, 2);
-  const right = unit(cross(forward, up));
-  return poseOf(right, cross(forward, right), forward, eye);
+  if (!(distance(point, eye) > 1e-9)) refuse("expected a point away from the camera; choose another one");
+  return lookingAt(eye, point, scale(column(pose, 1), -1), column(pose, 2));
 }
 
 /** An edit that takes the station of its action, too. */
@@ -176,8 +172,6 @@ function scaleCamera(camera, factor) {
   return { ...camera, plain: made };
 }
 
-const positive = (name, value) => (value > 0 && value < Infinity ? value : refuse(`expected ${name} to be a positive number, got ${value}`));
-
 function withRange(camera, low, high) {
   const [near, far] = camera.plain.focus_range ?? [0, Infinity];
   const plain = { ...camera.plain, focus_range: [low ?? near, high ?? far ?? Infinity] };
@@ -199,11 +193,8 @@ const withFocus = (camera, aperture, distance) => {
 const CHANGES = {
   hfov_deg: (camera, value) => {
     if (camera.model !== "pinhole") expected("a pinhole for hfov_deg", `lens model ${camera.model}`, "change fx");
-    if (!(value >= 0.01 && value <= 179)) refuse(`expected hfov_deg of 0.01 to 179, got ${value}`);
     const { width, cx, fx } = camera.plain;
-    const half = (0.5 * width) / Math.tan(radians(value));
-    const apart = cx * (width - cx);
-    return scaleCamera(camera, (half + Math.sqrt(Math.max(0, half ** 2 + apart))) / fx);
+    return scaleCamera(camera, focal_length_across("hfov_deg", value, width, cx) / fx);
   },
   fx: (camera, value) => scaleCamera(camera, positive("fx", value) / camera.plain.fx),
   px_per_m: (camera, value) => scaleCamera(camera, positive("px_per_m", value) / camera.plain.fx),
@@ -216,13 +207,7 @@ const CHANGES = {
   width: (camera, value) => {
     const { plain } = camera;
     if (!(Number.isInteger(value) && value > 0)) refuse(`expected width to be a whole number of pixels, got ${value}`);
-    const height = Math.max(1, Math.round((plain.height * value) / plain.width));
-    const [across, down] = [value / plain.width, height / plain.height];
-    const made = { ...plain, width: value, height, fx: plain.fx * across, cx: plain.cx * across, fy: plain.fy * down, cy: plain.cy * down };
-    if (plain.skew) made.skew = plain.skew * across;
-    if (plain.pixel_size) made.pixel_size = [plain.pixel_size[0] / across, plain.pixel_size[1] / down];
-    if (plain.max_blur) made.max_blur = plain.max_blur * Math.min(across, down);
-    return { ...camera, plain: made };
+    return { ...camera, plain: { ...plain, ...with_pixels(plain, value / plain.width) } };
   },
   focus_distance: (camera, value) => {
     const { plain, origins } = camera;

@@ -37,6 +37,13 @@ export const normalOf = ([a, b, c]) => cross(subtract(b, a), subtract(c, a));
 export const fanOf = ([first, ...rest]) => rest.slice(1).map((corner, k) => [first, rest[k], corner]);
 export const centroid = ([a, b, c]) => scale(add(a, add(b, c)), 1 / 3);
 
+/** Some points of an ellipse around a centre, by two of its half axes. */
+export const ellipse = (centre, a, b, count) =>
+  Array.from({ length: count }, (_, k) => {
+    const angle = (2 * Math.PI * k) / count;
+    return add(centre, add(scale(a, Math.cos(angle)), scale(b, Math.sin(angle))));
+  });
+
 /** Point between `a` (t = 0) and `b` (t = 1). */
 export const mix = (a, b, t) => add(scale(a, 1 - t), scale(b, t));
 
@@ -122,6 +129,13 @@ export function rotatePose(pose, axis, angle) {
   const forward = unit(turn(forwardOf(pose)));
   const right = unit(cross(turn(column(pose, 1)), forward));
   return poseOf(right, cross(forward, right), forward, centreOf(pose));
+}
+
+/** Pose at an eye that looks at a point, upright; `other` is up where that is along the view. */
+export function lookingAt(eye, point, up, other = Math.abs(up[0]) > 0.5 ? [0, 1, 0] : [1, 0, 0]) {
+  const forward = unit(subtract(point, eye));
+  const right = unit(cross(forward, Math.abs(dot(forward, up)) > 0.999 ? other : up));
+  return poseOf(right, cross(forward, right), forward, eye);
 }
 
 /** Pose moved by a world vector. */

@@ -3,16 +3,12 @@
 import { expected, refuse } from "rastercov/api.js";
 import { cross, dot, multiply, turnOf } from "rastercov/maths.js";
 import { isTable, kindOf, shown } from "rastercov/plain.js";
-import { json_count, json_list, json_object } from "rastercov/texts.js";
+import { COMPONENTS, check_version, component_of, json_count, json_list, json_object, window_of } from "rastercov/texts.js";
 
-const COMPONENTS = {
-  5120: [1, "getInt8", 127],
-  5121: [1, "getUint8", 255],
-  5122: [2, "getInt16", 32767],
-  5123: [2, "getUint16", 65535],
-  5125: [4, "getUint32", 4294967295],
-  5126: [4, "getFloat32", 0],
-};
+/** Methods of a `DataView` for kinds of numbers. */
+const GETTERS = { i1: "getInt8", u1: "getUint8", i2: "getInt16", u2: "getUint16", u4: "getUint32", f4: "getFloat32" };
+/** Largest whole number of a kind. */
+const largestOf = ([sign, size]) => 2 ** (8 * size - Number(sign === "i")) - 1;
 const HARMLESS = ["KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_"];
 const READ = ["KHR_mesh_quantization"];
 const INSTANCING = "EXT_mesh_gpu_instancing";
@@ -72,11 +68,7 @@ function chunksOf(bytes) {
     refuse("expected a readable JSON chunk, got damaged text; export it again");
   }
   if (!isTable(header)) expected("the JSON chunk to be an object", kindOf(header));
-  const asset = header.asset ?? {};
-  for (const [key, known] of [["version", "2."], ["minVersion", "2.0"]]) {
-    const wanted = String(asset[key] ?? "2.0");
-    if (!`${wanted}.`.startsWith(known)) expected("glTF 2.0", `${key} ${wanted.slice(0, 20)}`);
-  }
+  check_version(header);
   return { header, buffer: found.get(0x004e4942) ?? new Uint8Array() };
 }
 
@@ -141,33 +133,34 @@ class Scene {
       refuse("expected a scene at rest, got morph weights, instances or a skin; apply them, or use rastercov view");
     }
     const primitives = json_list(mesh, "primitives");
-    if (!primitives.length) expected("primitives", "none", "export it again", `mesh ${node.mesh}: `);
+    const wrong = (wanted, got) => expected(wanted, got, undefined, `mesh ${node.mesh}: `);
+    if (!primitives.length) wrong("primitives", "none");
     const group = this.names.length;
     this.names.push(name || nameOf(mesh) || `node${group}`);
     for (const primitive of primitives) {
-      if (!isTable(primitive)) expected("primitives", "something else", "export it again", `mesh ${node.mesh}: `);
+      if (!isTable(primitive)) wrong("primitives", "something else");
       checkNames("primitive", primitive);
       const mode = "mode" in primitive ? primitive.mode : TRIANGLES;
-      if (!Number.isInteger(mode) || mode < 0 || mode > FAN) expected("a mode from 0 to 6", shown(mode), "export it again", `mesh ${node.mesh}: `);
-      if (mode >= TRIANGLES) this.#triangles(node.mesh, primitive, mode, matrix, group);
+      if (!Number.isInteger(mode) || mode < 0 || mode > FAN) wrong("a mode from 0 to 6", shown(mode));
+      if (mode >= TRIANGLES) this.#triangles(primitive, mode, matrix, group, wrong);
       else made.notes.push("ignored points or lines");
     }
   }
 
-  #triangles(mesh, primitive, mode, matrix, group) {
+  #triangles(primitive, mode, matrix, group, wrong) {
     const { made } = this;
     const attributes = primitive.attributes ?? {};
-    if (!("POSITION" in attributes)) expected("a primitive with POSITION", "one without", "export it again", `mesh ${mesh}: `);
+    if (!("POSITION" in attributes)) wrong("a primitive with POSITION", "one without");
     if (json_list(primitive, "targets").length) refuse("expected a scene at rest, got morph targets; apply them, or use rastercov view");
     const points = this.#read(attributes.POSITION, "VEC3");
     const n = points.length / 3;
     let corners = Array.from({ length: n }, (_, row) => row);
     if ("indices" in primitive) {
-      const [, , most] = COMPONENTS[json_object(this.header, "accessors", primitive.indices).componentType] ?? [];
       corners = this.#read(primitive.indices, "SCALAR");
-      const last = Math.min(n, most) - 1;
+      const { componentType } = json_object(this.header, "accessors", primitive.indices);
+      const last = Math.min(n, largestOf(COMPONENTS[componentType])) - 1;
       const high = corners.reduce((a, b) => Math.max(a, b), 0);
-      if (high > last) expected(`vertex indices in 0 ... ${last}`, `0 ... ${high}`, "export it again", `mesh ${mesh}: `);
+      if (high > last) wrong(`vertex indices in 0 ... ${last}`, `0 ... ${high}`);
     }
     if (mode === TRIANGLES && corners.length % 3) expected("triangles of 3 corners each", `${corners.length} corners`);
     if (mode !== TRIANGLES && [1, 2].includes(corners.length)) expected("a strip of 3 corners or more", corners.length);
@@ -193,20 +186,16 @@ class Scene {
     checkNames("accessor", accessor);
     const where = `accessor ${index}`;
     if ("sparse" in accessor || !("bufferView" in accessor)) expected("plain data", "sparse or none", "export it uncompressed", `${where}: `);
-    const [size, get, most] = COMPONENTS[accessor.componentType] ?? [0];
-    const isIndex = wanted === "SCALAR";
-    const isRight = accessor.type === wanted && (isIndex ? get?.startsWith("getUint") : get !== "getUint32");
-    if (!size || !isRight) expected(`${where} to be ${wanted}`, `${shown(accessor.type)} of ${shown(accessor.componentType)}`);
-    const isNormalised = "normalized" in accessor ? accessor.normalized : false;
-    if (typeof isNormalised !== "boolean" || (isNormalised && (isIndex || !most))) expected("'normalized' of integers only", "it elsewhere", "export it again", `${where}: `);
+    const kind = component_of(accessor, where, wanted);
+    const [size, most] = [Number(kind[1]), largestOf(kind)];
     const count = json_count(accessor, "count");
-    const columns = isIndex ? 1 : 3;
+    const columns = wanted === "SCALAR" ? 1 : 3;
     checkCount(this.made, count / 3);
     const { at, stride, buffer } = this.#window(where, accessor, count, columns * size);
     const view = new DataView(buffer.buffer, buffer.byteOffset, buffer.byteLength);
     return Array.from({ length: count * columns }, (_, k) => {
-      const value = view[get](at + stride * Math.floor(k / columns) + size * (k % columns), true);
-      return isNormalised ? Math.max(value / most, -1) : value;
+      const value = view[GETTERS[kind]](at + stride * Math.floor(k / columns) + size * (k % columns), true);
+      return accessor.normalized ? Math.max(value / most, -1) : value;
     });
   }
 
@@ -216,13 +205,8 @@ class Scene {
     const index = "buffer" in view ? view.buffer : 0;
     json_object(this.header, "buffers", index);
     if (index !== 0 || !this.buffer) refuse("expected buffers in the file, got one outside (uri); export a .glb");
-    const stride = json_count(view, "byteStride", row);
-    const [start, within] = [json_count(view, "byteOffset", 0), json_count(accessor, "byteOffset", 0)];
-    const room = Math.min(json_count(view, "byteLength", 0), this.buffer.length - start);
-    if (!(stride >= row && (!count || within + (count - 1) * stride + row <= room))) {
-      expected(`${count} elements of ${row} bytes every ${stride}`, `a view of ${Math.max(room, 0)} bytes`, "truncated; export it again", `${where}: `);
-    }
-    return { at: start + within, stride, buffer: this.buffer };
+    const [at, stride] = window_of(view, accessor, where, count, row, this.buffer.length);
+    return { at, stride, buffer: this.buffer };
   }
 }
 
