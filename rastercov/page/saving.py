@@ -37,7 +37,7 @@ NAMES = {"rig": "rig.json", "task": "task.toml"}
 DRAWING = "viewer_drawing.json"
 """Drawing under the floor plan."""
 MODES = tuple(name for name in OF_A_RIG if name != "single")
-"""Ways to colour the faces that the file has."""
+"""Ways to colour the faces that the file has, but those that the thresholds do not allow."""
 
 
 class Save(Of):
@@ -144,9 +144,7 @@ def with_drawing(session: Session, folders: Sequence[Path]) -> Session:
     return session
 
 
-def export_page(
-    session: Session, path: str | Path, modes: Sequence[str] = MODES, *, is_still: bool = True
-) -> Path:
+def export_page(session: Session, path: str | Path, *, is_still: bool = True) -> Path:
     """Write a page that needs no server.
 
     Parameters
@@ -155,8 +153,6 @@ def export_page(
         What it shows.
     path : str or Path
         The file, .html.
-    modes : sequence of str
-        Ways to colour the faces; one that the thresholds do not allow is left out.
     is_still : bool
         Figures are recorded; else the page computes them, where it can: see `live.record_cause`.
 
@@ -169,15 +165,15 @@ def export_page(
     """
     check_name(path)
     state = session.scene.start
-    text = export_state(session, state, modes) if is_still else page_of(session, state, modes)
+    text = export_state(session, state) if is_still else page_of(session, state)
     write_text(path, text)
     return Path(path)
 
 
-def page_of(session: Session, state: RigState, modes: Sequence[str] = MODES) -> str:
+def page_of(session: Session, state: RigState) -> str:
     """Text of a page that computes, or of recorded figures that says why it does not."""
     if why := record_cause(session, state):
-        return export_state(session, state, modes, [why])
+        return export_state(session, state, [why])
     return live_page(session, state)
 
 
@@ -188,13 +184,11 @@ def check_name(path: str | Path) -> None:
     check_place(Path(path))
 
 
-def export_state(
-    session: Session, state: RigState, modes: Sequence[str] = MODES, notes: Sequence[str] = ()
-) -> str:
+def export_state(session: Session, state: RigState, notes: Sequence[str] = ()) -> str:
     """Text of a page of recorded figures; ResourceError for more than `MOST_FACES` faces."""
     scene = session.scene.describe(can_edit=False)
     scene["notes"] += notes
-    own = [each for each in scene["modes"] if each["id"] in modes]
+    own = [each for each in scene["modes"] if each["id"] in MODES]
     frames: ByName = {}
     phases = session.scene.phases
     n = 0 if phases is None else phases.count

@@ -436,7 +436,7 @@ def test_a_page_at_rest_draws_nothing_and_asks_nobody_else(tab, program):
 
 @pytest.mark.every_day
 def test_a_static_page_shows_and_changes_colours_without_a_program(context, program, tmp_path):
-    path = export_page(program.session, tmp_path / "page.html", modes=("reason", "views"))
+    path = export_page(program.session, tmp_path / "page.html")
     context.set_offline(True)
     tab = Tab(context, path.as_uri())
     assert tab.levels() == program.session.frame("reason", {})[-ROOM.n_faces :]
@@ -452,7 +452,7 @@ def test_a_static_page_shows_and_changes_colours_without_a_program(context, prog
 
 
 def test_a_page_in_a_frame_fits_the_scene_to_every_size_of_it(context, program, tmp_path):
-    export_page(program.session, tmp_path / "view.html", modes=("reason",))
+    export_page(program.session, tmp_path / "view.html")
     outer = tmp_path / "outer.html"
     outer.write_text('<iframe src="view.html" style="display: none; border: 0"></iframe>')
     page = context.new_page()

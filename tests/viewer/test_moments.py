@@ -166,6 +166,6 @@ def test_measured_times_are_kept(cell):
 
 def test_an_exported_page_has_the_frames(cell):
     session = cell
-    page = export_state(session, session.state, ("reason", "views"))
+    page = export_state(session, session.state)
     assert page.count('"reason@') == STEPS
     assert session.at == (0.0,)

@@ -140,7 +140,7 @@ def test_another_tab_follows_the_time_that_is_shown(live, context):
 
 def test_an_exported_page_plays_the_figures(context, tmp_path):
     session = Session(moving_scene(tmp_path, steps=3))
-    page = Tab(context, export_page(session, tmp_path / "page.html", ("reason",)).as_uri())
+    page = Tab(context, export_page(session, tmp_path / "page.html").as_uri())
     for frame in (2, 1):
         page.js("frame => rastercov.session.setFrame(frame)", frame)
         page.idle()

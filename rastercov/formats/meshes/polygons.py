@@ -211,7 +211,6 @@ def fan_polygons(
     corners: ArrayLike,
     n_corners: ArrayLike,
     budget: int,
-    notes: Sequence[str] = (),
 ) -> Polygons:
     """Triangulate polygons as fans about their first corner.
 
@@ -227,14 +226,14 @@ def fan_polygons(
     first = (np.cumsum(n_corners) - n_corners)[polygon]
     step = np.arange(len(polygon)) - (np.cumsum(n_triangles) - n_triangles)[polygon]
     faces = np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
-    return Polygons(points, faces, polygon, np.zeros_like(polygon), notes=notes)
+    return Polygons(points, faces, polygon, np.zeros_like(polygon))
 
 
 BYTES_PER_INSTANCE = 1000
 """Memory and work that an instance counts for beside its faces."""
 
 
-def strip_triangles(n_corners: int, *, is_fan: bool = False) -> IntArray:
+def strip_triangles(n_corners: int, *, is_fan: bool) -> IntArray:
     """(T, 3) corners of the triangles of a strip, every other one reversed, or of a fan."""
     i = np.arange(max(n_corners - 2, 0))
     if is_fan:

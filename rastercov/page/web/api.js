@@ -136,19 +136,19 @@ export class Recorded {
   });
   groups = async () => new Uint16Array(bytesOf(this.data.groups).buffer);
 
-  /** Frame of a mode: of a phase, "mode@at"; of the chosen camera where there is one, "mode:station". */
-  async act({ mode, station, at, action }) {
+  /** Frame of a mode, or of its phase, "mode@at". */
+  async act({ mode, at, action }) {
     if (action.do !== "none")
       refuse("this file shows a result; open the plan with rastercov view to change it");
     const { frames } = this.data;
     this.at = at;
-    const frame = frames[`${mode}@${at.join("@")}`] ?? frames[`${mode}:${station}`] ?? frames[mode];
+    const frame = frames[[mode, ...at].join("@")] ?? frames[mode];
     if (!frame) throw new Refused(`this file has no figures of ${mode}`, 404);
     return { json: { state: this.data.state, ...frame }, payload: bytesOf(frame.levels) };
   }
 
   /** Modes that the file holds. */
-  hasMode = (mode) => Object.keys(this.data.frames).some((key) => key.split(/[:@]/)[0] === mode);
+  hasMode = (mode) => Object.keys(this.data.frames).some((key) => key.split("@")[0] === mode);
 
   /** Whether the file has figures of each phase of the scene. */
   hasPhases = (mode) => Object.keys(this.data.frames).some((key) => key.startsWith(`${mode}@`));
@@ -159,19 +159,12 @@ export class Recorded {
     const figures = Object.entries(this.data.frames).filter(isShown).map(([mode, frame]) => {
       const level = atob(frame.levels).charCodeAt(face);
       return {
-        label: labelOfMode(this.data.scene, mode, this.data.state),
+        label: this.data.scene.modes.find((each) => each.id === mode.split("@")[0])?.label ?? mode,
         value: labelOfLevel(frame, level),
       };
     });
     return { face, group: null, area: null, words: "", cameras: [], levels: figures };
   }
-}
-
-function labelOfMode(scene, key, state) {
-  const [mode, station] = key.split("@")[0].split(":");
-  const label = scene.modes.find((each) => each.id === mode)?.label ?? mode;
-  const name = state.stations.find((each) => String(each.id) === station)?.name;
-  return name ? `${label}, ${name}` : label;
 }
 
 /** Words of a level by the legend of its frame. */

@@ -2,7 +2,7 @@
 
 import { button, choice, element, menu, metres, toggle } from "rastercov/dom.js";
 import { offerFile } from "rastercov/status.js";
-import { sectionOf } from "rastercov/tools.js";
+import { heightOf, sectionOf } from "rastercov/tools.js";
 
 /** A sign that is not read out. */
 const sign = (text) => element("span", { "aria-hidden": "true" }, text);
@@ -158,8 +158,7 @@ function sectionControls(session, view) {
   let isOn = false;
   let isPlan = false;
   const apply = () => {
-    const [low, high] = session.scene.bounds;
-    height.textContent = metres(low[cut.axis] + cut.at * (high[cut.axis] - low[cut.axis]));
+    height.textContent = metres(heightOf(cut, session.scene.bounds));
     view.setOption("section", isOn || isPlan ? sectionOf(cut, session.scene.bounds) : null);
   };
   const place = element("input.place", {

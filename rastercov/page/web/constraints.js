@@ -3,7 +3,7 @@
  * The server has the last word; here they only stop a drag where it would.
  */
 
-import { BOX_EDGES, add, boxCorners, centreOf, clamp, distance, movePose, subtract } from "rastercov/maths.js";
+import { BOX_EDGES, boxCorners, centreOf, clamp, distance, ellipse, movePose, subtract } from "rastercov/maths.js";
 
 const ALLOWED = [0.1, 0.6, 0.35, 0.8];
 const FORBIDDEN = [0.85, 0.15, 0.2, 0.9];
@@ -41,16 +41,8 @@ function drawBox(sketch, box, colour, opacity) {
 }
 
 function drawBall(sketch, centre, radius, colour) {
-  for (let axis = 0; axis < 3; axis++) {
-    const points = Array.from({ length: 48 }, (_, k) => {
-      const angle = (2 * Math.PI * k) / 48;
-      const offset = [0, 0, 0];
-      offset[(axis + 1) % 3] = radius * Math.cos(angle);
-      offset[(axis + 2) % 3] = radius * Math.sin(angle);
-      return add(centre, offset);
-    });
-    sketch.path(points, colour, 1.2, true);
-  }
+  const arms = [0, 1, 2].map((axis) => [0, 1, 2].map((k) => (k === axis ? radius : 0)));
+  arms.forEach((arm, axis) => sketch.path(ellipse(centre, arm, arms[(axis + 1) % 3], 48), colour, 1.2, true));
 }
 
 /**

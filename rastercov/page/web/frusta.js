@@ -10,6 +10,7 @@ import {
   centreOf,
   column,
   distance,
+  ellipse,
   fromCamera,
   inCamera,
   length,
@@ -121,11 +122,10 @@ export class Frusta {
       }
     const angle = radians(Math.min(device.half_angle_deg, 80));
     const isAround = device.half_angle_deg >= 180;
-    const ring = Array.from({ length: 24 }, (_, k) => {
-      const [s, c] = [Math.sin((k * Math.PI) / 12), Math.cos((k * Math.PI) / 12)];
-      const ray = isAround ? [s, 0, c] : [c * Math.sin(angle), s * Math.sin(angle), Math.cos(angle)];
-      return fromCamera(pose, scale(ray, (isAround ? 0.3 : 1) * this.depth));
-    });
+    const [wide, deep] = [this.depth * Math.sin(angle), this.depth * Math.cos(angle)];
+    const reach = 0.3 * this.depth;
+    const border = isAround ? ellipse([0, 0, 0], [0, 0, reach], [reach, 0, 0], 24) : ellipse([0, 0, deep], [wide, 0, 0], [0, wide, 0], 24);
+    const ring = border.map((end) => fromCamera(pose, end));
     if (!isAround) sketch.path(ring, colour, width, true);
     for (let k = 0; k < 24; k += isAround ? 2 : 6) sketch.line(centreOf(pose), ring[k], colour, width);
   }

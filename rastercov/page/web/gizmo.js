@@ -15,6 +15,7 @@ import {
   directionFromCamera,
   distance,
   dot,
+  ellipse,
   length,
   movePose,
   radians,
@@ -87,14 +88,9 @@ export class Gizmo {
     axes.forEach((axis, at) => {
       const tip = add(centre, scale(axis, ARM * pixel));
       handles.push({ kind: "arrow", at, axis, points: [add(centre, scale(axis, 14 * pixel)), tip] });
-      const side = unit(cross(axis, axes[(at + 1) % 3]));
-      const other = cross(axis, side);
-      const points = Array.from({ length: SEGMENTS + 1 }, (_, k) => {
-        const angle = (2 * Math.PI * k) / SEGMENTS;
-        const offset = add(scale(side, Math.cos(angle)), scale(other, Math.sin(angle)));
-        return add(centre, scale(offset, RING * pixel));
-      });
-      handles.push({ kind: "ring", at, axis, points });
+      const side = scale(unit(cross(axis, axes[(at + 1) % 3])), RING * pixel);
+      const ring = ellipse(centre, side, cross(axis, side), SEGMENTS);
+      handles.push({ kind: "ring", at, axis, points: [...ring, ring[0]] });
     });
     const [right, down] = AXES.slice(0, 2).map((axis) => scale(directionFromCamera(look.pose, axis), 9 * pixel));
     const square = [

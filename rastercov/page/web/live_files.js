@@ -10,6 +10,9 @@ import { distance } from "rastercov/maths.js";
 
 const AT_RIG = [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => Number(row === column)));
 
+const OPENING =
+  '\n<body>\n<p class="failed">Loading the scene…</p>\n<noscript><p class="failed">This page needs JavaScript: it draws the scene.</p></noscript>\n</body>\n</html>\n';
+
 /** The rig, as JSON, without cameras that it does not use, which equipment may be on. */
 export function rigFile({ stations, cameras, devices = [], gates = [], rigs = [], fixed = [], rig_from_camera: places = {} }, hasUnit) {
   if (!stations.length) refuse("expected a camera to save, got none; add one");
@@ -74,45 +77,31 @@ function objOf(vertices, faces, groupOf, groups, isIn) {
  * number.
  */
 export function planFile(state, surfaces, { defaults, scene, goals = [] }) {
-  const lines = [];
-  for (const { name, role, groups, twoSided } of surfaces) {
-    lines.push("[[meshes]]", `path = ${toml(name)}`, `role = ${toml(role)}`);
-    if (groups.length) lines.push(`groups = ${toml(groups)}`);
-    if (twoSided.length) lines.push(`two_sided = ${toml(twoSided)}`);
-  }
-  lines.push(...placementOf(state, scene));
-  for (const goal of goals) lines.push(...goalOf(goal, state, defaults));
-  return `${lines.join("\n")}\n${taskFile(state, scene)}`;
+  const meshes = surfaces.map(({ name: path, role, groups, twoSided }) => ["[meshes]", { path, role, groups, two_sided: twoSided }]);
+  return tomlOf([...meshes, ...placementOf(state, scene), ...goals.map((goal) => goalOf(goal, state, defaults)), taskOf(state, scene)]);
 }
 
 /** Table `[task]` of a plan: thresholds of a state that are not the usual ones, as TOML. */
-export function taskFile({ task, needed }, { task_fields: fields }) {
+export const taskFile = (state, scene) => tomlOf([taskOf(state, scene)]);
+
+function taskOf({ task, needed }, { task_fields: fields }) {
   const own = fields.filter(({ name, default: usual }) => task[name] !== null && task[name] !== usual && !(needed && name === "views"));
-  const lines = own.map(({ name }) => `${name} = ${toml(task[name])}`);
-  const views = Object.entries(needed ?? {}).map(([name, value]) => `${toml(name)} = ${value}`);
-  if (needed) lines.push(`views = { ${views.join(", ")} }`);
-  return `${["[task]", ...lines].join("\n")}\n`;
+  return ["task", { ...Object.fromEntries(own.map(({ name }) => [name, task[name]])), ...(needed && { views: needed }) }];
 }
 
 /** A goal of a plan: thresholds that are not those of the task or, of an upper limit, the usual ones. */
 function goalOf({ name, groups, limit, is_most: isMost, task }, state, defaults) {
   const base = isMost ? defaults : { ...state.task, ...(state.needed ? { views: 1 } : {}) };
   const own = Object.entries(task).filter(([key, value]) => key in state.task && value !== base[key]);
-  return [
-    `[goals.${toml(name)}]`,
-    ...(groups.length ? [`groups = ${toml(groups)}`] : []),
-    `${isMost ? "at_most" : "coverage"} = ${limit}`,
-    ...own.map(([key, value]) => `${key} = ${toml(value)}`),
-  ];
+  return [`goals.${toml(name)}`, { groups, [isMost ? "at_most" : "coverage"]: limit, ...Object.fromEntries(own) }];
 }
 
 /** Shares that are required, as the goal of a plan; null without any. */
 function requirementOf(required) {
   const shares = required.filter(({ limit }) => limit > 0);
-  const [whole] = shares.filter(({ place }) => place === null);
-  const groups = shares.filter(({ place }) => place !== null).map(({ place, limit }) => `${toml(place)} = ${limit}`);
-  if (!shares.length) return null;
-  return ['goal = "fewest_cameras"', `coverage = ${whole?.limit ?? 0}`, ...(groups.length ? [`groups = { ${groups.join(", ")} }`] : [])];
+  const whole = shares.find(({ place }) => place === null);
+  const groups = shares.filter((each) => each !== whole).map(({ place, limit }) => [place, limit]);
+  return shares.length ? { goal: "fewest_cameras", coverage: whole?.limit ?? 0, groups: Object.fromEntries(groups) } : null;
 }
 
 /** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
@@ -120,17 +109,14 @@ function placementOf({ stations, cameras, gates = [] }, { unit, bounds, is_room:
   const used = [...new Set(stations.map((each) => each.camera))];
   const goal = requirementOf(required);
   if (unit !== "m" || gates.length || !used.length || used.some((name) => cameras[name].task || cameras[name].lens)) {
-    return goal ? ["[selection]", ...goal] : [];
+    return goal ? [["selection", goal]] : [];
   }
-  const lines = used.flatMap((name) => [
-    `[cameras.${toml(name)}]`,
-    ...Object.entries(cameras[name].plain).map(([key, value]) => `${key} = ${toml(value)}`),
-  ]);
   const size = distance(...bounds);
-  const where = isRoom
-    ? ['generator = "on_walls"', `spacing = ${size / 8}`, `inset = ${size / 100}`]
-    : ['generator = "on_sphere"', "count = 200"];
-  return [...lines, "[[candidates]]", ...where, "[selection]", ...(goal ?? ['goal = "best_coverage"', `cameras = ${stations.length}`])];
+  return [
+    ...used.map((name) => [`cameras.${toml(name)}`, cameras[name].plain]),
+    ["[candidates]", isRoom ? { generator: "on_walls", spacing: size / 8, inset: size / 100 } : { generator: "on_sphere", count: 200 }],
+    ["selection", goal ?? { goal: "best_coverage", cameras: stations.length }],
+  ];
 }
 
 /** This page as a file, with a state in place of the one that it was opened with. */
@@ -146,15 +132,24 @@ export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) 
   const head = document.head.cloneNode(true);
   head.querySelector("#live").textContent = JSON.stringify(own).replaceAll("<", "\\u003c");
   head.querySelector("title").textContent = "rastercov";
-  const opening = '<p class="failed">Loading the scene…</p>\n<noscript><p class="failed">This page needs JavaScript: it draws the scene.</p></noscript>';
-  return new Blob([`<!DOCTYPE html>\n<html lang="en">\n${head.outerHTML}\n<body>\n${opening}\n</body>\n</html>\n`], { type: "text/html" });
+  return new Blob(['<!DOCTYPE html>\n<html lang="en">\n', head.outerHTML, OPENING], { type: "text/html" });
 }
 
 /** Bytes of an array as base64 of zlib. */
 const deflate = async (array) => base64Of(await through(array, new CompressionStream("deflate")));
 
-/** A text, number, truth value or list of them as TOML, which has them as JSON does, DEL and infinity apart. */
+/** TOML of tables, [header, entries] each; empty lists and tables are left out. */
+function tomlOf(tables) {
+  const isFull = ([, value]) => value === null || typeof value !== "object" || Object.keys(value).length > 0;
+  return tables.map(([head, own]) => [`[${head}]`, ...Object.entries(own).filter(isFull).map(entryOf), ""].join("\n")).join("");
+}
+
+const entryOf = ([key, value]) => `${key} = ${toml(value)}`;
+
+/** A value as TOML, which has it as JSON does, DEL, infinity and tables apart. */
 function toml(value) {
   if (Array.isArray(value)) return `[${value.map(toml).join(", ")}]`;
-  return value === null || value === Infinity ? "inf" : JSON.stringify(value).replaceAll("\x7f", "\\u007f");
+  if (value === null || value === Infinity) return "inf";
+  if (typeof value === "object") return `{ ${Object.entries(value).map(([key, own]) => entryOf([toml(key), own])).join(", ")} }`;
+  return JSON.stringify(value).replaceAll("\x7f", "\\u007f");
 }

@@ -105,8 +105,8 @@ export class Solver {
   /** {m2, areas} of what a row covers; `use` takes the regions besides. */
   #areasOf(network, row, use = () => null) {
     const regions = this.call("rc_network_regions", network, row);
-    const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
-    this.call("rc_regions_areas", regions, 0, 1, this.n, areas, bounds);
+    const areas = new Float64Array(this.n);
+    this.call("rc_regions_areas", regions, 0, 1, this.n, areas, areas.slice());
     use(regions);
     this.call("rc_regions_free", regions);
     let m2 = 0; // in the order of faces, as np.bincount
@@ -137,8 +137,8 @@ export class Solver {
     if (isPartial && this.#covered?.cameras.length === cameras.length) return { ...this.#covered, cameras, isPartial };
     const union = this.call("rc_network_unite", network, views);
     const levels = Array.from({ length: views }, (_, level) => {
-      const [areas, bounds] = [new Float64Array(this.n), new Float64Array(this.n)];
-      this.call("rc_union_areas", union, level + 1, this.n, areas, bounds);
+      const areas = new Float64Array(this.n);
+      this.call("rc_union_areas", union, level + 1, this.n, areas, areas.slice());
       return areas;
     });
     const [whole] = this.#sums(union, this.#parts.whole, [views], views);

@@ -5,7 +5,7 @@
  * one write of F bytes. Picking draws the same triangles into one texel.
  */
 
-import { program } from "rastercov/shaders.js";
+import { blended, program } from "rastercov/shaders.js";
 
 const TEXELS_A_ROW = 2048;
 /** Least factor of the headlight: colours are palette * (least + (1 - least) |cosine|). */
@@ -120,12 +120,7 @@ export class MeshPass {
     if (this.pieces.count) this.#drawPieces(look);
     if (!look.hasTransparent) return;
     this.#prepare(this.colours, look);
-    gl.enable(gl.BLEND);
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.depthMask(false);
-    this.#triangles(this.colours, 2, SEEN_THROUGH);
-    gl.depthMask(true);
-    gl.disable(gl.BLEND);
+    blended(gl, () => this.#triangles(this.colours, 2, SEEN_THROUGH));
   }
 
   #drawPieces(look) {
@@ -167,12 +162,9 @@ export class MeshPass {
     gl.depthMask(true);
     gl.uniformMatrix4fv(uniforms.clip_from_world, true, look.clipFromWorld);
     gl.uniform3fv(uniforms.eye, look.eye);
-    gl.uniform1i(uniforms.is_parallel, look.isParallel ? 1 : 0);
     gl.uniform4fv(uniforms.section, look.section ?? [0, 0, 0, 0]);
-    gl.uniform1i(uniforms.is_cut, look.section ? 1 : 0);
-    gl.uniform1i(uniforms.is_culled, look.isCulled ? 1 : 0);
-    gl.uniform1i(uniforms.is_flat, look.isFlat ? 1 : 0);
-    gl.uniform1i(uniforms.has_edges, look.hasEdges ? 1 : 0);
+    const flags = { is_parallel: look.isParallel, is_cut: look.section, is_culled: look.isCulled, is_flat: look.isFlat, has_edges: look.hasEdges };
+    for (const [name, isOn] of Object.entries(flags)) gl.uniform1i(uniforms[name], isOn ? 1 : 0);
     gl.uniform3fv(uniforms.accent, look.accent);
     const textures = [
       [uniforms.levels, this.levels.texture],

@@ -49,6 +49,16 @@ export function program(gl, stages, attributes, defines = {}) {
   return { program: made, uniforms };
 }
 
+/** Draws over what is there, in premultiplied colours, without a change of depths. */
+export function blended(gl, draw) {
+  gl.enable(gl.BLEND);
+  gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+  gl.depthMask(false);
+  draw();
+  gl.depthMask(true);
+  gl.disable(gl.BLEND);
+}
+
 function compile(gl, kind, name, defines) {
   const head = ["#version 300 es", "precision highp float;", "precision highp int;"];
   for (const [key, value] of Object.entries(defines)) head.push(`#define ${key} ${value}`);

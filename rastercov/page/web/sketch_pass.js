@@ -10,6 +10,9 @@ import { program } from "rastercov/shaders.js";
 
 export const SKETCH_STAGES = ["viewer_line.vert", "viewer_fill.vert", "viewer_colour.frag"];
 
+/** Opacity of what the mesh hides. */
+const HIDDEN = 0.22;
+
 export class Sketch {
   constructor(origin) {
     this.origin = origin;
@@ -76,9 +79,9 @@ export class SketchPass {
    * @param {Sketch} sketch
    * @param {object} look clipFromWorld (relative to the origin), width, height of the drawing
    *   buffer, density (its pixels a pixel of the page), near (metres)
-   * @param {object} options isOnTop: nothing hides it; hidden: opacity of what the mesh hides
+   * @param {object} options isOnTop: nothing hides it
    */
-  draw(sketch, look, { isOnTop = false, hidden = 0.22 } = {}) {
+  draw(sketch, look, { isOnTop = false } = {}) {
     const { gl } = this;
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
@@ -105,10 +108,8 @@ export class SketchPass {
         return;
       }
       gl.enable(gl.DEPTH_TEST);
-      if (hidden > 0) {
-        gl.depthFunc(gl.GREATER);
-        paint(hidden);
-      }
+      gl.depthFunc(gl.GREATER);
+      paint(HIDDEN);
       gl.depthFunc(gl.LEQUAL);
       paint(1);
     };

@@ -134,17 +134,18 @@ export function planeOf(corners) {
   return { normal: unit(twice), area: length(twice) / 2, centre: centroid(corners) };
 }
 
+/** Coordinate of a section along its axis; see `sectionOf`. */
+export const heightOf = ({ axis, at }, [low, high]) => low[axis] + at * (high[axis] - low[axis]);
+
 /**
- * Section: what is cut away, as (a, b, c, d) with a x + b y + c z + d > 0; null without one.
+ * Section: what is cut away, as (a, b, c, d) with a x + b y + c z + d > 0.
  *
- * @param {{axis: number, at: number, isFlipped: boolean}|null} cut axis 0, 1 or 2; `at` is a part of
+ * @param {{axis: number, at: number, isFlipped: boolean}} cut axis 0, 1 or 2; `at` is a part of
  *   the scene's extent along it, from 0 to 1
  */
-export function sectionOf(cut, [low, high]) {
-  if (!cut) return null;
+export function sectionOf(cut, bounds) {
   const sign = cut.isFlipped ? -1 : 1;
-  const place = low[cut.axis] + cut.at * (high[cut.axis] - low[cut.axis]);
-  const plane = [0, 0, 0, -sign * place];
+  const plane = [0, 0, 0, -sign * heightOf(cut, bounds)];
   plane[cut.axis] = sign;
   return plane;
 }

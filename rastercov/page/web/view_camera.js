@@ -93,8 +93,7 @@ export class ViewCamera {
         return [Math.min(...all), Math.max(...all)];
       });
       const wanted = [(left + right) / 2, (above + below) / 2 - (top - bottom) * slope];
-      const by = [0, 1].map((axis) => scale(column(pose, axis), wanted[axis] * this.range));
-      this.target = by.reduce(add, this.target);
+      this.walk([...wanted, 0]);
       const part = Math.max((right - left) / aspect, (below - above) / (1 - top - bottom)) / (2 * FITTED * slope);
       this.range = Math.max(nearest, this.range * part);
     }
@@ -156,14 +155,11 @@ export class ViewCamera {
     return poseOf(right, cross(forward, right), forward, eye);
   }
 
-  /** Half height of a parallel picture, metres. */
+  /** Half height of the picture: of parallel rays in metres, else at depth 1. */
   #half() {
-    return this.pinned?.half ?? this.range * Math.tan(this.field / 2);
-  }
-
-  /** Vertical field of view, radians. */
-  verticalField() {
-    return this.pinned ? this.pinned.field : this.field;
+    const { pinned, field, range } = this;
+    const slope = Math.tan((pinned?.field ?? field) / 2);
+    return this.isParallel ? (pinned?.half ?? range * slope) : slope;
   }
 
   /**
@@ -173,16 +169,15 @@ export class ViewCamera {
    */
   look(width, height, points = []) {
     const pose = this.pose();
-    const slopeY = Math.tan(this.verticalField() / 2);
-    const slopeX = (slopeY * width) / height;
+    const half = this.#half();
+    const side = (half * width) / height;
     const depths = [...boxCorners(this.bounds), ...points].map((point) => inCamera(pose, point)[2]);
     const size = sphereAround(this.bounds).radius;
     const slack = 0.2 * size;
     const farthest = Math.max(...depths) + slack;
     if (this.isParallel) {
-      const half = this.#half();
       const [near, far] = [Math.min(...depths) - size, farthest + size];
-      const clip = parallel((half * width) / height, half, near, far);
+      const clip = parallel(side, half, near, far);
       return {
         pose,
         near: 1e-3,
@@ -197,8 +192,8 @@ export class ViewCamera {
       pose,
       near,
       isParallel: false,
-      pixel: (depth) => (2 * depth * slopeY) / height,
-      clipFromWorld: multiply(perspective(slopeX, slopeY, near, far), rigidInverse(pose)),
+      pixel: (depth) => (2 * depth * half) / height,
+      clipFromWorld: multiply(perspective(side, half, near, far), rigidInverse(pose)),
     };
   }
 
@@ -212,11 +207,8 @@ export class ViewCamera {
 
   /** Moves the target across the picture, in parts of its height. */
   pan(right, down) {
-    this.release();
-    const pose = this.pose();
-    const span = 2 * this.range * Math.tan(this.field / 2);
-    const by = add(scale(column(pose, 0), right * span), scale(column(pose, 1), down * span));
-    this.target = add(this.target, by);
+    const span = 2 * Math.tan(this.field / 2);
+    this.walk([right * span, down * span, 0]);
   }
 
   /** Nearer (factor < 1) or farther, towards the world point `at` where it is given. */
@@ -240,16 +232,10 @@ export class ViewCamera {
   /** Ray through a point of the picture, given in [-1, 1] rightwards and upwards: {from, along}. */
   ray(x, y, width, height) {
     const pose = this.pose();
-    const slopeY = Math.tan(this.verticalField() / 2);
-    const slopeX = (slopeY * width) / height;
+    const half = this.#half();
     const [right, down, forward, centre] = [0, 1, 2, 3].map((at) => column(pose, at));
-    if (this.isParallel) {
-      const half = this.#half();
-      const across = add(scale(right, (x * half * width) / height), scale(down, -y * half));
-      return { from: add(centre, across), along: forward };
-    }
-    const along = add(forward, add(scale(right, x * slopeX), scale(down, -y * slopeY)));
-    return { from: centre, along: unit(along) };
+    const across = add(scale(right, (x * half * width) / height), scale(down, -y * half));
+    return this.isParallel ? { from: add(centre, across), along: forward } : { from: centre, along: unit(add(forward, across)) };
   }
 
   /** State to fly from or to. */
