@@ -92,6 +92,7 @@ from rastercov.report.pages import (
 )
 from rastercov.report.panorama import upright
 from rastercov.report.tables import camera_rows, camera_words, mounting_angles
+from rastercov.report.verdict import openings_in_words
 from rastercov.shards import Progress, silent
 
 if TYPE_CHECKING:
@@ -512,13 +513,13 @@ class NetworkPage:
         `values` are those that the template wants; `title_block` is that of the run unless given.
         """
         title_block = (values["run"]["options"] or {}).get("sheet") or {}
+        own = values.pop("notes", ()), values["summary"], values.get("under", "")
         rows, more = self.camera_table(values.pop("columns", {}))
         drawn = {name: Picture.draw("", image) for name, image in images.items()}
         by_area, cameras = "covered_area" in self.figures, cameras_of(self.camera)
         return render(
             template,
             "rastercov.report" if self.part is None else self.part.package,
-            heading=self.title,
             title=self.title,
             page=self,
             rules=self._rules(),
@@ -540,7 +541,7 @@ class NetworkPage:
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
             figures=self.figures,
-            lights=first_of([*equipment_on(self.camera)]),
+            conditions=self._conditions(*own),
             section=None if self.part is None else self.part.template,
             own=None if self.part is None else self.part.section(self.figures),
             names=dict(zip(self.poses.ids.tolist(), self.names, strict=True)),
@@ -596,6 +597,29 @@ class NetworkPage:
             )
             said.append(f"{word.capitalize()}: {first_of([*words])}.")
         return said
+
+    def _conditions(self, notes: Sequence[str], summary: ReadByName, under: str) -> list[str]:
+        """Sentences on what the figures take for granted; requirements must hold `under` errors."""
+        there = np.unique(self.mesh.face_group).tolist()
+        groups = [self.mesh.groups[row] for row in there]
+        names = openings_in_words([each.name for each in groups if not each.is_target])
+        lights = first_of([*equipment_on(self.camera)])
+        said = {
+            f"all surfaces are opaque and as in the file{names}": True,
+            f"each {self.noun} is exactly where its table has it: no mounting errors": not under,
+            f"light comes straight from the {lights}, without reflections": bool(lights),
+            "there is light enough everywhere: none is modelled": not lights,
+            "what moves is as in its frames: nothing between them is checked": self.part
+            is not None,
+            "areas are estimates by samples, without a bound of their error": (
+                self.asked is not None and self.asked.method == "sampled"
+            ),
+        }
+        skipped = (
+            f"pose {pose} was skipped: its process {end}"
+            for pose, end in summary["quarantined"].items()
+        )
+        return [*(text for text, holds in said.items() if holds), *dict.fromkeys(notes), *skipped]
 
     def _lamps(self) -> list[Volume]:
         """Equipment beside the cameras, to be drawn."""

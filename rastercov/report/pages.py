@@ -55,6 +55,7 @@ from rastercov.report.overview import best_covering
 from rastercov.report.panorama import front_of, is_inside, scene_box, sides, upright
 from rastercov.report.script import texts_script
 from rastercov.report.theme import DARK, LIGHT
+from rastercov.report.verdict import mark_of, sign_words
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -104,6 +105,7 @@ def _environment(package: str) -> "Environment":
         "column_kinds": _column_kinds,
         "count": "{:,}".format,
         "image": image_name,
+        "mark": mark_of,
         "metres": length,
         "number": number,
         "percent": percent,
@@ -119,6 +121,7 @@ def _environment(package: str) -> "Environment":
         "dark": DARK,
         "part_rows": part_rows,
         "most_embedded": MOST_EMBEDDED,
+        "sign_words": sign_words,
     }
     return environment
 

@@ -312,7 +312,6 @@ def write(
             "sunlight.html",
             "rastercov.sun",
             title=title,
-            heading=title,
             summary=summary,
             bounded=text_with_bound,
             hours_text=hours_text,
