@@ -82,7 +82,6 @@ def _data(session: Session, start: RigState, entries: ByName) -> ByName:
         | live.describe_union(start.whole),
         scene.mesh,
         start.cameras,
-        start.whole.tasks,
         _candidates(session.scene, MOST_CANDIDATES),
         _goals(session),
     )

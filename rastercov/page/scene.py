@@ -75,15 +75,11 @@ from rastercov.report.live import (
     CAMERA_FIELDS,
     LEAST_SITE,
     PLACEMENT,
-    as_entries,
+    describe_rig,
     task_fields,
 )
 from rastercov.report.modes import MODES, OF_EQUIPMENT, of_gates
-from rastercov.report.pages import (
-    describe_camera,
-    describe_mesh,
-    describe_mode,
-)
+from rastercov.report.pages import describe_mesh, describe_mode
 from rastercov.report.panorama import is_inside
 from rastercov.report.plan_geometry import rooms_of
 
@@ -408,18 +404,10 @@ def default_space(mesh: Mesh, state: RigState, *, is_room: bool = False) -> Pose
 
 def describe_state(scene: Scene, state: RigState, shown: RigState | None = None) -> ByName:
     """The state of a rig, ready for JSON, with the poses that are shown; see `Scene.places`."""
-    thresholds = [each["name"] for each in task_fields(state.whole)]
-    stations, tasks = (state if shown is None else shown).stations, state.whole.tasks
-    return {
+    stations = (state if shown is None else shown).stations
+    return describe_rig(state.cameras, state.task, state.needed, state.whole) | {
         "stations": describe_stations(stations, scene.places(state)),
-        "cameras": {
-            name: describe_camera(camera)
-            | {"task": as_entries(tasks[name]) if name in tasks else None}
-            for name, camera in state.cameras.items()
-        },
-        "task": {name: getattr(state.task, name) for name in thresholds},
         "devices": describe_devices(state.whole),
-        "needed": state.needed and dict(state.needed),
     }
 
 

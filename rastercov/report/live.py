@@ -307,18 +307,35 @@ def view_of(
     known = dict(zip(types, cameras_of(cameras), strict=True))
     state = {
         "stations": describe_stations(types, poses, names),
-        "cameras": {name: describe_camera(camera) for name, camera in known.items()},
-        "task": {each["name"]: getattr(asked.task, each["name"]) for each in task_fields()},
-        "needed": asked.needed and dict(asked.needed),
+        **describe_rig(known, asked.task, asked.needed),
         **describe_union(cameras),
     }
     own = cameras.tasks if isinstance(cameras, Rig) else {}
-    tasks = {
-        name: task
-        for name, task in zip(types, tasks_of(cameras, asked.task), strict=True)
-        if name in own
+    for name, task in zip(types, tasks_of(cameras, asked.task), strict=True):
+        state["cameras"][name]["task"] = as_entries(task) if name in own else None
+    return with_live_data(data_of(scene, state, mesh, known, goals=goals))
+
+
+def describe_rig(
+    cameras: Mapping[str, Camera],
+    task: Task,
+    needed: Mapping[str, int] | None = None,
+    rig: Rig | None = None,
+) -> ByName:
+    """Entries of a state on cameras by their names and on thresholds, ready for JSON.
+
+    Those of cameras are their own, of a rig; `needed` is as of `Asked`.
+    """
+    tasks = {} if rig is None else rig.tasks
+    return {
+        "cameras": {
+            name: describe_camera(camera)
+            | {"task": as_entries(tasks[name]) if name in tasks else None}
+            for name, camera in cameras.items()
+        },
+        "task": {each["name"]: getattr(task, each["name"]) for each in task_fields(rig)},
+        "needed": needed and dict(needed),
     }
-    return with_live_data(data_of(scene, state, mesh, known, tasks, goals=goals))
 
 
 def data_of(
@@ -326,7 +343,6 @@ def data_of(
     state: ReadByName,
     mesh: Mesh,
     cameras: Mapping[str, Camera],
-    tasks: Mapping[str, Task],
     candidates: Mapping[str, Sequence[Any]] | None = None,
     goals: Goals | None = None,
 ) -> ByName:
@@ -339,24 +355,16 @@ def data_of(
     mesh : Mesh
     cameras : mapping
         Of the state, by name.
-    tasks : mapping
-        Thresholds of those cameras that have their own.
     candidates : mapping, optional
         Poses that are tried for the next camera, by the name of its camera.
     goals : Goals, optional
     """
-    described = {
-        name: each | ({"task": as_entries(tasks[name])} if name in tasks else {"task": None})
-        for name, each in state["cameras"].items()
-    }
-    lenses = {}
-    for name, camera in cameras.items():
-        if not camera.is_pinhole:
-            described[name]["lens"] = name
-            lenses[name] = _deflate(pack_lens(camera))
+    curved = {name: each for name, each in cameras.items() if not each.is_pinhole}
+    lenses = {name: _deflate(pack_lens(camera)) for name, camera in curved.items()}
+    named = {name: state["cameras"][name] | {"lens": name} for name in curved}
     surface = describe_surface(mesh)
     surface["mesh"] |= _part(mesh, mesh if goals is None else goals.task_mesh)
-    return _share_entries(scene, {**state, "cameras": described}) | {
+    return _share_entries(scene, {**state, "cameras": {**state["cameras"], **named}}) | {
         "goals": [] if goals is None else goals.describe(),
         "lenses": lenses,
         "candidates": candidates or {},
@@ -427,14 +435,7 @@ def playground() -> str:
         "result": None,
         "notes": [],
     }
-    state: ByName = {
-        "stations": [],
-        "cameras": {
-            name: describe_camera(camera) | {"task": None} for name, camera in known.items()
-        },
-        "task": {each["name"]: getattr(Task(), each["name"]) for each in task_fields()},
-        "needed": None,
-    }
+    state: ByName = {"stations": [], **describe_rig(known, Task())}
     samples = [
         {"title": title, "words": words, "names": _groups(mesh), **_arrays(mesh)}
         for name, title, words in PLAY_SCENES
