@@ -151,7 +151,7 @@ class Uncompared(np.ndarray):
 
 @pytest.mark.parametrize(
     ("name", "argument"),
-    [("evaluate", "by"), ("audit", "by"), ("audit", "suggest"),
+    [("evaluate", "by"), ("audit", "by"), ("audit", "suggest"), ("check", "min_coverage"),
      *of_features("COMPARED")],
 )  # fmt: skip
 def test_an_array_is_compared_with_no_name(right, name, argument):
@@ -180,6 +180,8 @@ def test_more_than_the_memory_holds_is_refused_before_any_is_taken(n):
         rc.Mesh(MESH.vertices, np.broadcast_to(one, (n, 3)))
     with pytest.raises(rc.ResourceError, match="at most 2147483647 vertices"):
         rc.Mesh(np.broadcast_to(one, (n, 3)), MESH.faces)
+    with pytest.raises(rc.MeshError, match="expected spacing to be two numbers"):
+        rc.Mesh.terrain([[1, 2], [3, 4]], spacing=np.broadcast_to(one, (n, 3)))
     with pytest.raises(
         rc.ResourceError,
         match=r"expected poses to fit in .* GiB of free memory, got .* GiB; pass fewer",

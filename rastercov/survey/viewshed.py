@@ -20,6 +20,7 @@ from rastercov.base import (
     frozen_record,
     shown,
 )
+from rastercov.base.arguments import check_room
 from rastercov.core.camera.conventions import panorama
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.job import evaluate
@@ -191,6 +192,7 @@ def viewshed(
 
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
     """(N, 3) map coordinates and heights above the ground."""
+    check_room("observers", points)
     array = np.atleast_2d(check_array("observers", points, "iuf", "(N, 2)", ConfigError))
     if array.shape[1:] == (2,):
         array = np.column_stack((array, np.full(len(array), finite_number(height))))

@@ -27,6 +27,11 @@ from rastercov.survey.geo import geotiff
 ORIGIN = (500000.0, 5300000.0)
 
 
+def test_more_observers_than_memory_holds_are_refused_before_any_is_read():
+    with pytest.raises(rc.ResourceError, match="expected observers to fit in"):
+        viewshed.observers_of(np.broadcast_to(np.int8(0), (2**40, 3)), 1.7)
+
+
 def random_grid(rng):
     """Heights in quarters, many of them equal, some missing."""
     shape = rng.integers(2, 5, 2)

@@ -203,7 +203,8 @@ def raster_of_array(
 
 def _pair(name: str, values: ArrayLike) -> tuple[float, float]:
     """Two numbers, or one twice."""
-    numbers = check_array(name, values, "iuf", "two numbers", MeshError).ravel().tolist()
-    if len(numbers) not in (1, 2):
+    array = check_array(name, values, "iuf", "two numbers", MeshError)
+    if array.size not in (1, 2):
         raise MeshError(f"expected {name} to be two numbers, got {shown(values)}; give two")
+    numbers = array.ravel().tolist()
     return float(numbers[0]), float(numbers[-1])

@@ -43,9 +43,10 @@ from rastercov.base import (
     parse_json,
     percent,
     plural,
+    shown,
     sort_order,
 )
-from rastercov.base.arguments import is_number, share_meant
+from rastercov.base.arguments import finite_number, is_number, share_meant
 from rastercov.base.format import area, points
 from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.features import unmet_lines
@@ -486,13 +487,13 @@ def limits(
         whole, group, any_of = "min_coverage", "groups", "groups, baseline"
         groups = [f"{n}={float(s) if is_number(s) else repr(s)}" for n, s in groups.items()]
     if min_coverage is not None:
-        if not 0 <= min_coverage <= 1:
+        limits[None] = finite_number(min_coverage)
+        if not 0 <= limits[None] <= 1:
             raise ConfigError(
-                f"{whole}: expected a share from 0 to 1, got {min_coverage:g}"
+                f"{whole}: expected a share from 0 to 1, got {shown(min_coverage)}"
                 f"{share_meant(min_coverage)}"
             )
-        limits[None] = float(min_coverage)
-        if min_coverage == 0:
+        if limits[None] == 0:
             raise ConfigError(
                 f"{whole}: expected a share above 0, got 0, which always holds; increase it"
             )
