@@ -24,7 +24,7 @@ def mark_of(line: Line) -> tuple[str, str, str]:
 
 
 def sign_words(passed: bool | None, lines: Sequence[Line]) -> str:
-    """Sentence that says whether a page may be signed, and what stands against it."""
+    """Sentence that says whether a page may be signed, and what fails."""
     if passed is None:
         return "No goal was set: figures only, nothing to pass or fail."
     if passed:
