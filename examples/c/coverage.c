@@ -31,7 +31,7 @@ static double total(const double *areas) {
 }
 
 int main(void) {
-    const rc_camera camera = {sizeof camera, 640, 480, 800, 800, 320, 240, 0, NULL};
+    const rc_camera camera = {sizeof camera, 640, 480, 800, 800, 320, 240, 0, NULL, 0};
     const rc_task task = rc_task_default();
     double areas[FACES], bounds[FACES];
     rc_surface *surface;

@@ -20,7 +20,7 @@ static void check(rc_status status) {
 }
 
 int main(void) {
-    const rc_camera camera = {sizeof camera, 640, 480, 800, 800, 320, 240, 0, NULL};
+    const rc_camera camera = {sizeof camera, 640, 480, 800, 800, 320, 240, 0, NULL, 0};
     const rc_task task = rc_task_default();
     const rc_search search = {sizeof search, 2, 0, 0, 0, NULL};
     const double middle[3] = {0.5, 0.5, 0.5}, to_sun[3] = {-0.001, -0.416, 0.909};

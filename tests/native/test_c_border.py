@@ -50,7 +50,7 @@ FIGURES = ("visible", "area", "area_error", "is_certified")
 
 class Camera(ctypes.Structure):
     _fields_ = [("size", ctypes.c_int32), *((name, ctypes.c_double) for name in CAMERA_FIELDS),
-                ("lens", ctypes.c_void_p)]  # fmt: skip
+                ("lens", ctypes.c_void_p), ("is_parallel", ctypes.c_int32)]  # fmt: skip
 
 
 OPTICS = ("width", "height", "fx", "fy", "cx", "cy", "skew", "max_angle_deg")
@@ -145,10 +145,28 @@ def library():
 
 def c_camera(camera):
     fields = (getattr(camera, name) for name in CAMERA_FIELDS)
-    return Camera(ctypes.sizeof(Camera), *fields)
+    return Camera(ctypes.sizeof(Camera), *fields, None, camera.is_parallel)
 
 
 CAMERA = rc.Camera(width=640, height=480, fx=800, fy=800, cx=320, cy=240)
+PARALLEL = rc.Camera.orthographic(width=640, height=480, px_per_m=250)
+
+
+LIMITS = {"max_incidence_deg": 70.0, "min_facing_density": 170.0, "min_pixels_per_m2": 9e3}
+
+
+def c_task(library, task, camera):
+    """Thresholds of a task, and depths of a camera in focus."""
+    own = library.task()
+    for name in (*LIMITS, "min_pixel_density"):
+        setattr(own, name, getattr(task, name))
+    own.min_depth, own.max_depth = camera.focus_range or (0.0, math.inf)
+    return own
+
+
+def some_limits(rng):
+    """A task with some of the thresholds."""
+    return rc.Task(**{name: value for name, value in LIMITS.items() if rng.random() < 0.5})
 
 
 def said_by(name, example, folder):
@@ -221,34 +239,40 @@ def scene(seed):
     return mesh, rc.look_at(eyes, np.zeros((3, 3)))
 
 
-@given(seed=st.integers(0, 2**32 - 1), method=st.sampled_from(["certified", "exact"]))
-@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), method=st.sampled_from(["certified", "exact"]),
+       is_parallel=st.booleans())  # fmt: skip
+@settings(max_examples=25, deadline=None)
 def test_areas_of_c_and_of_python_are_equal_and_figures_agree_within_their_bounds(
-    library, seed, method
+    library, seed, method, is_parallel
 ):
     mesh, poses = scene(seed)
+    seen_by = PARALLEL if is_parallel else CAMERA
+    rng = np.random.default_rng(seed)
+    seen_by = replace(seen_by, focus_range=(3.2, 4.3) if rng.random() < 0.5 else None)
+    task = some_limits(rng) if rng.random() < 0.5 else rc.Task()
     shape = len(poses), mesh.n_faces
     surface = library.surface(mesh)
     solver = library.make("rc_solver_create", surface, int(method == "exact"), 2)
     visible, area, error = np.empty((3, *shape))
     certified, world = np.empty(shape, np.uint8), np.ascontiguousarray(poses)
-    camera = c_camera(CAMERA)
+    camera = c_camera(seen_by)
     figures = Figures(*(each.ctypes.data for each in (visible, area, error, certified)))
     library.call(
         "rc_observe", solver, ctypes.byref(camera), world, len(poses), None, None,
         ctypes.byref(figures),
     )  # fmt: skip
-    with rc.open_observer(mesh, CAMERA, method) as observer:
+    with rc.open_observer(mesh, seen_by, method) as observer:
         seen = observer.observe(poses)
     assert np.abs(area - seen.drawn_pixels).max() <= 1e-6
     assert (np.abs(visible - seen.visible_pixels) <= error + seen.area_error + 1e-12).all()
+    limits = c_task(library, task, seen_by)
     regions = library.make(
-        "rc_find_regions", solver, ctypes.byref(camera), ctypes.byref(library.task()), world,
+        "rc_find_regions", solver, ctypes.byref(camera), ctypes.byref(limits), world,
         len(poses), None, None,
     )  # fmt: skip
     union = library.make("rc_union_create", surface, 2)
     library.call("rc_union_add", union, regions)
-    expected = rc.unite(rc.regions(mesh, CAMERA, poses, rc.Task(), method=method), views=2)
+    expected = rc.unite(rc.regions(mesh, seen_by, poses, task, method=method), views=2)
     areas, bounds = np.empty((2, mesh.n_faces))
     for views in (1, 2):
         library.call("rc_union_areas", union, views, mesh.n_faces, areas, bounds)
@@ -397,27 +421,31 @@ def rule_of(rng, n):
     return rc.All(**limits)
 
 
-@given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
-def test_what_devices_of_a_rule_measure_together_is_that_of_python(library, seed):
+@given(seed=st.integers(0, 2**32 - 1), is_parallel=st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_what_devices_of_a_rule_measure_together_is_that_of_python(library, seed, is_parallel):
+    """Parallel rays come from a point that is 2^96 m behind."""
     rng = np.random.default_rng(seed)
     mesh, poses = scene(seed)
     n = int(rng.integers(2, 5))
-    rig = rc.Rig([CAMERA] * n, [str(row) for row in range(n)], rule=rule_of(rng, n))
+    camera = PARALLEL if is_parallel else CAMERA
+    rig = rc.Rig([camera] * n, [str(row) for row in range(n)], rule=rule_of(rng, n))
     eyes = poses[0, :3, 3] + rng.normal(0, 0.6, (n, 3))
     world = np.ascontiguousarray(rc.look_at(eyes, np.zeros((n, 3))))
     task = library.task()
     task.max_incidence_deg = float(rng.choice((90, 70)))
     surface = library.surface(mesh)
     solver = library.make("rc_solver_create", surface, 0, 1)
-    of_camera, of_task = ctypes.byref(c_camera(CAMERA)), ctypes.byref(task)
+    of_camera, of_task = ctypes.byref(c_camera(camera)), ctypes.byref(task)
     own = [
         library.make("rc_find_regions", solver, of_camera, of_task, pose, 1, None, None)
         for pose in world.reshape(n, 16)
     ]
+    eyes = world.copy()
+    eyes[:, :3, 3] -= 2.0**96 * is_parallel * world[:, :3, 2]
     gate, arrays = c_gate(rig.gates[0])
     handles = (ctypes.c_void_p * n)(*(each.value for each in own))
-    together = library.make("rc_regions_together", ctypes.byref(gate), handles, world, n)
+    together = library.make("rc_regions_together", ctypes.byref(gate), handles, eyes, n)
     areas, bounds = np.empty((2, mesh.n_faces))
     library.call("rc_regions_areas", together, 0, 1, mesh.n_faces, areas, bounds)
     limits = rc.Task(max_incidence_deg=task.max_incidence_deg)
@@ -525,19 +553,15 @@ def test_dead_zones_are_those_of_python(library, seed):
         eyes, owner = eyes[:n], [*range(n)]
         rig = rc.Rig([camera] * n, [str(row) for row in range(n)], rule=rule)
     world = np.ascontiguousarray(rc.look_at(eyes, np.zeros((len(eyes), 3))))
-    limits = {"max_incidence_deg": 70.0, "min_facing_density": 170.0, "min_pixels_per_m2": 9e3}
-    task = rc.Task(**{k: v for k, v in limits.items() if rng.random() < 0.5})
+    task = some_limits(rng)
     k = int(rng.integers(1, 3))
     wanted = rng.integers(1, k + 1, mesh.n_faces).astype(np.int32)
     placed = rc.Poses.of(world, camera=owner)
     covered = rc.unite(rc.regions(mesh, rig, placed, task), k)
     expected = rc.dead_zones(covered, wanted, (rig, task, placed))
 
-    surface, of_task = library.surface(mesh), library.task()
+    surface, of_task = library.surface(mesh), c_task(library, task, camera)
     network = library.make("rc_network_create", surface, 1)
-    for name in limits:
-        setattr(of_task, name, getattr(task, name))
-    of_task.min_depth, of_task.max_depth = camera.focus_range or (0.0, math.inf)
     of_camera = ctypes.byref(c_camera(camera))
     for _ in range(2):  # the second from what is kept
         library.call("rc_network_clear", network)
@@ -583,6 +607,32 @@ def test_rules_that_are_none_are_a_line(library, changes, n, line):
         library.call("rc_regions_together", ctypes.byref(gate), handles,
                      np.tile(np.eye(4), (2, 1, 1)), n, ctypes.byref(handle))  # fmt: skip
     assert handle.value is None
+
+
+def test_parallel_rays_are_refused_where_no_call_takes_them(library):
+    mesh, poses = scene(0)
+    surface, by, task = library.surface(mesh), c_camera(PARALLEL), library.task()
+    solver = library.make("rc_solver_create", surface, 0, 1)
+    network = library.make("rc_network_create", surface, 1)
+    asked = ctypes.byref(by), ctypes.byref(task), poses[0]
+    line = "expected rays through a point, got 1; use rc_observe or rc_find_regions"
+    calls = {
+        "rc_judge_faces": (solver, *asked, mesh.n_faces, ctypes.byref(ctypes.c_void_p())),
+        "rc_judge_points": (surface, *asked, 0, None, None, None),
+        "rc_network_add": (network, *asked),
+    }
+    for name, arguments in calls.items():
+        with pytest.raises(RuntimeError, match=line):
+            library.call(name, *arguments)
+    of_one = solver, ctypes.byref(by), ctypes.byref(task), poses[0], 1, None, None
+    by.is_parallel = 2
+    with pytest.raises(RuntimeError, match="expected is_parallel of 0, or of 1 without a"):
+        library.make("rc_find_regions", *of_one)
+    with_lens = lens_of(library, replace(CAMERA, model="opencv", distortion=(0.1, 0, 0, 0)))
+    with_lens.is_parallel = 1
+    of_one = solver, ctypes.byref(with_lens), *of_one[2:]
+    with pytest.raises(RuntimeError, match="without a lens, got 1; set all fields"):
+        library.make("rc_find_regions", *of_one)
 
 
 LIMITED = """

@@ -7,7 +7,8 @@
 #include <bit>
 
 namespace rastercov::c {
-void check_camera(const rc_camera *camera) {
+namespace {
+void check_image(const rc_camera *camera) {
     expect_array(camera, "camera");
     expect(camera->size == sizeof(rc_camera), "size of sizeof(rc_camera) bytes",
            double(camera->size), "set it, and compile against the header of the library");
@@ -25,6 +26,21 @@ void check_camera(const rc_camera *camera) {
                            std::equal(&camera->fx, &camera->fx + 4, of_lens.params.begin());
     expect(is_proved, "width, height, fx, fy, cx and cy of its lens", camera->fx,
            "make a lens of this camera");
+}
+
+// Of calls that take parallel rays, too.
+void check_any(const rc_camera *camera) {
+    check_image(camera);
+    const int32_t of = camera->is_parallel;
+    expect(of == 0 || (of == 1 && !camera->lens), "is_parallel of 0, or of 1 without a lens", of,
+           "set all fields");
+}
+} // namespace
+
+void check_camera(const rc_camera *camera) {
+    check_image(camera);
+    expect(camera->is_parallel == 0, "rays through a point", camera->is_parallel,
+           "use rc_observe or rc_find_regions");
 }
 
 void check_pose(const double *pose) {
@@ -121,6 +137,7 @@ std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &cam
     const std::scoped_lock lock(solver.changes);
     const bool is_same = solver.pass && solver.lens == lens_object &&
                          have_bits_of(&solver.camera.width, &camera.width, 7) &&
+                         solver.camera.is_parallel == camera.is_parallel &&
                          solver.has_task == (task != nullptr) &&
                          (!task || have_bits_of(&solver.task.min_depth, &task->min_depth, 6));
     if (is_same) return solver.pass;
@@ -139,6 +156,7 @@ std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &cam
     auto image = std::make_shared<engine::Camera>();
     image->image = lens;
     image->near = camera.near;
+    image->is_parallel = camera.is_parallel != 0;
     if (lens_object) image->planes = lens_object->planes;
     solver.lens = lens_object;
     pass->set_camera(0, std::move(image), std::move(criteria));
@@ -252,7 +270,7 @@ rc_status rc_observe(rc_solver *solver, const rc_camera *camera, const double *p
                      int64_t n_poses, rc_go_on go_on, void *context, const rc_figures *figures) {
     return guard("observing poses", [&] {
         const auto object = object_of(solver);
-        check_camera(camera);
+        check_any(camera);
         expect_array(figures, "figures");
         const engine::Mesh &mesh = object->surface->mesh;
         const Placed placed(poses, n_poses);
@@ -316,7 +334,7 @@ rc_status rc_find_regions(rc_solver *solver, const rc_camera *camera, const rc_t
     return guard("finding regions", [&] {
         expect_result(regions);
         const auto object = object_of(solver);
-        check_camera(camera);
+        check_any(camera);
         expect_array(task, "task");
         rules_of(*task);
         *regions =

@@ -92,6 +92,7 @@ typedef struct rc_camera { /* pixels */
     double width, height, fx, fy, cx, cy; /* of a lens: those that it was proved for */
     double near;         /* least depth that is seen, metres; 0 for a millionth of the farthest */
     const rc_lens *lens; /* null for a pinhole */
+    int32_t is_parallel; /* 1: rays along z, fx and fy in px/m; for rc_observe, rc_find_regions */
 } rc_camera;
 
 typedef struct rc_optics { /* of a lens, pixels */
@@ -242,8 +243,8 @@ rc_status rc_regions_read(const rc_regions *regions, int64_t pose, int64_t n_pol
                           int64_t n_corners, int32_t *faces, int32_t *counts, double *corners);
 
 /* What n devices of one rig measure together, of what each sees in a pose: n regions of a pose
- * each, and these poses. A lamp is a camera of its cone: a gate of k = 2 that needs the camera
- * leaves of it what one lamp or more lights. */
+ * each, and these poses; of parallel rays 2^96 m back. A lamp is a camera of its cone: a gate of
+ * k = 2 that needs the camera leaves of it what one lamp or more lights. */
 rc_status rc_regions_together(const rc_gate *gate, const rc_regions *const *regions,
                               const double *poses, int64_t n, rc_regions **together);
 

@@ -77,8 +77,10 @@ std::vector<double> poses_of(int64_t n) {
 
 rc_camera camera() {
     rc_lens *const lens = below(5) ? nullptr : lenses.any();
-    rc_camera made = {sizeof(rc_camera), 64, 48, 30, 30, 32, 24, 0, lens};
+    rc_camera made = {sizeof(rc_camera), 64, 48, 30, 30, 32, 24, 0, lens, 0};
     if (below(4) == 0) made.fx += double(below(3));
+    if (below(5) == 0) made.is_parallel = 1;
+    if (rarely()) made.is_parallel = int32_t(below(4));
     if (rarely()) made.size = int32_t(below(200));
     if (rarely()) (&made.width)[below(7)] = real();
     return made;

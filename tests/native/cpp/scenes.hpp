@@ -10,7 +10,7 @@ struct Scene {
                                     0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1};
     std::vector<int32_t> faces = {0, 2, 1, 0, 3, 2, 4, 5, 6, 4, 6, 7, 0, 1, 5, 0, 5, 4,
                                   1, 2, 6, 1, 6, 5, 2, 3, 7, 2, 7, 6, 3, 0, 4, 3, 4, 7};
-    rc_camera camera = {sizeof(rc_camera), 640, 480, 800, 800, 320, 240, 0, nullptr};
+    rc_camera camera = {sizeof(rc_camera), 640, 480, 800, 800, 320, 240, 0, nullptr, 0};
     rc_task task = rc_task_default();
     // From above, at heights of 4 m and more.
     std::vector<double> poses(int64_t n) const {
