@@ -42,6 +42,7 @@ from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, zone_line
 from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of, names_of, upwards
+from rastercov.core.camera.camera import shown_of
 from rastercov.core.camera.projection import view_border, view_frame
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.task import REASONS
@@ -463,30 +464,15 @@ def describe_camera(camera: Camera) -> ByName:
     `border` are rays around its field of view, see `camera.projection.view_border`; where they do
     not start in the camera centre, `origins` has their starts. `plain` is as of `plain_of`.
     """
-    z_n, z_f = map(float, camera.depth_of_field())
     plain = plain_of(camera)
-    is_focused = z_n > 0 or math.isfinite(z_f)
-    near, far = plain.get("focus_range", (None, None))
-    f_number = camera.f_number
-    if camera.aperture is not None and camera.focal_length is not None:
-        f_number = camera.focal_length / camera.aperture
     origins, ends = view_frame(camera, PARTS_OF_BORDER, 1.0)
     sides = math.atan(camera.cx / camera.fx), math.atan((camera.width - camera.cx) / camera.fx)
-    return {
+    return shown_of(plain, *map(float, camera.depth_of_field())) | {
         "model": camera.model,
-        "width": camera.width,
-        "height": camera.height,
         "fx": None if camera.is_parallel else camera.fx,
         "magnification": camera.magnification,
         "px_per_m": camera.fx if camera.is_parallel and not camera.magnification else None,
         "hfov_deg": math.degrees(sum(sides)) if camera.is_pinhole else None,
-        "focal_length": camera.focal_length,
-        "f_number": f_number,
-        "focus_distance": camera.focus_distance,
-        "focus_near": near,
-        "focus_far": far,
-        "near": camera.near,
-        "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
         "can_focus": (camera.is_parallel or camera.focal_length is not None)
         and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,
@@ -526,17 +512,6 @@ def soup_origin(mesh: Mesh) -> FloatArray:
     return np.asarray(mesh.bounds).mean(axis=0)
 
 
-def soup_of(mesh: Mesh) -> tuple[FloatArray, bytes]:
-    """Origin (3,), and corners of each face relative to it, F x 9 float32."""
-    origin = soup_origin(mesh)
-    return origin, (mesh.vertices[mesh.faces] - origin).astype("<f4").tobytes()
-
-
-def groups_of(mesh: Mesh) -> bytes:
-    """Group of each face, F uint16."""
-    return bytes(mesh.face_group.astype("<u2").tobytes())
-
-
 def embed_scene(mesh: Mesh, data: ReadByName) -> str:
     """The page with its style, modules, mesh and data inside; its policy lets it load nothing.
 
@@ -547,11 +522,11 @@ def embed_scene(mesh: Mesh, data: ReadByName) -> str:
             f"expected up to {MOST_FACES:,} faces in a self-contained page, got {mesh.n_faces:,}; "
             "decimate the mesh, or run rastercov view"
         )
-    origin, soup = soup_of(mesh)
+    origin = soup_origin(mesh)
     surface = {
         "origin": origin.tolist(),
-        "soup": base64_of(soup),
-        "groups": base64_of(groups_of(mesh)),
+        "soup": base64_of((mesh.vertices[mesh.faces] - origin).astype("<f4").tobytes()),
+        "groups": base64_of(mesh.face_group.astype("<u2").tobytes()),
     }
     return _one_file("export", {**data, **surface})
 

@@ -23,6 +23,7 @@ from rastercov.core.camera.camera import (
     check_fields,
     check_focus,
     depths_in_focus,
+    shown_of,
     with_pixels,
 )
 from rastercov.core.camera.viewpoints import distances_to_try
@@ -53,6 +54,7 @@ SHARED: tuple[Shared, ...] = (
     check_fields,
     check_focus,
     with_pixels,
+    shown_of,
     colmap.read_cameras,
     colmap.read_images,
     colmap.parameters_of,

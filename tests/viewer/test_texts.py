@@ -15,7 +15,7 @@ from rastercov.report.pages import static_file
 from rastercov.report.script import SHARED, script_of, texts_script
 
 ELSEWHERE = {
-    *("advice_of", "central_arguments", "check_fields", "check_focus", "with_pixels"),
+    *("advice_of", "central_arguments", "check_fields", "check_focus", "shown_of", "with_pixels"),
     *("read_cameras", "read_images", "parameters_of"),
     *("json_list", "json_object", "json_count", "check_version", "component_of", "window_of"),
 }

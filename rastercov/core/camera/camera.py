@@ -342,6 +342,25 @@ def with_pixels(own: ReadByName, factor: float) -> ByName:
     }
 
 
+def shown_of(own: ReadByName, z_n: float, z_f: float) -> ByName:
+    """Figures of a camera for people, of its fields and its depth of field; None for none."""
+    f, aperture = own.get("focal_length"), own.get("aperture")
+    near, far = own.get("focus_range", (None, None))
+    is_focused = z_n > 0 or math.isfinite(z_f)
+    return {
+        "width": own["width"],
+        "height": own["height"],
+        "fx": own["fx"],
+        "focal_length": f,
+        "f_number": f / aperture if f and aperture else own.get("f_number"),
+        "focus_distance": own.get("focus_distance"),
+        "focus_near": near,
+        "focus_far": None if far is None or math.isinf(far) else far,
+        "near": own.get("near", 0.0),
+        "depth_of_field": [z_n, z_f if math.isfinite(z_f) else None] if is_focused else None,
+    }
+
+
 def border_of(width: float, height: float, n: int) -> FloatArray:
     """Points (4, n, 2) on the borders of an image of that size, px: top, right, bottom and left.
 

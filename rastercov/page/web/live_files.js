@@ -101,7 +101,7 @@ function requirementOf(required) {
   const shares = required.filter(({ limit }) => limit > 0);
   const whole = shares.find(({ place }) => place === null);
   const groups = shares.filter((each) => each !== whole).map(({ place, limit }) => [place, limit]);
-  return shares.length ? { goal: "fewest_cameras", coverage: whole?.limit ?? 0, groups: Object.fromEntries(groups) } : null;
+  return shares.length ? { goal: "fewest_cameras", coverage: whole?.limit ?? 0, ...(groups.length && { groups: Object.fromEntries(groups) }) } : null;
 }
 
 /** Cameras, candidates and goal of a plan, for lengths in metres; of cameras without thresholds of their own. */
@@ -138,9 +138,9 @@ export async function pageOf(data, { vertices, faces, groupOf, lenses }, state) 
 /** Bytes of an array as base64 of zlib. */
 const deflate = async (array) => base64Of(await through(array, new CompressionStream("deflate")));
 
-/** TOML of tables, [header, entries] each; empty lists and tables are left out. */
+/** TOML of tables, [header, entries] each; empty lists are left out. */
 function tomlOf(tables) {
-  const isFull = ([, value]) => value === null || typeof value !== "object" || Object.keys(value).length > 0;
+  const isFull = ([, value]) => !Array.isArray(value) || value.length > 0;
   return tables.map(([head, own]) => [`[${head}]`, ...Object.entries(own).filter(isFull).map(entryOf), ""].join("\n")).join("");
 }
 

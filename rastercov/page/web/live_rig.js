@@ -8,7 +8,7 @@
 import { expected, refuse } from "rastercov/api.js";
 import { plainOf } from "rastercov/camera_entries.js";
 import { column, cross, degrees, distance, dot, driftOf, lookingAt, orthonormal, scale } from "rastercov/maths.js";
-import { depths_in_focus, focal_length_across, positive, with_pixels } from "rastercov/texts.js";
+import { depths_in_focus, focal_length_across, positive, shown_of, with_pixels } from "rastercov/texts.js";
 
 const LONGEST_NAME = 120;
 const MOST_STATIONS = 5000;
@@ -242,22 +242,7 @@ export function focusOf(plain, maxBlur = null) {
 /** What the page shows of a camera, by its `plain` values; the border of a lens is that of its proofs. */
 export function described(camera, models) {
   const { plain } = camera;
-  const [near, far] = plain.focus_range ?? [null, null];
-  const [zn, zf] = focusOf(plain);
-  const isFocused = Boolean(plain.aperture || plain.focus_range);
-  const made = {
-    ...camera,
-    width: plain.width,
-    height: plain.height,
-    fx: plain.fx,
-    focal_length: plain.focal_length ?? null,
-    f_number: plain.aperture && plain.focal_length ? plain.focal_length / plain.aperture : null,
-    focus_distance: plain.focus_distance ?? null,
-    focus_near: near,
-    focus_far: far !== null && Number.isFinite(far) ? far : null,
-    near: plain.near ?? 0,
-    depth_of_field: isFocused ? [zn, Number.isFinite(zf) ? zf : null] : null,
-  };
+  const made = { ...camera, ...shown_of(plain, ...focusOf(plain)) };
   if (camera.origins) return { ...made, lens: null }; // of parallel rays, as rastercov describes it
   made.lens = lensOf(camera);
   const coefficients = (models[camera.model] ?? []).map((name, k) => [name, plain.distortion?.[k] ?? 0]);
