@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from rastercov.base import first_of
 from rastercov.placement.required import FAILS, HOLDS, UNDECIDED
 
 Line = str | tuple[str, str | bool | None]
@@ -40,5 +41,4 @@ def sign_words(passed: bool | None, lines: Sequence[Line]) -> str:
 def openings_in_words(names: Sequence[str]) -> str:
     """Words on groups that are glass or doors by their names, after a comma; "" for none."""
     own = [name for name in names if any(part in name.lower() for part in OPENING)]
-    rest = f" and {len(own) - MOST_NAMED} more" if own[MOST_NAMED:] else ""
-    return f", glass and doors too: {', '.join(own[:MOST_NAMED])}{rest}" if own else ""
+    return f", glass and doors too: {first_of(own, MOST_NAMED)}" if own else ""

@@ -10,7 +10,9 @@ from rastercov.core.mesh import shapes
 from rastercov.placement.plan.network import Requirement
 from rastercov.placement.required import HOLDS, SHARE_TOLERANCE, status_of
 from rastercov.report.coverage import Options, run
+from rastercov.report.notebook import network_of
 from rastercov.report.pages import _environment
+from rastercov.report.verdict import mark_of
 from rastercov.survey.flight import HIGHEST, Flight
 
 CAMERA = {"width": 320, "height": 240, "fx": 160, "fy": 160}
@@ -52,6 +54,40 @@ def test_a_verdict_says_whether_it_may_be_signed(passed, lines, said):
     assert "<details" not in html  # conditions are not hidden
     assert html.index("All is opaque") > html.index(said)
     assert "sign" not in str(macro("answer", ["text"], passed)).replace('class="verdict', "")
+
+
+@pytest.mark.parametrize(
+    ("line", "sign"),
+    [
+        *((("a: 1 %", status), "✓") for status in (True, HOLDS, "holds under errors")),
+        *((("a: 1 %", status), "✗") for status in (False, "fails")),
+        *((("a: 1 %", status), "–") for status in (None, "undecided")),
+        ("a: 1 %", ""),
+    ],
+)
+def test_a_line_has_the_sign_of_its_status(line, sign):
+    assert mark_of(line)[1:] == (sign, "a: 1 %")
+    macro = _environment("rastercov.report").get_template("macros.html").module.verdict
+    items = re.findall("<li>(.*?)</li>", str(macro("answer", [line])))
+    assert [re.sub("<[^>]*>", "", item) for item in items] == [
+        f"{sign} a: 1 %" if sign else "A: 1 %"
+    ]
+
+
+@pytest.mark.parametrize("under", ["", "2 mm"])
+def test_conditions_name_each_note_once_and_what_was_skipped(under):
+    room = shapes.room()
+    middle = room.bounds.mean(axis=0)
+    result = rc.evaluate(
+        room, rc.Camera(**CAMERA), rc.look_at([middle + np.array((1, 0, 0))], middle)
+    )
+    page = network_of(result)
+    said = page._conditions(["far away", "far away"], {"quarantined": {"7": "was killed"}}, under)
+    assert said.count("far away") == 1
+    assert said[-1] == "pose 7 was skipped: its process was killed"
+    assert any("no mounting errors" in text for text in said) == (not under)
+    assert any("light enough everywhere" in text for text in said)
+    assert not any("frames" in text or "samples" in text or "straight" in text for text in said)
 
 
 def test_a_page_names_glass_and_what_its_reader_left_out(tmp_path):
