@@ -22,20 +22,20 @@ class EyeOptions(NamedTuple):
         Path | None,
         Option(help="CSV file of observers, instead: columns x, y and, if they differ, height."),
     ] = None
-    height: Annotated[float, Option(help="Height of the eyes above the ground, m.")] = 1.7
-    target: Annotated[float, Option(help="Height of what is to be seen above the ground, m.")] = 0.0
-    radius: Annotated[
-        float | None, Option(help="Largest distance on the map, m.", show_default="no limit")
-    ] = None
     beside: Annotated[
         list[Path] | None,
         Option(help="Mesh file in map coordinates, m, that hides ground, such as buildings."),
     ] = None
 
 
-class EarthOptions(NamedTuple):
-    """Shape of the earth."""
+class SightOptions(NamedTuple):
+    """What is seen from where, and the shape of the earth."""
 
+    height: Annotated[float, Option(help="Height of the eyes above the ground, m.")] = 1.7
+    target: Annotated[float, Option(help="Height of what is to be seen above the ground, m.")] = 0.0
+    radius: Annotated[
+        float | None, Option(help="Largest distance on the map, m.", show_default="no limit")
+    ] = None
     refraction: Annotated[float, Option(help="Coefficient of refraction.")] = 0.13
     curvature: Annotated[bool, Option("--curvature/--flat", help="Curvature of the earth.")] = True
 
@@ -47,7 +47,7 @@ def viewshed(
         Argument(metavar="RASTER", help="GeoTIFF or ESRI ASCII grid of heights, in metres."),
     ],
     eyes: EyeOptions,
-    earth: EarthOptions,
+    sight: SightOptions,
     outlines: Annotated[
         Path | None, Option(help="Write outlines of the visible ground: .geojson.")
     ] = None,
@@ -71,8 +71,7 @@ def viewshed(
     from rastercov.survey import viewshed_files as files
     from rastercov.survey.viewshed import viewshed as viewshed_of
 
-    if (eyes.at is None) == (eyes.observers is None):
-        raise ConfigError("expected --from or --observers, got neither or both; give one")
+    observers = files.read_observers(eyes.at, eyes.observers)
     if outlines is not None:
         check_choice("the suffix of --outlines", outlines.suffix.lower(), (".geojson", ".json"))
         if eyes.beside:
@@ -82,11 +81,8 @@ def viewshed(
     with progress_bar("observers") as progress:
         result = viewshed_of(
             raster,
-            files.read_observers(eyes.observers or eyes.at),
-            height=eyes.height,
-            target=eyes.target,
-            radius=eyes.radius,
-            **earth._asdict(),
+            observers,
+            **sight._asdict(),
             beside=Mesh.joined(meshes) if meshes else None,
             progress=progress,
         )

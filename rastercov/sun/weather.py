@@ -35,8 +35,8 @@ SKY_DIRECTIONS = 500
 EPW_COLUMNS = [14, 15]
 """Direct normal and diffuse radiation."""
 TMY3_NAMES = "Date (MM/DD/YYYY)", "Time (HH:MM)", "DNI (W/m^2)", "DHI (W/m^2)"
-PVGIS_NAMES = "time(UTC)", "Gb(n)", "Gd(h)"
 PVGIS_PLACE = "Latitude", "Longitude"
+PVGIS_NAMES = ["time(UTC)", "Gb(n)", "Gd(h)"]
 
 
 class Weather(NamedTuple):
@@ -70,8 +70,8 @@ def read_weather(path: Path) -> Weather:
         For another file, and one without the 8,760 hours of a year.
     """
     try:
-        rows = list(csv.reader(path.read_text(encoding="utf-8-sig", errors="replace").splitlines()))
-        weather = _weather(path.name, rows)
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+        weather = _weather(path.name, list(csv.reader(lines, skipinitialspace=True)))
     except (OSError, ValueError, LookupError, StopIteration, csv.Error) as error:
         raise ConfigError(
             f"--weather: expected an EPW, TMY3 or PVGIS file, got: {error or 'its end'}; download "
@@ -87,34 +87,28 @@ def read_weather(path: Path) -> Weather:
 
 
 def _weather(name: str, rows: list[list[str]]) -> Weather:
-    hours: list[tuple[datetime, float]]  # a day or a time, and hours after it
     if rows[0][0] == "LOCATION":
         latitude, longitude, zone = rows[0][6:9]
-        body, columns = rows[8:], EPW_COLUMNS
-        hours = [
-            (datetime(int(row[0]), int(row[1]), int(row[2])), float(row[3]) - 0.5)
-            for row in body
-            if row
-        ]
+        body, columns, form = [row for row in rows[8:] if row], EPW_COLUMNS, "%Y/%m/%d"
+        ends = [("/".join(row[:3]), float(row[3])) for row in body]
     elif set(TMY3_NAMES) <= set(rows[1]):
         zone, latitude, longitude = rows[0][3:6]
         day, end, *columns = map(rows[1].index, TMY3_NAMES)
-        body = rows[2:]
-        hours = [
-            (datetime.strptime(row[day], "%m/%d/%Y"), float(row[end].split(":")[0]) - 0.5)
-            for row in body
-            if row
-        ]
+        body, form = [row for row in rows[2:] if row], "%m/%d/%Y"
+        ends = [(row[day], float(row[end].split(":")[0])) for row in body]
     else:
-        head = next(n for n, row in enumerate(rows) if row and row[0] == PVGIS_NAMES[0])
+        head = next(n for n, row in enumerate(rows) if row[:1] == PVGIS_NAMES[:1])
         place = dict("".join(row).split(":", 1) for row in rows[:head] if ":" in "".join(row))
         latitude, longitude = (place[f"{each} (decimal degrees)"] for each in PVGIS_PLACE)
-        zone, body = "0", list(itertools.takewhile(bool, rows[head + 1 :]))
         columns = [rows[head].index(each) for each in PVGIS_NAMES[1:]]
-        hours = [(datetime.strptime(row[0], "%Y%m%d:%H%M"), 0.0) for row in body]
+        zone, body, form = "0", list(itertools.takewhile(bool, rows[head + 1 :])), "%Y%m%d:%H%M"
+        ends = [(row[0], 0.5) for row in body]
     offset = timezone(timedelta(hours=float(zone)))
-    times = [day.replace(tzinfo=offset) + timedelta(hours=after) for day, after in hours]
-    values = np.array([[float(row[k]) for k in columns] for row in body if row])
+    times = [
+        datetime.strptime(start, form).replace(tzinfo=offset) + timedelta(hours=end - 0.5)
+        for start, end in ends
+    ]
+    values = np.array([[float(row[k]) for k in columns] for row in body])
     kept = [n for n, time in enumerate(times) if (time.month, time.day) != (2, 29)]
     beam, diffuse = values[kept].T
     return Weather(name, float(latitude), float(longitude), [times[n] for n in kept], beam, diffuse)
@@ -125,26 +119,23 @@ def sky_factors(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
     both = []
     for n in (SKY_DIRECTIONS, SKY_DIRECTIONS + 1):
         result = sunlit(mesh, fibonacci_sphere(n, 1.0), np.full(n, 2 * math.pi / n))
-        areas = np.array([area_of(mesh, result, row) for row in range(len(result.names))])
-        both.append(result.part_energy / (math.pi * areas))
+        both.append(result.part_energy / (math.pi * areas_of(result)))
     return (both[0] + both[1]) / 2, abs(both[0] - both[1])
 
 
-def area_of(mesh: Mesh, result: Sunlight, row: int) -> float:
-    """Area of a group of `Sunlight.names`, m^2."""
-    own = np.isin(result.pieces.of_face, result.part_pieces[row])
-    return max(float(mesh.areas[own].sum()), 1e-300)
+def areas_of(result: Sunlight) -> FloatArray:
+    """(K,) areas of the groups of `Sunlight.names`, m^2."""
+    own = [np.isin(result.pieces.of_face, pieces) for pieces in result.part_pieces]
+    return np.maximum([result.mesh.areas[each].sum() for each in own], 1e-300)
 
 
 def diffuse_of(result: Sunlight, weather: Weather) -> list[ByName]:
     """Sky view factor of each group, and the diffuse energy of the year on it."""
     factors, errors = sky_factors(result.mesh)
     year = float(weather.diffuse.sum()) / 1e3
-    return [
-        {"name": name, "sky_view_factor": float(factor), "estimated_error": float(error)}
-        | {"energy_kwh": factor * year * area_of(result.mesh, result, row)}
-        for row, (name, factor, error) in enumerate(zip(result.names, factors, errors, strict=True))
-    ]
+    columns = result.names, factors, errors, factors * year * areas_of(result)
+    names = "name", "sky_view_factor", "estimated_error", "energy_kwh"
+    return [dict(zip(names, each, strict=True)) for each in zip(*columns, strict=True)]
 
 
 def write_shade_factors(result: Sunlight, is_up: BoolArray, path: Path) -> None:

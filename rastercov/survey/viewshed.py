@@ -167,27 +167,25 @@ def viewshed(
             "such as gdalwarp -t_srs EPSG:32632"
         )
     places = [_place(raster, eye) for eye in eyes]  # errors before the work
-    areas = raster.areas()
-    total, bound, within = np.zeros((3, *raster.is_ground.shape))
-    seen = []
+    on_map, slopes = raster.areas()
+    areas, seen = (on_map, np.nan_to_num(slopes)), []
+    sums = np.zeros((3, *slopes.shape))
     for n, place in enumerate(places, 1):
-        share, error, _ = _solve(raster, place, target, reach, NO_PIECES)
-        ground = np.isfinite(share)
+        both, _ = _solve(raster, place, target, reach, NO_PIECES)
+        ground = np.isfinite(both[0])
         if not ground.any():
             raise ConfigError(f"expected ground within {reach:g} m, got none; increase the radius")
         if beside is not None:
-            share, error = _solve_beside(raster, place, target, beside)
-        parts = [np.where(ground, each, 0.0) for each in (share, error, ground)]
+            both = _solve_beside(raster, place, target, beside)
+        parts = [np.where(ground, each, 0.0) for each in (*both, ground)]
         seen.append(Seen(*(float((part * area).sum()) for area in areas for part in parts)))
-        total += parts[0]
-        bound += parts[1]
-        within += ground
+        for total, part in zip(sums, parts, strict=True):
+            np.add(total, part, total)
         progress(n, len(eyes))
-    whole = (raster.is_ground * areas[0]).sum(axis=2)
-    whole[~within.any(axis=2)] = np.nan
-    cells = ((each * areas[0]).sum(axis=2) / whole for each in (total, bound))
-    share, error = (np.minimum(each, len(eyes)) for each in cells)
-    return Viewshed(raster, eyes, float(target), reach, share, error, tuple(seen))
+    whole = (np.isfinite(slopes) * on_map).sum(axis=2)
+    whole[~sums[2].any(axis=2)] = np.nan
+    share, bound = np.minimum((sums[:2] * on_map).sum(axis=3) / whole, len(eyes))
+    return Viewshed(raster, eyes, float(target), reach, share, bound, tuple(seen))
 
 
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
@@ -195,9 +193,9 @@ def observers_of(points: ArrayLike, height: float) -> FloatArray:
     check_room("observers", points)
     array = np.atleast_2d(check_array("observers", points, "iuf", "(N, 2)", ConfigError))
     if array.shape[1:] == (2,):
-        array = np.column_stack((array, np.full(len(array), finite_number(height))))
+        array = np.insert(array.astype(np.float64), 2, finite_number(height), axis=1)
     is_usable = array.size > 0 and array.shape[1:] == (3,) and np.isfinite(array).all()
-    if not (is_usable and (array[:, 2] >= 0).all()):
+    if not (is_usable and array[:, 2].min() >= 0):
         raise ConfigError(
             "expected finite observers (N, 2) or (N, 3) with a height of 0 or more above the "
             f"ground, got {shown(array.tolist())}; correct them"
@@ -217,32 +215,30 @@ class Place(NamedTuple):
 
 def _place(raster: Raster, observer: FloatArray) -> Place:
     """The place of an observer; its triangle is that of the engine, with straight sides."""
-    xs, ys = raster.xy
     x, y = (observer[:2] - raster.origin).tolist()
+    xs, ys = raster.xy
     column = min(max(int(x // raster.spacing[0]), 0), len(xs) - 2)
-    east, north = np.broadcast_arrays(*raster.about(xs[column : column + 2], ys[:, None], (x, y)))
-    fall = 0.5 * raster.inverse_radius * (east**2 + north**2)
-    points = np.stack((east, north, raster.heights[:, column : column + 2] - fall), axis=2)
-    nw, ne, sw, se = points[:-1, 0], points[:-1, 1], points[1:, 0], points[1:, 1]
-    corners = np.array(((nw, sw, se), (nw, se, ne)))
+    points, faces = raster.triangles((x, y), slice(column, column + 2))
+    corners = points[faces]
     weights = cross(np.roll(corners, -1, axis=1), np.roll(corners, 1, axis=1))
     parts = np.where(weights > 0, weights * corners[..., 2], 0.0).sum(axis=1)
     heights = np.where((weights >= 0).all(axis=1), parts / weights.sum(axis=1), np.nan)
-    known = np.argwhere(np.isfinite(heights))
+    known = np.flatnonzero(np.isfinite(heights))
     if not len(known):
+        (west, north), (east, south) = raster.origin, np.add(raster.origin, (xs[-1], ys[-1]))
         raise ConfigError(
-            f"expected an observer on the raster, over ground, x from {raster.origin[0]:.10g} to "
-            f"{raster.origin[0] + xs[-1]:.10g} and y from {raster.origin[1] + ys[-1]:.10g} to "
-            f"{raster.origin[1]:.10g}, got {observer[0]:.10g}, {observer[1]:.10g}; move it"
+            f"expected an observer on the raster, over ground, x from {west:.10g} to {east:.10g} "
+            f"and y from {south:.10g} to {north:.10g}, got {observer[0]:.10g}, "
+            f"{observer[1]:.10g}; move it"
         )
-    half, row = known[0].tolist()
-    return Place(x, y, row, column, float(heights[half, row] + observer[2]))
+    own = known[np.argmin(known % 2)]
+    return Place(x, y, int(own // 2), column, float(heights[own] + observer[2]))
 
 
 def _solve(
     raster: Raster, place: Place, target: float, reach: float, pieces: FloatArray
-) -> tuple[FloatArray, FloatArray, int]:
-    """Visible parts of triangles, (H - 1, W - 1, 2), bounds, and the number of pieces.
+) -> tuple[FloatArray, int]:
+    """Visible parts of triangles and bounds, (2, H - 1, W - 1, 2), and the number of pieces.
 
     NaN beyond the reach and without ground. Strips of the engine are columns, which are meridians
     on a map in degrees; its x is south.
@@ -256,30 +252,25 @@ def _solve(
     points[..., 3] = abs(above) + fall + target
     both = np.full((2, len(x) - 1, len(y) - 1, 2), np.nan)
     n = kernels.viewshed((points, place.column, place.row, float(target), reach, *both, pieces))
-    share, bound = both.transpose(0, 2, 1, 3)[..., ::-1]
-    return share, bound, n
+    return both.transpose(0, 2, 1, 3)[..., ::-1], n
 
 
-def _solve_beside(
-    raster: Raster, place: Place, target: float, beside: Mesh
-) -> tuple[FloatArray, FloatArray]:
+def _solve_beside(raster: Raster, place: Place, target: float, beside: Mesh) -> FloatArray:
     """Visible parts of triangles, and bounds, where a mesh hides ground, too."""
     points, faces, cells, _ = raster.surface(place)
     ground = Mesh(points, faces)
-    away = beside.vertices - (place.x + raster.origin[0], place.y + raster.origin[1], 0.0)
+    away = beside.vertices - (*np.add(place[:2], raster.origin), 0.0)
     away[:, 2] -= 0.5 * raster.inverse_radius * (away[:, :2] ** 2).sum(axis=1)
-    parts = [Mesh(points + np.array((0.0, 0.0, target)), faces), Mesh(away, beside.faces)]
-    names = ["seen", "beside"]
-    scene = Mesh.joined(parts, names).with_groups(occluders=["beside"])
-    if target:
-        scene = Mesh.joined([*parts, ground], [*names, "ground"])
-        scene = scene.with_groups(["beside", "ground"], ["seen"], ["seen"])
+    parts = [Mesh(np.add(points, (0.0, 0.0, target)), faces), Mesh(away, beside.faces), ground]
+    names = ["seen", "beside", "ground"][: 3 if target else 2]
+    raised = names[:1] if target else []
+    scene = Mesh.joined(parts[: len(names)], names).with_groups(names[1:], raised, raised)
     pose = look_at([(0.0, 0.0, place.eye)], [(1.0, 0.0, place.eye)])
     covered = evaluate(scene, panorama(2000, 1000), pose).covered
-    both = np.zeros((2, raster.is_ground.size))
-    both[:, cells] = np.stack((covered.area[0], covered.bound))[:, : len(faces)] / ground.areas
-    share, bound = both.reshape(2, *raster.is_ground.shape)
-    return share, bound
+    both = np.zeros((2, *raster.heights[1:, 1:].shape, 2))
+    seen = np.stack((covered.area[0], covered.bound))[:, : len(faces)] / ground.areas
+    both.reshape(2, -1)[:, cells] = seen
+    return both
 
 
 def outlines_of(viewshed: Viewshed) -> list[shapely.Geometry]:
@@ -289,22 +280,14 @@ def outlines_of(viewshed: Viewshed) -> list[shapely.Geometry]:
     """
     raster, outlines = viewshed.raster, []
     for observer in viewshed.observers:
-        place = _place(raster, observer)
         pieces = np.empty((MOST_PIECES, 4, 2))
-        *_, n = _solve(raster, place, viewshed.target, viewshed.radius, pieces)
+        _, n = _solve(raster, _place(raster, observer), viewshed.target, viewshed.radius, pieces)
         if n > MOST_PIECES:
             raise ConfigError(
                 f"--outlines: expected at most {MOST_PIECES:,} visible pieces, got {n:,}; give a "
                 "--radius"
             )
-        away = pieces[:n, :, ::-1] * (1, -1)  # east and north
-        x, y = np.add(place[:2], raster.spacing)
-        east, north = raster.about((x, place.x), (place.y, y), place)
-        scale = np.array((east[0], north[1]))
-        found = np.array(place[:2])
-        for _ in range(20):  # until nothing moves, by a fifth a time at 50 km and 88 degrees
-            moved = np.stack(raster.about(found[..., 0], found[..., 1], place), axis=-1)
-            found = found + (away - moved) / scale * raster.spacing
-        polygons = shapely.make_valid(shapely.polygons(found + raster.origin))
-        outlines.append(shapely.union_all(polygons, grid_size=viewshed.raster.spacing[0] * 1e-8))
+        corners = raster.origin + pieces[:n] * raster.spacing * (1, -1)
+        polygons = shapely.make_valid(shapely.polygons(corners))
+        outlines.append(shapely.union_all(polygons, grid_size=raster.spacing[0] * 1e-8))
     return outlines

@@ -23,31 +23,35 @@ UNSEEN, SEEN, HOLE, OBSERVER = (140, 140, 150), (255, 190, 60), (255, 255, 255),
 """Colours of no visible ground, of all, of none, and of an observer."""
 
 
-def read_observers(given: Path | str | None) -> FloatArray:
+def read_observers(place: str | None, file: Path | None) -> FloatArray:
     """(N, 2) or (N, 3) observers of a CSV file with columns x, y and, if it has it, height.
 
     Or one of text such as "500100,5300200".
     """
+    if (place is None) == (file is None):
+        given = "neither" if file is None else "both"
+        raise ConfigError(f"expected --from or --observers, got {given}; give one")
     try:
-        text = given.read_text(encoding="utf-8-sig") if isinstance(given, Path) else f"x,y\n{given}"
-        columns = columns_of(text)
+        text = f"x,y\n{place}" if file is None else file.read_text(encoding="utf-8-sig")
+        columns = columns_of(text, each="observer", first=1)
+        if not {"x", "y"} <= set(columns):
+            raise ConfigError(f"columns {', '.join(columns)}")
         return np.column_stack([columns[k] for k in ("x", "y", "height") if k in columns])
     except (OSError, UnicodeDecodeError, ConfigError) as error:
-        raise ConfigError(
-            f"expected --from X,Y, or --observers with a CSV file of x,y,height, got: {error}"
-        ) from None
+        wanted = "--from X,Y" if file is None else "--observers with a CSV file of x,y,height"
+        raise ConfigError(f"expected {wanted}, got: {error}") from None
 
 
 def lines_of(viewshed: Viewshed) -> list[str]:
     """The answer: what each observer sees."""
     lines = []
-    for n, (observer, seen) in enumerate(zip(viewshed.observers, viewshed.seen, strict=True), 1):
-        share, bound = (100 * each / seen.of_area for each in (seen.area, seen.area_bound))
-        x, y, height = observer.tolist()
-        name = f"{n}: " if len(viewshed.seen) > 1 else ""
+    for n, each in enumerate(viewshed.seen):
+        share, bound = 100 * each.area / each.of_area, 100 * each.area_bound / each.of_area
+        x, y, height = viewshed.observers[n]
+        name = f"{n + 1}: " if len(viewshed.seen) > 1 else ""
         lines.append(
             f"{name}{text_with_bound(share, bound)} % of the ground visible from {x:.10g}, "
-            f"{y:.10g} at {height:g} m: {seen.area:.6g} m2 on the map, {seen.surface:.6g} m2 of "
+            f"{y:.10g} at {height:g} m: {each.area:.6g} m2 on the map, {each.surface:.6g} m2 of "
             "slopes"
         )
     return lines
@@ -80,8 +84,8 @@ def tif_of(viewshed: Viewshed) -> bytes:
     """GeoTIFF of the visible share of each cell, or of the number of observers; NaN elsewhere."""
     raster = viewshed.raster
     code = int(raster.crs.removeprefix("EPSG:")) if raster.crs else None
-    name = raster.crs or "local metres"
-    tags = geotiff.tags_of(raster.origin, raster.spacing, code, name, raster.is_geographic)
+    crs = code, raster.crs or "local metres"
+    tags = geotiff.tags_of(raster.origin, raster.spacing, *crs, raster.is_geographic)
     return geotiff.encode(viewshed.share.astype(np.float32), "TIFF", tags)
 
 
@@ -91,11 +95,10 @@ def picture_of(viewshed: Viewshed) -> bytes:
     known = np.isfinite(viewshed.share)
     sides = raster.sides
     used = [np.flatnonzero(known.any(axis=axis)) for axis in (0, 1)]
-    lengths = [len(each) * side for each, side in zip(used, sides, strict=True)]
-    pixel = max(lengths) / 1200  # metres, square
+    pixel = max(len(each) * side for each, side in zip(used, sides, strict=True)) / 1200  # metres
     columns, rows = (
-        each[0] + np.arange(max(1, int(length / pixel))) * pixel / side
-        for each, length, side in zip(used, lengths, sides, strict=True)
+        each[0] + np.arange(max(1, int(len(each) * side / pixel))) * pixel / side
+        for each, side in zip(used, sides, strict=True)
     )
     at = np.ix_(rows.astype(np.int64), columns.astype(np.int64))
     part = np.nan_to_num(viewshed.share[at] / most)[..., None]
@@ -106,8 +109,9 @@ def picture_of(viewshed: Viewshed) -> bytes:
         is_column = abs(columns - column) * sides[0] <= 8 * pixel
         image[np.ix_(abs(rows - row) * sides[1] <= 8 * pixel, is_column)] = OBSERVER
     scale = np.linspace(UNSEEN, SEEN, 24).astype(np.uint8)
-    title = lines_of(viewshed)[0].partition(":")[0] if most == 1 else f"{most} observers"
-    name = "visible share" if most == 1 else "number of observers"
+    title, name = f"{most} observers", "number of observers"
+    if most == 1:
+        title, name = lines_of(viewshed)[0].partition(":")[0], "visible share"
     keys = [Key.scale(name, scale, "0", str(most)), Key.of("observer", OBSERVER)]
     return png(add_frame(image, title, keys))
 

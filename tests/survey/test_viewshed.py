@@ -97,7 +97,7 @@ def test_shares_are_those_of_fractions(seed):
     assert np.nanmax(both[1], initial=0) < 1e-9
     share = np.nansum(both[0], axis=2) / 2
     area = shapely.area(shapely.make_valid(shapely.polygons(pieces))).sum()
-    assert area == pytest.approx(share.sum() * spacing.prod(), abs=1e-9)
+    assert area == pytest.approx(share.sum(), abs=1e-9)
 
 
 def check_shares(points, target, share, bound):
@@ -135,6 +135,15 @@ def test_triangles_that_are_seen_edge_on_have_the_shares_of_fractions(seed):
     kernels.viewshed((points, row, column, target, np.inf, *both, np.empty((0, 4, 2))))
     check_shares(points, target, *both)
     assert (both[1] >= 0).all()
+    if target == 0:  # from below or exactly edge-on: hidden, by its sign
+        exact = [[tuple(map(Fraction, q)) for q in r] for r in points[..., :3].tolist()]
+        hidden = [
+            triangle
+            for triangle, corners in triangles(exact)
+            if not is_over(corners) and plane_below(corners) >= 0
+        ]
+        assert all(both[0][each] == 0 for each in hidden)
+        assert all(both[1][each] < 1e-6 for each in hidden)
 
 
 def long_degrees(rng):
@@ -183,8 +192,55 @@ def test_sides_and_outlines_of_long_cells_in_degrees_are_those_of_the_map(north,
     assert raster.sides == pytest.approx(sides, rel=1e-4)
     seen = rc.viewshed("a.tif", (11.0, middle), height=9.0, curvature=False)
     (outline,) = viewshed.outlines_of(seen)
-    assert outline.area == pytest.approx(2 * 0.2, rel=0.02)  # all, with straight sides
-    np.testing.assert_allclose(outline.bounds, (10, north - 0.2, 12, north), atol=1e-3)
+    assert outline.area == pytest.approx(2 * 0.2, rel=1e-6)  # all, with straight sides
+    np.testing.assert_allclose(outline.bounds, (10, north - 0.2, 12, north), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(amount(6, 60)))
+def test_outlines_have_the_visible_share_of_the_area_of_cells_on_the_map(seed, monkeypatch):
+    """In metres and in degrees, near a pole too, where parallels are no straight lines."""
+    rng = np.random.default_rng(seed)
+    heights = rng.normal(0, 30, (12, 9)).cumsum(axis=0)
+    heights[tuple(rng.integers(0, 9, 2))] = np.nan
+    kinds = [((30.0, 25.0), 0.0, False), ((0.2, 0.004), 88.0, True), ((0.01, 0.01), -60.0, True)]
+    spacing, north, is_geographic = kinds[seed % 3]
+    raster = Raster(heights, spacing, (10.0, north), "", is_geographic)
+    monkeypatch.setattr(viewshed, "raster_of", lambda *_: raster)
+    place = (10 + 3.3 * spacing[0], north - 5.2 * spacing[1], 20.0)
+    caught = []
+    solve = viewshed._solve
+
+    def caught_solve(*given):
+        caught.append(solve(*given))
+        return caught[-1]
+
+    monkeypatch.setattr(viewshed, "_solve", caught_solve)
+    try:
+        seen = rc.viewshed("a.tif", place)
+    except rc.ConfigError as error:
+        pytest.skip(str(error))  # over the hole
+    (outline,) = viewshed.outlines_of(seen)
+    cells = np.nansum(caught[0][0][0]) / 2
+    assert outline.area == pytest.approx(cells * np.prod(spacing), rel=1e-5)
+    x, y = 10 + 8 * spacing[0], north - 11 * spacing[1]
+    np.testing.assert_array_less((10, y), np.add(outline.bounds[:2], 1e-6))
+    np.testing.assert_array_less(outline.bounds[2:], np.add((x, north), 1e-6))
+
+
+def test_slopes_beside_a_hole_have_an_area():
+    heights = np.zeros((4, 5))
+    heights[0, 4] = np.nan
+    seen = rc.viewshed(heights, (5.0, -5.0, 2.0), spacing=10.0, curvature=False).seen[0]
+    whole = 12 * 100 - 50  # one triangle, and one whole cell is of two
+    assert seen.surface == pytest.approx(seen.area) == pytest.approx(seen.of_surface)
+    assert seen.of_surface == pytest.approx(whole)
+
+
+def test_an_observer_may_be_on_a_sample_beside_a_hole():
+    heights = np.zeros((3, 3))
+    heights[0, 1] = np.nan
+    seen = rc.viewshed(heights, (20.0, 0.0, 2.0), spacing=10.0, curvature=False)
+    assert seen.share[1, 1] == pytest.approx(1)
 
 
 @pytest.mark.parametrize("seed", range(amount(3, 20)))
@@ -487,7 +543,8 @@ WRONG = {
     "unit": ({34735: (3, (1, 1, 0, 1, 3076, 0, 1, 9999))}, "got unit 9999"),
     "feet alone": ({34735: (3, FEET)}, "expected the unit of heights of a map in feet"),
     "unit of heights": (said(unittype="cm"), "got unit 'cm'"),
-    "scale": (said(scale="x"), "got none; check the value of no data"),
+    "scale": (said(scale="x"), "could not convert string to float: .*x"),
+    "no heights": (said(scale="nan"), "expected heights, got none; check the value of no data"),
 }
 
 
@@ -505,7 +562,7 @@ def test_a_raster_of_another_kind_is_refused(tmp_path, name):
         ("ncols 3\n1 2 3\n", "nrows"),
         ("ncols 3\nnrows 2\ncellsize 1\n1 2 3 4 5", "2 x 3 heights, got 5"),
         ("ncols 3\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "got (a word|2 numbers)"),
-        ("ncols x\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "got a word"),
+        ("ncols x\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "could not convert string to float: .*x"),
         ("ncols 3\nnrows 1\ncellsize 1\n1 2 3", "2 x 2 heights"),
         ("ncols 2\nnrows 2\n1 2 3 4", "a spacing above 0"),
     ],
@@ -561,8 +618,10 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ([], "got neither"),
-        (["--from", "1"], "expected --from X,Y"),
+        ([], "got neither; give one"),
+        (["--from", "1,2", "--observers", "o.csv"], "got both; give one"),
+        (["--from", "1"], "expected --from X,Y, got: observer 1: expected 2 numbers"),
+        (["--from", "1,a"], "column 'y', observer 1: expected a number"),
         (["--from", "1,2"], "an observer on the raster"),
         (["--from", "500100,5299900", "--height", "-1"], "a height of 0 or more"),
         (["--from", "500100,5299900", "--radius", "0"], "a radius above 0"),
@@ -576,3 +635,23 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
 def test_wrong_options_are_one_line(tmp_path, capsys, options, words):
     path = write_raster(tmp_path / "a.tif", np.zeros((9, 9), np.float32))
     assert words in refusal(capsys, ["viewshed", str(path), *options])
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("x,y\n1,2\n3\n", "observer 2: expected 2 numbers, one per name, got 1"),
+        ("x,y,height\n1,2,3\n3,4,z\n", "column 'height', observer 2: expected a number"),
+        ("x,y\n", "1 to 10,000 observers, got 1 rows"),
+        ("lon,lat\n1,2\n", "got: columns lon, lat"),
+        ("x,height\n1,2\n", "got: columns x, height"),
+    ],
+)
+def test_rows_of_observers_are_named_as_such(tmp_path, capsys, table, words):
+    path = write_raster(tmp_path / "a.tif", np.zeros((9, 9), np.float32))
+    (tmp_path / "o.csv").write_text(table)
+    given = refusal(capsys, ["viewshed", str(path), "--observers", str(tmp_path / "o.csv")])
+    assert words in given
+    assert "--observers with a CSV file of x,y,height" in given
+    assert "--from" not in given
+    assert "frame" not in given

@@ -39,10 +39,13 @@ def durations_of(content: ReadByName) -> ByName:
     return {"durations": [*lengths, lengths[-1]][: len(times)]}
 
 
-def columns_of(text: str, ignored: Collection[str] = ()) -> dict[str, list[float]]:
+def columns_of(
+    text: str, ignored: Collection[str] = (), each: str = "frame", first: int = 0
+) -> dict[str, list[float]]:
     """Columns of a CSV table by name, one row per frame; ConfigError for another file.
 
-    Columns with names among `ignored` may be of text.
+    Columns with names among `ignored` may be of text. Messages call a row by another word, and
+    count rows from the `first`.
     """
     try:
         rows = [row for row in csv.reader(io.StringIO(text), strict=True) if any(row)]
@@ -50,14 +53,14 @@ def columns_of(text: str, ignored: Collection[str] = ()) -> dict[str, list[float
         raise ConfigError(f"expected a CSV table, got: {error}") from None
     if len(rows) < 2 or len(rows) > MOST_FRAMES + 1:
         raise ConfigError(
-            f"expected a row of names and 1 to {MOST_FRAMES:,} frames, got {len(rows)} rows"
+            f"expected a row of names and 1 to {MOST_FRAMES:,} {each}s, got {len(rows)} rows"
         )
     names = [name.strip() for name in rows[0]]
     if len(set(names)) < len(names):
         raise ConfigError(f"expected columns with different names, got {shown(names)}; rename one")
-    if uneven := [frame for frame, row in enumerate(rows[1:]) if len(row) != len(names)]:
+    if uneven := [number for number, row in enumerate(rows[1:]) if len(row) != len(names)]:
         raise ConfigError(
-            f"frame {uneven[0]}: expected {len(names)} numbers, one per name, got "
+            f"{each} {uneven[0] + first}: expected {len(names)} numbers, one per name, got "
             f"{len(rows[1 + uneven[0]])}"
         )
     columns: dict[str, list[float]] = {}
@@ -67,9 +70,10 @@ def columns_of(text: str, ignored: Collection[str] = ()) -> dict[str, list[float
         columns[name] = [finite_number(_number(row[at])) for row in rows[1:]]
         is_usable = np.abs(columns[name]) <= LARGEST_NUMBER
         if not is_usable.all():
+            row = int(is_usable.argmin())
             raise ConfigError(
-                f"column {shown(name)}, frame {int(is_usable.argmin())}: expected a number within "
-                f"±{LARGEST_NUMBER:g}, got {shown(rows[1 + int(is_usable.argmin())][at])}"
+                f"column {shown(name)}, {each} {row + first}: expected a number within "
+                f"±{LARGEST_NUMBER:g}, got {shown(rows[1 + row][at])}"
             )
     return columns
 

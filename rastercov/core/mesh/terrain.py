@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base import (
-    BoolArray,
     FloatArray,
     IntArray,
     MeshError,
@@ -90,21 +89,14 @@ class Raster:
                 "expected latitudes within 89 degrees and less than 60 each way, got more; cut it, "
                 "such as gdalwarp -te"
             )
-        if not self.is_ground.any():
-            raise MeshError("expected heights of neighbours, got none; check the value of no data")
+        if not np.isfinite(self.heights).any():
+            raise MeshError("expected heights, got none; check the value of no data")
 
     @property
     def xy(self) -> tuple[FloatArray, FloatArray]:
         """Map coordinates of columns, (W,), and of rows, (H,), from the origin."""
         rows, columns = (np.arange(n, dtype=np.float64) for n in self.heights.shape)
         return columns * self.spacing[0], -rows * self.spacing[1]
-
-    @property
-    def is_ground(self) -> BoolArray:
-        """(H - 1, W - 1, 2) triangles of each cell that are no holes: south-west, north-east."""
-        known = np.isfinite(self.heights)
-        diagonal = known[:-1, :-1] & known[1:, 1:]
-        return np.stack((diagonal & known[1:, :-1], diagonal & known[:-1, 1:]), axis=2)
 
     def about(
         self, x: ArrayLike, y: ArrayLike, place: Sequence[ArrayLike]
@@ -125,13 +117,15 @@ class Raster:
     @property
     def sides(self) -> tuple[float, float]:
         """Width and height of a cell in the middle, metres."""
-        middle = float(self.xy[1].mean())
-        (dx, dy), place = self.spacing, (0.0, middle)
-        east, north = self.about((dx, 0.0), (middle, middle + dy), place)
+        (dx, dy), middle = self.spacing, self.xy[1].mean()
+        east, north = self.about((dx, 0.0), (middle, middle + dy), (0.0, middle))
         return float(east[0]), float(north[1])
 
     def areas(self) -> tuple[FloatArray, FloatArray]:
-        """Areas of the triangles of cells, m^2: on the map, (H - 1, 1, 2), and on the slopes."""
+        """Areas of the triangles of cells, m^2: on the map, (H - 1, 1, 2), and on the slopes.
+
+        Those on the slopes, (H - 1, W - 1, 2), are NaN for holes: south-west, north-east.
+        """
         x, y = self.xy
         across = self.about(x[0], y[:-1], (x[0], y[1:]))[1][:, None, None]
         sides = np.broadcast_to(self.about(x[1], y, (x[0], y))[0], y.shape)
@@ -149,36 +143,46 @@ class Raster:
             raise MeshError(f"expected refraction from -10 to below 1, got {shown(refraction)}")
         return replace(self, inverse_radius=(1 - k) / EARTH_RADIUS if curvature else 0.0)
 
+    def triangles(
+        self, place: Sequence[float], part: slice = slice(None)
+    ) -> tuple[FloatArray, IntArray]:
+        """Samples of some columns, (V, 3), metres from a place, and triangles, (F, 3), with holes.
+
+        Heights fall with the curvature of the earth from the place, which is from the origin.
+        """
+        x, y = self.xy
+        heights = self.heights[:, part]
+        east, north = self.about(x[part], y[:, None], place)
+        z = heights - 0.5 * self.inverse_radius * (east**2 + north**2)
+        points = np.stack(np.broadcast_arrays(east, north, z), axis=2).reshape(-1, 3)
+        number = np.arange(z.size).reshape(z.shape)
+        nw, ne, sw, se = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
+        return points, np.stack((nw, sw, se, nw, se, ne), axis=2).reshape(-1, 3)
+
     def surface(
         self, place: Sequence[float] | None = None
     ) -> tuple[FloatArray, IntArray, IntArray, list[str]]:
         """Vertices, (V, 3), faces, (F, 3), their numbers, (F,), two for each cell, and notes.
 
-        On the map, or in metres from a place; in degrees, from the middle. From there, heights fall
-        with the curvature of the earth. The place is from the origin.
+        On the map, or in metres from a place; in degrees, from the middle.
         """
-        rows, columns = self.heights.shape
         x, y = self.xy
         at = (x[-1] / 2, y[-1] / 2) if place is None else place
-        east, north = self.about(x, y[:, None], at)
-        z = self.heights - 0.5 * self.inverse_radius * (east**2 + north**2)
-        is_map = place is None and not self.is_geographic
-        plane = (x + self.origin[0], y[:, None] + self.origin[1]) if is_map else (east, north)
-        points = np.stack(np.broadcast_arrays(*plane, z), axis=2).reshape(-1, 3)
-        number = np.arange(rows * columns).reshape(rows, columns)
-        nw, ne, sw, se = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
-        both = np.stack((nw, sw, se, nw, se, ne), axis=2).reshape(-1, 3)
-        is_ground = self.is_ground.reshape(-1)
-        faces, used = both[is_ground], np.zeros(rows * columns, np.bool_)
+        points, both = self.triangles(at)
+        if place is None and not self.is_geographic:
+            on_map = np.meshgrid(x + self.origin[0], y + self.origin[1])
+            points[:, 0], points[:, 1] = (each.ravel() for each in on_map)
+        is_known = np.isfinite(points[both, 2]).all(axis=1)
+        faces, used = both[is_known], np.zeros(len(points), np.bool_)
         used[faces] = True
-        holes = int((~is_ground).sum())
+        holes = len(both) - len(faces)
         notes = [f"{holes} triangles without heights are holes, which hide nothing"] * (holes > 0)
         words = f"the middle, {at[0] + self.origin[0]:.10g}, {at[1] + self.origin[1]:.10g}"
         if self.is_geographic:
             notes.append(f"the map is in degrees: x and y are metres from {words}")
         if self.inverse_radius:
             notes.append(f"heights fall with the earth's curvature from {words}")
-        return points[used], (np.cumsum(used) - 1)[faces], np.flatnonzero(is_ground), notes
+        return points[used], (np.cumsum(used) - 1)[faces], np.flatnonzero(is_known), notes
 
 
 def raster_of_array(

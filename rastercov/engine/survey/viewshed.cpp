@@ -17,12 +17,13 @@
 // An error of v is 16 units of rounding of the numbers that it is the sum of. The bound of an
 // area is its difference between horizons that are lower and higher by these errors, and, for the
 // triangle and for each visible part, 48 units of rounding of the distance times the sides of a
-// cell.
+// cell. The sign of a determinant says exactly whether a triangle seen edge-on hides itself.
 //
 // J. Wang, G. J. Robinson, K. White. Generating viewsheds without using sightlines. 2000, for the
 // horizon of what is nearer, here without its approximations. Twin:
 // tests/support/viewshed_by_fractions.py.
 #include "bind.hpp"
+#include "exact/orientation.hpp"
 #include "interrupt.hpp"
 #include <cmath>
 #include <list>
@@ -88,6 +89,7 @@ class Horizon {
 using Corner = std::array<double, 4>; // x, y, z, and the size of the numbers that z is the sum of
 
 double cross(const Corner &p, const Corner &q) { return p[0] * q[1] - p[1] * q[0]; }
+Corner less(const Corner &p, const Corner &q) { return {p[0] - q[0], p[1] - q[1]}; }
 double u_of(const Corner &corner) { return corner[0] / (corner[0] + corner[1]); }
 
 struct Edge { // v of the ground and of targets above it, and w, between two u
@@ -127,7 +129,7 @@ struct View {
     double target;                           // height of what is seen above the surface
     double reach;                            // to the middle of cells that count
     Array<double, Any, Any, 2> share, bound; // of the two triangles of cells
-    Array<double, Any, 4, 2> pieces;         // visible parts: x and y of four corners
+    Array<double, Any, 4, 2> pieces;         // visible parts: row and column of four corners
 };
 
 class Viewshed : View {
@@ -137,15 +139,13 @@ class Viewshed : View {
     // Number of visible parts.
     int64_t solve() {
         Poll poll(64);
-        while (row > 0 && is_beyond(row, column, 0, 1)) row--;
-        while (row + 1 < share.extent(0) && !is_beyond(row + 1, column, 0, 1)) row++;
         for (const int64_t step : {1, -1}) {
             int64_t first = column;
             for (int64_t i = step > 0 ? row : row - 1; i >= 0 && i < share.extent(0); i += step) {
                 poll();
                 // Of a side across the strip, the cell on which the observer is goes first.
-                while (first > 0 && is_beyond(i, first, 1, 0)) first--;
-                while (first + 1 < share.extent(1) && !is_beyond(i, first + 1, 1, 0)) first++;
+                while (first > 0 && is_beyond(i, first)) first--;
+                while (first + 1 < share.extent(1) && !is_beyond(i, first + 1)) first++;
                 for (int64_t j = first; j < share.extent(1) && cell(i, j);) j++;
                 for (int64_t j = first - 1; j >= 0 && cell(i, j);) j--;
             }
@@ -157,7 +157,9 @@ class Viewshed : View {
     std::array<Horizon, 4> _horizons;
     Horizon *_horizon = nullptr; // of the quadrant
     std::array<double, 2> _signs{};
-    double *_share = nullptr; // of the triangle
+    std::array<Corner, 3> _corners{}; // of the triangle
+    std::array<int64_t, 3> _place{};  // its cell and half
+    double *_share = nullptr;
     double *_bound = nullptr;
     double _width = 0.0;  // of the cell
     double _area = 0.0;   // of the triangle
@@ -168,10 +170,8 @@ class Viewshed : View {
         return {points(i, j, 0), points(i, j, 1), points(i, j, 2), points(i, j, 3)};
     }
 
-    // The observer is before the line of a side, in the order of strips or of cells.
-    bool is_beyond(int64_t i, int64_t j, int64_t down, int64_t right) const {
-        return cross(corner(i, j), corner(i + down, j + right)) * double(down - right) > 0;
-    }
+    // The observer is before the line of a side across a strip, in the order of its cells.
+    bool is_beyond(int64_t i, int64_t j) const { return cross(corner(i, j), corner(i + 1, j)) > 0; }
 
     // False beyond the reach.
     bool cell(int64_t i, int64_t j) {
@@ -181,23 +181,25 @@ class Viewshed : View {
         _counts = distance <= reach;
         const int64_t first = cross(nw, se) >= 0 ? 0 : 1; // the side on which the observer is
         for (const int64_t half : {first, 1 - first}) {
+            _place = {i, j, half};
             _share = &share(i, j, half);
             _bound = &bound(i, j, half);
-            triangle({nw, corner(i + 1 - half, j + half), se});
+            _corners = {nw, corner(i + 1 - half, j + half), se};
+            triangle();
         }
         return distance <= reach + 2 * _width;
     }
 
-    void triangle(const std::array<Corner, 3> &corners) {
-        if (std::isnan(corners[0][2] + corners[1][2] + corners[2][2])) return;
-        const auto &[p, q, r] = corners;
-        _area = 0.5 * std::abs(cross({q[0] - p[0], q[1] - p[1]}, {r[0] - p[0], r[1] - p[1]}));
+    void triangle() {
+        const auto &[p, q, r] = _corners;
+        if (std::isnan(p[2] + q[2] + r[2])) return;
+        _area = 0.5 * std::abs(cross(less(q, p), less(r, p)));
         if (_counts && std::isnan(*_share)) *_share = *_bound = 0.0;
         if (_counts) *_bound += rounding_at(std::abs(q[0]) + std::abs(q[1]) + _width);
         for (size_t quadrant = 0; quadrant < 4; quadrant++) {
             _signs = {quadrant % 2 ? 1.0 : -1.0, quadrant < 2 ? 1.0 : -1.0};
             _horizon = &_horizons[quadrant];
-            std::array<Corner, 3> own = corners;
+            std::array<Corner, 3> own = _corners;
             std::array<double, 2> most = {0.0, 0.0};
             for (size_t k = 0; k < 6; k++) {
                 own[k / 2][k % 2] *= _signs[k % 2];
@@ -224,11 +226,19 @@ class Viewshed : View {
         const bool is_near = one.depth.at(middle) > other.depth.at(middle);
         const bool is_low = one.seen.at(middle) < other.seen.at(middle);
         const Line &near = (is_near ? one : other).ground, &far = (is_near ? other : one).ground;
-        const double error = near.error + far.error;
-        const bool hides_itself = !(far.at(middle) - near.at(middle) > error);
+        const double error = near.error + far.error, rise = far.at(middle) - near.at(middle);
+        bool hides_itself = !(rise > error), may_be_seen = _counts;
+        if (std::abs(rise) <= error && target == 0) {
+            const auto &[p, q, r] = _corners;
+            const int8_t side = exact::exact_side(p, q, r, Corner{});
+            if (side != exact::SIDE_NOT_KNOWN) {
+                hides_itself = !(side * cross(less(q, p), less(r, p)) > 0);
+                may_be_seen = may_be_seen && !hides_itself;
+            }
+        }
         if (hides_itself) _horizon->raise(near, first, last, [](double, double, const Line &) {});
         _horizon->raise(far, first, last, [&](double u0, double u1, const Line &old) {
-            if (!_counts) return;
+            if (!may_be_seen) return;
             Line line = &other == &OBSERVER ? BELOW_ALL : old;
             if (hides_itself) line.v += error;
             add(line, is_low ? one : other, is_low ? other : one, u0, u1);
@@ -272,12 +282,21 @@ class Viewshed : View {
                                 top.depth.at(first)};
             sum += 0.5 * (last - first) * std::abs(1 / (w[2] * w[3]) - 1 / (w[0] * w[1]));
             if (!is_put || _n_pieces++ >= pieces.rows()) continue;
-            for (int n = 0; n < 4; n++) {
-                pieces(_n_pieces - 1, n, 0) = _signs[0] * u[n] / w[n];
-                pieces(_n_pieces - 1, n, 1) = _signs[1] * (1 - u[n]) / w[n];
-            }
+            for (int n = 0; n < 4; n++)
+                put(n, {_signs[0] * u[n] / w[n], _signs[1] * (1 - u[n]) / w[n]});
         }
         return sum;
+    }
+
+    // A corner of the latest piece, by its weights: a side is straight on maps in degrees, too.
+    void put(int n, const Corner &at) {
+        const auto &[i, j, half] = _place;
+        const auto &[p, q, r] = _corners;
+        const double whole = cross(less(q, p), less(r, p));
+        const double second = cross(less(at, p), less(r, p)) / whole;
+        const double third = cross(less(q, p), less(at, p)) / whole;
+        pieces(_n_pieces - 1, n, 0) = double(i) + third + double(1 - half) * second;
+        pieces(_n_pieces - 1, n, 1) = double(j) + third + double(half) * second;
     }
 };
 
@@ -305,7 +324,7 @@ void register_survey_viewshed(nanobind::module_ &m) {
         "where\n"
         "there is no ground, and the size of the numbers that z is the sum of. NaN of ground "
         "within\n"
-        "reach becomes 0. `pieces`, (N, 4, 2), get x and y of the first N.",
+        "reach becomes 0. `pieces`, (N, 4, 2), get rows and columns of the first N.",
         "view");
 }
 

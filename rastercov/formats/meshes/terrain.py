@@ -4,7 +4,6 @@ OGC 19-008r4, GeoTIFF Standard 1.1.
 """
 
 import io
-import math
 import re
 import warnings
 from typing import Any
@@ -135,34 +134,30 @@ def _heights(
     )
     upwards = UNITS.get(given or 9001, 0.0)
     check(upwards > 0, f"expected heights in metres or feet, got unit {shown(given)}")
-    scale = _number(said.get("scale", "1"))
-    offset = _number(said.get("offset", "0"))
-    return (values * scale + offset) * upwards
+    return (values * float(said.get("scale", 1)) + float(said.get("offset", 0))) * upwards
 
 
 def _keys(tags: dict[int, Any]) -> dict[int, int]:
     """Short values of the keys of GeoTIFF."""
     values = [int(each) for each in tags.get(KEYS, ())]
-    entries = zip(*(values[4 + k :: 4] for k in range(4)), strict=False)
-    return {key: value for key, location, _, value in entries if location == 0}
+    rows = range(4, len(values) - 3, 4)
+    return {values[k]: values[k + 3] for k in rows if values[k + 1] == 0}
 
 
 def _of_ascii(data: bytes) -> Raster:
     """Heights of an ESRI ASCII grid."""
     text = data.decode("ascii", "replace")
-    start = re.match(r"(\s*[A-Za-z]\w*[ \t]+\S+[ \t\r]*\n)*", text)
-    at = start.end() if start else 0
-    pairs = zip(text[:at].lower().split()[::2], text[:at].split()[1::2], strict=True)
-    header = {key: _number(word) for key, word in pairs}
-    missing = {"ncols", "nrows"} - set(header)
-    check(not missing, f"expected {' and '.join(sorted(missing))} in the header, got none")
-    check(np.isfinite(list(header.values())).all(), "expected numbers in the header, got a word")
+    _, head, body = re.split(r"\A((?:\s*[A-Za-z]\w*[ \t]+\S+[ \t\r]*\n)*)", text, maxsplit=1)
+    words = head.lower().split()
+    header: dict[str, float] = dict(zip(words[::2], map(float, words[1::2]), strict=True))
+    missing = sorted({"ncols", "nrows"} - set(header))
+    check(not missing, f"expected {' and '.join(missing)} in the header, got none")
     columns, rows = int(header["ncols"]), int(header["nrows"])
     cell = header.get("cellsize", 0.0)
     dx, dy = header.get("dx", cell), header.get("dy", cell)
     try:
         with warnings.catch_warnings(action="ignore"):  # numpy 1 ends at what is no number
-            values = np.fromstring(text[at:], sep=" ")
+            values = np.fromstring(body, sep=" ")
     except ValueError:
         raise broken("expected numbers, got a word") from None
     check(
@@ -174,11 +169,3 @@ def _of_ascii(data: bytes) -> Raster:
     x = header.get("xllcenter", header.get("xllcorner", 0.0) + dx / 2)
     y = header.get("yllcenter", header.get("yllcorner", 0.0) + dy / 2)
     return raster_of_array(heights, (dx, dy), (x, y + (rows - 1) * dy))
-
-
-def _number(word: str) -> float:
-    """The number, or NaN for a word."""
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
