@@ -23,7 +23,7 @@ PARTS = {
     "contest_of_meshes": f"{CONTEST} --meshes MESHES",
     "engine": "main_job_engine.py --meshes MESHES",
     "peers": "throughput.py --contestants cpu gl-pipeline open3d --parts contest",
-    "costs": "throughput.py --parts drawn start memory",
+    "costs": "throughput.py --parts drawn one start memory",
     "exactness": "exactness.py",
     "regions": "regions.py --points 40000 --meshes MESHES",
     "wide_lenses": "regions.py --points 40000 --wide",

@@ -1,17 +1,22 @@
-"""Costs of the CPU rasteriser alone: `drawn`, starts, memory."""
+"""Costs without a peer: `drawn` of the CPU rasteriser, one pose of `evaluate`, starts, memory."""
 
 import statistics
 import subprocess
 import sys
 import time
 import tracemalloc
+from functools import partial
 
+import numpy as np
 from contest import Cell
 
 import rastercov as rc
+from rastercov.core.coverage.coverage import FIGURES, evaluate_batches
 
 MOST_ADDED = 40.0
 MOST_SECONDS = 1.5
+MOST_TIMES = {"face": 1.5, "area": 3.0}
+"""Time of `evaluate` of one pose over that of `observe`."""
 ROUNDS = 7
 FIRST_RESULT = """
 import rastercov as rc
@@ -49,6 +54,39 @@ def cost_of_drawn(report) -> None:
                 "%",
                 at_most=MOST_ADDED,
             )
+
+
+def cost_of_one_pose(report) -> None:
+    """Time of `evaluate` of one pose over that of `observe`, in one thread, all fields asked for.
+
+    Figures are first read, and compared with those that are computed at once.
+    """
+    for n in (1_000, 10_000):
+        cell = Cell("closed", n, 1280, 1024)
+        mesh, engine = cell.mesh(), rc.Engine("certified", threads=1)
+        poses = cell.poses(mesh, 1)
+        how = partial(rc.evaluate, mesh, cell.camera, poses, method=engine)
+        with rc.open_observer(mesh, cell.camera, engine) as observer:
+            ways = {"observe": partial(observer.observe, poses)}
+            ways |= {by: partial(how, by=by) for by in MOST_TIMES}
+            (expected,) = evaluate_batches(observer, poses)
+            for by in MOST_TIMES:
+                pairs = ((getattr(ways[by](), each), getattr(expected, each)) for each in FIGURES)
+                is_same = all(one.tobytes() == other.tobytes() for one, other in pairs)
+                report.check(
+                    f"{mesh.n_faces:,} faces, by {by}: figures as if computed at once", is_same
+                )
+            times = {name: [] for name in ways}
+            for _ in range(ROUNDS + 1):
+                for name, way in ways.items():
+                    started = time.process_time()
+                    for _ in range(20):
+                        way()
+                    times[name].append((time.process_time() - started) / 20)
+        for by, most in MOST_TIMES.items():
+            ratio = np.median(np.divide(times[by], times["observe"])[1:])
+            what = f"{mesh.n_faces:,} faces: evaluate of a pose by {by}, over observe"
+            report.add(what, float(ratio), "times", at_most=most)
 
 
 def later_starts(report) -> None:

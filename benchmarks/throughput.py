@@ -13,8 +13,8 @@ over rounds, ratios too. A ratio counts the making of rays; a second one to Open
 Memory is the peak of all processes of a contestant, libraries, mesh, images and results included.
 `--meshes DIR` measures the mesh files of a folder in place of the built-in scenes.
 
-Then what does not need a peer: `footprint` has what `drawn` costs, how soon a start has a
-result, and memory. Table, plots and `throughput.json` go to `--out`.
+Then what does not need a peer: `footprint` has what `drawn` costs, one pose of `evaluate`, how soon
+a start has a result, and memory. Table, plots and `throughput.json` go to `--out`.
 """
 
 import json
@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 from contest import SOFTWARE, Cell, Team, TeamError, contestants
-from footprint import cost_of_drawn, later_starts, memory_of_workers
+from footprint import cost_of_drawn, cost_of_one_pose, later_starts, memory_of_workers
 from peers import what_is_missing
 from rows import Report, arguments, machine
 from same_faces import wrong_pixels
@@ -60,7 +60,12 @@ MUST = {
 """Ratio to Open3D: what it must be and what we aim at."""
 POSES, COMPARED = 240, 3
 MOST_POSES = 4096
-PARTS = {"drawn": cost_of_drawn, "start": later_starts, "memory": memory_of_workers}
+PARTS = {
+    "drawn": cost_of_drawn,
+    "one": cost_of_one_pose,
+    "start": later_starts,
+    "memory": memory_of_workers,
+}
 
 
 @dataclass

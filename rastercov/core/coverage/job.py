@@ -22,7 +22,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene
-from rastercov.core.coverage.coverage import Observer, arrays_for, check_fields
+from rastercov.core.coverage.coverage import Observer, check_fields
 from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
 from rastercov.core.coverage.face_pass import FIGURES
 from rastercov.core.coverage.judging import JudgedPoses
@@ -172,10 +172,7 @@ class QuerySums:
         self.wanted = replace(wanted, apart=self.per_camera.is_asked, alone=alone)
         self.network = self.wanted.network(mesh, task, self._measure)
         names = [name for name in fields if name != COVERED]
-        # Counts are kept in place of figures.
-        is_sampled = query.engine.method == "sampled"
-        self.counts = KeptCounts(names if is_sampled else [])
-        self.figures: ByName = arrays_for([] if is_sampled else names, (len(poses), mesh.n_faces))
+        self.counts = KeptCounts(names)
         self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
         self.eyes = [np.empty((0, 3))]
@@ -184,8 +181,8 @@ class QuerySums:
         """Take in a batch."""
         camera, poses = self.query.camera, batch.poses
         end = self.done + len(poses)
-        if batch.counts is not None:
-            self.counts.add(batch.counts)
+        if batch.measured is not None:
+            self.counts.add(batch.measured)
         self.network.add(batch)
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
@@ -214,7 +211,6 @@ class QuerySums:
         """Result of the `poses` that are done, measured by `info`, with entries on the run."""
         query = self.query
         figures: ByName = dict.fromkeys(FIGURES)
-        figures |= {name: array[: self.done] for name, array in self.figures.items()}
         return Evaluation(
             query.mesh,
             query.camera,
@@ -283,8 +279,7 @@ def answer(
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
         try:
-            more = {"figures": sums.figures, "counts": bool(sums.counts.names)}
-            how = wanted, shards, staff, more
+            how = wanted, shards, staff, bool(sums.counts.names)
             batches = classify_parts(sums.network, observer, poses, *how)
             for batch in batches:
                 with hold_interrupts():

@@ -28,7 +28,7 @@ from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
 from rastercov.core.camera.rig import rig_to_json
 from rastercov.core.coverage.coverage import Observer, open_observer
 from rastercov.core.coverage.face_pass import ROW_TYPES, Sums, merge, no_sums
-from rastercov.core.coverage.judging import NO_ARRAYS, JudgedPoses, leads_of
+from rastercov.core.coverage.judging import JudgedPoses, leads_of
 from rastercov.core.coverage.network import Network, NetworkOfBits
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.shard_inputs import (
@@ -171,7 +171,7 @@ class EvaluationShards:
             poses=left,
             clipped=arrays["clipped"],
             rows=_under("rows", arrays),
-            counts=None,
+            measured=None,
             sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
             regions=regions,
             eyes=eyes,
@@ -234,19 +234,19 @@ def classify_parts(
     wanted: Wanted,
     shards: EvaluationShards | None,
     staff: Staff,
-    more: ReadByName = NO_ARRAYS,
+    keep: bool = False,
 ) -> Iterator[JudgedPoses]:
     """Judged poses of an evaluation, in the order of the poses.
 
     By way of shards where the run is kept in some, else the network judges what the observer, of
-    `open_for`, measures, by `more` arguments of `classify_poses`. An interrupt while workers are
+    `open_for`, measures; `keep` is that of `classify_poses`. An interrupt while workers are
     busy is raised after the shards that are there.
     """
     if shards is not None:
         yield from shards.parts(staff)
         return
     did = count_poses_of(len(poses), staff.progress)
-    for batch in network._judge(observer, poses, wanted.kept | {**more}):
+    for batch in network._judge(observer, poses, wanted.kept | {"keep": keep}):
         yield batch
         did(len(batch.poses))
 
