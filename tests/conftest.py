@@ -61,8 +61,9 @@ def pytest_collection():
 
 
 def pytest_collection_modifyitems(items):
-    """Leave what did not change to the night."""
+    """Leave what did not change to the night; begin with browsers, whose tests are long."""
     skip_what_did_not_change(items)
+    items.sort(key=lambda item: "browser" not in item.fixturenames)
 
 
 def pytest_terminal_summary(terminalreporter):

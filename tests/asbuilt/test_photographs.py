@@ -31,6 +31,7 @@ def scene(name: str) -> rc.Mesh:
     return SCENES[name]()
 
 
+@cache
 def errors(name: str) -> tuple[rc.Located, float]:
     """Pose from a plan that errs by 1 degree and 1 %, and its largest error, px."""
     mesh, true = scene(name.split("_")[0]), POSES[name]

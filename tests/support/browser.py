@@ -65,6 +65,19 @@ def chromium():
             browser.close()
 
 
+@contextmanager
+def context_of(browser):
+    """Windows of one size, without motion."""
+    made = browser.new_context(
+        viewport={"width": 1180, "height": 620}, bypass_csp=True, reduced_motion="reduce"
+    )
+    made.set_default_timeout(60_000)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
 class Tab:
     """A page of the viewer, with what went wrong in it and what it asked for."""
 

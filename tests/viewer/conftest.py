@@ -1,7 +1,7 @@
 """Fixtures of the tests of the viewer's page, which need Chromium and Playwright."""
 
 import pytest
-from browser import CHROMIUM, Program, Tab, chromium
+from browser import CHROMIUM, Program, Tab, chromium, context_of
 from rigs_to_view import session_of_room
 
 
@@ -26,12 +26,8 @@ def program():
 
 @pytest.fixture
 def context(browser):
-    made = browser.new_context(
-        viewport={"width": 1180, "height": 620}, bypass_csp=True, reduced_motion="reduce"
-    )
-    made.set_default_timeout(60_000)
-    yield made
-    made.close()
+    with context_of(browser) as made:
+        yield made
 
 
 @pytest.fixture
