@@ -6,6 +6,7 @@ straight up at home, and lands there straight down. Overlap and ground
 sampling distance are those of the exact footprints of the planned images.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -265,27 +266,48 @@ class Flight(Product):
         return self.footprints.summary()
 
     @property
-    def notes(self) -> list[str]:
-        """Sentences on heights, time, and waypoints beside the surface, where there are some."""
+    def refused(self) -> list[str]:
+        """A sentence on the limits of height that it is above, and on what keeps to them."""
         each = [m.way_to(row) for m in self.flown for row in range(len(m.over))]
-        ways, battery = np.concatenate(each), self.asked.battery
+        ways = np.concatenate(each)
         high = float(np.nanmax(ways[:, 2] - heights_at(self.mesh, ways[:, :2]), initial=0.0))
-        over = " and ".join(text for most, text in HIGHEST.items() if high > most)
-        notes = [f"up to {in_decimals(high, 0)} m above ground: above {over}"] if over else []
-        notes += [
+        over = [most for most in HIGHEST if high > most]
+        if not over:
+            return []
+        said = " and ".join(HIGHEST[most] for most in over)
+        lower = math.ceil(high - min(over))
+        text = f"height above ground: up to {in_decimals(high, 0)} m, above {said}; get a permit, "
+        text += f"or fly {lower} m lower (height or gsd in [[candidates]])"
+        gsd, ends = self._figures["gsd_per_px"], self._above(self)
+        if gsd is not None and ends is not None and (self.views[1] < LOOKS_DOWN_DEG).all():
+            part = max(1 - 2 * lower / sum(ends), 0.1)
+            text += f": GSD then about {sampling(gsd * part)}, and up to about "
+            text += f"{1 / part**2:.1f} times the photographs at the same overlap"
+        return [text]
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences on heights, time, and what is beside the surface, where there is some."""
+        notes = [
+            *self.refused,
             "time is without wind, turns and a reserve of the battery"
-            if battery is not None
+            if self.asked.battery is not None
             else "no battery is given: neither its limit nor a reserve is checked",
             "airspace and a failsafe return are not checked",
         ]
-        if not (n := self.n_beside):
-            return notes
-        return [
-            *notes,
-            f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
-            "surface, where strips keep to its mean height: the median GSD may differ from what "
-            "the height or gsd of the plan gives",
-        ]
+        if np.isnan(heights_at(self.mesh, self.home[None, :2])).any():
+            how = "as in [flight]" if self.asked.home else "the lowest of the surface: check it"
+            notes.append(
+                f"home, for take-off and landing, has no surface below; its height is {how}"
+            )
+        if n := self.n_beside:
+            notes.append(
+                f"{n} of {plural(len(self.rows), 'waypoint')} {verb(n, 'look')} down beside the "
+                "surface, so that its border is in as many images as its middle; strips keep there "
+                "to its mean height: the median GSD may differ from what the height or gsd of the "
+                "plan gives"
+            )
+        return notes
 
     def summary(self) -> dict[str, Any]:
         """Figures, ready for JSON; `order` are rows of the positions."""

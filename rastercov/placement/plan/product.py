@@ -31,6 +31,11 @@ class Product:
         return None
 
     @property
+    def refused(self) -> list[str]:
+        """Sentences, with their subject before a colon, for which a page is not to be signed."""
+        return []
+
+    @property
     def notes(self) -> list[str]:
         """Sentences on what to look at."""
         raise NotImplementedError  # each feature has its own
