@@ -16,9 +16,12 @@ from tours import best_of
 
 import rastercov as rc
 from rastercov import placement
+from rastercov.core.area.remedies import TURN
 from rastercov.page.scene import scene_of_place
 from rastercov.placement.plan.file import plan_of
 from rastercov.report import overview, panorama
+from rastercov.report.placement import change_of
+from rastercov.report.plan import summary
 from rastercov.robots import plan_arm as plan_arm
 from rastercov.robots.kinematics import pose_error
 
@@ -142,6 +145,21 @@ def test_rigs_ride_on_the_arm():
     ends = poses_of(rc.Robot.load(ARM), np.array(written["joints"]))
     assert np.abs(ends - mounts).max() <= 1e-6
     assert 0 < told()["share"] < 1
+
+
+def test_a_part_is_to_be_turned_over_for_what_no_arm_sees_from_below():
+    """Only for zones of its lower side that no tried position covers."""
+    placed = rc.place(PLAN)
+    middle, turned = part().centre[2], []
+    for zone in summary(placed)["dead_zones"]:
+        turned.append(TURN in zone["advice"])
+        if turned[-1]:
+            assert not zone["tried"]
+            assert zone["centroid"][2] < middle
+    assert any(turned)
+    asked = PLAN | {"selection": {"goal": "fewest_cameras", "coverage": 0.999}}
+    (line,) = change_of(rc.place(asked))
+    assert TURN in line
 
 
 def test_an_arm_keeps_what_it_reaches_without_a_collision():

@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 from nightly import amount, examples
 
 import rastercov as rc
-from rastercov.base import json_text
+from rastercov.base import json_text, percent
 from rastercov.base.errors import ConfigError
+from rastercov.base.format import points
 from rastercov.core.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.exact_pass import ExactPass
+from rastercov.core.raster import open_rasterizer
 from rastercov.placement.matrix import build_matrix
 from rastercov.placement.plan.baseline import compare
 from rastercov.placement.plan.check import (
@@ -467,6 +469,33 @@ def test_a_goal_is_explained_by_the_cameras_that_cover_it(room, seed):
         assert not any("aim the camera at" in line or "move the camera" in line for line in advice)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mask_that_is_advised_hides_all_of_a_goal_and_loses_what_it_says(room, seed):
+    """No pixel beside the mask shows the window; the loss is what the masked part alone covers."""
+    rng = np.random.default_rng(seed)
+    eye = rng.uniform((0.8, 0.5, 1.0), (3.0, 1.5, 2.0))
+    poses = rc.look_at([eye], [rng.uniform((1.0, 4.0, 1.2), (2.5, 4.0, 1.8))])
+    checked = rc.check(plan(room, goals={"window": PRIVATE}), poses, min_coverage=0.01)
+    own = checked.goals["window"]
+    _, (left, top, right, bottom), words, _ = own._turned(of(checked, "window"))
+    camera = checked.plan.rig.cameras[0]
+    with open_rasterizer(own.mesh, camera, "cpu") as rasterizer:
+        face = rasterizer.render(poses[0]).face
+    rows, columns = np.nonzero(own.mesh.task_mask[face] & (face >= 0))
+    assert len(rows)
+    assert left <= columns.min() <= columns.max() < right
+    assert top <= rows.min() <= rows.max() < bottom
+    assert f"columns {left} to {right}, rows {top} to {bottom}" in words
+    part = replace(
+        camera, width=right - left, height=bottom - top, cx=camera.cx - left, cy=camera.cy - top
+    )
+    alone = rc.regions(checked.mesh, part, poses, checked.task).area.sum()
+    (whole,) = [each for each in checked.requirements if not each.goal]
+    line = checked.best_change.line
+    assert f"{percent(whole.share - alone / whole.of_m2)}, {percent(whole.limit)} req" in line
+    assert f"lost by the mask: {points(alone / whole.of_m2)} of the whole task" in line
+
+
 def test_advice_for_a_goal_covers_no_more_of_another_than_it_permits(room):
     """Doors beside the window: the camera that is named for them does not see it."""
     poses = rc.look_at([(2.0, 1.0, 1.5)], [(2.0, 0.5, 0.0)])
@@ -489,7 +518,9 @@ def test_the_goal_that_lacks_most_has_its_zone_in_the_first_lines_and_on_the_pag
     assert first[1].startswith("change that gains most: ")
     assert first[3].startswith("seen by camera 1 (")
     assert first[3] not in "\n".join(others)
-    said = "advice: turn, move or mask camera 1: none of it would be seen"
+    words = checked.goals["window"]._turned(of(checked, "window"))[2]
+    assert words.startswith("mask camera 1, columns ")
+    said = f"advice: {words}: none of it would be seen"
     assert ([said] == first[4:]) != (f"  {said}" in others)
     assert any(line.startswith("  dead zone ") and "west" in line for line in others)
     junit = {case.name: case.lines for case in cases(checked)}
@@ -803,3 +834,22 @@ def test_of_many_goals_the_worst_alone_are_explained(tmp_path, monkeypatch):
     assert len(examined) == 1 + MOST_GOALS
     with pytest.raises(KeyError):
         checked.goals["none"]
+
+
+def test_goals_of_a_page_have_pictures_and_groups_that_must_not_be_seen_a_proof(room):
+    """What is seen by none is said to be proved; what is seen is said to fail."""
+    private = PRIVATE | {"groups": ["window", "north"]}
+    goals = {"doors": DOORS | {"coverage": 0.01}, "private": private}
+    ends = []
+    for eye, target in (((3.0, 1.0, 1.5), (0.5, 4.0, 1.5)), ((2.0, 3.0, 1.5), (1.0, 0.0, 1.0))):
+        checked = rc.check(plan(room, goals=goals), rc.look_at([eye], [target]), min_coverage=0.01)
+        shown = network_of(checked, to_json(checked))
+        assert all(goal.picture() for goal in shown.goals)
+        own = {goal.name: goal for goal in shown.goals}["private"]
+        lines, ranked = own.of_groups(), sorted(own.groups, key=lambda each: -each.high)
+        for line, each in zip(lines, ranked, strict=True):
+            assert line.startswith(f"{each.group}: ")
+            ends.append(line.endswith(", proved: 0 % at most"))
+            assert ends[-1] == (each.share == 0)
+            assert line.endswith("seen, fails") == (each.share > 0)
+    assert ends == [False, False, True, True]

@@ -80,6 +80,8 @@ IN_SIGHT = 0.5
 PLACES, NEARER, WIDER = 64, (1.0, 0.7, 0.4), (0.7, 1.2, 2.0, 3.5)
 """Directions around a zone of places that are tried; shares of the distance of the camera, and
 times the radius of the zone, at which they are."""
+TURN, DOWN = "for a second run turn the part ", 0.5
+"""Advice for what no arm brings a camera to; cosine from which a side is below."""
 LONGER = (1.05, 1.4)
 """Times the focal length that is missing."""
 LEAST_REL = 1e-9
@@ -438,6 +440,10 @@ class Remedies:
         words += " that are clear of bodies" if is_blocked else ""
         words += " that can be reached" if is_beyond else ""
         end = " and see no more than the goals permit" if is_over else ""
+        facing = frames_of(self.mesh).normal[spot.face].mean(axis=0)
+        is_below = facing[2] < -DOWN * float(norm(facing))
+        if self.allowed.reaches is not None and (is_beyond or is_below):
+            end += f"; {TURN}{'over: this side faces down' if is_below else 'towards the arm'}"
         return f"{words} would cover at least half of it{end}", {}
 
     def _index(self, row: int) -> int:

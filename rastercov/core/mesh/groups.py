@@ -178,6 +178,12 @@ def rows_of(groups: Iterable[str], place: str) -> list[int]:
     return [row for row, name in enumerate(groups) if f"{name}/".startswith(f"{place}/")]
 
 
+def names_in(groups: Sequence["Group"], place: str | None) -> set[str]:
+    """Names of the groups of a part, or of that name; all for None."""
+    names = [each.name for each in groups]
+    return {*names} if place is None else {names[row] for row in rows_of(names, place)}
+
+
 def rows_at(
     groups: Sequence["Group"], level: int | None = None, rows: Iterable[int] | None = None
 ) -> dict[str, list[int]]:

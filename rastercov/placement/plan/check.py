@@ -52,26 +52,38 @@ from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.remedies import Allowed
+from rastercov.core.area.remedies import TURN, Allowed
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
 from rastercov.core.camera import (
+    Camera,
     Cameras,
     Poses,
     Rig,
     Views,
+    cameras_of,
     gates_of,
     heads_of,
     names_of_poses,
     renumber,
     rows_of_result,
+    to_camera,
+    to_image,
 )
 from rastercov.core.coverage.provenance import sha256
 from rastercov.core.coverage.task import REASONS, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.groups import Names, list_names, parts_above, quote, rows_at, rows_of
+from rastercov.core.mesh.groups import (
+    Names,
+    list_names,
+    names_in,
+    parts_above,
+    quote,
+    rows_at,
+    rows_of,
+)
 from rastercov.formats.cameras import read_views
 from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
@@ -109,6 +121,8 @@ from rastercov.placement.select.problem import in_whole_numbers, views_of, weigh
 from rastercov.placement.uncovered import Leftover
 
 Limits = Mapping[str | None, float]
+Mask = tuple[int, int, int, int] | None
+"""First column and row of an image that are masked, and those after the last."""
 NOTHING_MORE = Demand()
 MOST_GROUPS, MOST_GOALS = 5, 50
 """Groups named, those with the most uncovered weight, and goals explained, the worst."""
@@ -426,7 +440,7 @@ class Checked(InOneLine, InNotebook):
         lines = [f"seen by {first_of([said for _, said in self._seeing])}"]
         if requirement.status == HOLDS:
             return lines
-        _, words, left = self._turned(requirement)
+        _, _, words, left = self._turned(requirement)
         return [*lines, f"advice: {words}: {percent(left) if left else 'none'} of it would be seen"]
 
     @cached_property
@@ -438,33 +452,66 @@ class Checked(InOneLine, InNotebook):
         pairs = zip(self.heads[1], self.by_camera[0].tolist(), strict=True)
         return [(name, f"{name} ({area(m2)})") for name, m2 in pairs if m2]
 
-    def _turned(self, requirement: Requirement) -> tuple[list[int], str, float]:
-        """Heads to turn away from what must not be seen, in words, and the share seen then.
+    def _turned(self, requirement: Requirement) -> tuple[list[int], Mask, str, float]:
+        """Heads to turn away from what must not be seen, or a mask, in words, and the share left.
 
         By face all cameras that see it, without rows.
         """
         if self.by_camera is None:
-            return [], f"turn, move or mask {first_of([name for name, _ in self._seeing])}", 0.0
+            names = first_of([name for name, _ in self._seeing])
+            return [], None, f"turn, move or mask {names}", 0.0
         sees, lost = self.by_camera
         rows, left = np.flatnonzero(sees).tolist(), 0.0
         rest = requirement.share - float(lost.max()) / getattr(requirement, "of_m2", 1.0)
         if rest <= requirement.limit + SHARE_TOLERANCE:
             rows, left = [int(lost.argmax())], max(rest, 0.0)
-        return rows, f"turn, move or mask {first_of([self.heads[1][row] for row in rows])}", left
+        names, mask = first_of([self.heads[1][row] for row in rows]), self._mask(rows)
+        if mask is None:
+            return rows, None, f"turn, move or mask {names}", left
+        words = (
+            "mask {4}, columns {0} to {2}, rows {1} to {3} of its image (px from the upper left)"
+        )
+        return rows, mask, f"{words.format(*mask, names)}, or turn or move it", left
+
+    def _mask(self, rows: list[int]) -> Mask:
+        """Pixels in which one camera has all that it sees, one more around; None if not known."""
+        regions, rig, placed = self._regions, self.plan.rig, self.cameras.placed
+        if regions is None or rows[1:] or rig.gates or rig.tasks or rig.equipment:
+            return None
+        camera = rig.cameras[placed.camera[rows[0]]]
+        if camera.is_curved:
+            return None
+        own = regions.of_poses(np.arange(len(placed)) == rows[0])
+        ends = to_image(to_camera(own.points(), placed.world_from_camera[rows[0]]), camera)
+        around = np.array((np.floor(ends.min(axis=0)) - 1, np.ceil(ends.max(axis=0)) + 1))
+        a, b, c, d = np.clip(around, 0, (camera.width, camera.height)).astype(int).ravel().tolist()
+        behind = masked(camera, (a, b, c, d))
+        with closing(RegionPass(self.mesh, behind, self.task)) as finder:
+            again = finder.find(Poses.of(placed.world_from_camera[rows]))
+        most = SHARE_TOLERANCE * float(self.mesh.areas[self.mesh.task_mask].sum())
+        return (a, b, c, d) if (own.area + own.bound).sum() <= again.area.sum() + most else None
 
     def turn_away(
-        self, requirement: Requirement, lost: Callable[[Sequence[int]], Mapping[str, float]]
+        self,
+        requirement: Requirement,
+        lost: Callable[[list[int], Mask], Mapping[str, float]],
     ) -> GoalChange:
-        """Cameras that see what must not be seen, turned away.
+        """Cameras that see what must not be seen, turned away, or one with a mask.
 
-        `lost` are the shares of other goals that are lost without rows of `heads`.
+        `lost` are the shares of other goals that are lost without rows of `heads`, or by a mask.
         """
-        rows, words, left = self._turned(requirement)
+        rows, mask, words, left = self._turned(requirement)
         gain = f"{points(requirement.share - left)} less"
-        without = " without it" if len(rows) == 1 else " without them"
+        how = " by the mask" if mask else " without it" if len(rows) == 1 else " without them"
         goal = f"{requirement.name}; {requirement.after(left - requirement.share)}"
-        line = gain_line(words, goal, gain, lost(rows), without)
+        line = gain_line(words, goal, gain, lost(rows, mask), how)
         return GoalChange(requirement.share - left, line, words)
+
+
+def masked(camera: Camera, mask: tuple[int, int, int, int]) -> Camera:
+    """The part of a camera that is behind a mask of its image."""
+    a, b, c, d = mask
+    return replace(camera, width=c - a, height=d - b, cx=camera.cx - a, cy=camera.cy - b)
 
 
 def limits(
@@ -675,22 +722,37 @@ class PlacedCameras(NamedTuple):
     task: Task
     views: int | Mapping[str, int]
 
-    def lost_without(
-        self, rows: Sequence[int], required: Sequence[AreaRequirement]
-    ) -> dict[str, float]:
-        """Shares of requirements of the task that are lost without rows of the result, by name."""
-        left = ~np.isin(rows_of_result(self.camera, self.poses), rows)
-        areas, poses = AreaNetwork(self.mesh, self.task), self.poses[left]
-        with closing(RegionPass(self.mesh, self.camera, self.task)) as finder:
-            areas.add(with_rule(finder.find(poses), self.camera, poses))
-        after = classify_areas(areas, {each.group: each.limit for each in required}, self.views)
-        pairs = zip(required, after, strict=True)
-        return _losses({own.called: (own.m2 - rest.m2) / own.of_m2 for own, rest in pairs})
+    def _shares(
+        self, camera: Cameras, poses: Poses, required: Sequence[AreaRequirement]
+    ) -> tuple[AreaRequirement, ...]:
+        """Requirements of the task with other cameras."""
+        areas = AreaNetwork(self.mesh, self.task)
+        with closing(RegionPass(self.mesh, camera, self.task)) as finder:
+            areas.add(with_rule(finder.find(poses), camera, poses))
+        return classify_areas(areas, {each.group: each.limit for each in required}, self.views)
 
-    def members(self, group: str | None) -> set[str]:
-        """Groups of a group or part, or all."""
-        names = [each.name for each in self.mesh.groups]
-        return {*names} if group is None else {names[row] for row in rows_of(names, group)}
+    def lost_without(
+        self, rows: list[int], mask: Mask, required: Sequence[AreaRequirement]
+    ) -> dict[str, float]:
+        """Shares of requirements of the task that are lost without rows of the result, by name.
+
+        With a mask of the one row, without what it has there: no other part of its image sees that.
+        """
+        left = self.poses[~np.isin(rows_of_result(self.camera, self.poses), rows)]
+        before, after = required, self._shares(self.camera, left, required)
+        if mask is not None:
+            cameras = cameras_of(self.camera)
+            behind = masked(cameras[self.poses.camera[rows[0]]], mask)
+            matrices = *left.world_from_camera, *self.poses.world_from_camera[rows]
+            index = np.append(left.camera, len(cameras))
+            placed = Poses.of(np.array(matrices), camera=index)
+            before = self._shares((*cameras, behind), placed, required)
+        lost = dict[str, float]()
+        for own, one, other in zip(required, before, after, strict=True):
+            share = (one.m2 - other.m2) / own.of_m2
+            rest = f"{percent(own.share - share)}, {percent(own.limit)} required"
+            lost[f"{own.called}, which then has {rest}"] = share
+        return _losses(lost)
 
 
 def _losses(shares: Mapping[str, float]) -> dict[str, float]:
@@ -713,11 +775,11 @@ def best_change(
     every = [each for each in requirements if isinstance(each, AreaRequirement) and each.of_m2]
     wanted, found = [each for each in every if not each.is_most], list[GoalChange]()
 
-    def lost(rows: Sequence[int]) -> dict[str, float]:
+    def lost(rows: list[int], mask: Mask) -> dict[str, float]:
         shares = dict[str, float]()
         for each in dict.fromkeys(each.goal for each in wanted if rows):
             of = goals[each].placed if each else placed
-            shares |= of.lost_without(rows, [own for own in wanted if own.goal == each])
+            shares |= of.lost_without(rows, mask, [own for own in wanted if own.goal == each])
         return _losses(shares)
 
     short = [each for each in every if each.lack]
@@ -731,11 +793,13 @@ def best_change(
             tried = zone["tried"] or {}
             if not tried.get("gain_m2"):
                 continue
-            if own is None and placed.members(each.group).isdisjoint(zone["groups"]):
+            if own is None and names_in(placed.mesh.groups, each.group).isdisjoint(zone["groups"]):
                 continue
             gains = tried.get("group_gains_m2", {})
             shares = {
-                one.called: sum(gains.get(name, 0.0) for name in placed.members(one.group))
+                one.called: sum(
+                    gains.get(name, 0.0) for name in names_in(placed.mesh.groups, one.group)
+                )
                 / one.of_m2
                 for one in wanted
                 if gains and not one.goal
@@ -746,7 +810,12 @@ def best_change(
             end = each.after(about if exact is None else exact, is_about=exact is None)
             goal = f"{each.called}; {end}"
             found.append(GoalChange.of_zone(zone, goal, exact, losses, each.of_m2))
-    return max(found, key=lambda change: change.share, default=NO_CHANGE if short else None)
+    none = NO_CHANGE if short else None
+    if none and (below := [z for z in summary.get("dead_zones", ()) if TURN in z["advice"]]):
+        share = percent(sum(zone["percent"] for zone in below) / 100)
+        line = f"{none.line}; {TURN}so that cameras come before dead zones of {share} of the area"
+        none = none._replace(line=line)
+    return max(found, key=lambda change: change.share, default=none)
 
 
 def reasons_of_goal(

@@ -525,8 +525,8 @@ def with_goals(
         is_over = shares[goal.name] > goal.limit + SHARE_TOLERANCE
         own = [f"{row}" for row, is_one in zip(given, is_over, strict=False) if is_one]
         if own:
-            covers = f"existing {', '.join(own)} {verb(len(own), 'cover')} more of goal {goal.name}"
-            notes.append(f"{covers} than it permits, for any selection")
+            covers = f"kept: existing {', '.join(own)} (from 0) {verb(len(own), 'cover')} more of"
+            notes.append(f"{covers} goal {goal.name} than it permits, for any selection")
         is_over[: len(given)] = False
         if n := int(is_over.sum()):
             left_out = f"{plural(n, 'candidate', 'are')} left out"
