@@ -27,6 +27,8 @@ ENCLOSED = len(RAYS) * 2 / 3
 STOREY = 1.5
 """Difference in height from which openings are on different plans, m."""
 COMPASS = "N", "NE", "E", "SE", "S", "SW", "W", "NW"
+OVER_FLOOR, OVER_SILL = 1.2, 0.3
+"""Least heights of the point of EN 17037, m."""
 REVEAL, BORDER = 0.6, 0.15
 """Depth of a reveal, and width of a frame, at most, m."""
 MOST_PLANS, FAR = 12, 6
@@ -60,6 +62,17 @@ class Openings(NamedTuple):
             normals[row] *= -np.sign(order) * is_known
             rooms.append(other or one)
         return normals, rooms
+
+    def prescribed(self, rooms: Sequence[str]) -> list[list[float] | None]:
+        """Point of each part by EN 17037, in the plane of the part; None where no room is known."""
+        own = self.piece >= 0
+        floors = {product.label: space.bounds[0, 2] for product, space in self.mesh.spaces}
+        sills, _ = boxes_of(self.piece[own], self.mesh.vertices[self.mesh.faces[own]])
+        places = zip(self.at.tolist(), sills[:, 2].tolist(), rooms, strict=True)
+        return [
+            [x, y, max(float(floors[room]) + OVER_FLOOR, sill + OVER_SILL)] if room else None
+            for (x, y, _), sill, room in places
+        ]
 
     def are_of_rooms(self) -> BoolArray:
         """(M,) True for windows, by names of groups; for all where there are but windows and doors.

@@ -159,7 +159,7 @@ class Study(NamedTuple):
         errors, names = self._errors(every), openings.names(rooms)
         faces = compass(normals, self.north)
         is_before = (sunlit.directions @ normals.T > 0) | ~normals.any(axis=1)
-        shading = self._shading(openings, normals, is_before)
+        shading, points = self._shading(openings, normals, is_before), openings.prescribed(rooms)
         entries = list[ByName]()
         for row in sort_order(sunlit.pieces.hours).tolist():
             entry = self._entry(names[row], sunlit.pieces.hours[row], errors[row])
@@ -168,7 +168,7 @@ class Study(NamedTuple):
             entry["energy_kwh"] = float(sunlit.pieces.energy[row]) / 1e3
             entry["bound_kwh"] = float(sunlit.pieces.energy_bound[row]) / 1e3
             entry["hours_in_front"] = float(sunlit.weights @ is_before[:, row])
-            entry["shaded_by"] = shading[row]
+            entry |= {"shaded_by": shading[row], "point": points[row]}
             entries.append(entry)
         of_rooms, of_room = [], openings.are_of_rooms()
         for name in dict.fromkeys(filter(None, rooms)):

@@ -117,3 +117,25 @@ def test_each_storey_has_a_plan_with_its_numbers_in_their_places():
                 shapely.box(x - half[0], y - half[1], x + half[0], y + half[1])
             )
     assert sorted(seen) == sorted(numbers)
+
+
+@pytest.mark.parametrize("raised", [0.0, 0.6])
+def test_the_point_of_a_window_is_over_floor_and_sill_whatever_storey(raised):
+    openings, panes = house(0, with_rooms=True, storeys=2)
+    mesh = openings.mesh
+    part = np.unique(mesh.faces[openings.piece == 0])
+    corners = mesh.vertices.copy()
+    corners[part, 2] += raised
+    moved = rc.Mesh(corners, mesh.faces, mesh.groups, mesh.face_group, spaces=mesh.spaces)
+    at = openings.at.copy()
+    at[0, 2] += raised
+    opened = Openings(moved, openings.piece, at)
+    rooms = opened.sides()[1]
+    floors = {product.label: space.bounds[0][2] for product, space in mesh.spaces}
+    for row, (point, name) in enumerate(zip(opened.prescribed(rooms), panes, strict=True)):
+        sill = corners[mesh.faces[openings.piece == row], 2].min()
+        level = int(name[1])
+        assert point[:2] == at[row, :2].tolist()
+        assert floors[rooms[row]] == pytest.approx(0.05 + 3.5 * level)
+        assert point[2] == pytest.approx(max(1.25 + 3.5 * level, sill + 0.3))
+    assert opened.prescribed([""] * len(panes)) == [None] * len(panes)
