@@ -24,7 +24,7 @@ from rich.console import RenderableType
 from rich.segment import Segment
 
 import rastercov
-from rastercov.base import ByName, RastercovError, ReadByName, plural, shorten
+from rastercov.base import ByName, RastercovError, ReadByName, first_of, plural, shorten
 from rastercov.base.errors import PartMadeError, is_out_of_memory
 from rastercov.base.interrupts import (
     ABANDONED,
@@ -320,15 +320,15 @@ def report_skips(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
 def print_network(
     summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:
-    """Print tables of the parts that cameras cover, where there are several, and of the cameras."""
+    """Print a table of the parts that cameras cover, where there are several, and their types."""
     from rastercov.placement.parts import part_rows
-    from rastercov.report.tables import camera_table, summary_table
+    from rastercov.report.tables import camera_rows, summary_table
 
     console = Console()
     if has_parts and (level is not None or len(part_rows(summary)) > 1):
         console.print(summary_table(summary, level, unit))
-    if (table := camera_table(summary)) is not None:
-        console.print(table)
+    if rows := [f"{name} {share}" for name, *_, share in camera_rows(summary)]:
+        print(f"Covered by each camera type alone: {first_of(rows)}")
 
 
 def size_line(mesh: "Mesh") -> str:

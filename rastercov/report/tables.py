@@ -184,22 +184,6 @@ def camera_rows(summary: ReadByName, unit: str = "m") -> list[list[str]]:
     return rows
 
 
-def camera_table(summary: ReadByName, most: int = 20) -> Table | None:
-    """Figures by camera for a terminal of 80 columns; None where there are none."""
-    rows = camera_rows(summary)
-    if not rows:
-        return None
-    table = Table(title="Covered by each camera type alone", title_justify="left")
-    table.add_column("camera", no_wrap=True, max_width=30)
-    for name in ("poses", "covered", "share"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for name, *figures in rows[:most]:
-        table.add_row(Text(name), *figures)
-    if rows[most:]:
-        table.add_row(f"... {len(rows) - most} more", style="dim")
-    return table
-
-
 def source_of(origin: str) -> str:
     """Origin of a camera in words: its number is that of a face, or counts from 0."""
     text = re.sub(r"^((?:cavity|in ).*)(?= \d)", r"\1 at face", origin)
