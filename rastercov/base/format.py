@@ -202,7 +202,7 @@ def text_with_sign(value: float, digits: int = 2) -> str:
 def coordinates(point: Iterable[float], least: int) -> str:
     """Coordinates in at least some decimals, and in two digits of the largest."""
     values = [float(value) for value in point]
-    digits = max(least, decimals_of(max(map(abs, values))) - 1)
+    digits = max(least, decimals_of(max(map(abs, values)) or 1.0) - 1)
     return ", ".join(text_with_sign(value, digits) for value in values)
 
 

@@ -39,6 +39,7 @@ from rastercov.base import (
     shown,
 )
 from rastercov.base.arguments import distinct, number, positive, two
+from rastercov.base.format import distance as in_metres
 from rastercov.core.camera import Camera, Poses, apparent, fibonacci_sphere, look_at, valid_poses
 from rastercov.core.camera.camera import field_angle
 from rastercov.core.camera.catalogue import KINDS
@@ -652,7 +653,8 @@ class Lamps(InOneLine):
             return lamp.strength
         whole = lamp.intensity_of_point * lamp.points
         reach = f", reaches {math.sqrt(whole / least):.3g} m" if least else ""
-        return f"{whole:.3g} {lamp.unit}{reach}"
+        across = f", {in_metres(max(lamp.size))} across" if any(lamp.size) else ""
+        return f"{whole:.3g} {lamp.unit}{across}{reach}"
 
     @property
     def lamp_of_point(self) -> IntArray:

@@ -75,6 +75,8 @@ LINE = 0.45
 """Brightness of a line, relative to its surface."""
 HATCH_PERIOD, HATCH_PALE = 4, 0.45
 """Widths of a line of a hatch from one to the next; part of white in it."""
+GAP = 5
+"""Pixels between plates of labels, at the size of a page."""
 MOST_ENLARGED = 3.2
 """Widths of a thumbnail that the font of its caption suits."""
 DIRECTIONS, RINGS = 16, 14
@@ -480,7 +482,8 @@ def write_labels(
     boxes = np.array([draw.textbbox((0, 0), name, font, anchor="mm") for name in names])
     sizes = boxes[:, 2:] - boxes[:, :2] + np.array([9, 7]) * fine
     points = np.asarray(anchors, np.float64)
-    places = place_labels(points, sizes, image.size, np.asarray(areas) < 2 * sizes.prod(axis=1))
+    is_small, gap = np.asarray(areas) < 2 * sizes.prod(axis=1), GAP * fine
+    places = place_labels(points, sizes + gap, image.size, is_small)
     for point, place, size, colour in zip(points, places, sizes, colours, strict=True):
         if (np.abs(point - place) > size / 2).any():
             ends = [tuple(point.tolist()), tuple(place.tolist())]

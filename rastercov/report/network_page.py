@@ -11,6 +11,7 @@ from itertools import chain, islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from PIL import Image
 
 from rastercov.base import (
@@ -48,6 +49,7 @@ from rastercov.core.camera import (
     equipment_on,
     gates_of,
     led_by,
+    look_at,
     names_of,
 )
 from rastercov.core.camera.rig import short_names
@@ -55,7 +57,7 @@ from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.task import NAMES, REASONS, Reason
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.groups import blocker, rows_of
+from rastercov.core.mesh.groups import blocker, names_in
 from rastercov.placement.required import HOLDS
 from rastercov.report.feature import NetworkPart, part_of
 from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
@@ -102,10 +104,14 @@ NO_FOCUS = (0.0, np.inf)
 """Depth of field of a camera without one."""
 LAMP, LAMP_REL, MOST_LAMPS = (148, 98, 0), 0.02, 40
 """Colour of equipment in pictures, its radius relative to the scene, and most of it."""
+OF_CAMERA = " from each camera, facing ({}), in its axes: x right, y down, z ahead"
+"""Words on the place of equipment that rides on cameras."""
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 MOST_CLOSE_UPS = 3
 """Zones with a picture of their own."""
+MOST_GROUPS = 12
+"""Groups of a goal with a line of their own."""
 MOST_FACES = 32
 """Faces of a zone of whole faces on which advice is tried."""
 OF_SENSORS = (*OF_GATES, *OF_EQUIPMENT)
@@ -130,7 +136,7 @@ class GoalPart(NamedTuple):
     """A goal of a plan: lines on it, the page of it alone, and area of each camera.
 
     The area is lost without it, or that it sees of what must not be seen. Its groups are judged
-    alone where they must not be seen.
+    alone where they must not be seen. It has a picture where it `is_shown` or must be mended.
     """
 
     name: str
@@ -141,6 +147,7 @@ class GoalPart(NamedTuple):
     page: "NetworkPage"
     areas_m2: FloatArray | None
     groups: "Sequence[Requirement]" = ()
+    is_shown: bool = False
 
     @property
     def is_short(self) -> bool:
@@ -151,7 +158,22 @@ class GoalPart(NamedTuple):
         """Dead zones of a goal, or the cameras that see what must not be seen; None for none."""
         if self.is_short:
             return zones_picture(*self.page.dead, self.page.poses.world_from_camera)
-        return self.page.overview() if self.is_most and self.status != HOLDS else None
+        is_drawn = self.is_shown or (self.is_most and self.status != HOLDS)
+        return self.page.overview() if is_drawn else None
+
+    def of_groups(self) -> list[str]:
+        """A line on each of several groups, those that lack most first."""
+        if not self.groups[1:]:
+            return []
+        ranked = sorted(self.groups, key=lambda each: each.high, reverse=self.is_most)
+        lines = []
+        for each in ranked[:MOST_GROUPS]:
+            text = f"{each.group}: {percent(each.share)} "
+            if self.is_most:
+                proof = f", proved: {with_bound(0.0, 100 * each.high)} at most"
+                text += f"seen, {each.status}{proof * (each.status == HOLDS)}"
+            lines.append(text if self.is_most else f"{text}covered")
+        return lines
 
 
 @frozen_record
@@ -423,9 +445,9 @@ class NetworkPage:
         Those in what fails a goal are first; of these goals there are words, also after the change.
         """
         shown, found = number_cameras(self.dead[1]), list[tuple[bool, int, list[str]]]()
-        short = [each for each in self.required if each.status != HOLDS]
+        short, groups = [e for e in self.required if e.status != HOLDS], self.mesh.groups
         for row, zone in enumerate(shown):
-            own = [each for each in short if self._members(each) & {*zone["groups"]}]
+            own = [each for each in short if names_in(groups, each.group) & {*zone["groups"]}]
             found.append((not own, row, [self._after(zone, each) for each in own]))
         rows, words = zone_rows(self.dead[1]), self._nearest_of
         return [
@@ -433,21 +455,16 @@ class NetworkPage:
             for _, row, said in sorted(found)[:MOST_CLOSE_UPS]
         ]
 
-    def _members(self, required: "Requirement") -> set[str]:
-        """Names of the groups of a requirement."""
-        names = [each.name for each in self.mesh.groups]
-        own = required.group
-        return {*names} if own is None else {names[row] for row in rows_of(names, own)}
-
     def _after(self, zone: ReadByName, required: "Requirement") -> str:
         """Words on a requirement that fails for a zone, and on its share after the change."""
         tried, whole = zone["tried"] or {}, getattr(required, "of_m2", 0.0)
         gains = tried.get("group_gains_m2")
-        if "gain_m2" not in tried or not whole or not self._members(required) >= {*zone["groups"]}:
+        members = names_in(self.mesh.groups, required.group)
+        if "gain_m2" not in tried or not whole or not members >= {*zone["groups"]}:
             return f"missing in {required.called}"
         m2 = tried["gain_m2"]
         if gains:
-            m2 = sum(gains.get(name, 0.0) for name in self._members(required))
+            m2 = sum(gains.get(name, 0.0) for name in members)
         return f"missing in {required.called}; {required.after(m2 / whole, is_about=not gains)}"
 
     def _close_ups(self, prefix: str = "") -> dict[str, Callable[[], Image.Image | None]]:
@@ -514,6 +531,7 @@ class NetworkPage:
         """
         title_block = (values["run"]["options"] or {}).get("sheet") or {}
         own = values.pop("notes", ()), values["summary"], values.get("under", "")
+        has_room = bool(values.get("stops"))
         rows, more = self.camera_table(values.pop("columns", {}))
         drawn = {name: Picture.draw("", image) for name, image in images.items()}
         by_area, cameras = "covered_area" in self.figures, cameras_of(self.camera)
@@ -541,7 +559,7 @@ class NetworkPage:
             camera_table=rows,
             camera_rows=camera_rows(self.figures, self.unit),
             figures=self.figures,
-            conditions=self._conditions(*own),
+            conditions=self._conditions(*own, has_room),
             section=None if self.part is None else self.part.template,
             own=None if self.part is None else self.part.section(self.figures),
             names=dict(zip(self.poses.ids.tolist(), self.names, strict=True)),
@@ -591,22 +609,33 @@ class NetworkPage:
         for word, own in equipment_on(self.camera).items():
             words = (
                 f"{name} ({own._words(at, vars(task))})"
-                + f" at ({coordinates(own.places[at][:3, 3], 3)}) m"
-                * bool(own._has_position(at) and not own.rides[at])
+                + f" at ({coordinates(own.places[at][:3, 3], 3)}) m" * bool(own._has_position(at))
+                + OF_CAMERA.format(coordinates(own.places[at][:3, 2], 2)) * bool(own.rides[at])
                 for at, name in enumerate(own.names)
             )
             said.append(f"{word.capitalize()}: {first_of([*words])}.")
         return said
 
-    def _conditions(self, notes: Sequence[str], summary: ReadByName, under: str) -> list[str]:
-        """Sentences on what the figures take for granted; requirements must hold `under` errors."""
+    def _conditions(
+        self, notes: Sequence[str], summary: ReadByName, under: str, has_room: bool
+    ) -> list[str]:
+        """Sentences on what the figures take for granted; requirements must hold `under` errors.
+
+        An arm `has_room` for its cameras.
+        """
+        room = "" if has_room else "; room for bodies and cables is not checked"
+        blur, every = self.network.task.max_blur, cameras_of(self.camera)
+        is_sharp = all(every[row].depth_of_field(blur) == NO_FOCUS for row in self._used)
         there = np.unique(self.mesh.face_group).tolist()
         groups = [self.mesh.groups[row] for row in there]
         names = openings_in_words([each.name for each in groups if not each.is_target])
         lights = first_of([*equipment_on(self.camera)])
         said = {
             f"all surfaces are opaque and as in the file{names}": True,
-            f"each {self.noun} is exactly where its table has it: no mounting errors": not under,
+            f"each {self.noun} is exactly where its table has it: no mounting errors{room}": (
+                not under
+            ),
+            f"each {self.noun} is in focus at any distance: it has no depth of field": is_sharp,
             f"light comes straight from the {lights}, without reflections": bool(lights),
             "there is light enough everywhere: none is modelled": not lights,
             "what moves is as in its frames: nothing between them is checked": self.part
@@ -689,19 +718,15 @@ class NetworkPage:
         ]
 
     def captions(self) -> list[str]:
-        """Lines below the image of each camera: its name, and what it covers and adds."""
-        types, seen, lost = names_of(self.camera), self.seen_m2, self.lost_m2
-        items = []
-        for row, name in enumerate(self.names):
-            if seen is None:
-                said = f"covers {plural(self.covered_faces[row], 'whole face')}"
-            else:
-                said = f"{self._covers} {percent(seen[row] / self.task_m2)}{self._long}"
-            if lost is not None:
-                said += f", {percent(lost[row] / self.task_m2)} lost without it"
-            of_type = f", {types[self.poses.camera[row]]}" if len(types) > 1 else ""
-            items.append(f"{image_name(name, self.noun)}{of_type}\n{said}")
-        return items
+        """Lines below the image of each camera: its name and type, and what it covers."""
+        types, covers = names_of(self.camera), [f"{n:,} whole faces" for n in self.covered_faces]
+        if self.seen_m2 is not None:
+            covers = [f"{percent(m2 / self.task_m2)}{self._long}" for m2 in self.seen_m2.tolist()]
+        return [
+            f"{image_name(name, self.noun)}{f', {types[index]}' * bool(types[1:])}\n"
+            f"{self._covers} {own}"
+            for name, index, own in zip(self.names, self.poses.camera, covers, strict=True)
+        ]
 
     def camera_table(self, more: Mapping[str, Sequence[str]]) -> tuple[list[list[str]], list[str]]:
         """Rows of the cameras and their headings.
@@ -712,18 +737,7 @@ class NetworkPage:
         columns: dict[str, Sequence[str]] = {self.noun: self.labels}
         if len({*self.poses.camera.tolist()}) > 1 and self.noun != "pose":
             columns["type"] = [types[index] for index in self.poses.camera.tolist()]
-        is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
-        unit = "mm" if is_small else "m" if self.unit == "m" else "units"
-        for name, places in zip("xyz", self.eyes.T * (1e3 if is_small else 1.0), strict=True):
-            digits = {"m": 3, "mm": 1}.get(unit)
-            columns[f"{name}, {unit}"] = [
-                length(value) if digits is None else text_with_sign(value, digits)
-                for value in places.tolist()
-            ]
-        axes = upright(poses := self.poses.world_from_camera)
-        turned = [mounting_angles(axes @ pose[:3], self.north) for pose in poses]
-        for row, name in enumerate(("heading", "tilt down", "roll")):
-            columns[name] = [f"{text_with_sign(angles[row], 1)}°" for angles in turned]
+        columns |= self._mounting(self.poses)
         if self._away is not None:
             columns["mean distance"] = [
                 distance(x, self.unit) if x else "-" for x in self._away.tolist()
@@ -748,13 +762,63 @@ class NetworkPage:
         columns |= more
         return [[each[row] for each in columns.values()] for row in order.tolist()], list(columns)
 
+    def _mounting(self, placed: Poses) -> dict[str, Sequence[str]]:
+        """Columns of a table with positions and angles of poses."""
+        columns: dict[str, Sequence[str]] = {}
+        is_small = self.unit == "m" and np.abs(self.eyes).max(initial=1e-12) < SMALL
+        unit = "mm" if is_small else "m" if self.unit == "m" else "units"
+        for name, places in zip("xyz", placed.eyes.T * (1e3 if is_small else 1.0), strict=True):
+            digits = {"m": 3, "mm": 1}.get(unit)
+            columns[f"{name}, {unit}"] = [
+                length(value) if digits is None else text_with_sign(value, digits)
+                for value in places.tolist()
+            ]
+        turned = [self._angles(pose) for pose in placed.world_from_camera]
+        return columns | {
+            name: [each[row] for each in turned]
+            for row, name in enumerate(("heading", "tilt down", "roll"))
+        }
+
+    def _angles(self, pose: FloatArray) -> list[str]:
+        """Heading, tilt and roll of a pose, as tables have them."""
+        axes = upright(self.poses.world_from_camera)
+        angles = mounting_angles(axes @ pose[:3], self.north)
+        return [f"{text_with_sign(each, 1)}°" for each in angles]
+
+    def turned(self, zone: ReadByName) -> str:
+        """Words on the angles of the change that was tried for a zone; "" for none."""
+        if not zone["tried"]:
+            return ""
+        (pose,) = look_at(zone["tried"]["position"], zone["tried"]["looking_at"])
+        heading, tilt, roll = self._angles(pose)
+        return f"Its heading is then {heading}, its tilt down {tilt}, its roll {roll}."
+
+    @property
+    def sensors(self) -> tuple[list[str], list[list[str]]] | None:
+        """Headings and rows of the sensors of heads; None where these have one each."""
+        placed, _ = self._placed
+        if len(placed) == len(self.poses):
+            return None
+        names, of = names_of(self.camera), self._head_of(placed.ids)
+        columns: dict[str, Sequence[str]] = {
+            self.noun: [self.labels[row] for row in of],
+            "sensor": [names[row] for row in placed.camera.tolist()],
+            **self._mounting(placed),
+        }
+        return [*columns], list(map(list, zip(*columns.values(), strict=True)))
+
+    def _head_of(self, pose: ArrayLike) -> list[int]:
+        """Row of the pose that is shown for each of all poses: of a rig with a rule its first."""
+        places = np.searchsorted(self.poses.ids, np.atleast_1d(pose), side="right") - 1
+        rows: list[int] = places.tolist()
+        return rows
+
     def _nearest_of(self, zone: ReadByName) -> str:
         """Name of the camera that comes closest to covering a zone's middle; "" for none."""
         if zone["nearest"] is None:
             return ""
-        # Of a rig with a rule its first camera may be shown alone.
-        place = np.searchsorted(self.poses.ids, zone["nearest"]["pose"], side="right") - 1
-        return f"{self.noun} {self.labels[int(place)]}"
+        (row,) = self._head_of(zone["nearest"]["pose"])
+        return f"{self.noun} {self.labels[row]}"
 
 
 def _crossing(places: FloatArray) -> str:

@@ -682,7 +682,10 @@ def _reason_keys(rows: Sequence[int], devices: Mapping[str, int]) -> list[Key]:
     names = [NAMES[row] for row in dict.fromkeys([COVERED, *sorted(rows)])]
     if not devices:
         return list(map(Key.of_reason, names))
-    keys = [Key.of(REASONS[name].label, REASONS[name].colour) for name in names]
+    labels = dict[Colour, list[str]]()
+    for name in names:
+        labels.setdefault(REASONS[name].colour, []).append(REASONS[name].label)
+    keys = [Key.of(" or ".join(own), colour) for colour, own in labels.items()]
     return [*keys, *_device_keys(devices)]
 
 

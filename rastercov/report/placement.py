@@ -26,10 +26,10 @@ from rastercov.placement.plan.phases import CarriedPoses
 from rastercov.placement.plan.product import Judged
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
-from rastercov.placement.required import HOLDS
+from rastercov.placement.required import FAILS
 from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
-from rastercov.report.network_page import GoalPart, NetworkPage
+from rastercov.report.network_page import MOST_CLOSE_UPS, GoalPart, NetworkPage
 from rastercov.report.overview import Volume
 from rastercov.report.tables import source_of
 from rastercov.shards import Progress
@@ -78,6 +78,7 @@ def pages_of(
     shown = replace(network_of(placement, summary), level=level, north=north)
     drawn, leads = shown.draw(progress), led_by(plan.rig, cameras.placed)
     reach = filter(REACH.search, prepared.notes)
+    refused = [text for each in products for text in each.refused]
     columns = {
         "source": [source_of(placement.origin[row]) for row in cameras.owner[leads]],
         "covered so far": [
@@ -88,14 +89,19 @@ def pages_of(
         "placement.html",
         drawn,
         answer=shown.answer,
-        passed=placement.is_met if placement.requirements else None,
+        passed=False if refused else placement.is_met if placement.requirements else None,
         title_block=plan.sheet.words(plan=plan.name),
-        lines=[*change_of(placement), *verdicts(placement.requirements), *reach],
+        lines=[
+            *change_of(placement),
+            *((text, FAILS) for text in refused),
+            *verdicts(placement.requirements),
+            *reach,
+        ],
         placement=placement,
         one_more=_one_more(placement),
         log=notes,
         notes=[
-            *(note for each in products for note in each.notes),
+            *(note for each in products for note in each.notes if note not in refused),
             *[UNCHECKED] * (placement.carried is not None),
             *summary["warnings"],
             *summary["result_warnings"],
@@ -232,17 +238,18 @@ def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
     """Goals of a plan for a page, those that lack most."""
     items = []
     of_goals = [each for each in placement.requirements if each.goal]
-    for each in sorted(of_goals, key=lambda each: -each.lack)[:MOST_GOALS]:
+    for row, each in enumerate(sorted(of_goals, key=lambda each: -each.lack)[:MOST_GOALS]):
         if (own := placement.goals.get(each.goal)) is None:
             continue
-        page = network_of(own, to_json(own), has_parts=each.is_most and each.status != HOLDS)
+        is_shown = row < MOST_CLOSE_UPS
+        page = network_of(own, to_json(own), has_parts=is_shown or each.is_most)
         # Of what must not be seen the area that each camera sees.
         areas = None if own.by_camera is None else own.by_camera[int(not each.is_most)]
         groups = own.groups
         if each.is_most:
             groups = tuple(group.at_most(each.goal, each.limit) for group in groups)
         said = each.goal, each.words(), each.status, each.is_most, own.explain(each)
-        items.append(GoalPart(*said, page, areas, groups))
+        items.append(GoalPart(*said, page, areas, groups, is_shown))
     return items
 
 

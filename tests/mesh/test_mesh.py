@@ -212,7 +212,12 @@ FAULTS = {
         ["inside out: 1 of 3"],
     ),
     "far": (cube(2**-10, 1e7), True, True, []),
-    "open": (Mesh(CUBE, CUBE_FACES[2:]), False, True, ["open surface: 4 boundary edges"]),
+    "open": (
+        Mesh(CUBE, CUBE_FACES[2:]),
+        False,
+        True,
+        ["open surface: 4 edges with a face on one side only"],
+    ),
     "flipped": (Mesh(CUBE, FLIPPED), True, False, ["winding at 3 of 18 shared edges (16.7%)"]),
     "inside out": (cube(1e-3, 1e7, flip=True), True, True, ["inside out: 1 of 1"]),
     "two sheets": (Mesh(CUBE, SHEETS), True, True, ["inside out: 1 of 1", "1 duplicate"]),

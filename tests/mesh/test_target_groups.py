@@ -57,7 +57,7 @@ def test_properties_do_not_outlive_a_change_of_targets():
     assert mesh.topology.n_boundary_edges == 4
     mixed = mesh.with_groups(targets=[])
     assert (mixed.opaque.n_faces, mixed.task_mask.sum()) == (14, 14)
-    assert mixed.warnings == ("open surface: 4 boundary edges",)
+    assert mixed.warnings == ("open surface: 4 edges with a face on one side only",)
     assert mesh.warnings == ()
 
 

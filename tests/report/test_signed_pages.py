@@ -1,18 +1,24 @@
 """Pages that are signed: whether they may be, under which conditions, and what changes give."""
 
+import html
 import re
 
 import numpy as np
 import pytest
 
 import rastercov as rc
+from rastercov.core.coverage.task import NAMES, REASONS
 from rastercov.core.mesh import shapes
 from rastercov.placement.plan.network import Requirement
 from rastercov.placement.required import HOLDS, SHARE_TOLERANCE, status_of
-from rastercov.report.coverage import Options, run
-from rastercov.report.notebook import network_of
+from rastercov.report import notebook
+from rastercov.report.coverage import Options, network_of, regions_of, run
+from rastercov.report.overview import _reason_keys
 from rastercov.report.pages import _environment
+from rastercov.report.placement import pages_of
+from rastercov.report.plan import summary
 from rastercov.report.verdict import mark_of
+from rastercov.shards import silent
 from rastercov.survey.flight import HIGHEST, Flight
 
 CAMERA = {"width": 320, "height": 240, "fx": 160, "fy": 160}
@@ -49,10 +55,10 @@ def test_a_goal_is_said_to_be_met_after_a_change_only_where_its_share_is_certain
 )
 def test_a_verdict_says_whether_it_may_be_signed(passed, lines, said):
     macro = _environment("rastercov.report").get_template("macros.html").module.verdict
-    html = str(macro("answer", lines, passed, ["all is opaque", "b"]))
-    assert said in re.sub("<[^>]*>", "", html)
-    assert "<details" not in html  # conditions are not hidden
-    assert html.index("All is opaque") > html.index(said)
+    told = str(macro("answer", lines, passed, ["all is opaque", "b"]))
+    assert said in re.sub("<[^>]*>", "", told)
+    assert "<details" not in told  # conditions are not hidden
+    assert told.index("All is opaque") > told.index(said)
     assert "sign" not in str(macro("answer", ["text"], passed)).replace('class="verdict', "")
 
 
@@ -81,7 +87,7 @@ def test_conditions_name_each_note_once_and_what_was_skipped(under):
     result = rc.evaluate(
         room, rc.Camera(**CAMERA), rc.look_at([middle + np.array((1, 0, 0))], middle)
     )
-    page = network_of(result)
+    page = notebook.network_of(result)
     said = page._conditions(["far away", "far away"], {"quarantined": {"7": "was killed"}}, under)
     assert said.count("far away") == 1
     assert said[-1] == "pose 7 was skipped: its process was killed"
@@ -129,3 +135,92 @@ def test_a_flight_names_the_limits_of_height_that_it_is_above(height):
     (line,) = [note for note in flight.notes if "above ground" in note] or [""]
     assert all((text in line) == (text in over) for text in HIGHEST.values())
     assert any("no battery" in note for note in flight.notes)
+
+
+def flown(height, **more):
+    """Flight of strips over level ground, at a height."""
+    ground = {"built_in": "box", "transform": {"scale": 400, "translation": [0, 0, -200]}}
+    strips = {"generator": "strips", "height": height, "front": 0.7, "side": 0.5}
+    placement = rc.place(
+        {
+            "meshes": [ground],
+            "camera": CAMERA,
+            "task": {"resolution_of_result": 40.0},
+            "candidates": [strips | more],
+            "selection": {"goal": "all"},
+            "outputs": {"page": False},
+            "flight": {},
+        }
+    )
+    return placement, placement.product("flight")
+
+
+@pytest.mark.parametrize("height", [119, 150, 200])
+def test_a_flight_above_a_limit_is_not_signed_and_says_what_keeps_to_it(height):
+    """The remedy, flown: below the limit, with the GSD that is said, and no more photographs."""
+    placement, flight = flown(height)
+    page = pages_of(placement, summary(placement), [], silent)["page.html"]
+    verdict = page[: page.index("The figures hold under")]
+    assert ("Not to be signed: height above ground fails" in verdict) == (height > 120)
+    if not (said := " ".join(flight.refused)):
+        return
+    assert said in html.unescape(verdict)
+    assert said not in page[page.index("The figures hold under") :]
+    lower = int(re.search(r"fly (\d+) m lower", said)[1])
+    gsd, times = re.search(r"about ([\d.]+) mm/px, and up to about ([\d.]+) times", said).groups()
+    _, kept = flown(height - lower)
+    assert not kept.refused
+    assert 1e3 * kept.summary()["gsd_per_px"] == pytest.approx(float(gsd), rel=0.05)
+    assert len(kept.rows) <= 1.1 * float(times) * len(flight.rows)
+
+
+def test_a_home_beside_the_surface_is_said_with_what_its_height_is():
+    wide = {"polygon": [[-300, -100], [300, -100], [300, 100], [-300, 100]]}
+    (_, beside), (_, over) = flown(60, **wide), flown(60, polygon=[[-90, -90], [90, -90], [0, 90]])
+    assert any("home, for take-off" in note for note in beside.notes)
+    assert not any("home, for take-off" in note for note in over.notes)
+
+
+def test_each_sensor_of_a_head_and_each_change_has_its_position_and_angles():
+    place = np.eye(4)
+    place[:3, 3] = 0.1, 0.02, 0
+    eye = rc.Camera(**CAMERA)
+    rig = rc.Rig([eye, eye], ["left", "right"], [np.eye(4), place], rule=rc.All())
+    mesh = shapes.box((0.2, 0.2, 0.2))
+    places = rc.look_at([(0.7, 0.1, 0.3), (0.1, 0.8, 0.2)], (0, 0, 0))
+    heads = rig.poses(places)
+    result = rc.evaluate(mesh, rig, heads)
+    shown = network_of(result, result.summary(), parts=regions_of(result))
+    heads_of, rows = shown.sensors
+    assert heads_of[:5] == ["head", "sensor", "x, m", "y, m", "z, m"]
+    assert [row[1] for row in rows] == ["left", "right"] * 2
+    for row, pose in zip(rows, heads.world_from_camera, strict=True):
+        assert [float(each) for each in row[2:5]] == pytest.approx(pose[:3, 3], abs=6e-4)
+        heading, down = np.radians([float(each.rstrip("°")) for each in row[5:7]])
+        ahead = np.cos(down) * np.cos(heading), np.cos(down) * np.sin(heading), -np.sin(down)
+        assert pose[:3, 2] == pytest.approx(ahead, abs=3e-3)
+    lone = rc.evaluate(mesh, eye, places)
+    assert network_of(lone, lone.summary()).sensors is None
+    tried = {"position": [1, 1, 1], "looking_at": [0, 0, 1]}
+    assert shown.turned({"tried": tried}) == (
+        "Its heading is then -135.0°, its tilt down 0.0°, its roll 0.0°."
+    )
+    assert shown.turned({"tried": None}) == ""
+
+
+def test_equal_colours_have_one_key_that_names_all_their_reasons():
+    names = [row for row, name in enumerate(NAMES) if "oblique" in name]
+    labels = [each.name for each in _reason_keys(names, {"left fails": 1})]
+    every = " or ".join(labels)
+    assert all(REASONS[NAMES[row]].label in every for row in names)
+    colours = [REASONS[NAMES[row]].colour for row in names]
+    assert len(labels) == 2 + len({*colours} - {REASONS["covered"].colour})
+    assert len(labels) < 2 + len(names)
+
+
+def test_equipment_that_rides_on_cameras_has_its_place_on_them():
+    lamps = rc.Lamps([rc.Lamp.ring(0.08, 40, points=8)], [np.eye(4)], ["ring"], rides=[True])
+    mesh, pose = shapes.box((0.2, 0.2, 0.2)), rc.look_at([(0.7, 0, 0)], (0, 0, 0))
+    result = rc.evaluate(mesh, rc.Camera(**CAMERA), pose, lamps=lamps)
+    (said,) = [each for each in network_of(result, result.summary())._rules() if "ring" in each]
+    assert "at (0.000, 0.000, 0.000) m from each camera, facing (0.00, 0.00, 1.00)" in said

@@ -889,7 +889,9 @@ class Mesh(InNotebook):
             return tuple(items)
         edges = self.topology
         if edges.n_boundary_edges:
-            items.append(f"open surface: {edges.n_boundary_edges} boundary edges")
+            items.append(
+                f"open surface: {edges.n_boundary_edges} edges with a face on one side only"
+            )
         if n := edges.n_nonmanifold_edges:
             items.append(f"{plural(n, 'edge', 'have')} more than two faces")
         if n := edges.n_inconsistent_edges:
