@@ -163,16 +163,14 @@ class GoalPart(NamedTuple):
 
     def of_groups(self) -> list[str]:
         """A line on each of several groups, those that lack most first."""
-        if not self.groups[1:]:
-            return []
         ranked = sorted(self.groups, key=lambda each: each.high, reverse=self.is_most)
         lines = []
-        for each in ranked[:MOST_GROUPS]:
-            text = f"{each.group}: {percent(each.share)} "
+        for each in ranked[:MOST_GROUPS] if ranked[1:] else ():
+            said = "covered"
             if self.is_most:
                 proof = f", proved: {with_bound(0.0, 100 * each.high)} at most"
-                text += f"seen, {each.status}{proof * (each.status == HOLDS)}"
-            lines.append(text if self.is_most else f"{text}covered")
+                said = f"seen, {each.status}{proof * (each.status == HOLDS)}"
+            lines.append(f"{each.group}: {percent(each.share)} {said}")
         return lines
 
 
@@ -719,7 +717,7 @@ class NetworkPage:
 
     def captions(self) -> list[str]:
         """Lines below the image of each camera: its name and type, and what it covers."""
-        types, covers = names_of(self.camera), [f"{n:,} whole faces" for n in self.covered_faces]
+        types, covers = names_of(self.camera), [plural(n, "whole face") for n in self.covered_faces]
         if self.seen_m2 is not None:
             covers = [f"{percent(m2 / self.task_m2)}{self._long}" for m2 in self.seen_m2.tolist()]
         return [
@@ -779,10 +777,14 @@ class NetworkPage:
             for row, name in enumerate(("heading", "tilt down", "roll"))
         }
 
+    @cached_property
+    def _axes(self) -> FloatArray:
+        """As of `upright` for the poses."""
+        return upright(self.poses.world_from_camera)
+
     def _angles(self, pose: FloatArray) -> list[str]:
         """Heading, tilt and roll of a pose, as tables have them."""
-        axes = upright(self.poses.world_from_camera)
-        angles = mounting_angles(axes @ pose[:3], self.north)
+        angles = mounting_angles(self._axes @ pose[:3], self.north)
         return [f"{text_with_sign(each, 1)}°" for each in angles]
 
     def turned(self, zone: ReadByName) -> str:

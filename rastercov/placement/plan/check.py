@@ -457,21 +457,21 @@ class Checked(InOneLine, InNotebook):
 
         By face all cameras that see it, without rows.
         """
-        if self.by_camera is None:
-            names = first_of([name for name, _ in self._seeing])
-            return [], None, f"turn, move or mask {names}", 0.0
-        sees, lost = self.by_camera
-        rows, left = np.flatnonzero(sees).tolist(), 0.0
-        rest = requirement.share - float(lost.max()) / getattr(requirement, "of_m2", 1.0)
-        if rest <= requirement.limit + SHARE_TOLERANCE:
-            rows, left = [int(lost.argmax())], max(rest, 0.0)
-        names, mask = first_of([self.heads[1][row] for row in rows]), self._mask(rows)
+        names, rows, left = [name for name, _ in self._seeing], list[int](), 0.0
+        if self.by_camera is not None:
+            sees, lost = self.by_camera
+            rows = np.flatnonzero(sees).tolist()
+            rest = requirement.share - float(lost.max()) / getattr(requirement, "of_m2", 1.0)
+            if rest <= requirement.limit + SHARE_TOLERANCE:
+                rows, left = [int(lost.argmax())], max(rest, 0.0)
+                names = [self.heads[1][rows[0]]]
+        mask = None if self.by_camera is None else self._mask(rows)
         if mask is None:
-            return rows, None, f"turn, move or mask {names}", left
+            return rows, None, f"turn, move or mask {first_of(names)}", left
         words = (
             "mask {4}, columns {0} to {2}, rows {1} to {3} of its image (px from the upper left)"
         )
-        return rows, mask, f"{words.format(*mask, names)}, or turn or move it", left
+        return rows, mask, f"{words.format(*mask, *names)}, or turn or move it", left
 
     def _mask(self, rows: list[int]) -> Mask:
         """Pixels in which one camera has all that it sees, one more around; None if not known."""
