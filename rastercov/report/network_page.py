@@ -136,7 +136,7 @@ class GoalPart(NamedTuple):
     """A goal of a plan: lines on it, the page of it alone, and area of each camera.
 
     The area is lost without it, or that it sees of what must not be seen. Its groups are judged
-    alone where they must not be seen. It has a picture where it `is_shown` or must be mended.
+    alone where they must not be seen. It has a picture where it `is_shown`.
     """
 
     name: str
@@ -158,8 +158,7 @@ class GoalPart(NamedTuple):
         """Dead zones of a goal, or the cameras that see what must not be seen; None for none."""
         if self.is_short:
             return zones_picture(*self.page.dead, self.page.poses.world_from_camera)
-        is_drawn = self.is_shown or (self.is_most and self.status != HOLDS)
-        return self.page.overview() if is_drawn else None
+        return self.page.overview() if self.is_shown else None
 
     def of_groups(self) -> list[str]:
         """A line on each of several groups, those that lack most first."""

@@ -26,7 +26,7 @@ from rastercov.placement.plan.phases import CarriedPoses
 from rastercov.placement.plan.product import Judged
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
-from rastercov.placement.required import FAILS
+from rastercov.placement.required import FAILS, HOLDS
 from rastercov.placement.select.problem import views_of
 from rastercov.report.live import Asked, Goals
 from rastercov.report.network_page import MOST_CLOSE_UPS, GoalPart, NetworkPage
@@ -241,8 +241,8 @@ def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
     for row, each in enumerate(sorted(of_goals, key=lambda each: -each.lack)[:MOST_GOALS]):
         if (own := placement.goals.get(each.goal)) is None:
             continue
-        is_shown = row < MOST_CLOSE_UPS
-        page = network_of(own, to_json(own), has_parts=is_shown or each.is_most)
+        is_shown = row < MOST_CLOSE_UPS or (each.is_most and each.status != HOLDS)
+        page = network_of(own, to_json(own), has_parts=is_shown)
         # Of what must not be seen the area that each camera sees.
         areas = None if own.by_camera is None else own.by_camera[int(not each.is_most)]
         groups = own.groups
