@@ -80,18 +80,21 @@ def test_a_line_has_the_sign_of_its_status(line, sign):
     ]
 
 
-@pytest.mark.parametrize("under", ["", "2 mm"])
-def test_conditions_name_each_note_once_and_what_was_skipped(under):
+@pytest.mark.parametrize(("under", "has_room"), [("", False), ("", True), ("2 mm", False)])
+def test_conditions_name_each_note_once_and_what_was_skipped(under, has_room):
     room = shapes.room()
     middle = room.bounds.mean(axis=0)
     result = rc.evaluate(
         room, rc.Camera(**CAMERA), rc.look_at([middle + np.array((1, 0, 0))], middle)
     )
     page = notebook.network_of(result)
-    said = page._conditions(["far away", "far away"], {"quarantined": {"7": "was killed"}}, under)
+    skipped = {"quarantined": {"7": "was killed"}}
+    said = page._conditions(["far away", "far away"], skipped, under, has_room)
     assert said.count("far away") == 1
     assert said[-1] == "pose 7 was skipped: its process was killed"
     assert any("no mounting errors" in text for text in said) == (not under)
+    assert any("room for bodies" in text for text in said) == (not under and not has_room)
+    assert any("in focus at any distance" in text for text in said)
     assert any("light enough everywhere" in text for text in said)
     assert not any("frames" in text or "samples" in text or "straight" in text for text in said)
 
