@@ -227,3 +227,13 @@ def test_equipment_that_rides_on_cameras_has_its_place_on_them():
     result = rc.evaluate(mesh, rc.Camera(**CAMERA), pose, lamps=lamps)
     (said,) = [each for each in network_of(result, result.summary())._rules() if "ring" in each]
     assert "at (0.000, 0.000, 0.000) m from each camera, facing (0.00, 0.00, 1.00)" in said
+
+
+def test_a_page_of_a_flight_says_how_far_and_how_long_apart_photographs_are():
+    placement, flight = flown(60)
+    page = pages_of(placement, summary(placement), [], silent)["page.html"]
+    (mission,) = flight.table()
+    line = mission["lines"][0]
+    apart = line["length_m"] / (line["images"] - 1)
+    cells = [f"{line['length_m']:.0f}", f"{apart:.1f}", f"{apart / flight.asked.speed:.1f}"]
+    assert re.search(r"\s*".join(f"<td[^>]*>{each}</td>" for each in cells), page)
