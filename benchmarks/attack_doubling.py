@@ -372,7 +372,7 @@ def scene_of(kind: str, n: int) -> tuple[rc.Mesh, NDArray[np.float64]]:
 
 def visible_corners(mesh: rc.Mesh, pose: NDArray[np.float64], how: str) -> tuple[int, float]:
     """Corners of what is seen, whole faces and pieces of others; CPU seconds of the solver."""
-    from rastercov.core.camera.near_plane import engine_camera, near_limit
+    from rastercov.core.camera.pose import engine_camera, near_limit
     from rastercov.core.exact.surface import surface_of
     from rastercov.engine import solver_visibility
 

@@ -15,7 +15,7 @@ from scenes import joined
 from surface_cases import hostile_scene, in_regions
 
 import rastercov as rc
-from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.pose import near_limit
 from rastercov.reference.regions import points_on
 
 FloatArray = NDArray[np.float64]

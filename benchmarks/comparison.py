@@ -37,7 +37,7 @@ import rastercov as rc
 from rastercov.formats.meshes import READERS
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference.coverage import measure_geometry as face_geometry
 from rastercov.reference.models import zhang
 
 FloatArray = NDArray[np.float64]

@@ -21,13 +21,13 @@ from tracer import Tracer, need_open3d
 
 import rastercov as rc
 from rastercov.cli.inputs import poses_around
-from rastercov.core.camera.near_plane import engine_camera, near_limit
+from rastercov.core.camera.pose import engine_camera, near_limit
 from rastercov.core.coverage.coverage import ROLL
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import shapes
 from rastercov.engine.solver_visibility import Solver
 from rastercov.reference import rational
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference.coverage import measure_geometry as face_geometry
 
 CAMERA = rc.Camera(width=1280, height=960, fx=1200, fy=1200)
 THREADS = 2

@@ -27,7 +27,7 @@ from rows import Report, arguments, machine, resident_mib
 from scenes_of_devices import FOUND, KINDS, compare_counts, compare_scene, huge
 
 import rastercov as rc
-from rastercov.base.memory import FloatArray
+from rastercov.base.arguments import FloatArray
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.raster import drawer
 from rastercov.core.raster.contract import Criteria, area_units

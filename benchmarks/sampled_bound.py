@@ -21,7 +21,7 @@ from rastercov.core.coverage.coverage import ROLL
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.mesh import shapes
 from rastercov.reference import polygons
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference.coverage import measure_geometry as face_geometry
 from rastercov.reference.methods.convergence import fractions
 
 CAMERA = rc.Camera(width=320, height=240, fx=310, fy=290, cx=163.7, cy=118.2)

@@ -33,8 +33,8 @@ from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 from rastercov.reference.algorithm1 import occlusion
-from rastercov.reference.criteria import in_focus
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference.coverage import in_focus
+from rastercov.reference.coverage import measure_geometry as face_geometry
 from rastercov.reference.models import MODELS, zhang
 
 FloatArray = NDArray[np.float64]

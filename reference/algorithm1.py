@@ -39,7 +39,7 @@ from numpy.typing import ArrayLike
 from rastercov.base import AnyArray, BoolArray, FloatArray, IntArray
 from rastercov.core.camera import Camera, near_limit, to_camera, to_image
 from rastercov.core.mesh import Mesh
-from rastercov.reference.criteria import clip_near
+from rastercov.reference.coverage import clip_near
 
 Polygons = AnyArray
 

@@ -33,7 +33,7 @@ from shapely.geometry.base import BaseGeometry
 
 from rastercov.base import BoolArray, FloatArray, IntArray, RastercovError, frozen_record
 from rastercov.core.camera import Camera, box_corners, near_limit
-from rastercov.core.camera.near_plane import sides_of
+from rastercov.core.camera.pose import sides_of
 from rastercov.core.mesh import Mesh
 
 clipper2: Any
@@ -79,7 +79,7 @@ def visible_area(
     cull : bool
         True to leave out back faces, which then do not hide either.
     near : float, optional
-        Depth in metres below which nothing is seen; `near_plane.near_limit` unless given.
+        Depth in metres below which nothing is seen; `near_limit` unless given.
 
     Returns
     -------

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from scenes import square
 
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.pose import near_limit
 from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh
 from rastercov.engine.coverage_angles import incidence_angle
-from rastercov.reference import criteria
-from rastercov.reference.criteria import clip_near, in_focus, polygon_area
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference import coverage
+from rastercov.reference.coverage import clip_near, in_focus, polygon_area
+from rastercov.reference.coverage import measure_geometry as face_geometry
 
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)
 UNEVEN = Camera(width=640, height=480, fx=500, fy=400, cx=100, cy=350)
@@ -51,7 +51,7 @@ def random_mesh(rng, n=40):
 @pytest.mark.parametrize("z", [0.5, 2.0, 40.0])
 @pytest.mark.parametrize("camera", [CAMERA, UNEVEN])
 def test_area_of_a_frontal_square_is_fx_fy_area_over_depth_squared(camera, z):
-    view = criteria.face_geometry(square(0.05, z), camera, AHEAD)
+    view = coverage.face_geometry(square(0.05, z), camera, AHEAD)
     assert view.projected_area.sum() == pytest.approx(camera.fx * camera.fy * 0.01 / z**2)
     assert view.perimeter[0] == pytest.approx(
         0.1 / z * (camera.fx + camera.fy + math.hypot(camera.fx, camera.fy))
@@ -62,7 +62,7 @@ def test_area_through_the_near_plane_is_of_the_part_beyond_it():
     # Without clipping the corner behind the camera is mirrored, and the area is far too small.
     mesh = triangles((-0.5, 0.25, 3), (0.5, 0.25, 3), (0, 0.25, -1))
     camera = Camera(width=200, height=200, fx=100, fy=100, near=0.125)
-    view = criteria.face_geometry(mesh, camera, AHEAD)
+    view = coverage.face_geometry(mesh, camera, AHEAD)
     assert view.projected_area == pytest.approx([445625 / 18], rel=1e-14)
     assert np.isposinf(view.perimeter).all()
     assert not view.in_view.any()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from nightly import examples
 
 from rastercov import Camera, Mesh, Task, evaluate, open_observer, sphere_of_poses
-from rastercov.base.memory import CACHE_LINE, align_array, read_only
+from rastercov.base.arguments import CACHE_LINE, align_array, read_only
 from rastercov.core.camera.pose import Poses
 from rastercov.core.coverage.coverage import FIGURES, LEAST_ALIGNED, arrays_for, measurements
 from rastercov.core.coverage.face_pass import FacePass, figures_of

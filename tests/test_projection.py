@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import NEAR_TO_FAR, limits, near_limit
+from rastercov.core.camera.pose import NEAR_TO_FAR, limits, near_limit
 from rastercov.core.camera.projection import box_corners, image_boxes, to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh
-from rastercov.reference.criteria import clip_near, clip_polygons, clip_to_image, polygon_area
+from rastercov.reference.coverage import clip_near, clip_polygons, clip_to_image, polygon_area
 
 # The pyramid of this camera has the sides x = z, x = -z, y = z and y = -z.
 CAMERA = Camera(width=200, height=200, fx=100, fy=100)

@@ -15,7 +15,7 @@ from nightly import amount
 from processes import python, run_python
 
 import rastercov as rc
-from rastercov.base import memory
+from rastercov.base import arguments
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import THREADS, Once, once_each, share_poses, thread_count
 from rastercov.core.camera.viewpoints import sphere_of_poses
@@ -357,7 +357,7 @@ RESULTS = {  # with the bytes that they take for each pose and face
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", RESULTS)
 def test_results_larger_than_memory_are_refused_with_their_bytes_and_a_remedy(monkeypatch, kind):
-    monkeypatch.setattr(memory, "free_memory", lambda: POOR)
+    monkeypatch.setattr(arguments, "free_memory", lambda: POOR)
     call, bytes_a_pair = RESULTS[kind]
     n_poses = POOR // (bytes_a_pair * MESH.n_faces) + 1
     poses = np.tile(np.eye(4), (n_poses, 1, 1))
@@ -367,7 +367,7 @@ def test_results_larger_than_memory_are_refused_with_their_bytes_and_a_remedy(mo
 
 
 def test_small_results_are_not_held_against_the_machine(monkeypatch):
-    monkeypatch.setattr(memory, "free_memory", lambda: 0)
+    monkeypatch.setattr(arguments, "free_memory", lambda: 0)
     ask(OPENERS["cpu"](MESH, CAMERA))
 
 
@@ -391,9 +391,9 @@ def test_free_memory_is_what_is_left_within_the_container(
     for file, text in zip(files, (meminfo, *limits), strict=True):
         if text is not None:
             file.write_text(text)
-    monkeypatch.setattr(memory, "_MEMINFO", files[0])
-    monkeypatch.setattr(memory, "_CONTAINER_LIMITS", files[1:])
-    assert memory.free_memory() == free
+    monkeypatch.setattr(arguments, "_MEMINFO", files[0])
+    monkeypatch.setattr(arguments, "_CONTAINER_LIMITS", files[1:])
+    assert arguments.free_memory() == free
 
 
 HELD_AT_EXIT = """

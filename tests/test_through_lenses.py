@@ -23,7 +23,7 @@ from rastercov.core.camera.viewpoints import (
 )
 from rastercov.core.mesh import shapes
 from rastercov.reference import polygons, rational, samples
-from rastercov.reference.criteria import depth_from_near
+from rastercov.reference.coverage import depth_from_near
 
 PINHOLE = Camera(width=640, height=480, fx=500, fy=510, cx=300, cy=222.25)
 ZERO = replace(PINHOLE, max_angle_deg=85)

@@ -21,7 +21,7 @@ from rastercov.cli import options
 from rastercov.core.camera import pose as pose_module
 from rastercov.core.camera.pose import Poses
 from rastercov.core.camera.viewpoints import sphere_of_poses
-from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import provenance_of
 from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import shapes
 from rastercov.tolerances.installation import InstallationError

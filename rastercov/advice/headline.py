@@ -9,11 +9,10 @@ from typing import NamedTuple
 from rastercov.base import ReadByName, first_of, percent, plural
 from rastercov.base.format import area, points
 from rastercov.core.area.advice import general_advice
-from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.feature import in_words
 from rastercov.core.area.stages import SLIVER_REL
 from rastercov.core.area.zones import LEAST_PERCENT, MOST_LINES, n_unlisted, zone_line
-from rastercov.core.coverage.phases import question_in
+from rastercov.core.coverage.evaluation import lines_of, question_in
 from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh.groups import at_level
 

@@ -19,7 +19,7 @@ from rastercov.placement.plan.baseline import NOTHING
 from rastercov.placement.plan.check import Checked
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.outcome import Case, cases
-from rastercov.placement.plan.product import demand_of
+from rastercov.placement.plan.phases import demand_of
 
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 """Suffixes of photographs in a folder."""

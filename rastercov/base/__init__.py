@@ -34,10 +34,21 @@ from rastercov.base.format import (
 if TYPE_CHECKING:
     from rastercov.base.arguments import (
         LARGEST_COORDINATE,
+        TINY,
+        AnyArray,
+        BoolArray,
+        ByteArray,
+        Float32Array,
+        FloatArray,
+        Int32Array,
+        IntArray,
+        Lists,
+        WholeArray,
         check_array,
         check_choice,
         check_kind,
         check_limits,
+        check_memory,
         check_seed,
         finite_number,
         finite_points,
@@ -45,6 +56,7 @@ if TYPE_CHECKING:
         image_side,
         is_one_of,
         members,
+        read_only,
     )
     from rastercov.base.files import (
         StrPath,
@@ -59,20 +71,6 @@ if TYPE_CHECKING:
         read_json,
         read_toml,
         suffix_of,
-    )
-    from rastercov.base.memory import (
-        TINY,
-        AnyArray,
-        BoolArray,
-        ByteArray,
-        Float32Array,
-        FloatArray,
-        Int32Array,
-        IntArray,
-        Lists,
-        WholeArray,
-        check_memory,
-        read_only,
     )
     from rastercov.base.output import (
         check_place,
@@ -101,7 +99,7 @@ if TYPE_CHECKING:
     )
     from rastercov.base.threads import Closing, Once, once_each, share_poses, thread_count
 
-LATER = ("memory", "arguments", "files", "output", "rounded", "threads")
+LATER = ("arguments", "files", "output", "rounded", "threads")
 """Modules that load numpy, which `rastercov --help` does without."""
 
 if not TYPE_CHECKING:

@@ -27,9 +27,9 @@ from typing import Any
 
 import numpy as np
 
+from rastercov.base.arguments import AnyArray
 from rastercov.base.errors import ConfigError
 from rastercov.base.format import ReadByName
-from rastercov.base.memory import AnyArray
 
 
 def write_json(path: str | Path, data: object) -> None:

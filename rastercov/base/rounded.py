@@ -11,7 +11,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base.memory import FloatArray, IntArray
+from rastercov.base.arguments import FloatArray, IntArray
 from rastercov.engine import base_rounded
 
 

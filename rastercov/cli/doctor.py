@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rastercov.base import ByName, shorten
-from rastercov.base.memory import free_memory
+from rastercov.base.arguments import free_memory
 from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
 

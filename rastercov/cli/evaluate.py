@@ -49,8 +49,7 @@ from rastercov.report.result_files import OUTPUT_HELP
 from rastercov.shards import Staff, Tally, Workers
 
 if TYPE_CHECKING:
-    from rastercov.core.coverage.evaluation import Query
-    from rastercov.core.coverage.phases import Phases
+    from rastercov.core.coverage.evaluation import Phases, Query
     from rastercov.core.raster.contract import VisibilityBuffer
     from rastercov.report.coverage import Options
 

@@ -253,7 +253,7 @@ def check(
     from rastercov.placement.plan import outcome
     from rastercov.placement.plan.baseline import read_baseline
     from rastercov.placement.plan.file import read_plan
-    from rastercov.placement.plan.product import demand_of
+    from rastercov.placement.plan.phases import demand_of
 
     files = outcomes.junit, outcomes.summary
     outcome.refuse_other(*files)

@@ -95,7 +95,7 @@ template <class T, int64_t... Extents> struct Array {
     }
 };
 
-// Of one dimension; those of numbers that a kernel reads have the names of rastercov.base.memory.
+// Of one dimension; those of numbers that a kernel reads have the names of rastercov.base.
 template <class T> using Column = Array<T, Any>;
 using FloatArray = Column<const double>;
 using IntArray = Column<const int64_t>;

@@ -18,7 +18,7 @@ import numpy as np
 
 from rastercov.base import ByName, Float32Array, FloatArray, Int32Array, IntArray
 from rastercov.core.camera import Camera
-from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.pose import limits
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import self_test
 from rastercov.core.raster.sample_grid import Box, SampleGrid

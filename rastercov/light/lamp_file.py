@@ -32,7 +32,7 @@ from rastercov.core.camera import Cameras, EquipmentKind, equipment_on, look_at
 from rastercov.core.camera.catalogue import lamp_entries_of
 from rastercov.core.camera.exposure import Exposure, check_unit, illuminance
 from rastercov.core.camera.sun import NORTH_DEG, angle, moment, sun_directions, towards
-from rastercov.core.mesh.site import NOWHERE, Site
+from rastercov.core.mesh.files import NOWHERE, Site
 from rastercov.light.gltf_lights import GltfLight, read_lights
 from rastercov.light.lamps import SIZES, SUN, UNITS, Lamp, Lamps, lamps_of_json
 from rastercov.light.photometry import READERS

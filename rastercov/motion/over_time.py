@@ -48,16 +48,19 @@ from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.area.zones import CHECKED, MOST_LINES, DeadZones, points_of, zones_of
 from rastercov.core.camera import Cameras, Poses, led_by, names_of, rows_of_result
-from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.shard_inputs import POSES, Inputs, open_once, read_npz
 from rastercov.core.coverage.shards import (
     PAIRS_A_SHARD,
+    POSES,
+    Inputs,
     Wanted,
     arrays_of_regions,
     header_of,
     open_for,
+    open_once,
     pack_rows,
     question_of,
+    read_npz,
+    sha256,
     store_in,
     unpack_rows,
 )

@@ -32,7 +32,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.table import Regions, join, take_rows
 from rastercov.core.camera import Cameras, Poses, led_by, renumber
 from rastercov.core.coverage.coverage import Observer
-from rastercov.core.coverage.phases import MOST_IMAGES
+from rastercov.core.coverage.evaluation import MOST_IMAGES
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import Jointed, JointPath
@@ -49,7 +49,7 @@ from rastercov.motion.regions import (
 )
 from rastercov.placement.matrix import VisibilityMatrix
 from rastercov.placement.matrix_folder import NOT_ON_RIGS, Pairs, describe
-from rastercov.placement.plan.entries import Entry, Name
+from rastercov.placement.plan.entries import Entry, Name, Table
 from rastercov.placement.plan.file import (
     Plan,
     PlanError,
@@ -57,7 +57,6 @@ from rastercov.placement.plan.file import (
     lines_of,
     moving_bodies,
 )
-from rastercov.placement.plan.generator import Table
 from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanScene
 from rastercov.placement.plan.sections import BodyEntry, MeshEntry
 from rastercov.placement.select.problem import weights_of

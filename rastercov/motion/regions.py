@@ -39,7 +39,7 @@ from rastercov.core.camera import (
     is_joint,
     near_limits,
 )
-from rastercov.core.coverage.phases import MOST_IMAGES
+from rastercov.core.coverage.evaluation import MOST_IMAGES
 from rastercov.core.coverage.task import Engine, Task, key_of, tasks_of
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import Mesh

@@ -42,7 +42,6 @@ from rastercov.core.area.advice import (
     verdict_of,
     verdict_of_rigs,
 )
-from rastercov.core.area.by_camera import lose_without
 from rastercov.core.area.feature import PointCondition
 from rastercov.core.area.features import (
     conditions_at,
@@ -65,6 +64,7 @@ from rastercov.core.camera import (
     rows_of_result,
 )
 from rastercov.core.coverage.coverage import Observer, evaluate_batches, in_batches, open_observer
+from rastercov.core.coverage.evaluation import lose_without
 from rastercov.core.coverage.network import ViewSpread, share_of_faces
 from rastercov.core.coverage.task import (
     CONDITIONS,

@@ -48,7 +48,7 @@ from rastercov.core.camera import (
 from rastercov.core.camera.catalogue import catalogue, product_of
 from rastercov.core.camera.rig import with_equipment
 from rastercov.core.camera.viewpoints import distances_to_try
-from rastercov.core.coverage.provenance import sha256
+from rastercov.core.coverage.shards import sha256
 from rastercov.core.coverage.task import DORI, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import inverse
@@ -57,9 +57,8 @@ from rastercov.formats.cameras import read_views
 from rastercov.page.rig_state import RigState, Station
 from rastercov.placement.candidates.rooms import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.entries import PlanSections
+from rastercov.placement.plan.entries import BESIDE, PlanSections
 from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan
-from rastercov.placement.plan.generator import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, separate_goals
 from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of

@@ -34,7 +34,6 @@ from rastercov.base import (
     sort_order,
 )
 from rastercov.base.limits import limit_time
-from rastercov.core.area.by_camera import cameras_apart
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.polygons import quantile
@@ -47,6 +46,7 @@ from rastercov.core.camera import (
     gates_of,
     names_of,
 )
+from rastercov.core.coverage.evaluation import cameras_apart
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
 from rastercov.core.coverage.task import Engine, Task

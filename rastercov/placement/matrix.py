@@ -368,8 +368,8 @@ def matrices_of_cells(
     finder: RegionPass,
     placed: Poses,
     every: Sequence[Cells],
-    mounts: Mounts | None = None,
-    progress: Progress = silent,
+    mounts: Mounts | None,
+    progress: Progress,
 ) -> list[VisibilityMatrix]:
     """Visibility matrices of patches of several parts of a scene: each pose is measured once.
 

@@ -54,17 +54,20 @@ from rastercov.core.camera.rig import with_places
 from rastercov.core.coverage.coverage import ExactObserver, Observer, measurements, open_observer
 from rastercov.core.coverage.face_pass import FacePass
 from rastercov.core.coverage.network import NetworkOfBits, can_judge
-from rastercov.core.coverage.shard_inputs import (
+from rastercov.core.coverage.shards import (
     HEADER,
+    PAIRS_OF_COUNTS,
     POSES,
     Inputs,
+    hash_of,
+    info_of,
+    inputs_of,
     npz_bytes,
     open_once,
     read_npz,
     read_poses,
     write_inputs,
 )
-from rastercov.core.coverage.shards import PAIRS_OF_COUNTS, hash_of, info_of, inputs_of
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.raster.contract import room_for_bits
 from rastercov.placement.bits import CoveredBits, n_words

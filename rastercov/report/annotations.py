@@ -15,7 +15,7 @@ import numpy as np
 
 from rastercov.base import ByName, FloatArray, IntArray, frozen_record, sort_order
 from rastercov.core.camera import Camera, cameras_of, near_limit, to_camera, to_image
-from rastercov.core.camera.near_plane import sides_of
+from rastercov.core.camera.pose import sides_of
 from rastercov.core.coverage.evaluation import Evaluation
 from rastercov.core.coverage.visibility import GroupViews, camera_around, places_of
 from rastercov.core.raster import open_rasterizer

@@ -43,8 +43,7 @@ from rastercov.base.output import write_npz
 from rastercov.core.area.zones import DeadZones, face_zones
 from rastercov.core.camera import cameras_of, eyes_of, names_of
 from rastercov.core.coverage.network import share_of_faces
-from rastercov.core.coverage.provenance import provenance_of
-from rastercov.core.coverage.shards import folder_of_shards, remove
+from rastercov.core.coverage.shards import folder_of_shards, provenance_of, remove
 from rastercov.formats.cameras.own import content_of
 from rastercov.placement.audit import Audit, element_figures
 from rastercov.placement.footprints import overlap_words

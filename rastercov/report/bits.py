@@ -21,13 +21,13 @@ from rastercov.base import ByName, ReadByName
 from rastercov.base.output import write_json, writing
 from rastercov.core.coverage.evaluation import Query
 from rastercov.core.coverage.network import can_judge, engine_for, share_of_faces
-from rastercov.core.coverage.provenance import provenance_of
 from rastercov.core.coverage.shards import (
     EvaluationShards,
     Wanted,
     classify_parts,
     folder_of_shards,
     open_for,
+    provenance_of,
     remove,
 )
 from rastercov.core.raster.contract import AREAS, HEADER, PACKED, VIEWS, unit_of

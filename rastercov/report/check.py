@@ -10,10 +10,10 @@ from pathlib import Path
 
 from rastercov.base import write_json, write_text
 from rastercov.base.format import points
-from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import provenance_of
 from rastercov.placement.plan.check import Checked, record, to_json
+from rastercov.placement.plan.phases import Judged
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.product import Judged
 from rastercov.placement.required import FAILS
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind

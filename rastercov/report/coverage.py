@@ -40,7 +40,6 @@ from rastercov.base import (
     write_text,
 )
 from rastercov.base.interrupts import hold_interrupts
-from rastercov.core.area.by_camera import lines_of
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.table import Regions
 from rastercov.core.camera import (
@@ -52,10 +51,9 @@ from rastercov.core.camera import (
     names_of,
     names_of_poses,
 )
-from rastercov.core.coverage.evaluation import Evaluation, Query, regions
+from rastercov.core.coverage.evaluation import Evaluation, Phases, Query, lines_of, regions
 from rastercov.core.coverage.job import answer, evaluate
 from rastercov.core.coverage.judging import CHOICES
-from rastercov.core.coverage.phases import Phases
 from rastercov.core.coverage.shards import folder_of_shards, remove
 from rastercov.core.coverage.task import Engine, Reason, Task, tasks_of
 from rastercov.core.coverage.visibility import GroupViews, check_groups

@@ -160,7 +160,7 @@ def check(
     from rastercov.formats.cameras import read_views
     from rastercov.placement.plan import check as plan_check
     from rastercov.placement.plan.baseline import read_baseline
-    from rastercov.placement.plan.product import demand_of
+    from rastercov.placement.plan.phases import demand_of
 
     asked = _plan(plan, camera)
     Task(views=1 if views is None else views)  # refuses what is no number of views

@@ -33,7 +33,6 @@ from rastercov.base import (
 )
 from rastercov.base.format import area, coordinates, distance, length, text_with_sign
 from rastercov.core.area.advice import focus_in_words
-from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.feature import in_words
 from rastercov.core.area.features import values_of as values_of_features
 from rastercov.core.area.network import AreaNetwork
@@ -53,6 +52,7 @@ from rastercov.core.camera import (
     names_of,
 )
 from rastercov.core.camera.rig import short_names
+from rastercov.core.coverage.evaluation import LEAST_LOST_REL, lose_without
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.task import NAMES, REASONS, Reason

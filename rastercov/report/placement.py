@@ -22,8 +22,7 @@ from rastercov.placement.plan.check import MOST_GOALS, Checked, to_json
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
-from rastercov.placement.plan.phases import CarriedPoses
-from rastercov.placement.plan.product import Judged
+from rastercov.placement.plan.phases import CarriedPoses, Judged
 from rastercov.placement.plan.run import Placement
 from rastercov.placement.plan.scene import free_places, places_of
 from rastercov.placement.required import FAILS, HOLDS

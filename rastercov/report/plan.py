@@ -43,7 +43,7 @@ from rastercov.base.format import area, distance, verb
 from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.area.feature import in_words
 from rastercov.core.area.zones import ZONES
-from rastercov.core.coverage.provenance import name_cameras, provenance_of
+from rastercov.core.coverage.shards import name_cameras, provenance_of
 from rastercov.core.raster.contract import RasterizerInfo
 from rastercov.placement.plan.check import (
     explain_goals,

@@ -21,7 +21,7 @@ from rastercov.base import (
 from rastercov.base.format import area, in_decimals, text_with_sign
 from rastercov.core.camera import Camera
 from rastercov.core.camera.projection import angles_of_view
-from rastercov.core.coverage.phases import question_in
+from rastercov.core.coverage.evaluation import question_in
 from rastercov.core.coverage.task import density_text
 from rastercov.core.raster.contract import KIND_WORDS
 from rastercov.placement.parts import MOST_ROWS, PartRow, entries_at, part_rows

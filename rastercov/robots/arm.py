@@ -27,8 +27,7 @@ from rastercov.base import (
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.arrays import frozen, inverse
 from rastercov.core.mesh.groups import Group
-from rastercov.placement.candidates.pool import Candidates
-from rastercov.placement.candidates.refusals import Refusal
+from rastercov.placement.candidates.pool import Candidates, Refusal
 from rastercov.placement.candidates.rooms import (
     KeepOut,
     KeepOutBox,

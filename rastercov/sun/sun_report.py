@@ -35,7 +35,7 @@ from rastercov.base.output import csv_text, write_npz
 from rastercov.core.camera import Poses
 from rastercov.core.camera.parallel import SUN_RADIUS_DEG
 from rastercov.core.camera.sun import views_from
-from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import provenance_of
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.modes import mode_picture
 from rastercov.report.openings import Openings, compass, levels_of

@@ -36,7 +36,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.ground import heights_at
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.legs import SAME_REL, Airspace, course_of, is_straight, length_of
-from rastercov.placement.plan.product import Product
+from rastercov.placement.plan.phases import Product
 from rastercov.survey.plan_section import FlightSection
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from rastercov.base import ConfigError
 from rastercov.core.mesh import Mesh
 from rastercov.placement.plan.file import Plan, errors_at
 from rastercov.placement.plan.legs import Airspace
-from rastercov.placement.plan.product import Figure
+from rastercov.placement.plan.phases import Figure
 from rastercov.placement.plan.run import Placement, Products
 from rastercov.placement.plan.scene import keep_outs
 from rastercov.survey.flight import Flight, flight_of

@@ -10,6 +10,8 @@ from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.plan.entries import (
     Count,
+    Generator,
+    GeneratorScene,
     Name,
     Number,
     Pair,
@@ -19,7 +21,6 @@ from rastercov.placement.plan.entries import (
     only_one,
     value_of,
 )
-from rastercov.placement.plan.generator import Generator, GeneratorScene
 from rastercov.survey.patterns import (
     Circles,
     Survey,

@@ -44,8 +44,13 @@ from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import faces_of_groups, names_of
 from rastercov.placement.candidates.ground import heights_at, outline
-from rastercov.placement.candidates.pool import DEFAULT, Candidates, Framing, roll_candidates
-from rastercov.placement.candidates.refusals import Refusal
+from rastercov.placement.candidates.pool import (
+    DEFAULT,
+    Candidates,
+    Framing,
+    Refusal,
+    roll_candidates,
+)
 
 if TYPE_CHECKING:
     from shapely import Polygon

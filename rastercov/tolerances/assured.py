@@ -17,8 +17,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.network import AreaRequirement, Requirement, counting
-from rastercov.placement.plan.phases import phases_of
-from rastercov.placement.plan.product import Demand, Verdicts
+from rastercov.placement.plan.phases import Demand, Verdicts, phases_of
 from rastercov.placement.required import FAILS, SHARE_TOLERANCE, UNDECIDED
 from rastercov.placement.select.problem import views_of
 from rastercov.tolerances.passes import Errors, TolerancePass, check_provable, errors_in

@@ -57,7 +57,7 @@ from rastercov.core.camera import (
 )
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
 from rastercov.core.camera.lenses.planes import first_derivatives
-from rastercov.core.camera.near_plane import pinhole_numbers
+from rastercov.core.camera.pose import pinhole_numbers
 from rastercov.core.coverage.task import Reason, Rules, Task, tasks_of
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_tolerance

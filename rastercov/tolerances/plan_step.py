@@ -9,7 +9,7 @@ from rastercov.core.camera import Poses
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import Plan, errors_at
 from rastercov.placement.plan.goals import Objectives
-from rastercov.placement.plan.product import Product
+from rastercov.placement.plan.phases import Product
 from rastercov.placement.plan.run import Placement, Products, with_progress
 from rastercov.shards import Progress
 from rastercov.tolerances.assured import Assured, UnderErrors

@@ -14,7 +14,7 @@ import numpy as np
 
 from rastercov.base import ByteArray, FloatArray, IntArray
 from rastercov.core.camera import Camera
-from rastercov.reference.criteria import blur_circle
+from rastercov.reference.coverage import blur_circle
 from rastercov.reference.markers.scene import CELLS, MARKER_SIDE, Plate
 
 BLACK, WHITE = 0.05, 0.9

@@ -21,8 +21,7 @@ from rich.table import Table
 
 from rastercov.base import ByName
 from rastercov.reference.markers.detect import opencv
-from rastercov.reference.markers.experiments import Experiment, MarkerRow
-from rastercov.reference.markers.requirement import DETECTOR, THESIS
+from rastercov.reference.markers.experiments import DETECTOR, THESIS, Experiment, MarkerRow
 from rastercov.reference.pages import publish
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.pages import Picture, render

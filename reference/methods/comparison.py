@@ -27,11 +27,11 @@ from rastercov.base.interrupts import hold_interrupts
 from rastercov.core.camera import Camera, Poses, valid_poses
 from rastercov.core.coverage.coverage import ROLL, Observer, open_observer
 from rastercov.core.coverage.face_pass import FacePass
-from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import provenance_of
 from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster.contract import Observation
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference.coverage import measure_geometry as face_geometry
 from rastercov.reference.methods.convergence import N_POSES as SWEPT_POSES
 from rastercov.reference.methods.convergence import (
     SWEEPS,

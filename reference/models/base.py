@@ -16,7 +16,7 @@ from rastercov.core.camera import Camera, near_limit, to_camera, valid_poses
 from rastercov.core.camera.models import MODELS as LENSES
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.reference.criteria import FaceGeometry, in_focus, measure_geometry
+from rastercov.reference.coverage import FaceGeometry, in_focus, measure_geometry
 from rastercov.reference.models.line_of_sight import LineOfSight
 
 

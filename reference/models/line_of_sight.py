@@ -2,7 +2,7 @@
 
 The segment begins at distance `MARGIN` from the point, so faces that only touch it there hide
 nothing: neither faces that share a vertex, nor a face on which the point lies, nor a copy of its
-own face. It ends at the near plane of `near_plane.near_limit`, as for the engine. All faces hide,
+own face. It ends at the near plane of `near_limit`, as for the engine. All faces hide,
 including occluders and back faces, except faces without area or seen edge-on.
 
 The models that sample points use it: `zhang`, `mavrinac`, `alarcon`. Their papers leave open the
@@ -17,7 +17,7 @@ from rastercov.base import BoolArray, FloatArray
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.contacts import BOX_MARGIN, TriangleTree
-from rastercov.reference.criteria import depth_from_near
+from rastercov.reference.coverage import depth_from_near
 
 MARGIN = 1e-4
 """Distance from the point, in diagonals of the mesh, up to which a surface hides nothing."""

@@ -48,7 +48,7 @@ import numpy as np
 
 from rastercov.base import FloatArray
 from rastercov.core.camera import to_image
-from rastercov.reference.criteria import blur_circle, depth_from_near
+from rastercov.reference.coverage import blur_circle, depth_from_near
 from rastercov.reference.models.base import (
     ModelCriteria,
     ModelView,

@@ -37,7 +37,7 @@ from rastercov.core.camera import Camera, valid_poses
 from rastercov.core.camera.projection import image_boxes
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches, open_observer
 from rastercov.core.coverage.job import evaluate
-from rastercov.core.coverage.provenance import provenance_of
+from rastercov.core.coverage.shards import provenance_of
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
@@ -401,7 +401,6 @@ def write_model_comparison(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    task: Task | None = None,
     progress: Progress = silent,
 ) -> Path:
     """Write the page, the JSON and the pictures; returns the path of the page.
@@ -415,7 +414,7 @@ def write_model_comparison(
         pictures: dict[str, Picture] = {}
         for done, pose in enumerate(int(row) for row in chosen):
             progress(done, len(chosen))
-            for name, image in _draw(comparison, mesh, camera, matrices[pose], task).items():
+            for name, image in _draw(comparison, mesh, camera, matrices[pose]).items():
                 # All colours are kept: the grey of a face is its coverage.
                 alt = f"{PICTURES[name]}, pose {pose}"
                 pictures[f"{name}_{pose:0{digits}d}"] = Picture(alt, png(image))
@@ -428,10 +427,9 @@ def _draw(
     mesh: Mesh,
     camera: Camera,
     pose: FloatArray,
-    task: Task | None,
 ) -> dict[str, Image.Image]:
     """Both sheets of one pose."""
-    task = task or Task()
+    task = Task()
     graded = evaluate(mesh, camera, pose, fields=["visibility"], by="face").visibility[0]
     bivalent = zhang.visible(mesh, camera, pose[None])[0]
     values = {

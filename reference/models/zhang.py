@@ -39,7 +39,7 @@ from rastercov.base import BoolArray, FloatArray
 from rastercov.core.camera import Camera
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
-from rastercov.reference.criteria import depth_from_near
+from rastercov.reference.coverage import depth_from_near
 from rastercov.reference.models.base import ModelCriteria, ModelView, coverage_model, each_view
 
 

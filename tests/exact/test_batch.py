@@ -14,7 +14,7 @@ from surfaces import surface_of
 
 import rastercov as rc
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera.near_plane import engine_camera
+from rastercov.core.camera.pose import engine_camera
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.task import Engine

@@ -27,7 +27,7 @@ from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.contract import BoundKind
 from rastercov.reference import rational
-from rastercov.reference.criteria import face_geometry
+from rastercov.reference.coverage import face_geometry
 
 CAMERA = Camera(width=320, height=240, fx=260, fy=270)
 KNOWN = known_cases()

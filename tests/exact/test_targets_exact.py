@@ -10,7 +10,7 @@ from scenes import joined, square
 from surfaces import surface_of
 from target_scenes import beside, only, some_as_targets
 
-from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.pose import limits
 from rastercov.reference import polygons, rational
 
 FIGURES = ("visible", "area", "area_error", "is_certified")

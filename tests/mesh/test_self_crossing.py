@@ -11,7 +11,7 @@ from scenes import joined
 from visible_fractions import visibility
 
 import rastercov as rc
-from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.pose import limits
 from rastercov.core.mesh import shapes
 from rastercov.reference import rational
 

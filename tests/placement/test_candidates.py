@@ -38,7 +38,7 @@ from rastercov.placement.candidates.mounting import (
     on_sphere,
     on_walls,
 )
-from rastercov.reference.criteria import face_geometry
+from rastercov.reference.coverage import face_geometry
 
 CAMERA = rc.Camera(width=640, height=400, fx=800, fy=700)
 SHARP = rc.Camera(width=640, height=400, fx=800, fy=700, focus_range=(0.5, 3.0))

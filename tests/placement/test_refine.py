@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from nightly import IS_NIGHTLY, examples, nightly
 from test_search import CAMERA, MESH, SPACE, TASK, holds
 
-from rastercov.base.memory import Lists
+from rastercov.base.arguments import Lists
 from rastercov.core.area.cells import cells
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera.viewpoints import sphere_of_poses

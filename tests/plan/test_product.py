@@ -13,7 +13,7 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.features import FEATURES
 from rastercov.placement.plan import check, outcome
 from rastercov.placement.plan.file import plan_of
-from rastercov.placement.plan.product import Demand, Product, Verdicts, demand_of
+from rastercov.placement.plan.phases import Demand, Product, Verdicts, demand_of
 from rastercov.placement.plan.run import Products
 from rastercov.report.plan import lines, summary
 

@@ -24,7 +24,7 @@ from rastercov import engine
 from rastercov.base.errors import DeviceError, ResourceError
 from rastercov.base.threads import once_each
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.pose import limits
 from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import cpu, open_rasterizer, self_test

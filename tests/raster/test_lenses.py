@@ -28,7 +28,7 @@ from rastercov import (
 )
 from rastercov.base.threads import once_each
 from rastercov.core.camera.lenses.of_camera import lens_of
-from rastercov.core.camera.near_plane import near_limit
+from rastercov.core.camera.pose import near_limit
 from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.mesh import shapes
 from rastercov.core.raster import cpu

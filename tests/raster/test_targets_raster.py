@@ -18,7 +18,7 @@ from target_scenes import beside, only, some_as_targets
 
 from rastercov.base.errors import DeviceError, MeshError
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.pose import limits
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster import open_rasterizer

@@ -28,7 +28,7 @@ from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.raster.contract import BoundKind, Observation
 from rastercov.reference import polygons
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference.coverage import measure_geometry as face_geometry
 from rastercov.reference.methods import comparison as compare_entrants
 from rastercov.reference.methods import convergence as compare_convergence
 from rastercov.reference.methods.comparison import MIN_FACES, SIGNIFICANCE, _often_enough, compare

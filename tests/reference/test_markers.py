@@ -13,11 +13,16 @@ from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.catalogue import entries_of
 from rastercov.core.camera.projection import to_image
 from rastercov.core.coverage.job import evaluate
-from rastercov.reference.criteria import blur_circle
+from rastercov.reference.coverage import blur_circle
 from rastercov.reference.markers import detect as detection
-from rastercov.reference.markers.experiments import resolution, visibility
+from rastercov.reference.markers.experiments import (
+    DETECTOR,
+    MarkerRequirement,
+    plate_figures,
+    resolution,
+    visibility,
+)
 from rastercov.reference.markers.picture import BLACK, FULL_SCALE, WHITE, reflect, sensor
-from rastercov.reference.markers.requirement import DETECTOR, MarkerRequirement, plate_figures
 from rastercov.reference.markers.scene import CELLS, Plate, mesh_of
 
 pytest.importorskip("cv2", reason="OpenCV is missing: pip install 'rastercov[markers]'")

@@ -19,7 +19,7 @@ from rastercov.core.camera.viewpoints import look_at, sphere_of_poses
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.reference.criteria import measure_geometry as face_geometry
+from rastercov.reference.coverage import measure_geometry as face_geometry
 from rastercov.reference.models import (
     MODELS,
     zhang,

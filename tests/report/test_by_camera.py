@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rastercov as rc
-from rastercov.core.area.by_camera import MOST_CAMERAS, cameras_apart
+from rastercov.core.coverage.evaluation import MOST_CAMERAS, cameras_apart
 from rastercov.core.mesh import shapes
 from rastercov.report.coverage import Options, run
 from rastercov.report.tables import camera_rows, camera_table

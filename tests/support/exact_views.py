@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from surfaces import surface_of
 
 from rastercov.core.camera.camera import Camera
-from rastercov.core.camera.near_plane import engine_camera, near_limit
+from rastercov.core.camera.pose import engine_camera, near_limit
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.engine import solver_visibility
 from rastercov.engine.solver_visibility import BLOCK, LIVE, MIXED

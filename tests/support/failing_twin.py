@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rastercov.base.memory import BoolArray, ByteArray, FloatArray, IntArray
+from rastercov.base.arguments import BoolArray, ByteArray, FloatArray, IntArray
 from rastercov.core.camera.rule import RigRule
 from rastercov.core.coverage.task import (
     BASELINE,

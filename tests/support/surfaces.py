@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.base.memory import FloatArray, Int32Array, IntArray
+from rastercov.base.arguments import FloatArray, Int32Array, IntArray
 from rastercov.base.threads import once_each
 from rastercov.core.exact import surface
 from rastercov.core.mesh.contacts import Partners

@@ -32,7 +32,7 @@ from rastercov.core.camera import (
     eyes_of,
     rows_of_result,
 )
-from rastercov.core.camera.near_plane import engine_camera, pinhole_numbers
+from rastercov.core.camera.pose import engine_camera, pinhole_numbers
 from rastercov.core.coverage.coverage import ExactObserver, in_batches
 from rastercov.core.coverage.exact_pass import ExactPass, Figures, PlacedPoses, mask_of, room_for
 from rastercov.core.coverage.task import STEEP, Engine, Reason, Rules, Task, own_reasons, rules_of

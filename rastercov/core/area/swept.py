@@ -9,7 +9,7 @@ from rastercov.base import BoolArray, FloatArray, read_only
 from rastercov.core.area.regions import GAP_REL, RegionPass
 from rastercov.core.area.table import Criteria, Regions
 from rastercov.core.camera import Poses
-from rastercov.core.camera.near_plane import pinhole_numbers
+from rastercov.core.camera.pose import pinhole_numbers
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_tolerance

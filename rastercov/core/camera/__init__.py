@@ -13,8 +13,7 @@ from rastercov.core.camera.conventions import (
 )
 from rastercov.core.camera.doubts import size_warnings, unit_warnings
 from rastercov.core.camera.models import MODELS, PROGRAMS, Foreign
-from rastercov.core.camera.near_plane import near_limit, near_limits
-from rastercov.core.camera.pose import Poses, renumber, valid_poses
+from rastercov.core.camera.pose import Poses, near_limit, near_limits, renumber, valid_poses
 from rastercov.core.camera.projection import box_corners, to_camera, to_image
 from rastercov.core.camera.rig import (
     KEPT,

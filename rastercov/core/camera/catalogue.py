@@ -198,7 +198,7 @@ def is_head(text: object) -> bool:
     return text.split(":")[0] in catalogue().heads
 
 
-def head_of(name: object, file: StrPath | None = None) -> tuple[str, str | None, float]:
+def head_of(name: object, file: StrPath | None) -> tuple[str, str | None, float]:
     """Camera of a head, its projector, and the distance of their centres, metres.
 
     The projector, a camera of the catalogue, is None where there is a second camera.
@@ -288,7 +288,7 @@ def product_of(parts: Sequence[Entries]) -> str:
     return " + ".join(filter(None, names))
 
 
-def price_of(name: str, file: StrPath | None = None) -> float | None:
+def price_of(name: str, file: StrPath | None) -> float | None:
     """Price of a camera with its lens; None where one of them has none."""
     prices = [part.get("price", math.nan) for part in catalogue(file).parts(name)]
     return None if math.isnan(sum(prices)) else float(sum(prices))

@@ -52,7 +52,7 @@ from rastercov.core.camera.pose import Poses, valid_poses
 from rastercov.core.camera.rule import All, Gate, Rule, compile_rule, rename_devices
 from rastercov.core.camera.rule import Any as AnyOf
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.site import NOWHERE, Site
+from rastercov.core.mesh.files import NOWHERE, Site
 
 LOG = logging.getLogger("rastercov")
 MOST_CAMERAS = 100_000
@@ -483,7 +483,7 @@ class EquipmentKind(Inputs):
 
 
 class Phased(Inputs):
-    """Hooks of a feature that asks for phases, see `rastercov.core.coverage.phases`."""
+    """Hooks of a feature that asks for phases, see `rastercov.core.coverage.evaluation`."""
 
     word = ""
     """Its argument of `evaluate`."""

@@ -48,7 +48,7 @@ from rastercov.base import (
     sort_order,
     thread_count,
 )
-from rastercov.base.memory import align_array
+from rastercov.base.arguments import align_array
 from rastercov.core.camera import Camera, Cameras, Poses, cameras_of, check_scene, eyes_of
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.face_pass import FIGURES, FacePass, Measured

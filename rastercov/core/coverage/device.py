@@ -33,7 +33,7 @@ from rastercov.base import (
 from rastercov.core.camera import Camera, EquipmentKind
 from rastercov.core.camera.equipment import Equipment
 from rastercov.core.coverage.criterion import Words
-from rastercov.core.mesh.site import NOWHERE, Site
+from rastercov.core.mesh.files import NOWHERE, Site
 
 
 @dataclass(frozen=True)

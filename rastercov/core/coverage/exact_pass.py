@@ -7,7 +7,7 @@ import numpy as np
 
 from rastercov.base import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, thread_count
 from rastercov.core.camera import Cameras, Poses, Rig, cameras_of
-from rastercov.core.camera.near_plane import engine_camera
+from rastercov.core.camera.pose import engine_camera
 from rastercov.core.camera.rig import shared_rows
 from rastercov.core.coverage.task import Engine
 from rastercov.core.exact.surface import surface_of

@@ -21,7 +21,7 @@ from rastercov.base import (
     read_only,
     share_poses,
 )
-from rastercov.base.memory import align_array
+from rastercov.base.arguments import align_array
 from rastercov.core.camera import Camera, Cameras, Poses, near_limits
 from rastercov.core.coverage.task import (
     Reason,

@@ -1,7 +1,6 @@
 """The answer to a `Query`: poses are measured batch by batch and added up, then phases.
 
-`answer` gives it to `rastercov.evaluate`, which keeps the figures of every pair of pose and face,
-and to the commands, which write chosen pairs to a table while it runs.
+It is for `evaluate`, which keeps figures of every pair of pose and face, and for the commands.
 """
 
 import time
@@ -17,27 +16,33 @@ from numpy.typing import ArrayLike
 from rastercov.base import ByName, ConfigError, ReadByName, ResourceError, StrPath
 from rastercov.base.interrupts import hold_interrupts
 from rastercov.base.locks import lock
-from rastercov.core.area.by_camera import ByCamera, cameras_apart
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene
 from rastercov.core.coverage.coverage import Observer, check_fields
-from rastercov.core.coverage.evaluation import Evaluation, KeptCounts, Query, asked, bits_of_a_pair
+from rastercov.core.coverage.evaluation import (
+    ByCamera,
+    Evaluation,
+    KeptCounts,
+    Query,
+    asked,
+    bits_of_a_pair,
+    cameras_apart,
+)
 from rastercov.core.coverage.face_pass import FIGURES
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network, can_judge, engine_for
-from rastercov.core.coverage.provenance import provenance_of
-from rastercov.core.coverage.shards import EvaluationShards, Wanted, classify_parts, open_for
+from rastercov.core.coverage.shards import (
+    EvaluationShards,
+    Wanted,
+    classify_parts,
+    open_for,
+    provenance_of,
+)
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import (
-    COVERED,
-    RasterizerInfo,
-    add_bits,
-    bits_of_first,
-    no_bits,
-)
+from rastercov.core.raster.contract import COVERED, RasterizerInfo, add_bits, bits_of_first, no_bits
 from rastercov.shards import ALONE, Staff, Workers
 
 EVALUATE_BUDGET = 4 << 30

@@ -1,52 +1,269 @@
 """Shards of an evaluation: what a report needs of some poses, kept until the report is whole.
 
 A long run writes what it has in shards, so that one which was ended continues where it was; and
-workers can make them. A folder holds the inputs (`rastercov.core.coverage.shard_inputs`) and, with
-the checksum of each, shards/shard-*.npz: sums of a network, rows of the table, coverage of
-pictures, regions. Frames are a unit in place of poses where `store_in` is given them.
+workers can make them. A folder holds the inputs and, with the checksum of each,
+shards/shard-*.npz: sums of a network, rows of the table, coverage of pictures, regions. Frames are
+a unit in place of poses where `store_in` is given them.
+
+Inputs of a job in the folder of its shards, so that each worker reads them once.
+
+header.json   all that the shards depend on, with hashes
+scene.npz     mesh and cameras
+poses.npz     poses, (P, 4, 4) world_from_camera; ids and camera, (P,) each; further tables
+
+Provenance of a result: inputs with their hashes, thresholds, device and versions.
 """
 
 import hashlib
+import io
 import json
 import logging
+import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import zipfile
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 import rastercov
-from rastercov.base import AnyArray, ByName, ReadByName, own_folder, remove_folder
+from rastercov.base import AnyArray, ByName, ReadByName, json_text, own_folder, remove_folder
 from rastercov.base.output import name_folder, own_place
+from rastercov.base.versions import version_of
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.table import Regions, join
-from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, gates_of
-from rastercov.core.camera.rig import rig_to_json
+from rastercov.core.camera import (
+    Camera,
+    Cameras,
+    Poses,
+    Rig,
+    cameras_of,
+    eyes_of,
+    gates_of,
+    names_of,
+)
+from rastercov.core.camera.rig import entries_of, rig_of_json, rig_to_json
 from rastercov.core.coverage.coverage import Observer, open_observer
 from rastercov.core.coverage.face_pass import ROW_TYPES, Sums, merge, no_sums
 from rastercov.core.coverage.judging import JudgedPoses, leads_of
 from rastercov.core.coverage.network import Network, NetworkOfBits
-from rastercov.core.coverage.provenance import sha256
-from rastercov.core.coverage.shard_inputs import (
-    INPUTS,
-    Inputs,
-    header_bytes,
-    npz_bytes,
-    open_once,
-    read_npz,
-    write_inputs,
-)
 from rastercov.core.coverage.task import Engine, Task
-from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import bits_of
+from rastercov.core.mesh import Group, Mesh
+from rastercov.core.mesh.mesh import MeshSource
+from rastercov.core.raster.contract import RasterizerInfo, bits_of
 from rastercov.shards import ShardStore, Staff, fill
 from rastercov.shards.run import count_poses_of
-from rastercov.shards.store import DamagedError
+from rastercov.shards.store import DamagedError, Note, renew, whole
 from rastercov.shards.store import remove as remove_files
+from rastercov.shards.work import FolderLostError
+
+
+def provenance_of(
+    mesh: Mesh,
+    camera: Cameras,
+    poses: NDArray[np.float64],
+    task: Task | None = None,
+    options: ReadByName | None = None,
+    measured_by: RasterizerInfo | None = None,
+    packages: Sequence[str] = ("moderngl", "numpy"),
+) -> ByName:
+    """Inputs of a result, and the device that measured it, ready for JSON.
+
+    "mesh" has the files as read, "scene" the faces in metres; "camera" is the one camera, "cameras"
+    are several, with their names where they have any.
+
+    Parameters
+    ----------
+    mesh, camera
+        The scene, and the camera that sees it, or several.
+    poses : (P, 4, 4) float64
+        world_from_camera, with those that were rejected.
+    task : Task, optional
+        Thresholds, where the result has any.
+    options : mapping, optional
+        Options of the run, ready for JSON.
+    measured_by : RasterizerInfo, optional
+    packages : sequence of str
+        Packages whose versions are recorded beside ours; None for one that is not installed.
+    """
+    optional = {
+        "task": task._entries() if task else None,
+        "options": dict(options) if options is not None else None,
+        "measured_by": asdict(measured_by) if measured_by else None,
+    }
+    return {
+        "mesh": [source.to_json() for source in mesh.sources] or [{"name": "arrays"}],
+        "scene": {
+            "sha256": sha256(mesh.vertices, mesh.faces, mesh.face_group),
+            "n_faces": mesh.n_faces,
+            "groups": [group.to_json() for group in mesh.groups],
+        },
+        "poses": {"sha256": sha256(poses), "n_poses": len(poses)},
+        **plain_cameras(camera),
+        **{name: entry for name, entry in optional.items() if entry is not None},
+        "versions": {
+            "python": platform.python_version(),
+            "rastercov": rastercov.__version__,
+            **{name: version_of(name) for name in packages},
+        },
+    }
+
+
+def plain_cameras(camera: Cameras) -> ByName:
+    """Entry "camera" of one camera, or "cameras" with the names of all, ready for JSON.
+
+    Of a rig with a rule, that and the thresholds of its cameras, too.
+    """
+    cameras = cameras_of(camera)
+    return {"camera": cameras[0].to_json()} if len(cameras) == 1 else name_cameras(camera)
+
+
+def name_cameras(camera: Cameras) -> ByName:
+    """Entry "cameras" with the names of all, as of `plain_cameras` of several."""
+    entries = [
+        {"name": name} | each.to_json()
+        for name, each in zip(names_of(camera), cameras_of(camera), strict=True)
+    ]
+    return {"cameras": entries} | (entries_of(camera) if isinstance(camera, Rig) else {})
+
+
+def sha256(*parts: AnyArray | str) -> str:
+    """SHA-256 of arrays, their dtypes and shapes, and texts."""
+    total = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, str):
+            total.update(part.encode())
+        else:
+            total.update(f"{part.dtype.str} {part.shape}".encode())
+            total.update(np.ascontiguousarray(part).data)
+    return total.hexdigest()
+
+
+T = TypeVar("T")
+ARRAYS = ("vertices", "faces", "face_group", "source_face")
+HEADER, SCENE, POSES = "header.json", "scene.npz", "poses.npz"
+INPUTS = (SCENE, POSES, HEADER)
+"""Files in the order in which they are written: where the last one is, all are."""
+OPEN = 2
+"""Jobs that a worker keeps open: those of a plan, and of its cavities."""
+
+
+class Inputs(NamedTuple):
+    """Header of a job, its mesh, cameras and poses."""
+
+    header: ByName
+    mesh: Mesh
+    cameras: Cameras
+    poses: Poses
+
+
+def header_bytes(header: ReadByName) -> bytes:
+    """File of a header; equal headers give the same bytes."""
+    return json_text(header).encode() + b"\n"
+
+
+def write_inputs(
+    folder: Path,
+    header: ReadByName,
+    mesh: Mesh,
+    cameras: Cameras,
+    poses: Poses,
+    note: Note,
+    **arrays: object,
+) -> None:
+    """Write all files that are not there with this content; `note` names damaged ones.
+
+    Other arrays go to the file of poses.
+    """
+    placed = {"poses": poses.world_from_camera, "ids": poses.ids, "camera": poses.camera}
+    files = (_scene_bytes(mesh, cameras), npz_bytes(placed | arrays), header_bytes(header))
+    for name, data in zip(INPUTS, files, strict=True):
+        renew(folder, name, data, note)
+
+
+def _scene_bytes(mesh: Mesh, cameras: Cameras) -> bytes:
+    words = {
+        "groups": [group.to_json() for group in mesh.groups],
+        "sources": [source.to_json() for source in mesh.sources],
+        "notes": list(mesh.notes),
+        "cameras": [camera.to_json() for camera in cameras_of(cameras)],
+        **({"rules": rules} if (rules := rig_to_json(cameras)) else {}),
+    }
+    arrays = {name: getattr(mesh, name) for name in ARRAYS}
+    text = np.frombuffer(json.dumps(words, sort_keys=True).encode(), np.uint8)
+    return npz_bytes(arrays | {"words": text})
+
+
+def npz_bytes(arrays: ReadByName, *, level: int = 0) -> bytes:
+    """File of arrays by their names, as `numpy.load` reads it; equal arrays give the same bytes.
+
+    `level` is that of zlib, 0 for none.
+    """
+    file = io.BytesIO()
+    kind = zipfile.ZIP_DEFLATED if level else zipfile.ZIP_STORED
+    with zipfile.ZipFile(file, "w", kind, compresslevel=level) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, np.asanyarray(array), allow_pickle=False)
+    return file.getvalue()
+
+
+def read_npz(data: bytes, names: Collection[str] | None = None) -> ByName:
+    """Arrays of a file that `npz_bytes` made, or those of some names that are there."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return {name: file[name] for name in file if names is None or name in names}
+
+
+def read_poses(folder: Path) -> Poses:
+    """Poses of a job; DamagedError as of `whole`."""
+    npz = read_npz(whole(folder, POSES))
+    return Poses(npz["poses"], npz["ids"], npz["poses"], {}, npz["camera"])
+
+
+def read_inputs(folder: Path) -> Inputs:
+    """All inputs of a job; DamagedError as of `whole`."""
+    arrays = read_npz(whole(folder, SCENE))
+    words = json.loads(arrays.pop("words").tobytes())
+    mesh = Mesh(
+        **arrays,
+        groups=[Group(**group) for group in words["groups"]],
+        sources=[MeshSource(**source) for source in words["sources"]],
+        notes=words["notes"],
+    )
+    cameras = rig_of_json([Camera(**each) for each in words["cameras"]], words.get("rules", {}))
+    return Inputs(json.loads(whole(folder, HEADER)), mesh, cameras, read_poses(folder))
+
+
+def open_once(open_job: Callable[[Path, Inputs], T]) -> Callable[[Path], T]:
+    """Function of a folder that opens a job; it stays open in this process, until two others are.
+
+    Raises
+    ------
+    FolderLostError
+        By the function, where the inputs are not there.
+    """
+
+    @lru_cache(OPEN)
+    def open_inputs(folder: Path, modified: int) -> T:
+        try:
+            inputs = read_inputs(folder)
+        except DamagedError as error:
+            raise FolderLostError(str(error)) from None
+        return open_job(folder, inputs)
+
+    def of(folder: Path) -> T:
+        try:
+            modified = (folder / HEADER).stat().st_mtime_ns
+        except OSError:
+            raise FolderLostError(f"{folder}: expected {HEADER}, got no such file") from None
+        return open_inputs(folder, modified)
+
+    return of
+
 
 LOG = logging.getLogger("rastercov")
 FUNCTION = "rastercov.core.coverage.shards:make"

@@ -17,7 +17,7 @@ from weakref import ref
 import numpy as np
 
 from rastercov.base import once_each
-from rastercov.core.camera.near_plane import hides_its_back
+from rastercov.core.camera.pose import hides_its_back
 from rastercov.core.mesh import Mesh
 from rastercov.engine import solver_surface
 from rastercov.engine.solver_surface import Surface

@@ -61,7 +61,9 @@ from rastercov.core.mesh.arrays import (
 )
 from rastercov.core.mesh.files import (
     LARGEST_FILE,
+    NOWHERE,
     Limits,
+    Site,
     mesh_files,
     metres_per,
     paths_of,
@@ -78,7 +80,6 @@ from rastercov.core.mesh.groups import (
     of_files,
     refuse_twice,
 )
-from rastercov.core.mesh.site import NOWHERE, Site
 from rastercov.core.mesh.terrain import REFRACTION
 from rastercov.core.mesh.topology import Topology, first_equal_row
 

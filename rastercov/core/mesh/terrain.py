@@ -188,7 +188,7 @@ class Raster:
 def raster_of_array(
     heights: ArrayLike,
     spacing: float | tuple[float, float] | None,
-    origin: tuple[float, float] = (0.0, 0.0),
+    origin: tuple[float, float],
     crs: str = "",
     *,
     is_geographic: bool = False,

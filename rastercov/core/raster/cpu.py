@@ -46,7 +46,7 @@ from rastercov.base import (
     thread_count,
 )
 from rastercov.core.camera import Camera, valid_poses
-from rastercov.core.camera.near_plane import limits
+from rastercov.core.camera.pose import limits
 from rastercov.core.coverage.face_pass import lens_of, scene_of
 from rastercov.core.coverage.task import Reason, Rules
 from rastercov.core.mesh import Mesh

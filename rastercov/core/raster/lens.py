@@ -36,8 +36,8 @@ from rastercov.base import (
 )
 from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import lens_of, planes_of, unit_of
-from rastercov.core.camera.near_plane import limits
 from rastercov.core.camera.parallel import MODEL
+from rastercov.core.camera.pose import limits
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of
 from rastercov.core.raster import self_test

@@ -10,7 +10,7 @@
 //
 // T. Duff et al. Building an Orthonormal Basis, Revisited. 2017 (tangents of a normal).
 //
-// Twins: rastercov.reference.criteria.
+// Twins: rastercov.reference.coverage.
 #pragma once
 #include "lens/lens.hpp"
 #include "number.hpp"

@@ -6,7 +6,7 @@
 //
 // I. Sutherland, G. Hodgman. Reentrant Polygon Clipping. 1974.
 //
-// Twins: rastercov.reference.criteria.
+// Twins: rastercov.reference.coverage.
 #pragma once
 #include "coverage/decision.hpp"
 #include "exact/polygon.hpp"

@@ -3,7 +3,7 @@
 // These are the functions of criteria.hpp for a lens that is no pinhole: the same arguments, the
 // same results. The area and the field of view come from integrals along the edges.
 //
-// Twins: rastercov.reference.criteria for the criteria, tests/lenses/test_face_kernels.py.
+// Twins: rastercov.reference.coverage for the criteria, tests/lenses/test_face_kernels.py.
 #pragma once
 #include "coverage/criteria.hpp"
 #include "lens/polygons.hpp"

@@ -30,9 +30,8 @@ from rastercov.base import (
 )
 from rastercov.base.files import PROJECTS
 from rastercov.core.mesh.arrays import check_coordinates, places_of, unusable_points
-from rastercov.core.mesh.files import LARGEST_FILE, Limits, MeshFiles
+from rastercov.core.mesh.files import LARGEST_FILE, Limits, MeshFiles, Site
 from rastercov.core.mesh.groups import names_beside, stem_of
-from rastercov.core.mesh.site import Site
 from rastercov.core.mesh.terrain import Raster
 from rastercov.engine.solver_readers import cut_concave
 from rastercov.formats.meshes.polygons import (

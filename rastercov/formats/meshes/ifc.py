@@ -30,7 +30,7 @@ from rastercov.base import (
     thread_count,
 )
 from rastercov.core.mesh.arrays import MOST_FACES
-from rastercov.core.mesh.site import Site
+from rastercov.core.mesh.files import Site
 from rastercov.formats.meshes.polygons import (
     PEAK_BYTES_PER_FACE,
     SLASH,

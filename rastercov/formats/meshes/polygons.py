@@ -36,11 +36,11 @@ from rastercov.base import (
     matmul,
     shorten,
 )
+from rastercov.base.arguments import free_memory
 from rastercov.base.errors import OUT_OF_MEMORY
-from rastercov.base.memory import free_memory
 from rastercov.base.threads import child_environment
 from rastercov.core.mesh.arrays import MOST_FACES, apply_pose
-from rastercov.core.mesh.site import NOWHERE, Site
+from rastercov.core.mesh.files import NOWHERE, Site
 
 AFFINE_ROW_TOLERANCE = 1e-6
 PEAK_BYTES_PER_FACE = 300

@@ -48,7 +48,6 @@ from rastercov.base import (
 )
 from rastercov.base.arguments import finite_number, is_number, share_meant
 from rastercov.base.format import area, points
-from rastercov.core.area.by_camera import LEAST_LOST_REL, lose_without
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
@@ -72,7 +71,8 @@ from rastercov.core.camera import (
     to_camera,
     to_image,
 )
-from rastercov.core.coverage.provenance import sha256
+from rastercov.core.coverage.evaluation import LEAST_LOST_REL, lose_without
+from rastercov.core.coverage.shards import sha256
 from rastercov.core.coverage.task import REASONS, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import (
@@ -112,9 +112,8 @@ from rastercov.placement.plan.network import (
     views_by_group,
     warnings_of,
 )
-from rastercov.placement.plan.phases import phases_of
+from rastercov.placement.plan.phases import Demand, Verdicts, phases_of
 from rastercov.placement.plan.prepare import Step, quiet
-from rastercov.placement.plan.product import Demand, Verdicts
 from rastercov.placement.plan.scene import free_places, name_scene, places_of
 from rastercov.placement.required import HOLDS, SHARE_TOLERANCE
 from rastercov.placement.select.problem import in_whole_numbers, views_of, weights_of

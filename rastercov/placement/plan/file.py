@@ -44,13 +44,12 @@ from rastercov.core.coverage.device import devices
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import Jointed
+from rastercov.core.mesh.files import Site
 from rastercov.core.mesh.groups import list_names
-from rastercov.core.mesh.site import Site
 from rastercov.formats.meshes import READERS
 from rastercov.placement.candidates.rooms import Room
 from rastercov.placement.mounts import Mounts
-from rastercov.placement.plan.entries import texts_below_fields
-from rastercov.placement.plan.generator import Table
+from rastercov.placement.plan.entries import Table, texts_below_fields
 from rastercov.placement.plan.sections import ONE_CAMERA, BodyEntry, PlanModel
 
 WORDS = {

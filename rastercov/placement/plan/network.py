@@ -30,7 +30,6 @@ from rastercov.base import (
 )
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import points
-from rastercov.core.area.by_camera import ByCamera, cameras_apart
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
@@ -44,6 +43,7 @@ from rastercov.core.coverage.coverage import (
     open_observer,
 )
 from rastercov.core.coverage.doubts import find_warnings
+from rastercov.core.coverage.evaluation import ByCamera, cameras_apart
 from rastercov.core.coverage.network import Network, share_of_faces
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh

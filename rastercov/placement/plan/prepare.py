@@ -45,7 +45,7 @@ from rastercov.core.area.zones import areas_by_reason, dead_zones
 from rastercov.core.camera import Poses, Rig, gates_of, renumber, unit_warnings
 from rastercov.core.coverage.coverage import Observer, evaluate_batches, open_observer
 from rastercov.core.coverage.network import engine_for
-from rastercov.core.coverage.shard_inputs import INPUTS
+from rastercov.core.coverage.shards import INPUTS
 from rastercov.core.coverage.task import NAMES, REASONS, Reason, Task, density_text
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import n_words

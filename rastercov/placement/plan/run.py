@@ -47,7 +47,7 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import list_names, rows_of
 from rastercov.formats.cameras import read_views
-from rastercov.placement.candidates.refusals import Refusal
+from rastercov.placement.candidates.pool import Refusal
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import INTERRUPTED, Optimised, Refined, optimise, refine
 from rastercov.placement.plan.check import (
@@ -87,7 +87,7 @@ from rastercov.placement.plan.network import (
     whole_faces,
     with_areas,
 )
-from rastercov.placement.plan.phases import CarriedPoses, Carrier, carriers, phases_of
+from rastercov.placement.plan.phases import CarriedPoses, Carrier, Product, carriers, phases_of
 from rastercov.placement.plan.prepare import (
     Clock,
     PlanJob,
@@ -99,9 +99,8 @@ from rastercov.placement.plan.prepare import (
     sample_candidates,
     without,
 )
-from rastercov.placement.plan.product import Product
 from rastercov.placement.plan.scene import CandidatePool, name_scene
-from rastercov.placement.plan.sections import AllSelection, FewestSelection, SelectionSection
+from rastercov.placement.plan.sections import AllSelection, FewestSelection
 from rastercov.placement.plan.shortfall import area_of_all, shortfall, views_for_zones, ways
 from rastercov.placement.required import HOLDS
 from rastercov.placement.select.methods import select_by
@@ -536,7 +535,7 @@ def measure_by_face(
     """Cameras or rigs measured by face, and the requirements of a plan by face."""
     cameras = measure_network(objectives.faces, mounted)
     seeable_areas(prepared.plan, cameras.network)  # refuses cameras that see into bodies
-    is_part = _is_of_reachable(prepared.selection) and prepared.cells is None
+    is_part = _is_of_reachable(prepared) and prepared.cells is None
     reachable = prepared.problem.reachable if is_part else None
     weights, limits = objectives.faces.integer_weights, limits_of(prepared.selection)
     required = classify_network(
@@ -588,7 +587,7 @@ def _by_area(
     if not prepared.problem.reachable.any() and not len(cameras.placed) and len(candidates):
         cameras.areas.instead = sample_candidates(plan, candidates)
     required: tuple[Requirement, ...]
-    if _is_of_reachable(prepared.selection) and prepared.reachable is None:
+    if _is_of_reachable(prepared) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
         covered = on_cells.covered(covers, on_cells.eyes(cameras.mounted))
         cells, reachable = on_cells.elements, problem.reachable
@@ -661,14 +660,15 @@ def _is_hidden(placement: Placement) -> bool:
     return placement.carried is not None and bool(placement.carried.is_hidden.any())
 
 
-def _is_of_reachable(selection: SelectionSection) -> bool:
+def _is_of_reachable(prepared: Prepared) -> bool:
     """True where the required shares are of what all candidates cover."""
+    selection = prepared.selection
     return isinstance(selection, FewestSelection) and selection.of_reachable
 
 
 def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
     """With the exact area of all candidates where shares are of it and it is affordable."""
-    if not _is_of_reachable(prepared.selection):
+    if not _is_of_reachable(prepared):
         return prepared
     with clock("area of all candidates") as progress:
         return replace(prepared, reachable=area_of_all(prepared, finder, progress))
@@ -785,7 +785,7 @@ def _may_be_fewer(placement: Placement) -> bool:
         and is_asked
         and is_simple
         and len(costs) == 1
-        and not _is_of_reachable(prepared.selection)
+        and not _is_of_reachable(prepared)
     )
 
 
@@ -825,7 +825,7 @@ def is_lowered(prepared: Prepared) -> bool:
     """True where cells do not reach the goal of a plan, and another took its place."""
     goal = prepared.problem.goal
     is_partial = isinstance(goal, FewestCameras) and goal.of_reachable
-    return is_partial and not _is_of_reachable(prepared.selection)
+    return is_partial and not _is_of_reachable(prepared)
 
 
 def _raise_goals(placement: Placement) -> Prepared:

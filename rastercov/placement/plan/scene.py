@@ -32,8 +32,7 @@ from rastercov.core.mesh import Mesh, shapes
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.groups import FileGroups, Names, names_beside, refuse_twice
 from rastercov.placement.candidates import mounting
-from rastercov.placement.candidates.pool import Candidates, Framing
-from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
+from rastercov.placement.candidates.pool import Candidates, Framing, Refusal, by_words, in_words
 from rastercov.placement.candidates.rooms import (
     KeepOutBox,
     KeepOutSphere,
@@ -45,9 +44,15 @@ from rastercov.placement.candidates.rooms import (
 )
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.entries import Entry, no_limit, value_of
+from rastercov.placement.plan.entries import (
+    Entry,
+    Framed,
+    Generator,
+    GeneratorScene,
+    no_limit,
+    value_of,
+)
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, moving_bodies
-from rastercov.placement.plan.generator import Framed, Generator, GeneratorScene
 from rastercov.placement.plan.generators import PerCavity, PerSegment
 from rastercov.placement.plan.phases import carriers, hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry

@@ -39,7 +39,7 @@ from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.task import BETWEEN, NAMES, REASONS, Reason, Task, code_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
-from rastercov.placement.candidates.refusals import Refusal, by_words, in_words
+from rastercov.placement.candidates.pool import Refusal, by_words, in_words
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.network import (
     AreaRequirement,

@@ -396,7 +396,7 @@ PAIRS_A_LOOK = 5_000_000
 """Pairs of candidates compared between two checks of the clock when directions are separated."""
 
 
-def select_by(asked: "SelectionBase", problem: Problem, seconds: float | None = None) -> Selection:
+def select_by(asked: "SelectionBase", problem: Problem, seconds: float | None) -> Selection:
     """Selection by `method` of a section of a plan, its `seed`, and `time_limit` or `seconds`."""
     if asked.method == "greedy":
         return select_greedy(problem, seed=asked.seed)

@@ -7,7 +7,7 @@ import numpy as np
 from annotated_types import Ge
 from typing_extensions import Doc
 
-from rastercov.base.memory import BoolArray, FloatArray
+from rastercov.base.arguments import BoolArray, FloatArray
 from rastercov.core.coverage.criterion import Criterion, Wording, Words
 from rastercov.core.mesh import Mesh
 

@@ -11,9 +11,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from rastercov.base.arguments import AnyArray
 from rastercov.base.errors import MeshError
 from rastercov.base.files import UnknownNames, Vocabulary
-from rastercov.base.memory import AnyArray
 from rastercov.formats.meshes.polygons import (
     Polygons,
     broken,
