@@ -501,23 +501,14 @@ def element_figures(
     problem: Problem, elements: Mesh, poses: Poses, cameras: Sequence[Any]
 ) -> ByName:
     """Views, best density and its camera, widest angle and whether it is covered, (E,), by name."""
-    from rastercov.base import read_only
-    from rastercov.core.coverage.face_pass import lens_of
+    from rastercov.placement.footprints import best_densities  # with shapely
 
-    n = problem.n_faces
-    starts, camera = by_face(*problem.bits.pairs(), n)
-    arrays = (elements.centroids, elements.normals, poses.world_from_camera)
-    points, normals, matrices = (read_only(array, np.float64) for array in arrays)
-    best, by = np.zeros(n), np.full(n, -1, np.int32)
-    for index, _ in poses.by_camera():
-        coverage_spread.best_densities(
-            (starts, camera, points, normals), matrices, poses.camera, index,
-            lens_of(cameras[index]), best, by,
-        )  # fmt: skip
-    widest = np.empty(n)
-    coverage_spread.widest_angles(
-        starts, camera, points, np.ascontiguousarray(problem.eyes), widest
-    )
+    starts, camera = by_face(*problem.bits.pairs(), problem.n_faces)
+    points = elements.centroids
+    best, by = best_densities(starts, camera, (points, elements.normals), poses, cameras)
+    widest = np.empty(problem.n_faces)
+    eyes = np.ascontiguousarray(problem.eyes)
+    coverage_spread.widest_angles(starts, camera, np.ascontiguousarray(points), eyes, widest)
     views, covered = problem.covered_by(np.arange(len(poses)))
     return {
         "views": views, "covered": covered & (problem.weights > 0), "best_density": best,

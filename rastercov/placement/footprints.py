@@ -465,18 +465,30 @@ def _densities(
     cameras: Sequence[Camera],
 ) -> FloatArray:
     """(N,) least pixel density on the surface at points, each by its pose, px/m."""
-    n = len(points)
+    return best_densities(np.arange(len(points) + 1), pose, (points, normals), poses, cameras)[0]
+
+
+def best_densities(
+    starts: IntArray,
+    pose: Int32Array,
+    on: tuple[FloatArray, FloatArray],
+    poses: Poses,
+    cameras: Sequence[Camera],
+) -> tuple[FloatArray, Int32Array]:
+    """Greatest least density by the poses that see each of N points, (N,) px/m, and its camera.
+
+    `starts`, (N + 1,), are the limits in `pose` of those of each point; `on` are points and
+    normals, (N, 3).
+    """
+    n = len(starts) - 1
     best, by = np.zeros(n), np.full(n, -1, np.int32)
-    arrays = (points, normals, poses.world_from_camera)
-    at, across, matrices = (read_only(array, np.float64) for array in arrays)
-    starts = np.arange(n + 1)
+    points, normals, matrices = (
+        read_only(array, np.float64) for array in (*on, poses.world_from_camera)
+    )
     for index, _ in poses.by_camera():
-        lens = lens_of(cameras[index])
-        of = poses.camera
-        coverage_spread.best_densities(
-            (starts, pose, at, across), matrices, of, index, lens, best, by
-        )
-    return best
+        lens, pairs = lens_of(cameras[index]), (starts, pose, points, normals)
+        coverage_spread.best_densities(pairs, matrices, poses.camera, index, lens, best, by)
+    return best, by
 
 
 def _strips(eyes: FloatArray) -> list[IntArray]:

@@ -14,7 +14,7 @@ MOST_ROWS = 12
 """Rows of a table at first sight."""
 
 
-def entries_at(summary: ReadByName, level: int | None = None) -> list[ReadByName]:
+def entries_at(summary: ReadByName, level: int | None) -> list[ReadByName]:
     """Figures of the parts at a level, and of the groups that are above it or at it.
 
     Unless given, the level is the deepest with at most `MOST_ROWS` of them to be seen, or 1.

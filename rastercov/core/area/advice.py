@@ -171,7 +171,7 @@ def general_advice(name: str) -> str:
     return GENERAL.get(name, REASONS[name].advice).format(hider=SOMETHING)
 
 
-def depth_in_words(depth: Sequence[float] | FloatArray, unit: str = "m") -> str:
+def depth_in_words(depth: Sequence[float] | FloatArray, unit: str) -> str:
     """Least and greatest depth: "0.4 to 0.6 m", or "0.4 m" where they are the same."""
     near, far = in_words(min(depth), unit), in_words(max(depth), unit)
     if near == far:

@@ -231,7 +231,7 @@ class OpenDirections:
         score = share * wide * hemicube.directions[:, 2]
         order = sort_order(-score)
         order = order[share[order] > 0]
-        chosen = far_apart(hemicube.directions, order, math.radians(APART_DEG), FIRST_RAYS)
+        chosen = far_apart(hemicube.directions, order, FIRST_RAYS)
         more = order[:: max(1, len(order) // MORE_RAYS)]
         picks = np.concatenate((chosen, more))
         point = is_open[:, picks].argmax(axis=0)
@@ -271,13 +271,13 @@ class OpenDirections:
         return eyes[within], np.repeat(fits, STEPS)[within]
 
 
-def far_apart(directions: FloatArray, order: IntArray, angle: float, most: int) -> IntArray:
-    """First directions of an order, each at least `angle` apart from those before it."""
+def far_apart(directions: FloatArray, order: IntArray, most: int) -> IntArray:
+    """First directions of an order, each at least `APART_DEG` apart from those before it."""
     chosen: list[int] = []
     left = order
     while len(left) and len(chosen) < most:
         chosen.append(int(left[0]))
-        left = left[matmul(directions[left], directions[left[0]]) < cos(angle)]
+        left = left[matmul(directions[left], directions[left[0]]) < cos(math.radians(APART_DEG))]
     return np.array(chosen, np.int64)
 
 
@@ -634,7 +634,7 @@ def _classify(
         rows = np.flatnonzero(is_allowed[end - len(eyes) : end])
         _, nearest = np.unique(ray[rows], return_index=True)
         good = poses[end - len(eyes) + rows[nearest]]
-        chosen = far_apart(-good[:, :3, 2], np.arange(len(good)), math.radians(APART_DEG), views)
+        chosen = far_apart(-good[:, :3, 2], np.arange(len(good)), views)
         site.poses = list(good[chosen])
 
 

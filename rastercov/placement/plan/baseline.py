@@ -189,7 +189,7 @@ def words(share: Told) -> str:
     return f"{name} {number(100 * abs(more))} percentage points{lost} to {percent(share['share'])}"
 
 
-def read_baseline(path: StrPath | None, allow_worse: str | float | None = None) -> Told | None:
+def read_baseline(path: StrPath | None, allow_worse: str | float | None) -> Told | None:
     """The outcome of an earlier check, `check.json`, and the loss that is accepted; None for none.
 
     Raises
