@@ -9,15 +9,9 @@ from typer import Argument, Option
 from rastercov.base import ByName, CameraError, ConfigError, PoseError
 from rastercov.base.format import area
 from rastercov.cli import options
-from rastercov.cli.console import (
-    print_lines,
-    print_network,
-    progress_bar,
-    report_skips,
-    say,
-    warn,
-)
+from rastercov.cli.console import print_lines, report_skips, say, warn
 from rastercov.cli.inputs import UNIT, SceneOptions, in_metres, lines_of_lost_poses, read_sheet
+from rastercov.cli.terminal import print_network, progress_bar
 from rastercov.core.camera import Border, Conventions, Views, unit_warnings
 from rastercov.core.coverage.task import Task
 from rastercov.formats.cameras import read_through

@@ -10,7 +10,8 @@ from typer import Argument, Option
 
 from rastercov.base import ByName, ConfigError, check_choice, json_text
 from rastercov.cli import options
-from rastercov.cli.console import Console, print_lines
+from rastercov.cli.console import print_lines
+from rastercov.cli.terminal import Console
 from rastercov.core.camera import Camera
 from rastercov.core.camera.catalogue import KINDS, Catalogue, catalogue, price_of
 from rastercov.core.camera.projection import angles_of_view

@@ -16,15 +16,14 @@ from rastercov.cli.console import (
     SETTINGS,
     Command,
     CommandGroup,
-    Console,
     out_option,
     print_lines,
-    progress_bar,
     size_line,
     warn,
 )
 from rastercov.cli.inputs import SceneOptions, read_eyes
 from rastercov.cli.options import AsJson
+from rastercov.cli.terminal import Console, progress_bar
 from rastercov.core.camera import Camera, Conventions, Poses, unit_warnings
 from rastercov.core.camera.rig import check_central
 from rastercov.core.mesh import Mesh

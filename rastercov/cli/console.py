@@ -19,12 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
-from rich import console
-from rich.console import RenderableType
-from rich.segment import Segment
 
 import rastercov
-from rastercov.base import ByName, RastercovError, ReadByName, first_of, plural, shorten
+from rastercov.base import ByName, RastercovError, plural, shorten
 from rastercov.base.errors import PartMadeError, is_out_of_memory
 from rastercov.base.interrupts import (
     ABANDONED,
@@ -51,22 +48,6 @@ from typer.core import TyperCommand, TyperGroup
 
 LONGEST_WORD, LONGEST_LINE = 200, 600
 """Characters that are printed of a name or value without spaces, and of a line."""
-
-
-class Console(console.Console):
-    """Console of Rich, which leaves a broken pipe to us: its own ends the process with 1."""
-
-    def on_broken_pipe(self) -> None:
-        """Raise the error again."""
-        raise
-
-    def render(
-        self, renderable: RenderableType, options: console.ConsoleOptions | None = None
-    ) -> Iterator[Segment]:
-        """Segments of `plain` text, whatever the names in it hold."""
-        for text, style, control in super().render(renderable, options):
-            lines = [text] if control else map(plain, text.split("\n"))
-            yield Segment("\n".join(lines), style, control)
 
 
 NO_READER = 141
@@ -317,20 +298,6 @@ def report_skips(skipped: Mapping[int, str], *, is_accepted: bool) -> None:
         raise typer.Exit(1)
 
 
-def print_network(
-    summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
-) -> None:
-    """Print a table of the parts that cameras cover, where there are several, and their types."""
-    from rastercov.placement.parts import part_rows
-    from rastercov.report.tables import camera_rows, summary_table
-
-    console = Console()
-    if has_parts and (level is not None or len(part_rows(summary)) > 1):
-        console.print(summary_table(summary, level, unit))
-    if rows := [f"{name} {share}" for name, *_, share in camera_rows(summary)]:
-        print(f"Covered by each camera type alone: {first_of(rows)}")
-
-
 def size_line(mesh: "Mesh") -> str:
     """Faces and size of a scene; a wrong unit shows in it."""
     return f"{plural(mesh.n_faces, 'face')}, {mesh.size_in_words}"
@@ -464,48 +431,6 @@ def show_waits(command: str) -> Iterator[None]:
             ended.set()
             if thread.is_alive():
                 thread.join()
-
-
-@contextmanager
-def progress_bar(what: str = "poses", then: str = "") -> Iterator[Callable[[int, int], None]]:
-    """Progress with the time left: a bar on a terminal, lines on standard error elsewhere.
-
-    Lines after the last report name what comes `then`, such as "report"; a count from 0 after it is
-    of that.
-    The time counts from the first report on: what an earlier run had done says nothing about it.
-    """
-    console = Console(stderr=True)
-    if not (console.is_terminal and sys.stderr.isatty()):  # whatever FORCE_COLOR says
-        lines = ProgressLines(what, then)
-        with show_lines(lines):
-            yield lines
-        return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(what, total=None, start=False)
-
-        def update(done: int, total: int) -> None:
-            own = bar.tasks[0]
-            if own.started and not (own.finished and done == 0):
-                bar.update(task, completed=done, total=total)
-            else:
-                name = then if own.finished and then else own.description
-                bar.reset(task, completed=done, total=total, description=name)
-
-        yield update
 
 
 def exit_codes(command: str) -> str:

@@ -16,8 +16,8 @@ from rich.text import Text
 
 from rastercov.base import ByName, shorten
 from rastercov.base.arguments import free_memory
-from rastercov.cli.console import Console
 from rastercov.cli.options import AsJson
+from rastercov.cli.terminal import Console
 
 Report = ByName
 Rows = Sequence[tuple[str, ...]]

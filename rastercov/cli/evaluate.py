@@ -28,17 +28,9 @@ from rastercov.base import (
 from rastercov.base.format import percent, verb
 from rastercov.base.output import write_npz
 from rastercov.cli import options
-from rastercov.cli.console import (
-    Console,
-    out_option,
-    print_lines,
-    print_network,
-    progress_bar,
-    report_skips,
-    say,
-    warn,
-)
+from rastercov.cli.console import out_option, print_lines, report_skips, say, warn
 from rastercov.cli.inputs import SceneOptions, poses_around, read_eyes, read_sheet
+from rastercov.cli.terminal import Console, print_network, progress_bar
 from rastercov.core.area.features import narrow
 from rastercov.core.camera import Camera, Cameras, Conventions, Poses, names_of_poses, unit_warnings
 from rastercov.core.camera.rig import with_equipment

@@ -6,8 +6,9 @@ from rich.table import Table
 from rastercov.base import ByName, FloatArray, json_text, plural
 from rastercov.base.format import area, size_in_words
 from rastercov.cli import options
-from rastercov.cli.console import Console, print_lines, size_line, warn
+from rastercov.cli.console import print_lines, size_line, warn
 from rastercov.cli.inputs import SceneOptions
+from rastercov.cli.terminal import Console
 from rastercov.core.mesh.groups import at_level
 from rastercov.core.mesh.mesh import Mesh
 

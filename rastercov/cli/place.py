@@ -21,16 +21,7 @@ from rastercov.base import (
     plural,
     shown,
 )
-from rastercov.cli.console import (
-    Console,
-    out_option,
-    print_lines,
-    print_network,
-    progress_bar,
-    say,
-    size_line,
-    warn,
-)
+from rastercov.cli.console import out_option, print_lines, say, size_line, warn
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
     AsJson,
@@ -40,6 +31,7 @@ from rastercov.cli.options import (
     ProcessOptions,
     expand_options,
 )
+from rastercov.cli.terminal import Console, print_network, progress_bar
 from rastercov.core.camera import Conventions
 from rastercov.core.mesh.groups import list_names
 

@@ -9,8 +9,9 @@ from typer import Option
 
 from rastercov.base import ConfigError
 from rastercov.cli import options
-from rastercov.cli.console import out_option, print_lines, progress_bar, say, warn
+from rastercov.cli.console import out_option, print_lines, say, warn
 from rastercov.cli.inputs import SceneOptions
+from rastercov.cli.terminal import progress_bar
 from rastercov.cli.view import RigOption, Sources, open_scene
 from rastercov.core.camera import Conventions, Rig, unit_warnings
 from rastercov.core.coverage.task import Task

@@ -12,8 +12,9 @@ from rastercov.base import ByName, CameraError, ConfigError, shorten, shown
 from rastercov.base.arguments import positive
 from rastercov.base.format import text_with_bound
 from rastercov.cli import options
-from rastercov.cli.console import out_option, print_lines, progress_bar, warn
+from rastercov.cli.console import out_option, print_lines, warn
 from rastercov.cli.inputs import SceneOptions
+from rastercov.cli.terminal import progress_bar
 from rastercov.core.camera import size_warnings
 from rastercov.core.camera.sun import NORTH_DEG, angle, sun_directions
 from rastercov.core.mesh.groups import names_of_groups

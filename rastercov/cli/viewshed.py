@@ -7,8 +7,9 @@ import typer
 from typer import Argument, Option
 
 from rastercov.base import ConfigError, check_choice, check_place, json_text
-from rastercov.cli.console import out_option, print_lines, progress_bar, say
+from rastercov.cli.console import out_option, print_lines, say
 from rastercov.cli.options import AsJson, expand_options
+from rastercov.cli.terminal import progress_bar
 
 
 class EyeOptions(NamedTuple):

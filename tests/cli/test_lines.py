@@ -15,11 +15,11 @@ from rastercov.cli.console import (
     LONGEST_WORD,
     exit_code,
     group,
-    progress_bar,
     say,
     show_lines,
     show_waits,
 )
+from rastercov.cli.terminal import progress_bar
 
 COMMAND = "evaluate box -c camera.toml -p sphere:2 -o out"
 OPTIONS = (

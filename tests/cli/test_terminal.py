@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 import rastercov as rc
-from rastercov.cli import console
+from rastercov.cli import console, terminal
 from rastercov.core.camera.conventions import write_poses
 from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.sections import Outputs
@@ -59,9 +59,9 @@ def test_tables_are_plain_but_for_their_own_styles(capsys):
     table = Table(HOSTILE, header_style="bold")
     table.add_row(Text(HOSTILE, "red"))
     for item in (table, HOSTILE, Text(f"a\n{HOSTILE}")):
-        console.Console().print(item)
+        terminal.Console().print(item)
         assert not {c for c in capsys.readouterr().out if not (c.isprintable() or c == "\n")}
-    console.Console(force_terminal=True, color_system="standard").print(table)
+    terminal.Console(force_terminal=True, color_system="standard").print(table)
     out = capsys.readouterr().out
     assert "\x1b[31m" in out  # the style of the cell
     assert not re.search("\x1b(?!\\[[0-9;]*m)|\x07|\x9b|\u202e", out)
