@@ -68,6 +68,7 @@ from rastercov.report.pages import (
     describe_mode,
     describe_scene,
     describe_stations,
+    kept,
     plain_of,
     soup_origin,
     with_live_data,
@@ -295,10 +296,10 @@ def view_of(
     is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
     shown = {"level": is_site, **of_gates(gates_of(cameras).values())}
     modes = [name for name in MODES if name in LIVE_MODES and shown.get(name, True)]
-    types = names_of(cameras)
+    types, fields = names_of(cameras), task_fields()
     scene = describe_scene(title, mesh, poses.world_from_camera, unit) | {
         "can_edit": True,
-        "task_fields": task_fields(),
+        "task_fields": fields,
         "levels": DORI if is_site else {},
         "camera_fields": CAMERA_FIELDS + LENS_FIELDS,
         "modes": [describe_mode(name, MODES[name]) for name in modes],
@@ -573,7 +574,7 @@ def _colours(unit: str) -> ByName:
     }
 
 
-@cache
+@kept
 def _catalogue() -> str:
     """Central cameras of the catalogue, as `Camera.from_dict` reads them: JSON, deflated."""
     cameras = {name: Camera.from_dict({"preset": name}) for name in catalogue(None).names()}
@@ -581,7 +582,7 @@ def _catalogue() -> str:
     return _deflate(np.frombuffer(json.dumps(own, allow_nan=False).encode(), np.uint8))
 
 
-@cache
+@kept
 def _deflate_module(name: str) -> str:
     module = engine(name)
     return "" if module is None else _deflate(np.frombuffer(module, np.uint8))

@@ -9,12 +9,16 @@ coloured anew, and not be edited. The viewer describes its scene with the same f
 
 import hashlib
 import json
+import marshal
 import math
 import re
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from importlib.util import cache_from_source
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,12 +33,14 @@ from rastercov.base import (
     ByName,
     FloatArray,
     IntArray,
+    RastercovError,
     ReadByName,
     ResourceError,
     norm,
     percent,
     plural,
     sampling,
+    write_bytes,
 )
 from rastercov.base.features import FEATURES
 from rastercov.base.format import area, base64_of, length, number, verb
@@ -87,12 +93,59 @@ def render(template: str, package: str = "rastercov.report", **values: object) -
     return _environment(package).get_template(template).render(values)
 
 
+def kept(make: Callable[..., str]) -> Callable[..., str]:
+    """Function whose texts are kept beside this file, as Python keeps code.
+
+    They depend on files of the package alone, and on words that are in the name of the file.
+    """
+
+    def known(*words: str) -> str:
+        path = Path(cache_from_source(Path(__file__).with_name(f"{make.__name__}{words}.py")))
+        with suppress(Exception):  # none, or a damaged one
+            state, text = marshal.loads(path.read_bytes())
+            if state == _state():
+                return str(text)
+        text = make(*words)
+        if not sys.dont_write_bytecode:
+            with suppress(OSError, RastercovError):
+                write_bytes(path, marshal.dumps((_state(), text)))
+        return text
+
+    return known
+
+
+@cache
+def _state() -> str:
+    """Times of the files of the package."""
+    every = Path(rastercov.__file__).parent.rglob("*.*[!c]")
+    return repr(sorted((str(path), path.stat().st_mtime_ns) for path in every))
+
+
 @cache
 def _environment(package: str) -> "Environment":
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+    from jinja2 import (
+        ChoiceLoader,
+        Environment,
+        FileSystemBytecodeCache,
+        PackageLoader,
+        StrictUndefined,
+        __version__,
+    )
+    from jinja2.bccache import Bucket
 
+    class Kept(FileSystemBytecodeCache):
+        """Code of templates, kept where there is room."""
+
+        def dump_bytecode(self, bucket: Bucket) -> None:
+            """Keep one."""
+            if not sys.dont_write_bytecode:
+                with suppress(OSError):
+                    super().dump_bytecode(bucket)
+
+    version = f"{__version__}-{Path(__file__).stat().st_mtime_ns}"
     environment = Environment(
         autoescape=True,
+        bytecode_cache=Kept(str(Path(cache_from_source(__file__)).parent), f"%s-{version}.pyc"),
         finalize=lambda value: value.replace("W/m2", "W/m²") if type(value) is str else value,
         keep_trailing_newline=True,
         loader=ChoiceLoader([PackageLoader(package), PackageLoader("rastercov.report")]),
@@ -553,6 +606,7 @@ def _one_file(kind: str, data: ReadByName, scripts: str = "", workers: str = "")
     return page_text("one_file.html", policy=policy, style=style, script=script, **parts)
 
 
+@kept
 def bundle_scripts(name: str) -> str:
     """A module and those that it imports as one script, which a policy can name by its hash.
 
