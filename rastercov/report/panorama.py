@@ -665,6 +665,8 @@ def draw_bodies(
     image: Image.Image, scene: DrawnScene, bodies: Sequence[tuple[Mesh, Colour]]
 ) -> tuple[Image.Image, DrawnScene]:
     """The picture of a scene with further bodies in it, and the scene with their depth."""
+    if not bodies:
+        return image, scene
     pixels, depth, setting = np.array(image), scene.depth.copy(), scene.setting
     for mesh, colour in bodies:
         buffer = draw_part(mesh, scene.camera, scene.pose, np.arange(mesh.n_faces))
