@@ -249,7 +249,7 @@ def record_cause(
     for goal in every:
         plan = goal.plan
         of_goal = {
-            "results by face": plan.unit_of_result()[0] != "area",
+            "results by face": not goal.is_by_area,
             "goals of the coverable area": plan.task.weight_by == "seeable",
         }
         n_pairs = (1 + len(every)) * n_poses

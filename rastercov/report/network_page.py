@@ -109,7 +109,7 @@ OF_CAMERA = " from each camera, facing ({}), in its axes: x right, y down, z ahe
 MOST_COLOURS = 60
 """Cameras that have a colour each in the overview."""
 MOST_CLOSE_UPS = 3
-"""Zones with a picture of their own."""
+"""Zones with a picture of their own, and goals."""
 MOST_GROUPS = 12
 """Groups of a goal with a line of their own."""
 MOST_FACES = 32
@@ -416,13 +416,13 @@ class NetworkPage:
         tasks |= self._close_ups()
         for each in self.goals[:MOST_CLOSE_UPS]:
             tasks |= each.page._close_ups(f"goal_{each.name}_") if each.is_short else {}
+            tasks[f"goal_{each.name}"] = each.picture
         for name in (each for each in OF_SENSORS if each in self.values):
             tasks[name] = partial(
                 mode_picture, name, self.mesh, self.values[name], poses, left=self.zones
             )
         if self.part is not None:
             tasks |= self.part.pictures
-        tasks |= {f"goal_{each.name}": each.picture for each in self.goals}
         names, table = list(tasks), {}
 
         def work(turn: slice) -> None:
@@ -432,8 +432,7 @@ class NetworkPage:
 
         progress(0, len(tasks))
         share_poses(len(tasks), [work] * thread_count(None))
-        images = ((name, table[name]) for name in names)
-        return {name: image for name, image in images if image is not None}
+        return {name: image for name in names if (image := table[name]) is not None}
 
     @cached_property
     def shown_zones(self) -> list[tuple[ReadByName, Sequence[str], str, list[str]]]:

@@ -18,7 +18,7 @@ from rastercov.core.camera import heads_of, led_by
 from rastercov.core.coverage.evaluation import regions
 from rastercov.placement.candidates.cavities import Access
 from rastercov.placement.candidates.rooms import KeepOutBox
-from rastercov.placement.plan.check import MOST_GOALS, Checked, to_json
+from rastercov.placement.plan.check import Checked, worst_of
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
@@ -237,11 +237,12 @@ def _goal_parts(placement: Placement | Checked) -> list[GoalPart]:
     """Goals of a plan for a page, those that lack most."""
     items = []
     of_goals = [each for each in placement.requirements if each.goal]
-    for row, each in enumerate(sorted(of_goals, key=lambda each: -each.lack)[:MOST_GOALS]):
+    for row, each in enumerate(worst_of(of_goals)):
         if (own := placement.goals.get(each.goal)) is None:
             continue
+        told = own.summary() if not each.is_most else dict.fromkeys(ZONES, ())
         is_shown = row < MOST_CLOSE_UPS or (each.is_most and each.status != HOLDS)
-        page = network_of(own, to_json(own), has_parts=is_shown)
+        page = network_of(own, {"network": told}, has_parts=is_shown)
         # Of what must not be seen the area that each camera sees.
         areas = None if own.by_camera is None else own.by_camera[int(not each.is_most)]
         groups = own.groups

@@ -43,6 +43,19 @@ def test_poses_cover_the_points_in_their_pieces_of_hostile_scenes(seed):
     assert_as_in_pieces(*hostile_scene(seed), rc.Task(), 500)
 
 
+@pytest.mark.parametrize("n", [1, 63, 64, 65, 3000])
+def test_the_poses_of_a_point_do_not_depend_on_the_points_before_it(n):
+    mesh, camera, poses = room()
+    regions = rc.regions(mesh, camera, poses.reshape(-1, 4, 4), TASK)
+    points, face = points_on(mesh, n, 1)
+    result = covering_poses(regions, face, points)
+    for order in (np.argsort(face, kind="stable"), np.random.default_rng(n).permutation(len(face))):
+        assert np.array_equal(covering_poses(regions, face[order], points[order]), result[order])
+    for row in range(0, len(face), max(1, len(face) // 40)):
+        alone = covering_poses(regions, face[row : row + 1], points[row : row + 1])
+        assert np.array_equal(alone[0], result[row])
+
+
 def test_no_points_and_no_poses_are_no_error():
     mesh, camera, poses = room()
     regions = rc.regions(mesh, camera, poses[:0], TASK)

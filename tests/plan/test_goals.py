@@ -37,6 +37,7 @@ from rastercov.placement.plan.goals import (
     AlikeGoals,
     _stack_goals,
     open_objectives,
+    permits_of,
     problems_of,
     separate_goals,
     with_goals,
@@ -55,6 +56,7 @@ from rastercov.placement.select.problem import (
     problem_of_matrix,
 )
 from rastercov.report.check import html_of
+from rastercov.report.network_page import MOST_CLOSE_UPS
 from rastercov.report.placement import network_of, pages_of
 from rastercov.report.plan import head_lines, poses_of, summary
 from rastercov.shards import silent
@@ -810,13 +812,18 @@ def test_shares_of_candidates_measured_together_are_those_of_each_goal_alone(
         for goal in alike.goals:
             alone = AlikeGoals([goal]).most_shares(placed, lambda *_: None)
             assert found[goal.name].tobytes() == alone[goal.name].tobytes()
-            permits = [goal.permits(goal.limit, goal.plan.rig, placed[[row]]) for row in range(6)]
+            asked = AlikeGoals([goal]), {goal.name: goal.limit}, goal.plan.rig
+            permits = [AlikeGoals.permits(*asked, placed[[row]]) for row in range(6)]
             if kind == "area":
                 assert [*(found[goal.name] <= goal.limit + 1e-9)] == permits
 
 
-def test_of_many_goals_the_worst_alone_are_explained(tmp_path, monkeypatch):
-    """The first lines of a check, and its record, examine as many goals as they list."""
+DENSE = {"at_most": 0.5, "min_facing_density": 1e6}
+
+
+@pytest.mark.parametrize("goal", [{"coverage": 0.5}, DENSE])
+def test_of_many_goals_the_worst_alone_are_explained(tmp_path, monkeypatch, goal):
+    """The lines of a check, and its record, examine as many goals as they list."""
     examined, check = [], _check_rig
     monkeypatch.setattr(
         "rastercov.placement.plan.check._check_rig",
@@ -824,12 +831,13 @@ def test_of_many_goals_the_worst_alone_are_explained(tmp_path, monkeypatch):
     )
     n = MOST_GOALS + 10
     of_squares(n, tmp_path)
-    goals = {f"of {row}": {"groups": [f"g{row}"], "coverage": 0.5} for row in range(1, n + 1)}
+    goals = {f"of {row}": {"groups": [f"g{row}"]} | goal for row in range(1, n + 1)}
     asked = plan(tmp_path / f"{n}.obj", goals=goals, task={})
     checked = rc.check(asked, rc.look_at([(0.5 * n, 0.5, 2.0 * n)], (0.5 * n, 0.5, 0.0)))
     assert all(each.status == "holds" for each in checked.requirements)
-    checked.lines()
+    checked.first_lines()
     assert len(examined) == 1  # the task
+    checked.lines()
     record(checked)
     assert len(examined) == 1 + MOST_GOALS
     with pytest.raises(KeyError):
@@ -853,3 +861,26 @@ def test_goals_of_a_page_have_pictures_and_groups_that_must_not_be_seen_a_proof(
             assert ends[-1] == (each.share == 0)
             assert line.endswith("seen, fails") == (each.share > 0)
     assert ends == [False, False, True, True]
+
+
+def test_no_more_pictures_are_drawn_and_no_more_is_measured_for_more_goals(tmp_path, monkeypatch):
+    """A page has pictures of the worst goals alone; advice is tried on all of a kind at once."""
+    runs, run = [], ExactPass._run
+    for n in (MOST_CLOSE_UPS + 2, 30):
+        of_squares(n, tmp_path)
+        goals = {f"of {row}": {"groups": [f"g{row}"], "at_most": 0.0} for row in range(1, n + 1)}
+        rig = rc.look_at([(0.5 * n, 0.5, 2.0 * n)], (0.5 * n, 0.5, 0.0))
+        checked = rc.check(plan(tmp_path / f"{n}.obj", goals=goals, task={}), rig)
+        page = network_of(checked, to_json(checked))
+        assert len(page.goals) == n
+        assert [part.status for part in page.goals] == ["fails"] * n
+        drawn = [name for name in page.draw() if name.startswith("goal_")]
+        assert drawn == [f"goal_{part.name}" for part in page.goals[:MOST_CLOSE_UPS]]
+        _, apart = separate_goals(checked.plan, checked.scene)
+        permits = permits_of([(goal, 0.0) for goal in apart])
+        with monkeypatch.context() as patch:
+            patch.setattr(ExactPass, "_run", lambda *own: runs.append(1) or run(*own))
+            assert not permits(checked.plan.rig, checked.cameras.placed)
+            away = Poses.of(rc.look_at([(0.5 * n, 0.5, -1)], (0.5 * n, 0.5, -2)))
+            assert permits(checked.plan.rig, away)
+    assert len(runs) == 4

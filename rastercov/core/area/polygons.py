@@ -73,19 +73,6 @@ def following(starts: IntArray) -> IntArray:
     return after
 
 
-def extents(values: FloatArray, starts: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest value of the corners of each polygon."""
-    if len(starts) < 2:
-        return values[:0], values[:0]
-    return np.minimum.reduceat(values, starts[:-1]), np.maximum.reduceat(values, starts[:-1])
-
-
-def boxes(xy: FloatArray, starts: IntArray) -> FloatArray:
-    """(N, 4) least and most x, least and most y."""
-    low, high = extents(xy, starts)
-    return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
-
-
 def _triangles(xy: FloatArray, starts: IntArray) -> tuple[FloatArray, FloatArray]:
     """Sums of two corners, and twice the area, of the triangle of each side and the first corner.
 
@@ -437,8 +424,8 @@ class FacePolygons(InOneLine):
         return to_world(self.mesh, np.repeat(self.face, np.diff(self.starts)), self.xy)
 
     @cached_property
-    def _lookup(self) -> tuple[IntArray, IntArray, FloatArray, IntArray, FloatArray]:
-        """Rows in the order of their faces, the first of each face, corners, starts and boxes."""
+    def _lookup(self) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
+        """Rows in the order of their faces, the first of each face, corners and starts."""
         order = sort_order(self.face)
         of_face = np.searchsorted(self.face[order], np.arange(self.mesh.n_faces + 1))
         return (
@@ -446,7 +433,6 @@ class FacePolygons(InOneLine):
             read_only(of_face, np.int64),
             read_only(self.xy, np.float64),
             read_only(self.starts, np.int64),
-            read_only(boxes(self.xy, self.starts), np.float64),
         )
 
 

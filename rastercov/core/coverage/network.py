@@ -318,13 +318,12 @@ class Network(InNotebook):
         def entry(name: str, rows: list[int]) -> ByName:
             scored = [row for row in rows if not mesh.groups[row].is_occluder]
             roles = {mesh.groups[row].role for row in scored or rows}
-            members = mesh._faces_of(scored or rows)
             return {
                 "name": name,
                 "role": roles.pop() if len(roles) == 1 else "task",
                 "two_sided": all(mesh.groups[row].is_two_sided for row in rows),
-                "faces": len(members),
-                **(figures(members) if scored else {}),
+                "faces": sum(len(mesh._by_group[row]) for row in scored or rows),
+                **(figures(mesh._faces_of(scored)) if scored else {}),
             }
 
         return {

@@ -384,6 +384,10 @@ class Group:
         """`"task"` (evaluated, occludes), `"occluder"` (occludes) or `"target"` (evaluated)."""
         return "occluder" if self.is_occluder else "target" if self.is_target else "task"
 
+    def _flagged(self, flags: ByName) -> "Group":
+        """The group with some flags."""
+        return self if flags.items() <= vars(self).items() else replace(self, **flags)
+
     def to_json(self) -> ByName:
         """Arguments of the constructor, ready for JSON; `is_target` only if it is true."""
         fields = dict(vars(self))
@@ -433,8 +437,7 @@ def flag_groups(
     items = []
     for group in groups:
         flags: ByName = {flag: group.name in own for flag, own in chosen.items() if own is not None}
-        is_same = flags.items() <= vars(group).items()
-        items.append(group if is_same else replace(group, **flags))
+        items.append(group._flagged(flags))
     return tuple(items)
 
 

@@ -634,6 +634,10 @@ def check(
     of_goals = [*apart.requirements.values()]
     permits = permits_of([(g, each.high) for g, each in zip(goals, of_goals, strict=True)])
     checked = _check_rig(plan, mesh, rig, limits, views, step, permits, adds_only=bool(goals))
+    if (areas := checked.cameras.areas) is not None:
+        with step("dead zones") as progress:
+            own = plan.rig, checked.cameras.placed, views_by_group(plan, views)
+            areas.dead_zones(*own, progress)
     required = [
         replace(each, plan_limit=asked[each.group])
         if asked.get(each.group, each.limit) != each.limit
@@ -706,10 +710,10 @@ def zone_of_goal(
     requirements: Sequence[Requirement], goals: Mapping[str, Checked], level: int | None = None
 ) -> list[str]:
     """Lines on the goal that lacks most, as of `Checked.zone_lines`; none where it is the task."""
-    worst = max(requirements, key=lambda each: each.lack, default=None)
-    if worst is None or worst.status == HOLDS or worst.goal not in goals:
-        return []
-    return goals[worst.goal].zone_lines(worst, level)
+    for worst in worst_of(requirements)[:1]:
+        if worst.status != HOLDS and worst.goal in goals:
+            return goals[worst.goal].zone_lines(worst, level)
+    return []
 
 
 class PlacedCameras(NamedTuple):
@@ -826,18 +830,24 @@ def reasons_of_goal(
     return goals[requirement.goal].explain(requirement, level)
 
 
+def worst_of(requirements: Sequence[Requirement]) -> list[Requirement]:
+    """Those that are explained, which lack most."""
+    return sorted(requirements, key=lambda each: -each.lack)[:MOST_GOALS]
+
+
 def lines_of_goals(
     requirements: Sequence[Requirement],
     reasons: Callable[[Requirement], list[str]],
     before: Collection[str],
     where: str = "",
 ) -> list[str]:
-    """Lines on all requirements as of `goal_lines`, with reasons, without those `before`."""
+    """Lines on all requirements as of `goal_lines`, the worst with reasons, without `before`."""
     first, others = goal_lines(requirements, where)
-    worst, lines = max(requirements, key=lambda each: each.lack, default=None), list[str]()
-    ranked = sorted(requirements, key=lambda each: each is not worst)
+    explained, lines = worst_of(requirements), list[str]()
+    ranked = sorted(requirements, key=lambda each: each is not explained[0])
     for line, each in zip([first, *others], ranked, strict=False):
-        own = [f"  {why}" for why in reasons(each) if why not in before]
+        said = reasons(each) if each in explained else ()
+        own = [f"  {why}" for why in said if why not in before]
         again = [why if why not in lines else f"{why.partition(':')[0]}: as above" for why in own]
         lines += [f"why the {line.partition(':')[0]}:" if line in before and own else line, *again]
     return [line for line in lines if line not in before]
@@ -848,7 +858,7 @@ def explain_goals(
 ) -> list[ByName]:
     """Reasons, zones and cameras of each goal, those that lack most first, ready for JSON."""
     items = list[ByName]()
-    for each in sorted(requirements, key=lambda each: -each.lack)[:MOST_GOALS]:
+    for each in worst_of(requirements):
         if (own := goals.get(each.goal)) is not None:
             told = {} if each.is_most else own.summary()
             items.append(
@@ -893,9 +903,6 @@ def _check_rig(
         if cameras.areas is not None:
             places, free = places_of(plan, mesh), partial(free_places, plan)
             cameras.areas.allowed = Allowed(places, permits=permits, adds_only=adds_only, free=free)
-            with step("dead zones") as progress:
-                wanted = views_by_group(plan, views)
-                cameras.areas.dead_zones(plan.rig, cameras.placed, wanted, progress)
         with step("uncovered faces") as progress:
             leftover = find_uncovered(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network, cameras.areas)
@@ -991,6 +998,7 @@ def to_json(checked: Checked) -> ByName:
     """The outcome, ready for JSON."""
     network = checked.summary()
     zones = {name: network.pop(name) for name in ZONES if name in network}
+    explained = worst_of(checked.requirements)
     return {
         "plan": str(checked.plan.path),
         "poses": str(checked.poses_file),
@@ -1010,7 +1018,9 @@ def to_json(checked: Checked) -> ByName:
         "result_warnings": (warned := warnings_of(checked.plan, checked.cameras)),
         "doubts": warned,
         "requirements": [
-            asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
+            asdict(each)
+            | {"short_by": each.short_by}
+            | {"reasons": checked.reasons(each) if each in explained else []}
             for each in checked.requirements
         ],
         "all": asdict(checked.whole),

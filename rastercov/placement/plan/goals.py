@@ -5,7 +5,7 @@ thresholds of the goal, in a scene in which only its groups are evaluated: all o
 targets, which hide nothing, are left out.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from dataclasses import asdict, replace
 from functools import cached_property
@@ -102,19 +102,14 @@ class OwnGoal:
     @cached_property
     def mesh(self) -> Mesh:
         """The scene, in which only the groups of the goal are evaluated."""
-        return self.scene_with(self.scored)
+        return keep_scored(self.scene, self.scored, is_most=self.is_most)
 
-    def scene_with(self, scored: Collection[str]) -> Mesh:
-        """The scene, in which some groups are evaluated.
+    @cached_property
+    def is_by_area(self) -> bool:
+        """True where its result is by area."""
+        return self.plan.unit_of_result()[0] == "area"
 
-        What must not be seen counts from either side, however it is wound.
-        """
-        mesh = keep_scored(self.scene, scored)
-        if not self.is_most:
-            return mesh
-        return mesh.with_groups(two_sided=[g.name for g in mesh.groups if not g.is_occluder])
-
-    @property
+    @cached_property
     def kind(self) -> tuple[object, ...]:
         """Key of what poses are measured by; goals of one kind are measured together.
 
@@ -125,25 +120,17 @@ class OwnGoal:
         apart = self.name if is_alone or not self.plan.is_still else ""
         return task.model_dump_json(), self.is_most, apart
 
-    @property
+    @cached_property
     def asked(self) -> str:
         """Groups that the plan names, and what counts as covered, in words."""
         of = f"For {', '.join(self.groups)}: " if self.groups else ""
-        by_face = self.plan.unit_of_result()[0] == "face"
-        return of + task_in_words(asdict(self.plan.build_task()), by_face=by_face)
+        return of + task_in_words(asdict(self.plan.build_task()), by_face=not self.is_by_area)
 
     def requirement_of(self, requirement: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""
         if self.is_most:
             return requirement.at_most(self.name, self.limit)
         return replace(requirement, goal=self.name)
-
-    def permits(self, share: float, camera: Cameras, poses: Poses) -> bool:
-        """True where some cameras cover together at most a share of the area of the goal."""
-        with closing(RegionPass(self.mesh, camera, self.plan.build_task())) as finder:
-            regions = finder.find(poses)
-        whole = self.mesh.areas[self.mesh.task_mask].sum()
-        return bool((regions.area + regions.bound).sum() / whole <= share + SHARE_TOLERANCE)
 
 
 def permits_of(goals: Sequence[tuple[OwnGoal, float]]) -> Callable[[Cameras, Poses], bool] | None:
@@ -154,14 +141,15 @@ def permits_of(goals: Sequence[tuple[OwnGoal, float]]) -> Callable[[Cameras, Pos
     goals : sequence of (OwnGoal, float)
         Each with the largest share that cameras cover of it.
     """
-    rest = [
-        (goal, max(goal.limit - high, 0.0))
+    rest = {
+        goal.name: max(goal.limit - high, 0.0)
         for goal, high in goals
-        if goal.is_most and goal.plan.unit_of_result()[0] == "area"
-    ]
+        if goal.is_most and goal.is_by_area
+    }
+    every = AlikeGoals.of([goal for goal, _ in goals if goal.name in rest])
 
     def permits(camera: Cameras, poses: Poses) -> bool:
-        return all(goal.permits(share, camera, poses) for goal, share in rest)
+        return all(alike.permits(rest, camera, poses) for alike in every)
 
     return permits if rest else None
 
@@ -222,27 +210,31 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
     return plan.model_copy(update={"task": plan.task.model_copy(update=changes), "goals": {}})
 
 
-def keep_scored(mesh: Mesh, names: Collection[str]) -> Mesh:
-    """The mesh with some groups evaluated; others occlude, but targets among them are omitted."""
+def keep_scored(mesh: Mesh, names: Collection[str], *, is_most: bool = False) -> Mesh:
+    """The mesh with some groups evaluated; others occlude, but targets among them are omitted.
+
+    What must not be seen, `is_most`, counts from either side, however it is wound.
+    """
     own, groups = set(names), mesh.groups
     is_gone = np.array([group.is_target and group.name not in own for group in groups])
     kept = ~is_gone[mesh.face_group]
     if not kept.all():
-        mesh = Mesh(
-            vertices=mesh.vertices,
+        mesh = replace(
+            mesh,
             faces=mesh.faces[kept],
-            groups=groups,
             face_group=mesh.face_group[kept],
             source_face=mesh.source_face[kept],
-            sources=mesh.sources,
-            notes=mesh.notes,
-            spaces=mesh.spaces,
         )
-    changes = [group.is_occluder == (group.name in own) for group in groups]
     return mesh._with_flags(
         tuple(
-            replace(group, is_occluder=not group.is_occluder, is_target=False) if turns else group
-            for group, turns in zip(groups, changes, strict=True)
+            group._flagged(
+                {
+                    "is_occluder": group.name not in own,
+                    "is_target": group.is_target and group.name in own,
+                    "is_two_sided": group.name in own if is_most else group.is_two_sided,
+                }
+            )
+            for group in groups
         )
     )
 
@@ -305,7 +297,8 @@ class AlikeGoals:
         first = self.goals[0]
         if len(self.goals) == 1:
             return first.mesh
-        return first.scene_with({name for each in self.goals for name in each.scored})
+        scored = {name for each in self.goals for name in each.scored}
+        return keep_scored(first.scene, scored, is_most=first.is_most)
 
     def step(
         self, step: Callable[[str], AbstractContextManager[Progress]]
@@ -356,6 +349,17 @@ class AlikeGoals:
         pairs = zip(self.goals, found, strict=True)
         return {goal.name: goal.requirement_of(replace(each, **whole)) for goal, each in pairs}
 
+    def permits(self, shares: Mapping[str, float], camera: Cameras, poses: Poses) -> bool:
+        """True where some cameras cover together at most a share of the area of each goal."""
+        mesh = self.mesh
+        with closing(RegionPass(mesh, camera, self.plan.build_task())) as finder:
+            regions = finder.find(poses)
+        most = np.bincount(regions.pair_face, regions.area + regions.bound, mesh.n_faces)
+        return all(
+            most[is_own].sum() / mesh.areas[is_own].sum() <= shares[name] + SHARE_TOLERANCE
+            for name, is_own in self.own_faces
+        )
+
     def most_shares(self, placed: Poses, progress: Progress) -> dict[str, FloatArray]:
         """(C,) share of each goal's area, or faces, that each candidate may cover, its bound in it.
 
@@ -364,7 +368,7 @@ class AlikeGoals:
         plan, mesh = self.plan, self.mesh
         with open_objectives(plan, mesh, None) as opened:
             faces = opened.faces
-            if plan.unit_of_result()[0] != "area":
+            if not self.goals[0].is_by_area:
                 covers = faces.covers(placed).reshape(len(placed), faces.width, mesh.n_faces)
                 covered = np.asarray(covers.any(axis=1))
                 own = [(name, replace(faces, integer_weights=w)) for name, w in self.whole_weights]
@@ -458,7 +462,7 @@ class OpenGoal:
     @cached_property
     def cells(self) -> Cells | None:
         """Patches of the goal; None by face."""
-        if self.goal.plan.unit_of_result()[0] != "area":
+        if not self.goal.is_by_area:
             return None
         return cells(self.goal.mesh, usual_size(self.goal.mesh, self.n_goals))
 
