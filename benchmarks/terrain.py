@@ -1,14 +1,16 @@
 """Viewsheds of rasters: CPU seconds an observer, memory, and wrong samples of other programs.
 
-python benchmarks/terrain.py [heights along a side] [--raster dem.tif] [--json]
+python benchmarks/terrain.py [heights along a side] [--raster dem.tif] [--python P] [--json]
 
-GDAL and GRASS are asked where they are installed, on the plane earth, from the middle of the raster
-(one of mountains unless given) and 10 m above it.
+GDAL, GRASS and xarray-spatial (of the interpreter P) are asked where they are installed, on the
+plane earth, from the middle of the raster (one of mountains unless given) and 10 m above it. Their
+samples are compared with exact lines of sight over the same surface, in integers.
 """
 
 import resource
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 import warnings
@@ -20,13 +22,30 @@ from rows import Report, arguments
 
 import rastercov as rc
 from rastercov.core.mesh.files import raster_of
+from rastercov.core.mesh.terrain import Raster
 from rastercov.survey.geo import geotiff
 
 SPACING = 30.0
 HEIGHT = 10.0
 """Of the eyes above the ground, m."""
-SEEN = {"GDAL": 255, "GRASS": 1}
-"""Values of visible samples."""
+LINES = 400
+"""Random samples to which exact lines of sight are drawn."""
+XARRAY = """
+import sys, time
+import numpy as np, xarray, xrspatial
+from PIL import Image
+heights = np.asarray(Image.open(sys.argv[1]), float)
+x, y, dx, dy, column, row = map(float, sys.argv[3:9])
+xs = x + dx * (np.arange(heights.shape[1]) - column)
+ys = y - dy * (np.arange(heights.shape[0]) - row)
+raster = xarray.DataArray(heights, coords={"y": ys, "x": xs}, dims=("y", "x"))
+for _ in range(2):  # numba compiles in the first
+    began = time.process_time()
+    angles = xrspatial.viewshed(raster, x=x, y=y, observer_elev=float(sys.argv[9]))
+Image.fromarray((angles.values != -1).astype(np.uint8)).save(sys.argv[2])
+print(time.process_time() - began)
+"""
+"""Program that writes what xarray-spatial sees, and prints its CPU seconds without compilation."""
 
 
 def relief(side: int, seed: int = 0) -> np.ndarray:
@@ -54,18 +73,57 @@ def by_samples(heights: np.ndarray, eye: np.ndarray) -> np.ndarray:
     return (heights - eye[2]) / np.maximum(np.hypot(i - eye[0], j - eye[1]), 1e-9) >= horizon
 
 
+def is_visible(heights: list[list[int]], eye: tuple[int, int, int], i: int, j: int) -> bool:
+    """True where no side of a triangle crosses the line from the eye to a sample, exactly.
+
+    The line crosses rows, columns and diagonals of the grid at parts n / d of its length.
+    """
+    down, right, rise = i - eye[0], j - eye[1], heights[i][j] - eye[2]
+    for steps, side in ((down, (0, 1)), (right, (1, 0)), (down - right, (1, 1))):
+        d = abs(steps)
+        for n in range(1, d):
+            row, down_part = divmod(eye[0] * d + n * down, d)
+            column, right_part = divmod(eye[1] * d + n * right, d)
+            part = down_part if side[0] else right_part
+            step = part > 0
+            following = heights[row + side[0] * step][column + side[1] * step]
+            ground = heights[row][column] * (d - part) + following * part
+            if ground > eye[2] * d + n * rise:
+                return False
+    return True
+
+
+def exact_samples(heights: np.ndarray, row: int, column: int) -> dict[tuple[int, int], bool]:
+    """Whether random samples are visible from above another one, on the surface of triangles."""
+    scaled = [[int(each) for each in line] for line in (heights * 2.0**80).tolist()]
+    eye = (row, column, scaled[row][column] + int(HEIGHT * 2**80))
+    rng = np.random.default_rng(0)
+    places = rng.integers((0, 0), heights.shape, (LINES, 2)).tolist()
+    return {(i, j): is_visible(scaled, eye, i, j) for i, j in places if (i, j) != (row, column)}
+
+
 def run(command: list[str]) -> float:
-    """CPU seconds of a program."""
+    """CPU seconds of a program, as it prints them or as counted."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command, check=True, capture_output=True)
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if XARRAY in command:
+        return float(printed)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def commands(path: Path, place: tuple[float, float], out: Path) -> dict[str, list[str]]:
+def commands(
+    path: Path, raster: Raster, at: tuple[int, int], python: str, out: Path
+) -> dict[str, list[str]]:
     """Commands of the programs that are here, which write whether each sample is visible."""
+    row, column = at
+    place = raster.origin[0] + raster.xy[0][column], raster.origin[1] + raster.xy[1][row]
     x, y = (f"{each:.10g}" for each in place)
     found = {}
+    if subprocess.run([python, "-c", "import xrspatial"], capture_output=True).returncode == 0:
+        numbers = *place, *raster.spacing, column, row, HEIGHT
+        files = str(path), str(out / "xarray-spatial.tif")
+        found["xarray-spatial"] = [python, "-c", XARRAY, *files, *map(str, numbers)]
     if shutil.which("gdal_viewshed"):
         eye = ["-ox", x, "-oy", y, "-oz", str(HEIGHT), "-cc", "0", "-md", "0"]
         found["GDAL"] = ["gdal_viewshed", "-q", *eye, str(path), str(out / "GDAL.tif")]
@@ -81,8 +139,8 @@ def commands(path: Path, place: tuple[float, float], out: Path) -> dict[str, lis
     return found
 
 
-def compare(report: Report, path: Path) -> None:
-    """Samples that others call visible with nothing visible around them, and the reverse."""
+def compare(report: Report, path: Path, python: str) -> None:
+    """Samples of others against exact lines of sight, and against the visible area around them."""
     raster = raster_of(path)
     row, column = (each // 2 for each in raster.heights.shape)
     place = [raster.origin[k] + raster.xy[k][at] for k, at in enumerate((column, row))]
@@ -94,11 +152,21 @@ def compare(report: Report, path: Path) -> None:
     around = [padded[i : i + rows, j : j + columns] for i in (0, 1) for j in (0, 1)]
     with warnings.catch_warnings(action="ignore"):  # of holes
         most, least = np.nanmax(around, axis=0), np.nanmin(around, axis=0)
+    exact = {} if np.isnan(raster.heights).any() else exact_samples(raster.heights, row, column)
+    # A visible point has something visible around it, a hidden one something hidden.
+    wrong = sum(most[at] < 1e-12 if seen else least[at] > 1 - 1e-12 for at, seen in exact.items())
+    report.add(f"rastercov: against {len(exact)} exact lines of sight", wrong, "wrong", at_most=0)
     with tempfile.TemporaryDirectory() as name:
-        for program, command in commands(path, place, Path(name)).items():
+        found = commands(path, raster, (row, column), python, Path(name))
+        for program in sorted({"GDAL", "GRASS", "xarray-spatial"} - set(found)):
+            print(f"{program}: not installed, not compared")
+        for program, command in found.items():
             report.add(f"{path.name}: {program}", run(command), "CPU-s")
             with Image.open(Path(name, f"{program}.tif")) as image:
-                visible = (np.asarray(image) == SEEN[program]) & np.isfinite(most)
+                visible = (np.asarray(image) > 0) & np.isfinite(most)
+            wrong = sum(bool(visible[at]) != seen for at, seen in exact.items())
+            share = 100 * wrong / max(len(exact), 1)
+            report.add(f"{program}: samples unlike exact lines of sight", share, "%")
             wrong = 100 * (visible & (most == 0)).sum() / visible.sum()
             report.add(f"{program}: nothing visible around visible samples", wrong, "%")
             missed = 100 * (~visible & (least > 1 - 1e-9)).sum() / (least > 1 - 1e-9).sum()
@@ -111,6 +179,7 @@ def main() -> None:
     parser = arguments(__doc__.splitlines()[0])
     parser.add_argument("side", type=int, nargs="?", default=1001, help="heights along a side")
     parser.add_argument("--raster", type=Path, action="append", help="compare other programs on it")
+    parser.add_argument("--python", default=sys.executable, help="that imports xarray-spatial")
     args = parser.parse_args()
     report = Report()
     kinds = {
@@ -145,7 +214,7 @@ def main() -> None:
         tags = geotiff.tags_of((500000, 5300000), (SPACING, SPACING), 32632, "UTM 32N")
         path.write_bytes(geotiff.encode(kinds["mountains"].astype(np.float32), "TIFF", tags))
         for each in args.raster or [path]:
-            compare(report, each)
+            compare(report, each, args.python)
     report.finish(args.json)
 
 

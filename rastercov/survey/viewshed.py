@@ -72,7 +72,8 @@ class Viewshed(InOneLine):
     share, bound : (H - 1, W - 1) float64
         Visible part of the ground of each cell between four samples, on the map; of several
         observers the sum: the mean number of them that see a point of the cell. `bound` is that
-        of its error. NaN without ground, and beyond the radius of all.
+        of its error, up to 1 for a triangle that is seen edge-on to rounding, not from below: what
+        hides it differs by less. NaN without ground, and beyond the radius of all.
     seen : tuple of Seen
         Areas of each observer.
 

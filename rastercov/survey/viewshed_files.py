@@ -35,7 +35,7 @@ def read_observers(place: str | None, file: Path | None) -> FloatArray:
         text = f"x,y\n{place}" if file is None else file.read_text(encoding="utf-8-sig")
         columns = columns_of(text, each="observer", first=1)
         if not {"x", "y"} <= set(columns):
-            raise ConfigError(f"columns {', '.join(columns)}")
+            raise ConfigError(f"expected columns x and y, got {', '.join(columns)}")
         return np.column_stack([columns[k] for k in ("x", "y", "height") if k in columns])
     except (OSError, UnicodeDecodeError, ConfigError) as error:
         wanted = "--from X,Y" if file is None else "--observers with a CSV file of x,y,height"

@@ -643,8 +643,8 @@ def test_wrong_options_are_one_line(tmp_path, capsys, options, words):
         ("x,y\n1,2\n3\n", "observer 2: expected 2 numbers, one per name, got 1"),
         ("x,y,height\n1,2,3\n3,4,z\n", "column 'height', observer 2: expected a number"),
         ("x,y\n", "1 to 10,000 observers, got 1 rows"),
-        ("lon,lat\n1,2\n", "got: columns lon, lat"),
-        ("x,height\n1,2\n", "got: columns x, height"),
+        ("lon,lat\n1,2\n", "expected columns x and y, got lon, lat"),
+        ("x,height\n1,2\n", "expected columns x and y, got x, height"),
     ],
 )
 def test_rows_of_observers_are_named_as_such(tmp_path, capsys, table, words):
