@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.asbuilt import resection
-from rastercov.asbuilt.alignment import MOST_APART, Aligner, Optimum
+from rastercov.asbuilt.alignment import MOST_SPREAD, Aligner, Optimum
 from rastercov.asbuilt.photograph import brightness, read_photograph
 from rastercov.base import (
     BoolArray,
@@ -45,8 +45,6 @@ LEAST_ERROR = 1e-3
 """Least expected standard deviation of a pixel, px."""
 POINTS = "u", "v", "x", "y", "z"
 """Columns of a file of points."""
-NORMAL_99 = 2.576
-"""Standard deviations within which 99 % of normal errors lie."""
 CLICK = "click at least four points of the model (--points), eight are better"
 
 
@@ -390,10 +388,8 @@ def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float
     best = optima[0]
     if best.explained < LEAST_EXPLAINED:
         return f"the photograph shows {best.explained:.0%} of its edges; {CLICK}"
-    if not best.spread * NORMAL_99 <= MOST_APART:
+    if not best.spread <= MOST_SPREAD:
         return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
-    if not (apart := aligner.halves_apart(best.pose)) <= MOST_APART:
-        return f"halves of its edges give poses {apart:.2g} px apart; {CLICK}"
     chance = aligner.chance(best.pose, distance)
     deviation = max(chance.std(), 1e-9)
     if best.score - chance.mean() < LEAST_Z * deviation or best.score <= chance.max():

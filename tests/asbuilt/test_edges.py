@@ -1,14 +1,18 @@
 """Poses from edges of photographs that the rasteriser shades: found, or undecided, never wrong."""
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 import pytest
 
 import rastercov as rc
 from rastercov.asbuilt import alignment, resection
-from rastercov.asbuilt.alignment import COMMON, Aligner, Matches, covariance_of
+from rastercov.asbuilt.alignment import COMMON, FINAL, MOST_SPREAD, Aligner, Matches, covariance_of
 from rastercov.asbuilt.alignment import _along as along
+from rastercov.asbuilt.edges import EdgePoints
 from rastercov.asbuilt.located import Tolerance
-from rastercov.asbuilt.photograph import brightness
+from rastercov.asbuilt.photograph import Level, brightness
 
 CAMERA = rc.Camera.from_fov(480, 360, hfov_deg=50)
 
@@ -123,6 +127,23 @@ def test_gradients_are_averaged_along_each_edge_alone() -> None:
             np.testing.assert_allclose(got[row], values[near].mean(axis=0), atol=1e-12)
 
 
+@pytest.mark.parametrize("reach", [1.0, 2.0, 3.0, 5.0])
+def test_an_edge_beside_another_keeps_its_place(reach: float) -> None:
+    """The other is 4 px or more away, up to three times as strong, brighter or darker."""
+    columns = np.arange(80)
+    rows = np.arange(10, 50, 2) + 0.5
+    camera = rc.Camera(width=80, height=60, fx=80, fy=80)
+    for gap, ratio, at in product((4, 5, 6, -4, -5, -6), (1, 3, -1, -3), (30.0, 30.25, 30.5, 30.8)):
+        step, other = (np.clip(columns + 1 - place, 0, 1) for place in (at, at + gap))
+        grey = np.tile(0.4 + 0.1 * (step + ratio * other), (60, 1)).astype(np.float32)
+        column = np.full(len(rows), at)
+        points = np.stack(((column - camera.cx) / 80, (rows - camera.cy) / 80, column / at), axis=1)
+        edge = EdgePoints(points, np.tile((0.0, 1, 0), (len(rows), 1)), np.zeros(len(rows), int))
+        matches = Matches.of(Level(grey, camera), edge, np.eye(4), reach)
+        assert (matches.strength > 0).all(), (gap, ratio, at)
+        assert np.abs(matches.distance).max() < 0.15, (gap, ratio, at)
+
+
 @pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
 def test_noise_that_hides_each_pixel_of_an_edge_does_not_hide_the_edge(seed: int) -> None:
     true = pose_of(seed)
@@ -156,9 +177,9 @@ def test_a_displacement_that_all_edges_of_a_direction_share_is_within_one_deviat
     aligner = Aligner(MESH, CAMERA, brightness(photograph(MESH, true, 1), CAMERA))
     level = aligner.levels[-1]
     points = aligner.points_at(level, true, 2.0)
-    matches = Matches.of(level, points, true, 3.0)
+    matches = Matches.of(level, points, true, FINAL)
     covariance = covariance_of(level, points, true, matches)
-    rows, jacobian, weights = alignment._equations(level, points, true, matches, 1.5)
+    rows, jacobian, weights = alignment._equations(level, points, true, matches, FINAL)
     x, y = matches.normals[rows].T
     turn = np.rint(np.arctan2(y, x) / np.pi * 4).astype(int)
     for direction in range(4):
@@ -179,30 +200,37 @@ def test_halves_of_the_edges_must_agree() -> None:
         MESH.vertices, CAMERA, true
     )
     largest = np.nanmax(np.linalg.norm(apart, axis=1))
-    told = [
-        Aligner(MESH, CAMERA, brightness(each, CAMERA)).halves_apart(true) for each in (own, mixed)
-    ]
+    told = []
+    for photo in (own, mixed):
+        aligner = Aligner(MESH, CAMERA, brightness(photo, CAMERA))
+        points = aligner.points_at(aligner.levels[-1], true)
+        half = aligner._half(true, points)
+        size = resection.spread_of(np.outer(half, half), points.points, CAMERA, true)
+        assert aligner._judge(true).spread > 0.99 * size
+        told.append(size)
     assert largest > 2.5
-    assert told[0] < 1
-    assert told[1] > 2
+    assert told[0] < 0.3
+    assert told[1] > 1
     found = rc.locate(MESH, CAMERA, mixed, true)
     assert not found.accepted
     assert rc.locate(MESH, CAMERA, own, true).accepted
 
 
-def test_a_pose_with_which_halves_disagree_comes_after_one_with_which_they_agree(
+def test_a_pose_that_edges_do_not_fix_comes_after_one_that_they_fix(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     true = pose_of(1)
     other = off(true, 3, 1.0, 0.01)
     aligner = Aligner(MESH, CAMERA, brightness(photograph(MESH, true, 1), CAMERA))
+    judge = aligner._judge
     monkeypatch.setattr(aligner, "_refine_level", lambda level, poses: [other, true])
     for firm, first in (([other], other), ([other, true], true), ([], true)):
-        monkeypatch.setattr(
-            aligner,
-            "halves_apart",
-            lambda pose, firm=firm: 0.0 if any(pose is each for each in firm) else 9.0,
-        )
+
+        def judged(pose: np.ndarray, firm: list[np.ndarray] = firm) -> alignment.Optimum:
+            is_firm = any(pose is each for each in firm)
+            return replace(judge(pose), spread=MOST_SPREAD * (1 if is_firm else 1.01))
+
+        monkeypatch.setattr(aligner, "_judge", judged)
         assert np.array_equal(aligner.find(true)[0][0].pose, first)
 
 
@@ -221,7 +249,7 @@ def test_edges_that_weights_leave_out_widen_the_covariance(seed: int) -> None:
     apart -= resection.pixels_of(points.points, CAMERA, pose)
     bias = float(np.nanmax(np.linalg.norm(apart, axis=1)))
     assert bias > 0.2
-    matches = Matches.of(level, points, pose, alignment.WIDE)
+    matches = Matches.of(level, points, pose, FINAL)
     alone = resection.spread_of(
         covariance_of(level, points, pose, matches), points.points, CAMERA, pose
     )
