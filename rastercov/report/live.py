@@ -296,10 +296,10 @@ def view_of(
     is_site = mesh.diagonal >= LEAST_SITE and unit == "m"
     shown = {"level": is_site, **of_gates(gates_of(cameras).values())}
     modes = [name for name in MODES if name in LIVE_MODES and shown.get(name, True)]
-    types, fields = names_of(cameras), task_fields()
+    types = names_of(cameras)
     scene = describe_scene(title, mesh, poses.world_from_camera, unit) | {
         "can_edit": True,
-        "task_fields": fields,
+        "task_fields": task_fields(),
         "levels": DORI if is_site else {},
         "camera_fields": CAMERA_FIELDS + LENS_FIELDS,
         "modes": [describe_mode(name, MODES[name]) for name in modes],
@@ -334,7 +334,7 @@ def describe_rig(
             | {"task": as_entries(tasks[name]) if name in tasks else None}
             for name, camera in cameras.items()
         },
-        "task": {each["name"]: getattr(task, each["name"]) for each in task_fields(rig)},
+        "task": {name: getattr(task, name) for name in _task_names(rig)},
         "needed": needed and dict(needed),
     }
 
@@ -475,30 +475,37 @@ def as_entries(task: Task) -> ByName:
 def task_fields(rig: Rig | None = None) -> list[ByName]:
     """Thresholds of a task with their limits, for sliders; those that a rig makes known, too."""
     words, default, result, units = document_fields(Task), Task(), list[ByName](), dict(UNITS)
-    equipment = {} if rig is None else rig.equipment
-    left_out = OF_SURFACE if rig is None else ()
-    for each in equipment.values():
+    for each in () if rig is None else rig.equipment.values():
         units |= each._units
-    for name, hint in annotations_of(Task).items():
-        if name in words and name not in left_out and NEEDED.get(name) in (None, *equipment):
-            schema = TypeAdapter(hint).json_schema()
-            own = schema.get("anyOf", [schema])[0]  # the other one is null
-            low = own.get("minimum", own.get("exclusiveMinimum"))
-            result.append(
-                {
-                    "name": name,
-                    "words": words[name],
-                    "kind": "choice" if "enum" in own else KINDS[own["type"]],
-                    "low": low,
-                    "is_low_open": "exclusiveMinimum" in own,
-                    "high": own.get("maximum"),
-                    "choices": own.get("enum"),
-                    "default": getattr(default, name),
-                    "is_optional": "anyOf" in schema,
-                    "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
-                }
-            )
+    for name in _task_names(rig):
+        schema = TypeAdapter(annotations_of(Task)[name]).json_schema()
+        own = schema.get("anyOf", [schema])[0]  # the other one is null
+        low = own.get("minimum", own.get("exclusiveMinimum"))
+        result.append(
+            {
+                "name": name,
+                "words": words[name],
+                "kind": "choice" if "enum" in own else KINDS[own["type"]],
+                "low": low,
+                "is_low_open": "exclusiveMinimum" in own,
+                "high": own.get("maximum"),
+                "choices": own.get("enum"),
+                "default": getattr(default, name),
+                "is_optional": "anyOf" in schema,
+                "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
+            }
+        )
     return result
+
+
+def _task_names(rig: Rig | None) -> list[str]:
+    """Thresholds that a page shows, of cameras or of a rig."""
+    left_out, equipment = (OF_SURFACE, ()) if rig is None else ((), rig.equipment)
+    return [
+        name
+        for name in document_fields(Task)
+        if name not in left_out and NEEDED.get(name) in (None, *equipment)
+    ]
 
 
 def _part(mesh: Mesh, own: Mesh) -> ByName:

@@ -116,9 +116,10 @@ def kept(make: Callable[..., str]) -> Callable[..., str]:
 
 @cache
 def _state() -> str:
-    """Times of the files of the package."""
+    """Version of the package, times and sizes of its files: wheels may give all one time."""
     every = Path(rastercov.__file__).parent.rglob("*.*[!c]")
-    return repr(sorted((str(path), path.stat().st_mtime_ns) for path in every))
+    known = sorted((str(path), path.stat().st_mtime_ns, path.stat().st_size) for path in every)
+    return repr((rastercov.__version__, known))
 
 
 @cache
@@ -142,7 +143,7 @@ def _environment(package: str) -> "Environment":
                 with suppress(OSError):
                     super().dump_bytecode(bucket)
 
-    version = f"{__version__}-{Path(__file__).stat().st_mtime_ns}"
+    version = f"{__version__}-{rastercov.__version__}-{Path(__file__).stat().st_mtime_ns}"
     environment = Environment(
         autoescape=True,
         bytecode_cache=Kept(str(Path(cache_from_source(__file__)).parent), f"%s-{version}.pyc"),

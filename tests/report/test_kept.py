@@ -65,8 +65,15 @@ def test_each_file_of_the_package_counts(tmp_path, monkeypatch):
         for second in (1, 2):
             os.utime(path, (second, second))
             states.add(pages._state.__wrapped__())
-        assert len(states) == 2
+        path.write_text(name + ", larger")
+        os.utime(path, (2, 2))  # as a wheel that gives all files one time
+        states.add(pages._state.__wrapped__())
+        assert len(states) == 3
     before = pages._state.__wrapped__()
+    monkeypatch.setattr(pages.rastercov, "__version__", "another")
+    assert pages._state.__wrapped__() != before
+    monkeypatch.undo()
+    monkeypatch.setattr(pages.rastercov, "__file__", str(tmp_path / "__init__.py"))
     cached = tmp_path / "__pycache__" / "a.cpython-311.pyc"
     cached.parent.mkdir()
     cached.write_text("code of a module that was loaded since")
