@@ -135,7 +135,7 @@ def smooth(image: Float32Array) -> Float32Array:
     """Image (H, W) blurred by 1, 2, 1, borders repeated: edges 4 px apart stay apart."""
     for _ in range(2):
         padded = np.pad(image, ((1, 1), (0, 0)), mode="edge")
-        image = ((padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4).T
+        image = ((padded[:-2] + 2 * padded[1:-1] + padded[2:]) / 4).T.astype(np.float32)
     return image
 
 
