@@ -105,9 +105,6 @@ rc_status rc_judge_faces(rc_solver *solver, const rc_camera *camera, const rc_ta
             {whole.error.data(), shape},   1.0};
         const coverage::Scene scene = whole.scene(*mesh.arrays);
         if (lens) judge(lens->curved, scene, seen, rules, *judged);
-        else
-            judge(
-                Lens{camera->fx, camera->fy, camera->cx, camera->cy, camera->width, camera->height},
-                scene, seen, rules, *judged);
+        else judge(pinhole_of(*camera), scene, seen, rules, *judged);
     });
 }

@@ -141,7 +141,7 @@ std::shared_ptr<engine::Pass> pass_of(SolverObject &solver, const rc_camera &cam
                          solver.has_task == (task != nullptr) &&
                          (!task || have_bits_of(&solver.task.min_depth, &task->min_depth, 6));
     if (is_same) return solver.pass;
-    const Lens lens = {camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height};
+    const Lens lens = pinhole_of(camera);
     auto pass = std::make_shared<engine::Pass>(solver.is_certifying, task || lens_object, 1,
                                                solver.n_threads);
     std::shared_ptr<engine::CameraTask> criteria;

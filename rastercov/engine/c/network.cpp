@@ -105,10 +105,9 @@ rc_task without(const Station &station, const Stage &stage) {
     rc_task task = station.task;
     if (stage.is_steep && task.max_incidence_deg < 90.0) {
         const Rules rules = rules_of(task);
-        const Lens lens = {station.camera.fx, station.camera.fy, 0.0, 0.0, 1.0, 1.0};
-        task.min_facing_density = station.lens
-                                      ? coverage::least_when_steep(rules, station.lens->curved)
-                                      : coverage::least_when_steep(rules, lens);
+        task.min_facing_density =
+            station.lens ? coverage::least_when_steep(rules, station.lens->curved)
+                         : coverage::least_when_steep(rules, pinhole_of(station.camera));
         task.min_pixel_density = task.min_pixels_per_m2 = 0.0;
     }
     if (stage.bits & coverage::IS_COARSE)

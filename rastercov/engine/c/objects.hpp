@@ -191,6 +191,9 @@ inline engine::GoOn go_on_of(rc_go_on function, void *context) {
 // Bounds of the corners of faces.
 Box box_of(const engine::MeshArrays &mesh);
 void check_camera(const rc_camera *camera); // of rays through a point
+inline Lens pinhole_of(const rc_camera &camera) {
+    return {camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height};
+}
 void check_pose(const double *pose);
 void check_faces(const SurfaceObject &surface, int64_t n_faces);
 void write_corners(const SurfaceObject &surface, const std::vector<int32_t> &faces,

@@ -190,9 +190,7 @@ rc_status rc_judge_points(const rc_surface *surface, const rc_camera *camera, co
         if (const auto lens = lens_of(*camera)) {
             judge(*object, lens->curved, near, rules, pose, asked, *failures);
         } else {
-            const Lens pinhole = {camera->fx, camera->fy,    camera->cx,
-                                  camera->cy, camera->width, camera->height};
-            judge(*object, pinhole, near, rules, pose, asked, *failures);
+            judge(*object, pinhole_of(*camera), near, rules, pose, asked, *failures);
         }
     });
 }
