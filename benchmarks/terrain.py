@@ -94,7 +94,7 @@ def is_visible(heights: list[list[int]], eye: tuple[int, int, int], i: int, j: i
 
 
 def exact_samples(heights: np.ndarray, row: int, column: int) -> dict[tuple[int, int], bool]:
-    """Whether random samples are visible from above another one, on the surface of triangles."""
+    """True of random samples that are visible from above another one, on triangles."""
     scaled = [[int(each) for each in line] for line in (heights * 2.0**80).tolist()]
     eye = (row, column, scaled[row][column] + int(HEIGHT * 2**80))
     rng = np.random.default_rng(0)

@@ -44,9 +44,9 @@ def test_what_fails_is_covered_by_nothing_and_all_else_is_as_before(seed):
         after = rc.evaluate(mesh, rig, poses, by="face")
         assert np.array_equal(rc.regions(mesh, rig, poses).areas(), np.where(fails, 0, regions))
         area = rc.evaluate(mesh, rig, poses, by="area", fields=()).areas.covered
-    assert np.array_equal(after.coverage, np.where(fails, 0, before.coverage))
-    is_seen = fails & (before.reason == Reason.COVERED)
-    assert np.array_equal(after.reason, np.where(is_seen, NAMES.index(NAME), before.reason))
+        assert np.array_equal(after.coverage, np.where(fails, 0, before.coverage))
+        is_seen = fails & (before.reason == Reason.COVERED)
+        assert np.array_equal(after.reason, np.where(is_seen, NAMES.index(NAME), before.reason))
     assert not area.area[0][fails].any()
     assert not after.network.covered[fails].any()
     for name in ("visibility", "visibility_bound", "drawn_pixels", "incidence"):

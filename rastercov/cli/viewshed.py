@@ -30,7 +30,7 @@ class EyeOptions(NamedTuple):
 
 
 class SightOptions(NamedTuple):
-    """What is seen from where, and the shape of the earth."""
+    """Heights of eyes and of targets, the largest distance, and the shape of the earth."""
 
     height: Annotated[float, Option(help="Height of the eyes above the ground, m.")] = 1.7
     target: Annotated[float, Option(help="Height of what is to be seen above the ground, m.")] = 0.0

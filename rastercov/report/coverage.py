@@ -475,7 +475,7 @@ def network_of(
         areas,
         None if areas is None else areas.zones(evaluation.camera, evaluation.poses),
         parts,
-        evaluation.reason == Reason.COVERED if "reason" in vars(evaluation) else None,
+        evaluation.reason == Reason.COVERED if evaluation._has("reason") else None,
         of_faces=evaluation.per_camera.of_faces,
         asked=Asked(evaluation.task, evaluation.engine.method, placed=placed),
     )

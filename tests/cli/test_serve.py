@@ -166,7 +166,7 @@ LINES = {
     b'{"do": "open", "plan": {}}': "meshes: expected an entry, got none",
     b'{"do": "open", "plan": {"meshes": []}}': "meshes",
     b'{"do": "check", "poses": %a, "min_coverage": 2}' % np.eye(4).tolist(): "expected",
-    b"[" * 5000: "nested too deeply",
+    b"[" * 5000 + b"]" * 5000: "nested too deeply",
     b"\xff\xfe": "save it as UTF-8",
     b'{"do": "\\ud800"}': "do: expected",
     b"\0": "expected valid JSON",

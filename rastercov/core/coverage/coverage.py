@@ -445,10 +445,13 @@ class Coverage(InNotebook):
                 object.__delattr__(self, name)
 
     def __repr__(self) -> str:
-        kept = vars(self).keys() | self._later()
-        names = ", ".join(name for name in FIGURES if name in kept) or "no arrays"
+        names = ", ".join(name for name in FIGURES if self._has(name)) or "no arrays"
         shape = f"{plural(len(self.pose_ids), 'pose')} x {plural(self.mesh.n_faces, 'face')}"
         return f"{type(self).__name__}({shape}: {names})"
+
+    def _has(self, name: str) -> bool:
+        """True for a figure that was asked for."""
+        return name in vars(self) or name in self._later()
 
     def _later(self) -> Collection[str]:
         """Names of figures that are derived when they are first read, see `_derive`."""
