@@ -56,14 +56,14 @@ from rastercov.core.camera import (
 from rastercov.core.camera.rig import phased_features, with_equipment
 from rastercov.core.coverage.coverage import Coverage, arrays_for
 from rastercov.core.coverage.doubts import dead_pixels, find_warnings
-from rastercov.core.coverage.face_pass import NO_FIGURES, FacePass, Measured
+from rastercov.core.coverage.face_pass import NO_FIGURES, FacePass
 from rastercov.core.coverage.judging import JudgedPoses
 from rastercov.core.coverage.network import Network, share_of_faces
 from rastercov.core.coverage.shards import is_long, provenance_of
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.coverage.visibility import GroupViews, group_views
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import COVERED, CoverageBits
+from rastercov.core.raster.contract import COVERED, CoverageBits, FaceCounts
 from rastercov.shards import Staff
 
 if TYPE_CHECKING:
@@ -326,9 +326,9 @@ def bits_of_a_pair(names: Collection[str], engine: Engine) -> int:
 
 
 class KeptCounts:
-    """Measurements of all pairs, in place of figures that are derived from them.
+    """Counts of samples of all pairs, in place of figures that are derived from them.
 
-    A pair takes 25 bytes, counts of samples 2 to 16, and all figures 95.
+    A pair takes 2 to 16 bytes, by the largest counts of a batch, and all of its figures 95.
 
     Parameters
     ----------
@@ -338,17 +338,17 @@ class KeptCounts:
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = names
-        self._batches: list[Measured] = []
+        self._batches: list[FaceCounts] = []
 
-    def add(self, batch: Measured) -> None:
-        """Keep the measurement of further poses."""
+    def add(self, batch: FaceCounts) -> None:
+        """Keep the counts of further poses."""
         self._batches.append(batch)
 
     def fill(self, judge: FacePass, poses: Poses, figures: Mapping[str, AnyArray]) -> None:
         """Fill (P, F) arrays with the figures of the poses that were added."""
         at = 0
         for batch in self._batches:
-            rows = slice(at, at + len(batch.clipped))
+            rows = slice(at, at + len(batch.visible))
             judge.fill(batch, poses[rows], {name: all_of[rows] for name, all_of in figures.items()})
             at = rows.stop
 
@@ -377,7 +377,7 @@ class Evaluation(Coverage):
     per_camera : ByCamera
         Results of each camera where there are several.
     kept_counts : KeptCounts
-        Measurements, from which arrays of `Coverage` are derived when they are first read.
+        Of method "sampled": arrays of `Coverage` are derived from counts when they are first read.
     kept_bits : CoverageBits or None
         See `bits`.
     pairs : str

@@ -20,7 +20,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
 from rastercov.core.camera import Cameras, Poses, check_scene
-from rastercov.core.coverage.coverage import Observer, check_fields
+from rastercov.core.coverage.coverage import Observer, arrays_for, check_fields
 from rastercov.core.coverage.evaluation import (
     ByCamera,
     Evaluation,
@@ -177,7 +177,10 @@ class QuerySums:
         self.wanted = replace(wanted, apart=self.per_camera.is_asked, alone=alone)
         self.network = self.wanted.network(mesh, task, self._measure)
         names = [name for name in fields if name != COVERED]
-        self.counts = KeptCounts(names)
+        # Counts are kept in place of figures.
+        is_sampled = query.engine.method == "sampled"
+        self.counts = KeptCounts(names if is_sampled else [])
+        self.figures: ByName = arrays_for([] if is_sampled else names, (len(poses), mesh.n_faces))
         self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
         self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
         self.eyes = [np.empty((0, 3))]
@@ -186,8 +189,8 @@ class QuerySums:
         """Take in a batch."""
         camera, poses = self.query.camera, batch.poses
         end = self.done + len(poses)
-        if batch.measured is not None:
-            self.counts.add(batch.measured)
+        if batch.counts is not None:
+            self.counts.add(batch.counts)
         self.network.add(batch)
         self.per_camera.add_batch(batch)
         if self.areas is not None and batch.regions is not None:
@@ -216,6 +219,7 @@ class QuerySums:
         """Result of the `poses` that are done, measured by `info`, with entries on the run."""
         query = self.query
         figures: ByName = dict.fromkeys(FIGURES)
+        figures |= {name: array[: self.done] for name, array in self.figures.items()}
         return Evaluation(
             query.mesh,
             query.camera,
@@ -284,7 +288,8 @@ def answer(
             table = opened.enter_context(open_table(header))
         began = time.perf_counter()
         try:
-            how = wanted, shards, staff, bool(sums.counts.names)
+            more = {"figures": sums.figures, "counts": bool(sums.counts.names)}
+            how = wanted, shards, staff, more
             batches = classify_parts(sums.network, observer, poses, *how)
             for batch in batches:
                 with hold_interrupts():

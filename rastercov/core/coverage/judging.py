@@ -36,7 +36,7 @@ from rastercov.core.coverage.face_pass import (
 )
 from rastercov.core.coverage.task import Reason, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.raster.contract import CoverageBits, FaceCounts, Observation, bits_of_pairs
+from rastercov.core.raster.contract import CoverageBits, FaceCounts, bits_of_pairs
 from rastercov.engine.coverage_figures import judge_poses
 from rastercov.engine.coverage_network import add_poses, add_rows
 
@@ -48,6 +48,7 @@ CHOICES = ("none", "covered", "seen", "all")
 image and its front to the camera, though other faces may hide it; or every pair."""
 SUMMED = ("coverage", "reason", "visibility_bound", "visibility_kind", "in_view_fraction")
 """Figures that a network adds up: the arguments of `add_rows` of the kernels."""
+NO_ARRAYS: Mapping[str, AnyArray] = {}
 
 
 @frozen_record
@@ -62,8 +63,8 @@ class JudgedPoses:
         Whether the near plane cut away a surface in view.
     rows : PairRows
         Figures of the pairs that were asked for, by pose, then by face.
-    measured : Observation, FaceCounts or None
-        What figures are derived from, where it is kept; counts `as_small`.
+    counts : FaceCounts or None
+        Counts of the poses `as_small`, where they are kept.
     sums : dict of int to Sums
         Sums of the poses of each camera where these are kept apart, otherwise of all as camera -1;
         none where bits are alone.
@@ -80,7 +81,7 @@ class JudgedPoses:
     poses: Poses
     clipped: BoolArray
     rows: PairRows
-    measured: Measured | None
+    counts: FaceCounts | None
     sums: dict[int, Sums]
     regions: "Regions | None"
     eyes: FloatArray
@@ -185,9 +186,10 @@ def classify_poses(
     pairs: str = "none",
     apart: bool = False,
     bits: bool = False,
-    keep: bool = False,
+    figures: Mapping[str, AnyArray] = NO_ARRAYS,
+    counts: bool = False,
 ) -> Iterator[JudgedPoses]:
-    """Measure poses, a few at a time; see `Network.judge`. What is measured is kept on demand."""
+    """Measure poses, a few at a time; see `Network.judge`."""
     check_choice("pairs", pairs, CHOICES)
     faces = FacePass(observer.mesh, observer.camera, observer.threads, task)
     choice, n_faces = CHOICES.index(pairs), mesh.n_faces
@@ -198,10 +200,14 @@ def classify_poses(
     further = ["reason"] if bits else []
     if is_joint(observer.camera):
         together, further = rows_of_result(observer.camera, poses), list(SUMMED)
+    done = 0
 
     def classify(batch: Poses, seen: Measured) -> JudgedPoses:
+        nonlocal done
         n = len(batch)
-        own = arrays_for(further, (n, n_faces))
+        own = arrays_for(further, (n, n_faces)) if further else {}
+        own |= {name: array[done : done + n] for name, array in figures.items()}
+        done += n
         sink = Sink(choice, batch.ids, np.zeros(n, np.int64), tuple(memory.values()))
         of_threads: list[dict[int, Sums]] = []
         small: dict[int, list[AnyArray]] = {}
@@ -209,7 +215,7 @@ def classify_poses(
         def worker() -> Worker:
             sums, add = _adder(faces, sink, own, apart=apart)
             of_threads.append(sums)
-            return keeper(add, small) if keep and isinstance(seen, FaceCounts) else add
+            return keeper(add, small) if counts else add
 
         if n:
             faces.share(seen, batch, worker)
@@ -226,10 +232,8 @@ def classify_poses(
         whole = {camera: merge_sums(some) for camera, some in parts.items()}
         eyes, leads = eyes_of(observer.camera, batch), leads_of(observer.camera, batch)
         regions = getattr(seen, "regions", None)
-        kept: Measured | None = None
-        if keep and isinstance(seen, Observation):
-            kept = seen.without_regions()
-        elif small and isinstance(seen, FaceCounts):
+        kept = None
+        if small and isinstance(seen, FaceCounts):
             visible, drawn = map(np.concatenate, zip(*map(small.get, sorted(small)), strict=True))
             kept = replace(seen, visible=visible, drawn=drawn)
         result = JudgedPoses(batch, seen.clipped, columns, kept, whole, regions, eyes, leads)

@@ -49,7 +49,7 @@ from rastercov.core.camera import (
 from rastercov.core.camera.rig import entries_of, rig_of_json, rig_to_json
 from rastercov.core.coverage.coverage import Observer, open_observer
 from rastercov.core.coverage.face_pass import ROW_TYPES, Sums, merge, no_sums
-from rastercov.core.coverage.judging import JudgedPoses, leads_of
+from rastercov.core.coverage.judging import NO_ARRAYS, JudgedPoses, leads_of
 from rastercov.core.coverage.network import Network, NetworkOfBits
 from rastercov.core.coverage.task import Engine, Task
 from rastercov.core.mesh import Group, Mesh
@@ -388,7 +388,7 @@ class EvaluationShards:
             poses=left,
             clipped=arrays["clipped"],
             rows=_under("rows", arrays),
-            measured=None,
+            counts=None,
             sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
             regions=regions,
             eyes=eyes,
@@ -451,19 +451,19 @@ def classify_parts(
     wanted: Wanted,
     shards: EvaluationShards | None,
     staff: Staff,
-    keep: bool = False,
+    more: ReadByName = NO_ARRAYS,
 ) -> Iterator[JudgedPoses]:
     """Judged poses of an evaluation, in the order of the poses.
 
     By way of shards where the run is kept in some, else the network judges what the observer, of
-    `open_for`, measures; `keep` is that of `classify_poses`. An interrupt while workers are
+    `open_for`, measures, by `more` arguments of `classify_poses`. An interrupt while workers are
     busy is raised after the shards that are there.
     """
     if shards is not None:
         yield from shards.parts(staff)
         return
     did = count_poses_of(len(poses), staff.progress)
-    for batch in network._judge(observer, poses, wanted.kept | {"keep": keep}):
+    for batch in network._judge(observer, poses, wanted.kept | {**more}):
         yield batch
         did(len(batch.poses))
 

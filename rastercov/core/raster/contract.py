@@ -594,10 +594,6 @@ class Observation(InOneLine):
     clipped: BoolArray
     samples_per_pixel: int = 1
 
-    def without_regions(self) -> "Observation":
-        """These figures alone."""
-        return Observation(*(getattr(self, name) for name in Observation.__match_args__))
-
     @classmethod
     def of_counts(cls, counts: FaceCounts) -> Self:
         """Observation of a rasteriser's counts, `drawn` included."""
