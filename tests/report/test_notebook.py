@@ -108,6 +108,17 @@ def test_the_scene_opens_inside_the_frame(results, tmp_path):
         assert errors == []
 
 
+@pytest.mark.parametrize("method", ["sampled", "exact"])
+def test_areas_of_cameras_are_there_by_every_method(method):
+    """Figures of samples are derived when they are read."""
+    mesh, camera = rc.shapes.box(), rc.Camera(width=160, height=120, fx=150, fy=150)
+    poses = rc.look_at([(3, 0, 0), (0, 3, 1)], (0, 0, 0))
+    value = rc.evaluate(mesh, camera, poses, method=method, by="face")
+    cameras = rc.table(value, "cameras").to_pydict()
+    covered = value.reason == rc.Reason.COVERED
+    assert cameras["covered_m2"] == pytest.approx((covered * mesh.areas).sum(axis=1).tolist())
+
+
 @pytest.mark.parametrize("kind", ["face", "area", "place", "check"])
 def test_tables_add_up_to_the_summary(results, kind):
     value = results[kind]

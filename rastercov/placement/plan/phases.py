@@ -1,12 +1,8 @@
-"""Phases of the scene of a plan, such as frames in which its bodies move, and hooks for them.
+"""Hooks of plans for features: phases of the scene, carriers of cameras, and products.
 
-`phases_of` has those of a plan.
-
-Carriers of the cameras of a plan by joints, and hooks for it.
-
-`carrier_of` has that of a plan.
-
-Products of features for placed cameras, and their demands on checked ones.
+Phases are such as frames in which bodies of the scene move: `phases_of` has those of a plan. A
+carrier moves cameras by joints: `carrier_of` has that of a plan. Products are made for placed
+cameras, and demands check them.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
