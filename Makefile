@@ -96,11 +96,12 @@ test quick: LEVELS := runnable
 # From nothing, apt and pip work at once, then the compiler and, for Mesa, apt. The demo counts on the
 # CPU where there is no GPU, so missing OpenGL does not stop it. A cache of the compiler has nothing to
 # give then, and would take precompiled headers away; Python's is made wherever it may not keep one.
+# What tests alone call, a tenth of the compiler's work, is compiled by the next `make native`.
 demo: $(BIN)/python
 	@[ -e $(VENV)/installed ] || echo "installing what is missing by apt and pip at once, under a minute"
 	@$(MAKE) -s --no-print-directory -j 2 --output-sync=target TOGETHER=1 $(VENV)/compiler $(VENV)/installed
 	@{ $(HAS_EGL) || sh -c "$(INSTALL_MESA)"; } >>$(LOG) 2>&1 </dev/null & \
-	$(MAKE) --no-print-directory native CACHE=-DCCACHE=OFF && wait
+	$(MAKE) --no-print-directory native CACHE="-DCCACHE=OFF -DRASTERCOV_KERNELS=OFF" && wait
 	@$(MAKE) --no-print-directory opengl || true
 	@$(BIN)/python -m compileall -q rastercov reference
 	@echo "rastercov demo --out report"
@@ -134,6 +135,7 @@ weight: $(BIN)/python
 
 # Ninja says what it compiles, and nothing where nothing has changed.
 native: $(NATIVE)/build.ninja
+	@$(if $(CACHE),,! grep -q KERNELS:BOOL=OFF $(NATIVE)/CMakeCache.txt || $(CMAKE) -DRASTERCOV_KERNELS=ON $(NATIVE) >$(LOG))
 	@rm -f $(NATIVE)/failed; { $(CMAKE) --build $(NATIVE) --target $(LEVELS) || touch $(NATIVE)/failed; } \
 	| { grep --line-buffered -v -e 'no work to do' -e 'Re-checking globbed' -e '^\[.*\(Linking\|nanobind\|_pch\)' || true; }; [ ! -e $(NATIVE)/failed ]
 
