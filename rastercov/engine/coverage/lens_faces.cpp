@@ -246,15 +246,4 @@ FieldOfView<double> field_of_view(const Corners<double> &corners, double near,
     return {worst == INSIDE ? AHEAD : worst, part, whole, false};
 }
 
-CurvedSlopes slopes_at(VertexRows<CurvedLens> points, int64_t p, const CurvedLens &lens) {
-    const auto row = points[p];
-    if (std::isnan(row[SLOPES])) {
-        const auto [ux, uy, uz, vx, vy, vz] = jacobian(lens, row[X], row[Y], row[Z]);
-        const double slopes[6] = {ux, uy, uz, vx, vy, vz};
-        std::copy(slopes, slopes + 6, &row[SLOPES]);
-    }
-    const double *found = &row[SLOPES];
-    return {found[0], found[1], found[2], found[3], found[4], found[5]};
-}
-
 } // namespace rastercov::coverage

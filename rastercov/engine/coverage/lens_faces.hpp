@@ -52,7 +52,16 @@ INLINE FieldOfView<N> quick_field_of_view(const Corners<N> &corners, double near
 }
 
 // Derivative of the lens at vertex p in its valid region; six faces share a vertex.
-CurvedSlopes slopes_at(VertexRows<CurvedLens> points, int64_t p, const CurvedLens &lens);
+inline CurvedSlopes slopes_at(VertexRows<CurvedLens> points, int64_t p, const CurvedLens &lens) {
+    const auto row = points[p];
+    if (std::isnan(row[SLOPES])) {
+        const auto [ux, uy, uz, vx, vy, vz] = jacobian(lens, row[X], row[Y], row[Z]);
+        const double slopes[6] = {ux, uy, uz, vx, vy, vz};
+        std::copy(slopes, slopes + 6, &row[SLOPES]);
+    }
+    const double *found = &row[SLOPES];
+    return {found[0], found[1], found[2], found[3], found[4], found[5]};
+}
 
 // Areas through a lens have bounds that hold at the border of the image, too.
 inline bool may_reach_image(const Corners<double> &, double, double, const CurvedLens &,
