@@ -93,7 +93,8 @@ PLACEMENT = {
     "spread": SPREAD,
 }
 """The page's way to place cameras, see `page/live_jobs.js`."""
-OF_PAIRS = "applies to pairs of cameras; rastercov view computes it"
+BY_FACE = (*OF_A_FACE, "min_angle_deg")
+"""Thresholds that pages without a program do not compute."""
 ENGINE, PROVER, READERS = "engine.wasm", "lens.wasm", "readers.wasm"
 WITHOUT = "no engine in this installation; run make wasm"
 NO_ENGINE = f"recorded figures: {WITHOUT}"
@@ -462,7 +463,7 @@ def _share_entries(scene: ReadByName, state: ReadByName) -> ByName:
         "unionAtRest": UNION_AT_REST,
         "mostPairs": MOST_PAIRS,
         "defaults": as_entries(Task()),
-        "ofFaces": OF_A_FACE | {"min_angle_deg": OF_PAIRS},
+        "ofFaces": BY_FACE,
         "catalogue": _catalogue(),
     }
 
@@ -500,7 +501,7 @@ def task_fields(rig: Rig | None = None) -> list[ByName]:
 
 def _task_names(rig: Rig | None) -> list[str]:
     """Thresholds that a page shows, of cameras or of a rig."""
-    left_out, equipment = (OF_SURFACE, ()) if rig is None else ((), rig.equipment)
+    left_out, equipment = ((OF_SURFACE, *BY_FACE), ()) if rig is None else ((), rig.equipment)
     return [
         name
         for name in document_fields(Task)

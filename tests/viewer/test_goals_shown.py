@@ -182,13 +182,33 @@ def test_a_result_opens_again_and_its_sheet_has_its_share(tmp_path, monkeypatch,
 
 @pytest.mark.slow
 @pytest.mark.skipif(live.engine() is None, reason="no engine.wasm; run: make wasm")
-def test_a_page_adds_no_camera_beside_a_goal_that_limits_what_is_seen(context, tmp_path):
-    session, _ = session_in(tmp_path)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_page_adds_no_camera_beyond_the_limit_of_a_goal(context, tmp_path, seed):
+    """Cameras are added while the limit holds; a rig beyond it is one line."""
+    eyes = np.random.default_rng(seed).uniform((3, 0.2, 1), (3.9, 1.0, 2.5), (1, 3))
+    session, _ = session_in(tmp_path, eyes, PLAN)
     page = Tab(context, export_page(session, tmp_path / "page.html", is_still=False).as_uri())
     page.open("Cameras")
-    page.page.get_by_role("button", name="Add the best next camera").click()
-    page.page.wait_for_function("document.body.innerText.includes('window, which limits it')")
-    assert len(page.state()["stations"]) == 2
+    window = "rastercov.summary().required.find(each => each.goal === 'window').status"
+    down = rc.look_at(np.array([(3.5, 0.5, 2.9)]), (3.5, 0.4, 0.0))[0]  # at the floor
+    act(page, do="pose", station=0, pose=down.ravel().tolist())
+    assert page.js(window) == "holds"
+    for _ in range(3):
+        page.page.get_by_role("button", name="Add the best next camera").click()
+        page.page.wait_for_function("!rastercov.session.isWorking")
+        page.idle()
+        assert page.js(window) == "holds"
+    count = len(page.state()["stations"])
+    assert count > 1
+    at_it = rc.look_at(np.array([(1.5, 2.0, 1.5)]), (1.5, 3.99, 1.5))[0]
+    page.js("rastercov.session.choose(0)")
+    act(page, do="pose", station=0, pose=at_it.ravel().tolist())
+    assert page.js(window) == "fails"
+    for name in ("Add the best next camera", "Refine this camera"):
+        page.page.get_by_role("button", name=name).click()
+        page.page.get_by_text("within the limits of the goals").wait_for()
+        page.page.get_by_role("button", name="close").last.click()
+    assert len(page.state()["stations"]) == count
     session.close()
 
 

@@ -209,11 +209,6 @@ def test_thresholds_and_views_are_those_of_a_task(page):
     for name in by_reason | expected:
         wanted = pytest.approx(expected.get(name, 0.0), rel=1e-9, abs=most)
         assert by_reason.get(name, 0.0) == wanted, name
-    assert act(page, do="task", changes={"min_visibility": 0.5}) is None
-    line = page.page.locator(".message.fault span").first.inner_text()
-    assert line.startswith(
-        "expected min_visibility = 0 for results by area, got 0.5: it applies to faces;"
-    )
 
 
 def test_whole_faces_have_the_colours_of_a_served_page(page):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Tab
+from goals_to_view import QUADS, plan_in
 from lens_cases import COLMAP, HEIGHT, WIDTH
 from mesh_files import VALID, WRITERS
 from nightly import IS_NIGHTLY, amount
@@ -355,9 +356,19 @@ def test_files_of_cameras_open_as_python_reads_them(context, address, tmp_path, 
     assert page.faults == []
 
 
+KALIBR = """cam0:
+  camera_model: pinhole
+  distortion_coeffs: [-0.28, 0.07, 0.0002, 0.00002]
+  distortion_model: radtan
+  intrinsics: [458.6, 457.3, 367.2, 248.4]
+  resolution: [752, 480]
+"""
 WRONG_FILES = {
     "empty.json": ("", "empty.json: expected JSON"),
-    "text.yaml": ("a: b\n", "expected width to be finite, got nan"),
+    "text.yaml": ("a: b\n", "^text.yaml: expected one camera of OpenCV or ROS"),
+    "kalibr.yaml": (KALIBR, "^kalibr.yaml: expected one camera"),
+    "stereo.yml": (OPENCV.replace("camera_matrix", "M1"), "^stereo.yml: expected one camera"),
+    "two.yaml": (OPENCV + OPENCV, "^two.yaml: expected one camera"),
     "bad.json": ("{", "JSON"),
     "list.json": ('{"cameras": 3}', "list.json: expected lists of cameras and poses, got 3"),
     "null.json": ('{"cameras": [null]}', "null.json: expected lists of cameras and poses"),
@@ -368,7 +379,7 @@ WRONG_FILES = {
     "rule.json": ('{"rule": {}, "cameras": []}', "expected cameras and poses, got rule"),
     "law.yaml": (ROS.replace("distortion_model: LAW\n", ""), "expected distortion_model"),
     "size.yaml": (OPENCV.replace("640", "-640"), "expected width to be a whole number"),
-    "nan.yaml": (OPENCV.replace("5.5e+02", ".nan"), "expected fx to be finite"),
+    "nan.yaml": (OPENCV.replace("5.5e+02", ".nan"), "^nan.yaml: expected one camera"),
     "model.json": ('{"width": 6, "height": 4, "fx": 5, "model": "lens"}', "a lens model"),
     "name.json": ('{"cameras": [{"name": "a", "width": 6, "height": 4, "fx": 5}], "camera": ["b"],'
                   ' "world_from_camera": [[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]]}', "no camera b"),
@@ -387,7 +398,7 @@ def test_what_is_no_file_of_cameras_is_one_line_and_changes_nothing(context, add
         assert page.state()["stations"] == before["stations"]
         assert page.state()["cameras"].keys() == before["cameras"].keys(), name
         said = "\n".join(fault_of(page))
-        assert re.search(words, said), (name, said)
+        assert re.search(words, said, re.MULTILINE), (name, said)
     assert page.page.locator("[onerror]").count() == 0
     assert page.faults == []
 
@@ -672,3 +683,85 @@ def test_a_drawing_lies_under_the_plan_of_a_page_without_a_program(context, addr
     shown = page.page.locator("img.drawing:visible")
     assert shown.get_attribute("src").startswith("data:image/png;base64,")
     assert page.faults == []
+
+
+WAYS = ("cover", "only hides others", "no camera may see")
+AREAS = {"floor": 16.0, "north": 12.0, "window": 1.0, "west": 12.0}
+
+
+def chosen(context, address, folder, ways):
+    """The playground with a room whose groups are for something each."""
+    plan_in(folder)
+    page = Begun.__new__(Begun)
+    page.page, page.faults = context.new_page(), []
+    page.page.goto(address)
+    page.page.locator("#mesh-file").set_input_files(folder / "room.obj")
+    page.page.get_by_text("Choose which groups").click()
+    for name, way in zip(QUADS, ways, strict=True):
+        page.page.get_by_label(name, exact=True).select_option(way)
+    page.page.get_by_role("button", name="Start").click()
+    return page
+
+
+@pytest.mark.parametrize("seed", range(amount(3, at_night=20)))
+def test_chosen_groups_are_covered_and_private_ones_stay_unseen(
+    context, address, tmp_path, monkeypatch, seed
+):
+    """Placed cameras keep the goal, whatever groups are for, and `check` has the same figures."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(seed)
+    ways = rng.permutation([WAYS[0], WAYS[2], *rng.choice(WAYS, 2)]).tolist()
+    page = chosen(context, address, tmp_path, ways)
+    page.page.locator(".start .number").fill("2")
+    page.page.get_by_role("button", name="Place", exact=True).click()
+    page.page.wait_for_function("rastercov.state().stations.length > 0")
+    page.idle()
+    (goal,) = page.js("rastercov.summary().required")
+    covered = page.js("rastercov.summary().covered_area")
+    assert goal["status"] == "holds"
+    assert covered["m2"] > 0
+    for name, text in downloaded(page).items():
+        Path(name).write_text(text)
+    checked = rc.check("plan.toml", "rig.json", min_coverage=0.1)
+    told = checked.summary()["covered_area"]
+    assert (covered["m2"], covered["of_m2"]) == (told["m2"], told["of_m2"])
+    (own,) = (each for each in checked.requirements if each.goal)
+    assert (own.words(), own.status) == (goal["words"], goal["status"])
+    wanted = [AREAS[name] for name, way in zip(QUADS, ways, strict=True) if way == WAYS[0]]
+    assert told["of_m2"] == pytest.approx(sum(wanted))
+
+
+def test_no_group_to_cover_is_one_line(context, address, tmp_path):
+    page = chosen(context, address, tmp_path, [WAYS[1]] * len(QUADS)).page
+    page.wait_for_function("document.querySelector('.fault').textContent")
+    assert page.locator(".fault").inner_text().startswith("expected a group without a goal")
+
+
+def test_a_page_asks_before_it_forgets_a_rig(context, address):
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    asked = []
+    page.page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.dismiss()))
+    page.page.get_by_role("button", name="Add one here").click()
+    page.idle()
+    page.page.close(run_before_unload=True)
+    page.page.wait_for_timeout(500)
+    assert asked == ["beforeunload"]
+    page.js("rastercov.session.server.save('rig').then(() => rastercov.session.refresh())")
+    page.page.close(run_before_unload=True)
+    context.new_page().wait_for_timeout(500)
+    assert page.page.is_closed()
+    assert asked == ["beforeunload"]
+
+
+def test_each_threshold_of_the_page_can_be_changed(context, address):
+    """No slider is there to refuse: those of whole faces are left out."""
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    for each in page.js("rastercov.session.scene.task_fields"):
+        value = 2 if each["kind"] == "int" else 0.25
+        action = {"do": "task", "changes": {each["name"]: value}}
+        assert page.js("action => rastercov.session.act(action)", action), each["name"]
+    page.open("All cameras")
+    shown = page.page.locator(".panel:visible").inner_text()
+    assert "Max incidence" in shown
+    for words in ("Min pixels\n", "Min visibility", "Min coverage", "Min angle", "Focus rule"):
+        assert words not in shown

@@ -24,6 +24,7 @@ from rastercov.page.rig_state import RigState
 from rastercov.page.scene import Scene, task_fields
 from rastercov.page.session import remove_head
 from rastercov.placement.candidates.segments import segment
+from rastercov.report.live import BY_FACE
 from rastercov.report.modes import MODES, OCCLUDER_OF_REASONS
 
 MESH = part()
@@ -398,7 +399,10 @@ def test_pieces_are_what_is_not_covered_of_each_face(session):
 
 def test_sliders_have_the_limits_of_the_task():
     fields = {each["name"]: each for each in task_fields()}
-    assert set(fields) == rc.Task.__dataclass_fields__.keys() - NEEDED - {*OF_SURFACE}
+    known = rc.Task.__dataclass_fields__.keys() - NEEDED
+    assert set(fields) == known - {*OF_SURFACE, *BY_FACE}  # of a page without a program
+    fields = {each["name"]: each for each in task_fields(Rig([CAMERA], ["eye"]))}
+    assert set(fields) == known
     assert (fields["min_visibility"]["low"], fields["min_visibility"]["high"]) == (0.0, 1.0)
     assert fields["max_blur"]["is_optional"]
     assert fields["focus_rule"]["choices"] == ["vertices", "centroid"]

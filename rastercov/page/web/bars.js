@@ -29,8 +29,8 @@ export function topBar(session, { summary, help }) {
   );
 }
 
-const SAVES = [
-  ["rig", "Save rig", "poses, cameras and thresholds"],
+const savesOf = ({ isLive }) => [
+  ["rig", isLive ? "Save rig, plan and surfaces" : "Save rig", "poses, cameras and thresholds"],
   ["report", "Save report", "page, tables and pictures, to the output folder"],
 ];
 const downloadsOf = ({ isLive }) => [
@@ -65,7 +65,7 @@ function saveMenu(session) {
     }
   };
   const root = menu("Save", "Ctrl+S saves the rig, Ctrl+Shift+S downloads the page", [
-    SAVES.filter(canSave).map(([what, text, title]) => button(text, () => save(what), { title })),
+    savesOf(session.server).filter(canSave).map(([what, text, title]) => button(text, () => save(what), { title })),
     session.server.link ? button("Copy link", copyLink, { title: "the address of this page with the rig in it" }) : null,
     element("hr"),
     downloadsOf(session.server).filter(canSave).map(([what, text, name]) => button(text, () => download(what, name))),

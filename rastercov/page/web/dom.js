@@ -74,7 +74,7 @@ export function choice(label, choices, value, onChange, { title = "" } = {}) {
     element("option", { value: String(key), selected: key === value }, text),
   );
   const menu = element("select", { title, "aria-label": label }, options);
-  menu.addEventListener("change", () => onChange(choices[menu.selectedIndex][0]));
+  menu.addEventListener("change", () => onChange?.(choices[menu.selectedIndex][0]));
   return menu;
 }
 

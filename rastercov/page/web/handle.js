@@ -23,7 +23,7 @@ export function testHandle(session, view, tools, frusta, gizmo) {
   const whenIdle = async () => {
     do {
       if (!session.isIdle && session.isConnected)
-        await new Promise((resolve) => once(session, "idle connection", resolve));
+        await new Promise((resolve) => session.on("idle connection", resolve));
       await new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))); // in between, observers of sizes frame the view anew
       await view.whenDrawn();
     } while (!session.isIdle && session.isConnected);
@@ -47,12 +47,4 @@ export function testHandle(session, view, tools, frusta, gizmo) {
     setOption: (name, value) => view.setOption(name, value),
     screenOf: (point) => view.look().toScreen(point),
   };
-}
-
-function once(session, events, listener) {
-  let isDone = false;
-  session.on(events, () => {
-    if (!isDone) listener();
-    isDone = true;
-  });
 }

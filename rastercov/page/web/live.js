@@ -284,7 +284,7 @@ export class Live {
     return { ...this.painting, isTask, total: this.part.total };
   }
 
-  canSave = (what) => ["rig", "task", "page"].includes(what);
+  canSave = (what) => what !== "report";
 
   async scene() {
     this.opening ??= this.#open();
@@ -407,7 +407,7 @@ export class Live {
       return !(origins || (lens && (!(lens in this.lenses) || task.min_pixels_per_m2 > 0)));
     };
     const { ofFaces, defaults } = this.data;
-    const isOfPoints = Object.keys(ofFaces).every((name) => task[name] === defaults[name]);
+    const isOfPoints = ofFaces.every((name) => task[name] === defaults[name]);
     return LIVE_MODES.includes(mode) && isOfPoints && on.every(isPlain) && on.length * this.n <= this.data.mostPairs;
   }
 
@@ -457,7 +457,6 @@ export class Live {
     else if (action.do === "constraints") this.#keep(action.is_kept);
     else if (!/_variant$/.test(action.do)) {
       if (action.do === "task" && this.goal) refuse("expected the task to be shown for new thresholds, got a goal; choose the task under Goals");
-      if (action.do === "task" && !this.server) checkTask(action.changes, this.data);
       const [before, shown] = [history.state, this.shown(history.state)];
       const { action: settled, notice } = await this.#settled(action, shown);
       const [made, words] = editState({ ...shown, sold: await this.#sold(action, shown) }, settled);
@@ -608,11 +607,16 @@ export class Live {
     this.work.start(what);
   }
 
-  /** Area that the cameras of a state cover, summed over the views that are needed; of one that is shown, see `atRest`. */
+  /** Area that the cameras of a state cover, summed over the views that are needed, or -1 beyond the limit of a goal; of one that is shown, see `atRest`. */
   async worth(made, shown, state) {
     const rest = this.atRest(made, shown, state);
     if (!this.isOwn()) return (await this.ask("worth", {}, rest)).m2;
-    const { covered } = await this.asking.ask("frame", this.rigOf(rest), "area", false);
+    const most = [...this.parts.values()].filter((part) => part.is_most);
+    const [{ covered }, ...seen] = await Promise.all([
+      this.asking.ask("frame", this.rigOf(rest), "area", false),
+      ...most.map((part) => this.asking.ask("cover", this.rigOf(rest, part), false)),
+    ]);
+    if (most.some(({ limits: [own] }, at) => requirementOf(own, seen[at].required[0]).status !== "holds")) return -1;
     return covered.by_views.reduce((sum, { m2 }) => sum + m2, 0);
   }
 
@@ -676,14 +680,6 @@ function occluderOf(hiders, groupOf, groups) {
   const most = Math.max(...hidden);
   const group = hidden.indexOf(most);
   return most > 0 ? { group, name: groups[group].name, share: most / hiders.length } : null;
-}
-
-/** Refuses thresholds that this page does not compute. */
-function checkTask(changes, { ofFaces, defaults }) {
-  for (const [name, value] of Object.entries(changes)) {
-    const only = name in ofFaces ? defaults[name] : value;
-    if (value !== only) refuse(`expected ${name} = ${only} for results by area, got ${value}: it ${ofFaces[name]}`);
-  }
 }
 
 function figuresOf({ share, incidence, distance: away, pixel_density: density, facing_density: facing }, unit) {

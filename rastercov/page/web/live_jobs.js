@@ -9,7 +9,7 @@
 import { refuse } from "rastercov/api.js";
 import { editState, focusOf, stationOf } from "rastercov/live_rig.js";
 import { polygonsOf } from "rastercov/live_zones.js";
-import { add, clamp, column, distance, dot, length, lookingAt, movePose, multiply, normalOf, scale, subtract, unit } from "rastercov/maths.js";
+import { add, clamp, column, distance, dot, length, lookingAt, movePose, multiply, normalOf, rotatePose, scale, subtract, unit } from "rastercov/maths.js";
 import { squareMetres } from "rastercov/dom.js";
 import { distances_to_try } from "rastercov/texts.js";
 
@@ -62,8 +62,7 @@ export class Work {
     const { live } = this;
     const { history } = live;
     if (what.kind === "place" && live.data.scene.placement.is_by_plan) return this.#byPlan(job, what);
-    const most = (live.data.goals ?? []).find((each) => each.is_most && (live.isLive || each.name === live.goal));
-    if (most) throw new Error(`expected goals that require coverage, got ${most.name}, which limits it; click another goal, or the task`);
+    if ((live.data.goals ?? []).some((each) => each.is_most && each.name === live.goal)) refuse(`expected a goal that requires coverage, got ${live.goal}, which limits it; click another goal, or the task`);
     if (what.kind === "refine") return this.#refine(job, what.station);
     const { revision } = history;
     const before = history.state;
@@ -71,7 +70,7 @@ export class Work {
     let state = shown;
     const chosen = what.camera ?? Object.keys(state.cameras)[0];
     const camera = state.gates?.find(({ names }) => names.includes(chosen))?.names[0] ?? chosen;
-    if (!(camera in state.cameras)) throw new Error(`there is no camera ${camera}; choose one from the list`);
+    if (!(camera in state.cameras)) refuse(`there is no camera ${camera}; choose one from the list`);
     const isPlace = what.kind === "place";
     const count = isPlace ? (what.cameras ?? 1) : 1;
     if (isPlace) state = { ...state, stations: [] };
@@ -80,8 +79,8 @@ export class Work {
       Object.assign(job, { words: isPlace ? `camera ${number + 1} of ${count}` : ADD, done: 0, total: this.live.data.scene.placement.tries });
       this.stepBegan = performance.now();
       const best = await this.#best(job, state, camera, number, { revision, shown, before });
-      if (!best && number === 0 && !job.done) throw new Error("expected uncovered area, got none; no further camera is needed");
-      if (!best && number === 0) throw new Error(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
+      if (!best && number === 0 && !job.done) refuse("expected uncovered area, got none; no further camera is needed");
+      if (!best && number === 0) refuse(`none of ${job.total} poses tried covers more; change the lens or the thresholds`);
       if (!best) break;
       for (const each of best.more) [state] = editState(state, { do: "add", ...each });
       gain += best.gain;
@@ -99,7 +98,7 @@ export class Work {
     const { state: before, revision } = history;
     const state = live.shown(before);
     const own = stationOf(state, id);
-    if (!own.is_on) throw new Error(`expected a camera that is on, got ${own.name}; switch it on`);
+    if (!own.is_on) refuse(`expected a camera that is on, got ${own.name}; switch it on`);
     const { size } = this;
     const worth = async (pose) => {
       this.#check(job, revision);
@@ -109,8 +108,8 @@ export class Work {
     const words = `refine ${own.name}`;
     Object.assign(job, { words, done: 0, total: 12 * MOST_STEPS });
     const [free] = live.server ? await this.#clear(state, [[{ camera: own.camera, pose: own.pose }]]) : [[own]];
-    if (!free) throw new Error(`expected ${own.name} near an allowed place, got it farther away; move it closer`);
-    const start = await worth(own.pose);
+    if (!free) refuse(`expected ${own.name} near an allowed place, got it farther away; move it closer`);
+    const start = checkWorth(await worth(own.pose));
     let best = { pose: own.pose, m2: start };
     if (free[0].pose.some((value, k) => value !== own.pose[k])) best = { pose: free[0].pose, m2: await worth(free[0].pose) };
     let step = FIRST_STEP;
@@ -147,7 +146,7 @@ export class Work {
       Object.assign(job, { done: said.done, total: said.total, words: said.words });
       this.stepBegan = performance.now() - 1000 * (said.step_seconds ?? 0);
       if (status === "cancelled") throw CANCELLED;
-      if (status === "failed") throw new Error(said.words);
+      if (status === "failed") refuse(said.words);
       if (history.revision !== revision) throw EDITED;
       if (status === "done") {
         history.take({ ...first, stations }, said.words);
@@ -162,11 +161,12 @@ export class Work {
     const { live } = this;
     const worth = (own) => live.worth(own, shown, before);
     const [least, pieces] = await Promise.all([worth(state), live.open(state, shown, before)]);
+    checkWorth(least);
     let best = null;
     const known = live.candidatesOf(camera);
     const drawn = (known ?? (await this.#poses(state.cameras[camera], pieces, numbers(seed + 1)))).map((pose) => placeRule(state, camera, pose));
     const tried = known ? drawn : await this.#clear(state, drawn);
-    if (drawn.length && !tried.length && seed === 0) throw new Error(`none of ${drawn.length} places tried is free for a camera; change the lens`);
+    if (drawn.length && !tried.length && seed === 0) refuse(`none of ${drawn.length} places tried is free for a camera; change the lens`);
     job.total = tried.length;
     for (const more of tried) {
       this.#check(job, revision);
@@ -228,24 +228,12 @@ function placeRule({ gates = [] }, camera, pose) {
 
 /** Poses one step aside along each axis of a camera, and turned about it. */
 function neighbours(pose, step, angle) {
-  const signs = [1, -1];
-  const moved = [0, 1, 2].flatMap((axis) =>
-    signs.map((sign) => movePose(pose, scale(column(pose, axis), sign * step))),
-  );
-  const turned = [0, 1, 2].flatMap((axis) =>
-    signs.map((sign) => {
-      const [c, s] = [Math.cos(angle), sign * Math.sin(angle)];
-      const [a, b] = [(axis + 1) % 3, (axis + 2) % 3];
-      const own = pose.slice();
-      for (const row of [0, 4, 8]) {
-        own[row + a] = c * pose[row + a] + s * pose[row + b];
-        own[row + b] = c * pose[row + b] - s * pose[row + a];
-      }
-      return own;
-    }),
-  );
-  return [...moved, ...turned];
+  const axes = [0, 1, 2].flatMap((at) => [1, -1].map((sign) => scale(column(pose, at), sign)));
+  return [...axes.map((axis) => movePose(pose, scale(axis, step))), ...axes.map((axis) => rotatePose(pose, axis, angle))];
 }
+
+/** The area of a rig, see `Live.worth`, that keeps the limits of goals. */
+const checkWorth = (m2) => (m2 >= 0 ? m2 : refuse("expected a rig within the limits of the goals, got one beyond; move or delete a camera"));
 
 /** Words on a gain of `worthOf`. */
 const gainText = (m2, { task, needed }, more = "more ") =>

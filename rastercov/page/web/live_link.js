@@ -21,13 +21,8 @@ export async function fragmentOf({ stations, cameras, task, needed }, first) {
     needed,
   };
   const text = new TextEncoder().encode(JSON.stringify(head));
-  const bytes = new Uint8Array(4 + text.length + 96 * stations.length);
-  const view = new DataView(bytes.buffer);
-  view.setUint32(0, text.length, true);
-  bytes.set(text, 4);
-  stations.forEach(({ pose }, row) => {
-    for (let k = 0; k < 12; k++) view.setFloat64(4 + text.length + 96 * row + 8 * k, pose[k], true);
-  });
+  const poses = Float64Array.from(stations.flatMap(({ pose }) => pose.slice(0, 12)));
+  const bytes = new Blob([Uint32Array.of(text.length), text, poses]);
   return MARK + base64Of(await through(bytes, new CompressionStream("deflate"))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
 }
 
@@ -36,16 +31,16 @@ export async function rigOfFragment(hash, first) {
   if (!hash.startsWith(MARK)) return null;
   const packed = bytesOf(hash.slice(MARK.length).replaceAll("-", "+").replaceAll("_", "/"));
   const bytes = await through(packed, new DecompressionStream("deflate"));
-  const view = new DataView(bytes.buffer);
-  const size = view.getUint32(0, true);
-  const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + size)));
+  const end = 4 + new Uint32Array(bytes.slice(0, 4).buffer)[0];
+  const poses = new Float64Array(bytes.slice(end).buffer);
+  const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, end)));
   const stations = head.stations.map(([name, camera, isOn], row) => ({
     id: row,
     name: String(name),
     camera: head.names[camera],
     is_on: Boolean(isOn),
     place: "allowed",
-    pose: [...Array.from({ length: 12 }, (_, k) => view.getFloat64(4 + size + 96 * row + 8 * k, true)), 0, 0, 0, 1],
+    pose: [...poses.subarray(12 * row, 12 * row + 12), 0, 0, 0, 1],
   }));
   return { stations, cameras: { ...first.cameras, ...head.cameras }, task: { ...first.task, ...head.task }, needed: head.needed };
 }

@@ -24,11 +24,11 @@ export class Figures {
     this.mesh = mesh;
   }
 
-  /** Runs a method; what the engine refused leaves no engine. */
+  /** Runs a method, or one of the solver of a rig; what the engine refused leaves no engine. */
   async answer(name, args) {
     try {
       this.#engine ??= await Engine.of(this.bytes);
-      return await this[name](...args);
+      return await (name in this ? this[name](...args) : this.#solverOf(args[0].part)[name](...args));
     } catch (error) {
       const isFull = error instanceof RangeError; // of an array that has no place
       if (isFull || error instanceof EngineError) {
@@ -90,12 +90,6 @@ export class Figures {
 
   /** Areas of the faces, m². */
   areas = () => this.#solverOf().areas;
-
-  cover = (rig, isPartial) => this.#solverOf(rig.part).cover(rig, isPartial);
-
-  pieces = (rig) => this.#solverOf(rig.part).pieces(rig);
-
-  failures = (rig, spots) => this.#solverOf(rig.part).failures(rig, spots);
 
   /** Figures of a face in each station, with what hides some points of it; what fails of it in each row, at its centroid. */
   why(rig, face, points, { point, normal }) {

@@ -95,6 +95,7 @@ async function open() {
     large,
   );
 
+  if (live && !server) addEventListener("beforeunload", (event) => session.state.is_saved === false && event.preventDefault());
   document.addEventListener("dragover", (event) => event.preventDefault()); // no browser leaves the page
   document.addEventListener("drop", (event) => {
     event.preventDefault();

@@ -38,14 +38,13 @@ export function readPlan(name, plan, others, { scene }, data) {
 }
 
 /** Thresholds that this page has, of entries at a place; the others are left out. */
-function taskOf(entries, where, { levels = {}, scene, ofFaces = {}, defaults }) {
+function taskOf(entries, where, { levels = {}, scene, defaults }) {
   const [task, left] = [{}, []];
   for (const [key, given] of Object.entries(entries)) {
     const value = typeof given === "string" ? (levels[given] ?? given) : given;
     const field = scene.task_fields.find((each) => each.name === key);
-    if (value === undefined || value === OF_THE_PAGE[key]) continue;
-    if (field && isOf(field, value) && !(key in ofFaces && value !== defaults[key])) task[key] = value;
-    else left.push(`${where}.${key}`);
+    if (field && isOf(field, value)) task[key] = value;
+    else if (value !== undefined && value !== { ...defaults, ...OF_THE_PAGE }[key]) left.push(`${where}.${key}`);
   }
   return { task, left };
 }
@@ -83,7 +82,7 @@ function groupsOf(groups, name, where) {
 }
 
 /** Goals of a plan with groups and thresholds of their own, as data of a page has them, and rows that the task keeps. */
-function goalsOf(plan, groups, data) {
+export function goalsOf(plan, groups, data) {
   const named = Object.entries(tableOf(plan.goals)).map(([name, goal]) => ({ name, goal, rows: goal.groups && [goal.groups].flat().flatMap((each) => groupsOf(groups, each, `goals.${name}: `)) }));
   const rest = [...groups.keys()].filter((row) => groups[row].role !== "occluder" && !named.some(({ rows }) => rows?.includes(row)));
   if (!rest.length) expected("a group without a goal", "none", "use selection.coverage");

@@ -10,10 +10,11 @@ import { inflate } from "rastercov/live.js";
 import { cornersOf, cross, distance, dot, subtract } from "rastercov/maths.js";
 import { UNITS, checkSize, readMesh } from "rastercov/mesh_file.js";
 import { Refused } from "rastercov/plain.js";
-import { rolesOf, sceneOf } from "rastercov/plan_files.js";
+import { goalsOf, rolesOf, sceneOf } from "rastercov/plan_files.js";
 
 const CUT_AT = 0.6; // height of the floor plan, as a part of that of the scene
 const LARGEST = { stl: 20 }; // units beyond which they are more likely millimetres; 200 of other files
+const ROLES = [["task", "cover"], ["occluder", "only hides others"], ["unseen", "no camera may see"]];
 const UNIT_OF = { glb: "m" };
 
 /** The data of a page with the scene that its reader chooses; other pages have theirs. */
@@ -45,8 +46,10 @@ function chooseData(data) {
         if (!file || meshes.length) expected("one mesh, or a plan with its meshes", all.map(({ name }) => name), "open them together");
         checkSize(file.size);
         const mesh = await readMesh(file.name, new Uint8Array(await file.arrayBuffer()), readers);
-        fill(more, unitForm(file.name, mesh, (scene) => resolve({ ...scene, files })));
+        const begun = new Promise((begin) => fill(more, unitForm(file.name, mesh, begin)));
         more.querySelector("select").focus();
+        const { roles, ...scene } = await begun;
+        resolve({ ...scene, ...withRoles(mesh.groups, roles.map(({ value }) => value), data), files });
       } catch (error) {
         fill(more);
         fault.textContent = error instanceof Refused ? error.message : `${all[0].name}: the file could not be read (${error.message})`;
@@ -90,27 +93,29 @@ function unitForm(name, mesh, resolve) {
   };
   const menu = choice("unit of the file", Object.keys(UNITS).map((unit) => [unit, unit]), hint, show);
   show(hint);
+  const roles = mesh.groups.map((group) => choice(group.name, ROLES, "task"));
   const start = () => {
     const metres = UNITS[menu.value];
-    resolve({ ...mesh, title: name, vertices: mesh.vertices.map((value) => value * metres) });
+    resolve({ ...mesh, roles, title: name, vertices: mesh.vertices.map((value) => value * metres) });
   };
   return element(
     "div.unit-form",
     element("p", `${[`${name}: ${count(mesh.groupOf.length)} faces`, ...new Set(mesh.notes)].join("; ")}.`),
     element("p", element("label", "The unit of the file is ", menu), ", so the object measures ", size, kind === "glb" ? "." : ". The file does not state its unit: check the size."),
+    roles.length > 1 ? element("details", element("summary", "Choose which groups to cover, or to keep private"), element("ul.plain", roles.map((role, row) => element("li", element("label", role, " ", mesh.groups[row].name))))) : null,
     button("Start", start, { kind: "primary" }),
   );
 }
 
-function boundsOf(vertices) {
-  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
-  for (let k = 0; k < vertices.length; k++) {
-    const axis = k % 3;
-    if (vertices[k] < low[axis]) low[axis] = vertices[k];
-    if (vertices[k] > high[axis]) high[axis] = vertices[k];
-  }
-  return [low, high];
+/** Groups with roles, and the goal of those that no camera may see. */
+function withRoles(groups, roles, data) {
+  const own = groups.map((group, row) => ({ ...group, role: roles[row] === "occluder" ? "occluder" : "task" }));
+  const unseen = groups.filter((_, row) => roles[row] === "unseen").map(({ name }) => name);
+  return { groups: own, ...goalsOf({ goals: unseen.length ? { private: { groups: unseen, at_most: 0 } } : {} }, own, data) };
 }
+
+const boundsOf = (vertices) =>
+  [Math.min, Math.max].map((most) => [0, 1, 2].map((axis) => vertices.reduce((found, value, k) => (k % 3 === axis ? most(found, value) : found), vertices[axis])));
 
 /** Six times the volume that faces enclose: negative for a room, whose faces look inward. */
 function volumeOf(vertices, faces, origin) {
