@@ -365,7 +365,7 @@ KALIBR = """cam0:
 """
 WRONG_FILES = {
     "empty.json": ("", "empty.json: expected JSON"),
-    "text.yaml": ("a: b\n", "^text.yaml: expected one camera of OpenCV or ROS"),
+    "text.yaml": ("a: b\n", "^text.yaml: expected one camera as of OpenCV"),
     "kalibr.yaml": (KALIBR, "^kalibr.yaml: expected one camera"),
     "stereo.yml": (OPENCV.replace("camera_matrix", "M1"), "^stereo.yml: expected one camera"),
     "two.yaml": (OPENCV + OPENCV, "^two.yaml: expected one camera"),
@@ -765,3 +765,21 @@ def test_each_threshold_of_the_page_can_be_changed(context, address):
     assert "Max incidence" in shown
     for words in ("Min pixels\n", "Min visibility", "Min coverage", "Min angle", "Focus rule"):
         assert words not in shown
+
+
+def test_boxes_of_a_pose_show_no_negative_zero(context, address):
+    page = Begun(context, address, "a.obj", WRITERS["a.obj"](PART.vertices, PART.faces), "m")
+    page.open("Cameras")
+    page.page.get_by_role("button", name="Add one here").click()
+    page.idle()
+    for signs in np.random.default_rng(1).choice((-1e-9, 1e-9), (6, 4)):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_euler("xyz", [-np.pi / 2, 0, signs[3]]).as_matrix()
+        pose[:3, 3] = signs[:3]
+        page.js(
+            "pose => rastercov.session.act({do: 'pose', station: 0, pose})", pose.ravel().tolist()
+        )
+        page.idle()
+        values = [each.input_value() for each in page.page.locator(".pose input").all()]
+        assert len(values) == 6
+        assert "-0" not in values

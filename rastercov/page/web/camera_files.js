@@ -109,6 +109,6 @@ function ofYaml(text) {
   if ([after("binning_x"), after("binning_y")].some((each) => parseInt(each, 10) > 1) || parseInt(part, 10) > 0) expected("a calibration of all pixels", "binning or roi", "use rastercov view");
   const model = /equidistant|fisheye/.test(law) ? "opencv_fisheye" : "opencv";
   const [width, height] = ["image_width", "image_height"].map((name) => parseInt(after(name), 10));
-  if (![width, height, fx, fy, cx, cy].every(Number.isFinite) || text.split("camera_matrix").length > 2) expected("one camera of OpenCV or ROS: image_width, image_height, camera_matrix", "another calibration", "save it so");
+  if (![width, height, fx, fy, cx, cy].every(Number.isFinite) || text.split("camera_matrix").length > 2) expected("one camera as of OpenCV or ROS: image_width, image_height, camera_matrix", "another calibration", "save each alone");
   return { model, width, height, fx, fy, cx: cx + 0.5, cy: cy + 0.5, skew, distortion };
 }

@@ -209,7 +209,7 @@ function poseSection(session, { view, tools, jobs }) {
     warning.textContent = isAllowed(station) ? "" : `Its position violates the constraints of the plan: ${station.place}.`;
     const now = values();
     // Typed poses keep all digits of what is not typed; these are for reading.
-    for (const { key, box } of fields) box.set(Number(now[key].toFixed(key.length > 1 ? 2 : decimals)));
+    for (const { key, box } of fields) box.set(Number(now[key].toFixed(key.length > 1 ? 2 : decimals)) + 0); // -0 is 0
   };
   session.follow("state chosen poses", show);
   return root;
