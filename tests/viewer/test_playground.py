@@ -689,11 +689,12 @@ WAYS = ("cover", "only hides others", "no camera may see")
 AREAS = {"floor": 16.0, "north": 12.0, "window": 1.0, "west": 12.0}
 
 
-def chosen(context, address, folder, ways):
+def chosen(context, address, folder, ways, size=(1280, 800)):
     """The playground with a room whose groups are for something each."""
     plan_in(folder)
     page = Begun.__new__(Begun)
     page.page, page.faults = context.new_page(), []
+    page.page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
     page.page.goto(address)
     page.page.locator("#mesh-file").set_input_files(folder / "room.obj")
     page.page.get_by_text("Choose which groups").click()
@@ -783,3 +784,11 @@ def test_boxes_of_a_pose_show_no_negative_zero(context, address):
         values = [each.input_value() for each in page.page.locator(".pose input").all()]
         assert len(values) == 6
         assert "-0" not in values
+
+
+def test_a_small_screen_begins_at_the_top(context, address, tmp_path):
+    """However far the reader had to scroll for Start."""
+    page = chosen(context, address, tmp_path, [WAYS[0]] * len(QUADS), (390, 500))
+    page.page.wait_for_function("window.rastercov?.session.figures !== undefined")
+    assert page.js("scrollY") == 0
+    assert page.page.locator("header.top").bounding_box()["y"] == 0

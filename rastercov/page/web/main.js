@@ -96,6 +96,7 @@ async function open() {
   );
 
   if (live && !server) addEventListener("beforeunload", (event) => session.state.is_saved === false && event.preventDefault());
+  scrollTo(0, 0);
   document.addEventListener("dragover", (event) => event.preventDefault()); // no browser leaves the page
   document.addEventListener("drop", (event) => {
     event.preventDefault();
