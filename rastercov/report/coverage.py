@@ -376,7 +376,7 @@ def _draw_poses(
                     pixels = camera_pixels(image)
                     keys |= {key.name: key for key in camera_keys(image)}
                     tiles[pose] = Image.fromarray(pixels), captions[pose]
-                    tiles[pose][0].thumbnail((TILE, PICTURE_SIDE))
+                    tiles[pose][0].thumbnail((TILE, PICTURE_SIDE), reducing_gap=1.0)
                     progress(len(tiles), 1 + len(drawn))
                     name = f"_{pose:0{digits}d}.png"
                     if options.full in ("poses", "all"):
@@ -389,7 +389,7 @@ def _draw_poses(
         with hold_interrupts():
             if tiles:
                 pictures, words = zip(*(tiles[pose] for pose in sorted(tiles)), strict=True)
-                sheet = contact_sheet(list(pictures), list(words))
+                sheet = contact_sheet(pictures, words)
                 sheet = add_frame(np.asarray(sheet), "", list(keys.values()))
                 save_picture(sheet, folder.file("contact_sheet.png"))
     return sheet

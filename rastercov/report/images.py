@@ -10,6 +10,7 @@ import unicodedata
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
@@ -28,6 +29,7 @@ from rastercov.base import (
     WholeArray,
     decimals_of,
     dots,
+    norm,
 )
 from rastercov.base.output import writing
 from rastercov.core.camera import Camera
@@ -108,10 +110,10 @@ def depth_picture(buffer: VisibilityBuffer) -> Image.Image:
     """
     seen = np.isfinite(buffer.depth)
     depths = buffer.depth[seen].astype(np.float64)
-    near, far = (depths.min(), depths.max()) if depths.size else (0.0, 0.0)
     pixels = np.full((*buffer.depth.shape, 3), OF_CAMERA.background, np.uint8)
     keys = []
     if depths.size:
+        near, far = depths.min(), depths.max()
         share = (depths - near) / max(far - near, TINY)
         pixels[seen] = greys(1 - share)
         digits = decimals_of(max(far - near, near * 1e-6))
@@ -247,9 +249,9 @@ def target_key() -> Key:
 def facing(mesh: Mesh, pose: ArrayLike) -> tuple[BoolArray, FloatArray]:
     """Mask of faces that show the camera a valid side, and |cos| of their incidence in [0, 1]."""
     ray = np.asarray(pose, np.float64)[:3, 3] - mesh.centroids
-    reach = np.sqrt(dots(ray, ray))
+    reach = norm(ray)
     along = dots(mesh.normals, ray)
-    cosine = np.divide(along, reach, out=np.zeros_like(reach), where=reach > 0)
+    cosine = along / np.maximum(reach, TINY)
     return (cosine >= 0) | mesh.two_sided_mask, np.minimum(np.abs(cosine), 1.0)
 
 
@@ -262,7 +264,7 @@ def greys(levels: ArrayLike) -> Pixels:
 def stripes(shape: tuple[int, int], width: int, period: int = 2) -> BoolArray:
     """Mask of diagonal stripes: `width` pixels each, one in `period` of them set."""
     diagonals = np.arange(sum(shape) - 1) // width % period == 1
-    return np.lib.stride_tricks.sliding_window_view(diagonals, shape[1]).copy()
+    return np.lib.stride_tricks.sliding_window_view(diagonals, shape[1])
 
 
 def hatch_pixels(
@@ -272,20 +274,25 @@ def hatch_pixels(
 
     The pixels are those `at` (N,) of a picture with some columns, row by row.
     """
-    period = HATCH_PERIOD * width
-    row, column = np.ogrid[:period, :period]
-    lines = np.stack([row + column, column - row + period, column + 0 * row, row + 0 * column])
-    is_line = lines // width % HATCH_PERIOD == 0
-    is_dot = np.maximum(row % period, column % period) < period / 2
-    marks = np.concatenate([is_line, is_dot[None]])
-    codes = np.arange(32)[:, None] >> np.arange(len(marks)) & 1 > 0
-    of_hatch = np.array([marks[own].any(axis=0) for own in codes])
     some = np.flatnonzero(hatch)
-    row, column = np.divmod(at[some], columns)
-    some = some[of_hatch[hatch[some], row % period, column % period]]
+    row, column = np.array(np.divmod(at[some], columns)) % (HATCH_PERIOD * width)
+    some = some[_marks(width)[hatch[some], row, column]]
     result = colours.copy()
     put(result, some, colours.take(some, axis=0) * (1 - HATCH_PALE) + 255 * HATCH_PALE)
     return result
+
+
+@cache
+def _marks(width: int) -> BoolArray:
+    """(32, P, P) one period of each hatch."""
+    period = HATCH_PERIOD * width
+    row, column = np.ogrid[:period, :period]
+    lines = np.stack([row + column, column - row, column + 0 * row, row + 0 * column])
+    is_line = lines // width % HATCH_PERIOD == 0
+    is_dot = np.maximum(row % period, column % period) < period / 2
+    marks = np.stack([*is_line, is_dot])
+    codes = np.arange(32)[:, None] >> np.arange(len(marks)) & 1 > 0
+    return (codes[:, :, None, None] & marks).any(axis=1)
 
 
 def put(pixels: Pixels, at: IntArray, colours: FloatArray | Float32Array | Pixels) -> None:
@@ -321,9 +328,10 @@ def draw_lines(
             (np.abs(cosine) < math.cos(math.radians(CREASE_DEG))) & is_large[one] & is_large[other]
         )
         if depth is not None:  # its reciprocal is linear on a plane
-            places = np.clip(at + np.array([-1, 0, 1, 2])[:, None] * step, 0, flat.size - 1)
-            before, jump, after = np.abs(np.diff(1 / depth.ravel()[places], axis=0))
-            least = STEP_REL / np.minimum(*depth.ravel()[places[1:3]])
+            places = at + np.array([-1, 0, 1, 2])[:, None] * step
+            near = depth.ravel().take(places, mode="clip")
+            before, jump, after = np.abs(np.diff(1 / near, axis=0))
+            least = STEP_REL / np.minimum(*near[1:3])
             is_line |= jump > 3 * np.maximum(before, after) + least
         is_drawn[at[is_line]] = is_drawn[at[is_line] + step * (width > WIDE)] = True
     rows = _long(np.flatnonzero(is_drawn & (flat >= 0)), width)
@@ -489,8 +497,7 @@ def write_labels(
             ends = [tuple(point.tolist()), tuple(place.tolist())]
             draw.line(ends, PAPER, 3 * fine)
             draw.line(ends, colour, round(1.5 * fine))
-            (x, y), r = point.tolist(), 2.5 * fine
-            draw.ellipse((x - r, y - r, x + r, y + r), colour, PAPER, fine)
+            draw.circle(point.tolist(), 2.5 * fine, colour, PAPER, fine)
     for place, size, name, colour in zip(places, sizes, names, colours, strict=True):
         low, high = (place - size / 2 + fine).tolist(), (place + size / 2 - fine).tolist()
         draw.rounded_rectangle((*low, *high), 3 * fine, PAPER, colour, round(1.5 * fine))
@@ -527,8 +534,7 @@ def targets_in_view(
     if not mesh.has_targets:
         return None
     image = draw_part(mesh, camera, pose, np.flatnonzero(mesh.target_mask))
-    with np.errstate(invalid="ignore"):  # inf where there is neither
-        is_hidden = image.depth > depth * np.float32(1 + TIE_REL)
+    is_hidden = image.depth > depth * np.float32(1 + TIE_REL)  # inf where there is neither
     return np.where(is_hidden, np.int32(-1), image.face)
 
 

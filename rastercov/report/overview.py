@@ -576,7 +576,7 @@ def zones_picture(
     )
     weights = np.where(zones.zone < max(1, len(listed)), zones.piece_area, 0.0)
     dead = np.bincount(zones.face, weights, mesh.n_faces) / np.maximum(mesh.areas, 1e-300)
-    dead[outer_skin(mesh, eyes)] = 0.0
+    dead[remember(outer_skin, mesh, eyes)] = 0.0
     scenes = [look(mesh, side, eyes=eyes) for side in best_directions(mesh, dead, eyes=eyes)]
     every = range(len(listed))
     drawn = [_with_zones(zones, scene, listed, every, devices) for scene in scenes]
@@ -729,12 +729,12 @@ def _with_zones(
     shown = layers[0]
     for of_layer in layers[1:]:
         shown = np.where(of_layer >= 0, of_layer, shown)
-    shown = np.where(shown < n, shown, -1)
+    shown = np.where(shown < n, shown, -1).astype(np.int8)
     pixels[outlines(shown)] = theme.INK
     image = Image.fromarray(pixels)
-    counts = np.bincount(shown.ravel() + 1, minlength=n + 1)[1:]
-    rows = [row for row in named if counts[row]]
     at = np.flatnonzero(shown >= 0)
+    counts = np.bincount(shown.ravel()[at], minlength=n)
+    rows = [row for row in named if counts[row]]
     of_zones, spots = shown.ravel()[at], np.stack(np.divmod(at, shown.shape[1])[::-1], axis=1) + 0.5
     places = np.array([middle_of(spots[of_zones == row]) for row in rows]).reshape(-1, 2)
     own_colours = [REASONS[listed[row]["reason"]].colour for row in rows]

@@ -275,7 +275,7 @@ def look(
     task = np.flatnonzero(mesh.target_mask | ~(is_closed | away))
     may_hide = is_closed[counts > 0].any() or mesh.target_mask.any()
     behind = draw_part(mesh, camera, pose, task) if may_hide else buffer
-    opened, n_behind = rows[:0], int((behind.face >= 0).sum())
+    opened, n_behind = rows[:0], (behind.face >= 0).sum()
     for _ in range(LAYERS * may_hide):
         hides = on_pixels(is_closed, buffer.face) & (buffer.depth < behind.depth)
         hides &= behind.face >= 0
@@ -479,7 +479,9 @@ def _paint_faces(
     pixels = palette.view("V3").take(face, mode="wrap").view(np.uint8).reshape(*face.shape, 3)
     if own is not None:
         at = np.flatnonzero(on_pixels(mesh.task_mask, face))
-        put(pixels, at, own(face, at) * light.astype(np.float32).take(face.ravel()[at])[:, None])
+        # An axis of three would take three times as long.
+        of_points = np.repeat(light.astype(np.float32).take(face.ravel()[at]), 3)
+        put(pixels, at, own(face, at).ravel() * of_points)
     if scene.backs[scene.counts > 0].any():
         behind = on_pixels(scene.backs, face)
         striped = behind & stripes(face.shape, scene.stripe)
@@ -645,20 +647,21 @@ def draw_in_space(
     for line in lines:
         seen = to_camera(np.linspace(line.start, line.end, line.pieces + 1), scene.pose)
         image_points = to_image(seen, scene.camera)
-        column, row = np.clip(image_points, 0, (depth.shape[1] - 1, depth.shape[0] - 1)).T
+        column, row = np.clip(image_points, 0, np.array(depth.shape[::-1]) - 1).T
         before = seen[:, 2] <= depth[row.astype(int), column.astype(int)] + slack
         is_ahead = seen[:, 2] > 1e-3 * DISTANCE * slack  # the viewer may be between them
         width = round(line.width * FINE)
         places = [tuple(place) for place in image_points.tolist()]
         is_drawn = is_ahead[:-1] & is_ahead[1:]
         is_seen = is_drawn & before[:-1] & before[1:]
-        for piece in np.flatnonzero(is_seen):  # a border, for a surface of the line's colour
-            draw.line(places[piece : piece + 2], PAPER, width + 2 * FINE)
-        for piece in np.flatnonzero(is_drawn):
-            if is_seen[piece]:
-                draw.line(places[piece : piece + 2], colour, width)
-            elif piece % 2 == 0:
+        for piece in np.flatnonzero(is_drawn & ~is_seen):
+            if piece % 2 == 0:
                 draw.line(places[piece : piece + 2], faint, max(1, width // 2))
+        ends = np.flatnonzero(np.diff(is_seen, prepend=False, append=False))
+        # A border, for a surface of the line's colour.
+        for own, wide in ((PAPER, width + 2 * FINE), (colour, width)):
+            for first, last in ends.reshape(-1, 2).tolist():
+                draw.line(places[first : last + 1], own, wide)
 
 
 def draw_bodies(
@@ -702,7 +705,8 @@ def smooth(image: Image.Image, scene: DrawnScene | None = None, unit: str = "") 
 
 def _draw_axes(draw: ImageDraw.ImageDraw, scene: DrawnScene, unit: str) -> None:
     font, size = font_for(round(FINE * 750)), 22 * FINE
-    height, near = scene.camera.height, scene.depth[np.isfinite(scene.depth)]
+    height, some = scene.camera.height, scene.depth[:: 2 * FINE, :: 2 * FINE]
+    near = some[some < np.inf]
 
     def write(ends: ArrayLike, words: str, at: ArrayLike, anchor: str) -> None:
         line = [tuple(each) for each in np.asarray(ends).tolist()]

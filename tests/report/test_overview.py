@@ -3,6 +3,7 @@
 import io
 import re
 from functools import partial, reduce
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lens_cameras import CAMERAS
 from nightly import examples
-from PIL import Image
+from PIL import Image, ImageDraw
 from scenes import joined, square
 from surface_cases import room
 from target_scenes import beside, sheet_at, some_as_targets
@@ -38,8 +39,10 @@ from rastercov.report.overview import (
 from rastercov.report.pages import describe_mesh
 from rastercov.report.panorama import (
     DIRECTIONS,
+    Line,
     back_faces,
     best_directions,
+    draw_in_space,
     in_picture,
     is_enclosed,
     is_inside,
@@ -558,3 +561,21 @@ def test_a_picture_in_the_dark_has_its_greys_reversed_and_its_colours_kept():
     assert lightness[0] < 32
     assert lightness[-1] > 200
     assert len(light) == len(png_in_the_dark(light))
+
+
+def test_a_line_is_drawn_at_once_as_far_as_it_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A border and the line itself, however many pieces it has: each would cost time."""
+    scene = look(shapes.box(), (1, -1.5, 1))
+    high = np.array([0.0, 0.0, scene.mesh.bounds[1][2] * 1.5])
+    image, calls, drawn = Image.new("RGB", (1440, 1120)), list[object](), ImageDraw.ImageDraw.line
+
+    def count(draw: ImageDraw.ImageDraw, *values: Any) -> None:
+        calls.append(values)
+        drawn(draw, *values)
+
+    monkeypatch.setattr(ImageDraw.ImageDraw, "line", count)
+    for pieces in (1, 7, 96):
+        calls.clear()
+        draw_in_space(image, scene, [Line(high, 1.1 * high, 2.0, pieces)], (255, 0, 0))
+        assert len(calls) == 2
+    assert (np.asarray(image) == (255, 0, 0)).all(axis=2).any()
