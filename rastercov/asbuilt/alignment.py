@@ -33,7 +33,7 @@ from rastercov.asbuilt.resection import (
     pixels_of,
     spread_of,
 )
-from rastercov.base import Float32Array, FloatArray, IntArray, norm
+from rastercov.base import Float32Array, FloatArray, IntArray, dots, norm
 from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.raster import open_rasterizer
@@ -280,7 +280,7 @@ def directions_of(
     length = norm(along)[..., None]
     with np.errstate(invalid="ignore", divide="ignore"):
         normals = np.stack((-along[:, 1], along[:, 0]), axis=1) / length
-    usable = np.isfinite(normals + pixels).all(axis=1, keepdims=True)
+    usable = np.isfinite(dots(normals + pixels, (1, 1)))[:, None]
     return np.where(usable, pixels * level.scale, -9), np.where(usable, normals, 0)
 
 
@@ -288,8 +288,9 @@ def likeness(level: Level, points: EdgePoints, pose: FloatArray) -> float:
     """Mean strength, 0 to 1, of the photograph's edges near predicted ones, in their directions."""
     pixels, normals = directions_of(level, points, pose)
     h, w = level.grey.shape
-    inside = np.all((pixels >= 0) & (pixels < (w, h)), axis=1)
-    column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
+    column, row = pixels.T
+    inside = (column >= 0) & (column < w) & (row >= 0) & (row < h)
+    column, row = np.where(inside, (column, row), 0).astype(np.int64)
     x, y = normals.T
     direction = np.rint(np.arctan2(y, x) / np.pi * DIRECTIONS).astype(np.int64) % DIRECTIONS
     return float((level.channels[direction, row, column] * inside).sum()) / max(len(points), 1)
@@ -298,7 +299,7 @@ def likeness(level: Level, points: EdgePoints, pose: FloatArray) -> float:
 def agreement(level: Level, points: EdgePoints, pose: FloatArray) -> float:
     """Mean strength, 0 to 1, of the photograph's edges on predicted ones, in their directions."""
     pixels, normals = directions_of(level, points, pose)
-    turned = sample(level.gradient, pixels[:, None]) * (normals @ (1, -1j))[:, None]
+    turned = sample(level.gradient, pixels[:, None]) * dots(normals, (1, -1j))[:, None]
     mean = _along(turned, points.edge)[0]
     return float(strength_of(mean).sum(dtype=np.float64)) / max(len(points), 1)
 
@@ -328,7 +329,7 @@ class Matches:
         n = int(np.ceil(reach)) + 1
         offsets = np.arange(-n, n + 1.0)
         found = sample(level.gradient, pixels[:, None] + normals[:, None] * offsets[:, None])
-        turned, n_points = _along(found * (normals @ (1, -1j))[:, None], points.edge)
+        turned, n_points = _along(found * dots(normals, (1, -1j))[:, None], points.edge)
         across = np.abs(turned.real)
         profile = np.where(np.abs(turned.imag) < 0.7 * across, across, 0)
         is_peak = (profile[:, 1:-1] >= profile[:, :-2]) & (profile[:, 1:-1] > profile[:, 2:])
@@ -359,11 +360,12 @@ def refine(
         rows, jacobian, weights = _equations(level, points, pose, matches, reach)
         if len(rows) < 12:
             return pose
-        square = jacobian.T @ (jacobian * weights[:, None])
-        slope = jacobian.T @ (matches.distance[rows] * weights)
+        weighted = jacobian * weights[:, None]
+        square = np.einsum("ni,nj->ij", weighted, jacobian)  # threads of BLAS wait at work
+        slope = dots(weighted.T, matches.distance[rows])
         step = np.linalg.lstsq(square + 1e-6 * np.diag(np.diag(square)), slope, rcond=None)[0]
         pose = displaced(pose, np.asarray(step, np.float64))
-        if np.abs(jacobian @ step).max(initial=0) < 0.02:
+        if np.abs(dots(jacobian, step)).max(initial=0) < 0.02:
             break
         reach = max(reach * 0.8, least)
     return pose
@@ -385,7 +387,7 @@ def _equations(
     weights = _weight(matches.distance, reach) * matches.strength
     rows = np.flatnonzero(weights > 0)
     moved = jacobian_of(points.points[rows], level.camera, pose)
-    jacobian = (moved * matches.normals[rows, :, None]).sum(axis=1) * level.scale
+    jacobian = np.einsum("nij,ni->nj", moved, matches.normals[rows]) * level.scale
     usable = np.isfinite(jacobian).all(axis=1)
     return rows[usable], jacobian[usable], weights[rows[usable]]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rastercov.asbuilt.resection import pixels_of
+from rastercov.asbuilt.resection import pixels_in_axes
 from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm
 from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import planes_of
@@ -140,7 +140,7 @@ def _counts(
     """Points of each edge, by the length of its image, and the number of the first of each."""
     parts = [low + (high - low) * share for share in (0.0, 0.5, 1.0)]
     places = np.stack([local[0] + part[:, None] * (local[1] - local[0]) for part in parts])
-    pixels = pixels_of(places, camera, np.eye(4))
+    pixels = pixels_in_axes(places, camera)
     limits = np.array((camera.width, camera.height))
     middle = np.clip(np.nan_to_num(pixels, nan=-1e6), -limits, 2 * limits)
     length = norm(np.diff(middle, axis=0)).sum(axis=0)
@@ -151,17 +151,14 @@ def _counts(
 def _is_visible(points: FloatArray, rasterizer: Rasterizer, pose: FloatArray) -> BoolArray:
     """True of points within the image before which an image of depths has nothing nearer."""
     camera = rasterizer.camera
-    depth = rasterizer.render(pose).depth
-    padded = np.pad(depth, 1, mode="edge")
-    around = [
-        padded[i : i + depth.shape[0], j : j + depth.shape[1]] for i in range(3) for j in range(3)
-    ]
-    farthest = np.max(around, axis=0)
-    pixels = pixels_of(points, camera, pose)
-    with np.errstate(invalid="ignore"):
-        inside = np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
-    cell = np.where(inside[:, None], pixels, 0).astype(np.int64)
+    farthest = np.pad(rasterizer.render(pose).depth, 1, mode="edge")
+    for _ in range(2):
+        farthest = np.maximum(np.maximum(farthest[:-2], farthest[1:-1]), farthest[2:]).T
     local = to_camera(points, pose)
+    column, row = pixels_in_axes(local, camera).T
+    with np.errstate(invalid="ignore"):
+        inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    cell = np.where(inside, (row, column), 0).astype(np.int64)
     is_wide = camera.is_curved and len(planes_of(camera)) > 1  # of depths along rays
     own = norm(local) if is_wide else local[:, 2]
-    return inside & (own <= farthest[cell[:, 1], cell[:, 0]] * (1 + DEPTH_SLACK))
+    return inside & (own <= farthest[*cell] * (1 + DEPTH_SLACK))

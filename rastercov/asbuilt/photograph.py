@@ -150,7 +150,7 @@ def sample(image: Gradients, pixels: FloatArray) -> Gradients:
     row = np.clip(y.astype(np.int64), 0, h - 2)
     first = row * w + column
     flat = image.ravel()
-    x, y = x - column, y - row
+    x, y = np.float32(x - column), np.float32(y - row)
     top = flat[first] * (1 - x) + flat[first + 1] * x
     bottom = flat[first + w] * (1 - x) + flat[first + w + 1] * x
     return np.asarray(inside * (top * (1 - y) + bottom * y))

@@ -92,7 +92,11 @@ def difference(pose: FloatArray, other: FloatArray) -> FloatArray:
 
 def pixels_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatArray:
     """Pixels (..., 2) of world points (..., 3); NaN behind a pinhole and outside a lens."""
-    local = to_camera(points, pose)
+    return pixels_in_axes(to_camera(points, pose), camera)
+
+
+def pixels_in_axes(local: FloatArray, camera: Camera) -> FloatArray:
+    """Pixels (..., 2), as of `pixels_of`, of points (..., 3) in camera axes."""
     with np.errstate(all="ignore"):
         pixels = to_image(local, camera)
     if camera.is_pinhole and not camera.is_parallel:
@@ -220,8 +224,7 @@ def jacobian_of(points: FloatArray, camera: Camera, pose: FloatArray) -> FloatAr
     local = to_camera(points, pose)
     size = 1e-6 * norm(local)[..., None]
     ends = [
-        pixels_of(local + size * axis, camera, np.eye(4))
-        for axis in np.vstack((np.eye(3), -np.eye(3)))
+        pixels_in_axes(local + size * axis, camera) for axis in np.vstack((np.eye(3), -np.eye(3)))
     ]
     slopes = np.stack([(ends[k] - ends[k + 3]) / (2 * size) for k in range(3)], axis=-1)
     return np.concatenate((np.cross(slopes, local[:, None]), -slopes), axis=-1)
