@@ -288,9 +288,8 @@ def likeness(level: Level, points: EdgePoints, pose: FloatArray) -> float:
     """Mean strength, 0 to 1, of the photograph's edges near predicted ones, in their directions."""
     pixels, normals = directions_of(level, points, pose)
     h, w = level.grey.shape
-    column, row = pixels.T
-    inside = (column >= 0) & (column < w) & (row >= 0) & (row < h)
-    column, row = np.where(inside, (column, row), 0).astype(np.int64)
+    inside = np.all((pixels >= 0) & (pixels < (w, h)), axis=1)
+    column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
     x, y = normals.T
     direction = np.rint(np.arctan2(y, x) / np.pi * DIRECTIONS).astype(np.int64) % DIRECTIONS
     return float((level.channels[direction, row, column] * inside).sum()) / max(len(points), 1)
@@ -364,7 +363,7 @@ def refine(
         square = np.einsum("ni,nj->ij", weighted, jacobian)  # threads of BLAS wait at work
         slope = dots(weighted.T, matches.distance[rows])
         step = np.linalg.lstsq(square + 1e-6 * np.diag(np.diag(square)), slope, rcond=None)[0]
-        pose = displaced(pose, np.asarray(step, np.float64))
+        pose = displaced(pose, step)
         if np.abs(dots(jacobian, step)).max(initial=0) < 0.02:
             break
         reach = max(reach * 0.8, least)

@@ -155,10 +155,9 @@ def _is_visible(points: FloatArray, rasterizer: Rasterizer, pose: FloatArray) ->
     for _ in range(2):
         farthest = np.maximum(np.maximum(farthest[:-2], farthest[1:-1]), farthest[2:]).T
     local = to_camera(points, pose)
-    column, row = pixels_in_axes(local, camera).T
-    with np.errstate(invalid="ignore"):
-        inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    cell = np.where(inside, (row, column), 0).astype(np.int64)
+    pixels = pixels_in_axes(local, camera)
+    inside = np.all((pixels >= 0) & (pixels < (camera.width, camera.height)), axis=1)
+    column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
     is_wide = camera.is_curved and len(planes_of(camera)) > 1  # of depths along rays
     own = norm(local) if is_wide else local[:, 2]
-    return inside & (own <= farthest[*cell] * (1 + DEPTH_SLACK))
+    return inside & (own <= farthest[row, column] * (1 + DEPTH_SLACK))

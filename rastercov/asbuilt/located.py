@@ -145,7 +145,7 @@ class Located(InOneLine):
     def words(self) -> str:
         """The pose beside the plan in one line, or why there is none."""
         if not self.accepted:
-            return f"undecided: {self.why}"
+            return self.why
         place, turn = self.deviations
         found = f"± {_length(place)}, ± {turn:.2g} deg"
         if self.is_distance_open:

@@ -29,11 +29,12 @@ def read_photograph(path: StrPath, camera: Camera) -> Float32Array:
     """
     try:
         with Image.open(path) as picture:
-            return brightness(np.asarray(picture.convert("F")), camera)
+            grey = np.asarray(picture.convert("F"))
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise ConfigError(
             f"expected a picture in {shown(str(path))}, got: {reason_of(error)}"
         ) from error
+    return brightness(grey, camera)
 
 
 def brightness(photo: ArrayLike, camera: Camera) -> Float32Array:
@@ -153,4 +154,4 @@ def sample(image: Gradients, pixels: FloatArray) -> Gradients:
     x, y = np.float32(x - column), np.float32(y - row)
     top = flat[first] * (1 - x) + flat[first + 1] * x
     bottom = flat[first + w] * (1 - x) + flat[first + w + 1] * x
-    return np.asarray(inside * (top * (1 - y) + bottom * y))
+    return inside * (top * (1 - y) + bottom * y)

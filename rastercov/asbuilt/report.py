@@ -91,8 +91,8 @@ def _picture(result: AsBuilt, row: int) -> Picture:
             pixels = pixels_of(points, small, pose)
             for x, y in pixels[np.isfinite(pixels).all(axis=1)].tolist():
                 draw.ellipse((x - 1, y - 1, x + 1, y + 1), fill=colour)
-    words = f"{result.planned.names[row]}: edges as planned in red, as built in green"
-    return Picture.of(words, image)
+    built = ", as built in green" * found.accepted
+    return Picture.of(f"{result.planned.names[row]}: edges as planned in red{built}", image)
 
 
 def _coverage(result: AsBuilt) -> list[tuple[str, str]]:

@@ -75,7 +75,9 @@ class AsBuilt:
         missing = len(self.planned.names) - len(self.found)
         said += [f"no photograph of {plural(missing, 'camera')}"] if missing else []
         against, assured = self.built.against, self.built.assured
-        said += against.losses() or ["nothing is lost"] if against else []
+        known = all(each.accepted for each in self.found.values())
+        none = "nothing is lost" if known else "what is lost is not known"
+        said += against.losses() or [none] if against else []
         said += assured.lines() if assured else []
         return said + list(self.notes)
 
@@ -134,9 +136,8 @@ def match_photographs(photo: Path, names: Sequence[str], camera: str | None) -> 
                     )
                 found[row] = each
         if not found:
-            listed = ", ".join(f"{name}.jpg" for name in names[:3])
             raise ConfigError(
-                f"{photo}: expected photographs named as cameras ({listed}, ...), got none"
+                f"{photo}: expected photographs named as cameras ({names[0]}.jpg, ...), got none"
             )
         return found
     if camera is None:

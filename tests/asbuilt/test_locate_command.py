@@ -69,6 +69,21 @@ def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsy
     assert call(capsys, "check plan.toml -p built/poses.json --min-coverage 0.05")[0] == 0
 
 
+@pytest.mark.parametrize("turns", [0, 2])
+def test_of_an_undecided_camera_nothing_is_claimed(folder, capsys, monkeypatch, turns):
+    monkeypatch.chdir(folder)
+    wrong = photograph(MESH, pose_of(1), 1) * bool(turns)  # black, or upside down
+    save(folder / "wrong.png", np.rot90(wrong, turns))
+    code, out, _ = call(capsys, "locate wrong.png plan.toml -p rig.json --of east --out wrong")
+    page = (folder / "wrong/locate.html").read_text(encoding="utf-8")
+    assert code == 2
+    assert out.count("undecided") == page.count("ndecided;") == 1
+    for text in (out.lower(), page.lower()):
+        assert "what is lost is not known" in text
+        assert "nothing is lost" not in text
+        assert "as built in green" not in text
+
+
 def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     code, out, _ = call(capsys, "locate photos plan.toml -p rig.json --rigid")
@@ -79,6 +94,7 @@ def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monk
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ("small.png --of east", "error: expected a photograph of 480 x 360 px as its camera, got"),
         ("small.png --of east", "scale the camera by 0.5"),
         ("text.png --of east", "expected a picture in 'text.png'"),
         ("photos/east.png", "expected the camera of east.png among 2 cameras"),
