@@ -85,7 +85,7 @@ def hold(seed: int, score: Score, of_scene, asked, rng: np.random.Generator) -> 
     def judged(points, face) -> Reasons:
         if asked is None:
             return reasons_of_points(mesh, camera, poses, task, points, face)
-        from rastercov.reference.over_time import reasons_over_time
+        from reasons_over_time import reasons_over_time
 
         return reasons_over_time(asked, camera, poses, task, points, face)
 
