@@ -33,12 +33,12 @@ def print_network(
 ) -> None:
     """Print a table of the parts that cameras cover, where there are several, and their types."""
     from rastercov.placement.parts import part_rows
-    from rastercov.report.tables import camera_rows, summary_table
+    from rastercov.report.tables import shares_by_type, summary_table
 
     console = Console()
     if has_parts and (level is not None or len(part_rows(summary)) > 1):
         console.print(summary_table(summary, level, unit))
-    if rows := [f"{name} {share}" for name, *_, share in camera_rows(summary)]:
+    if rows := shares_by_type(summary):
         print(f"Covered by each camera type alone: {first_of(rows)}")
 
 

@@ -93,7 +93,7 @@ from rastercov.report.pages import (
     zone_entries,
 )
 from rastercov.report.panorama import upright
-from rastercov.report.tables import camera_rows, camera_words, mounting_angles
+from rastercov.report.tables import camera_words, mounting_angles
 from rastercov.report.verdict import openings_in_words
 from rastercov.shards import Progress, silent
 
@@ -435,21 +435,37 @@ class NetworkPage:
         return {name: image for name in names if (image := table[name]) is not None}
 
     @cached_property
-    def shown_zones(self) -> list[tuple[ReadByName, Sequence[str], str, list[str]]]:
-        """The worst dead zones, with their rows of a table, the nearest camera, and their goals.
+    def shown_zones(self) -> list[tuple[ReadByName, list[str], str, list[str], bool]]:
+        """The worst dead zones, with their rows of a table, the nearest camera, and words.
 
-        Those in what fails a goal are first; of these goals there are words, also after the change.
+        They are on what is covered after the change, and on goals. Zones in what fails a goal are
+        first, which the last entry is True of.
         """
         shown, found = number_cameras(self.dead[1]), list[tuple[bool, int, list[str]]]()
         short, groups = [e for e in self.required if e.status != HOLDS], self.mesh.groups
         for row, zone in enumerate(shown):
             own = [each for each in short if names_in(groups, each.group) & {*zone["groups"]}]
             found.append((not own, row, [self._after(zone, each) for each in own]))
-        rows, words = zone_rows(self.dead[1]), self._nearest_of
-        return [
-            (shown[row], rows[row], words(shown[row]), said)
-            for _, row, said in sorted(found)[:MOST_CLOSE_UPS]
-        ]
+        rows, items, added = zone_rows(self.dead[1]), [], dict[str, float]()
+        for is_met, row, said in sorted(found)[:MOST_CLOSE_UPS]:
+            zone, tried = shown[row], shown[row]["tried"] or {}
+            if "gain_m2" in tried and "covered_area" in self.figures:
+                gains = {"then": tried["gain_m2"]} if is_met else {}
+                if tried["pose"] is None:  # zones do not overlap: what cameras add in them adds up
+                    added[rows[row][0]] = tried["gain_m2"]
+                    if len(added) > 1:
+                        with_all = f"with what is added for zones {' and '.join(added)}"
+                        gains[with_all] = sum(added.values())
+                said += [f"{when} {self._with_more(m2)}" for when, m2 in gains.items()]
+            if is_met and self.required:
+                said.append("this surface meets its goal even so")
+            items.append((zone, rows[row], self._nearest_of(zone), said, not is_met))
+        return items
+
+    def _with_more(self, m2: float) -> str:
+        exact = self.figures["covered_area"]
+        share = min((exact["m2"] + m2) / exact["of_m2"], 1.0)
+        return f"about {percent(share)} of the area is covered"
 
     def _after(self, zone: ReadByName, required: "Requirement") -> str:
         """Words on a requirement that fails for a zone, and on its share after the change."""
@@ -553,7 +569,6 @@ class NetworkPage:
             cameras_heading=f"{self.noun.capitalize()}s",
             camera_headings=more,
             camera_table=rows,
-            camera_rows=camera_rows(self.figures, self.unit),
             figures=self.figures,
             conditions=self._conditions(*own, has_room),
             section=None if self.part is None else self.part.template,
@@ -601,7 +616,7 @@ class NetworkPage:
         focus = {name: focus_in_words(own) for name, own in ends.items() if own != NO_FOCUS}
         if len({*focus.values()}) == 1 and len(focus) == len(every):
             said.append(f"It must be in focus, at a depth of {focus.popitem()[1]}.")
-        said += [f"{name} is in focus at a depth of {text}." for name, text in focus.items()]
+        said += [f"{name} must be in focus, at a depth of {text}." for name, text in focus.items()]
         for word, own in equipment_on(self.camera).items():
             words = (
                 f"{name} ({own._words(at, vars(task))})"
@@ -621,7 +636,9 @@ class NetworkPage:
         """
         room = "" if has_room else "; room for bodies and cables is not checked"
         blur, every = self.network.task.max_blur, cameras_of(self.camera)
-        is_sharp = all(every[row].depth_of_field(blur) == NO_FOCUS for row in self._used)
+        used, types = self._used, names_of(self.camera)
+        sharp = [types[at] for at in used if every[at].depth_of_field(blur) == NO_FOCUS]
+        who = first_of(sharp) if len(sharp) < len(used) else f"each {self.noun}"
         there = np.unique(self.mesh.face_group).tolist()
         groups = [self.mesh.groups[row] for row in there]
         names = openings_in_words([each.name for each in groups if not each.is_target])
@@ -631,7 +648,7 @@ class NetworkPage:
             f"each {self.noun} is exactly where its table has it: no mounting errors{room}": (
                 not under
             ),
-            f"each {self.noun} is in focus at any distance: it has no depth of field": is_sharp,
+            f"in focus at any distance, without a depth of field: {who}": bool(sharp),
             f"light comes straight from the {lights}, without reflections": bool(lights),
             "there is light enough everywhere: none is modelled": not lights,
             "what moves is as in its frames: nothing between them is checked": self.part
@@ -747,8 +764,6 @@ class NetworkPage:
         order = np.arange(len(self.poses))
         if lost is not None:
             columns["lost without it"] = self._areas(lost, whole)
-            if (lost <= self._least).any() and not self.serves_goals:
-                columns["redundant"] = ["yes" * bool(lost_m2 <= self._least) for lost_m2 in lost]
             if not more:  # which follow the order of the names
                 order = sort_order(-lost)
         for goal in self.goals:

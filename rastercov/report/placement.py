@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from rastercov.base import ByName, IntArray, ReadByName, percent
+from rastercov.base.format import coordinates
 from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.zones import ZONES
 from rastercov.core.camera import heads_of, led_by
@@ -19,6 +20,7 @@ from rastercov.core.coverage.evaluation import regions
 from rastercov.placement.candidates.cavities import Access
 from rastercov.placement.candidates.rooms import KeepOutBox
 from rastercov.placement.plan.check import Checked, worst_of
+from rastercov.placement.plan.entries import Table
 from rastercov.placement.plan.file import Plan
 from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.network import limits_of, views_by_group
@@ -114,6 +116,7 @@ def pages_of(
         reached=Access.REACHED,
         noun=prepared.noun,
         stops=placement.carried and _stops(placement.carried, shown, cameras.owner[leads]),
+        turns=_turns(plan.table),
         choices={word: each.table() for word, each in placement.choices.items()},
         sections={name: each.section() for name, each in placement.made.items()},
         products=[
@@ -145,8 +148,20 @@ def _stops(
     """Table of stops, each by the cameras of the page that are there."""
     heads, rows = carried.table()
     names = ([shown.labels[at] for at in np.flatnonzero(owner == own)] for own in carried.order)
-    made = [[", ".join(some), *row] for some, row in zip(names, rows, strict=True)]
+    made = [[", ".join(some), *row] for some, row in zip([["rest"], *names], rows, strict=True)]
     return [shown.noun, *heads], made
+
+
+def _turns(table: Table | None) -> str:
+    """Sentences on the sense of a turntable, and on the frame of cameras; "" without one."""
+    if table is None:
+        return ""
+    return (
+        f"At positive angles the turntable turns the part about ({coordinates(table.axis, 2)}), "
+        f"through ({coordinates(table.centre, 3)}) m, counter-clockwise as seen from where this "
+        "axis points. Positions and headings of cameras are in the frame of the part, as it lies "
+        "at 0°."
+    )
 
 
 def with_features(placement: Placement | Checked, content: ReadByName) -> ByName:

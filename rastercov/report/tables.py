@@ -168,20 +168,12 @@ def camera_words(camera: Camera) -> str:
     return ", ".join(filter(None, (camera.product, size, lens, f"field of view {view}")))
 
 
-def camera_rows(summary: ReadByName, unit: str = "m") -> list[list[str]]:
-    """Name, poses, covered area or faces, and its share, of each camera; often none."""
-    rows, entries = [], summary.get("by_camera", ())
-    whole = max((each.get("covered_area", {}).get("m2", 0) for each in entries), default=0)
-    for entry in entries:
-        covered = entry.get("covered_area")
-        size = (
-            plural(entry["covered"]["faces"], "face")
-            if covered is None
-            else area(covered["m2"], unit, whole)
-        )
-        share = (covered or entry["covered"])["percent"]
-        rows.append([entry["camera"], f"{entry['poses']:,}", size, percent(share / 100)])
-    return rows
+def shares_by_type(summary: ReadByName) -> list[str]:
+    """Name of each type of camera, and the share that it covers alone; often none."""
+    return [
+        f"{each['camera']} {percent(each.get('covered_area', each['covered'])['percent'] / 100)}"
+        for each in summary.get("by_camera", ())
+    ]
 
 
 def source_of(origin: str) -> str:

@@ -93,6 +93,8 @@ class CarriedPoses:
         Of the tour: the largest move of a joint, of all its ways together.
     turning : (J,) bool
         Joints with angles; the others have lengths.
+    rest : (J,) float64
+        Joints where the tour starts.
     flips : int
         Ways in which a wrist joint, of the last three that turn, moves by more than 90 degrees.
     """
@@ -106,6 +108,7 @@ class CarriedPoses:
     length: float
     turning: BoolArray
     flips: int
+    rest: FloatArray
 
     @property
     def unit(self) -> str:
@@ -118,15 +121,17 @@ class CarriedPoses:
         kinds = [of for of in SORTS if self.near[of]]
         names = {"scene": "clearance to the scene", "links": "between links"}
         heads = [*self.joint_names, *(names[of] for of in kinds)]
-        rows = []
+        rows = [[""] * len(kinds)]  # at rest, where none is known
         for row in self.order.tolist():
-            values = [
-                f"{text_with_sign(math.degrees(value), 1)}°" if is_angle else distance(value)
-                for value, is_angle in zip(self.joints[row].tolist(), self.turning, strict=True)
-            ]
             near = [self.near[of][row] for of in kinds]
-            free = [f"{distance(each.distance)} ({each.link} to {each.body})" for each in near]
-            rows.append([*values, *free])
+            rows.append(
+                [f"{distance(each.distance)} ({each.link} to {each.body})" for each in near]
+            )
+        for joints, own in zip([self.rest, *self.joints[self.order]], rows, strict=True):
+            own[:0] = [
+                f"{text_with_sign(math.degrees(value), 1)}°" if is_angle else distance(value)
+                for value, is_angle in zip(joints.tolist(), self.turning, strict=True)
+            ]
         return heads, rows
 
     @property
@@ -267,7 +272,16 @@ class PlanArm:
         lost = np.array([own.lost[at] for own, at in pairs])
         turning = self.arm.robot.kinematics.is_turning
         carried = CarriedPoses(
-            self.arm.robot.joint_names, joints, near, lost, names, order, length, turning, flips
+            self.arm.robot.joint_names,
+            joints,
+            near,
+            lost,
+            names,
+            order,
+            length,
+            turning,
+            flips,
+            self.arm.robot.rest,
         )
         return [own.found[at] for own, at in pairs], carried
 

@@ -11,7 +11,7 @@ sun.json        the same, and the provenance
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple
 
@@ -182,6 +182,21 @@ class Study(NamedTuple):
             of_rooms.append(entry | {"pieces": [each["number"] for each in own]})
         return entries, sorted(of_rooms, key=lambda each: each["hours"]), openings
 
+    def clock(self, rows: Sequence[int]) -> list[str]:
+        """Zone, and first and last sun above the least elevation, then on pieces; "" by a year.
+
+        To within a step, whose middles `times` are.
+        """
+        if len({time.date() for time in self.times}) != 1:
+            return [""] * (2 + len(rows))
+        half, pieces = timedelta(minutes=self.step / 2), self.ways["middle"].pieces
+        is_lit = (pieces.share > pieces.share_bound).T
+        every = [[self.times[at] for at in np.flatnonzero(is_lit[row]).tolist()] for row in rows]
+        return [f"{self.times[0]:%Z}"] + [
+            f"{lit[0] - half:%H:%M} to {lit[-1] + half:%H:%M}" if lit else "-"
+            for lit in [[*self.times], *every]
+        ]
+
     def _of_union(self, sunlit: Sunlight, rows: list[int]) -> FloatArray:
         """Hours, and their bound, of the piece of the largest lit share at each time."""
         share = sunlit.pieces.share[:, rows].max(axis=1, keepdims=True)
@@ -316,6 +331,7 @@ def write(
             bounded=text_with_bound,
             hours_text=hours_text,
             picture=picture,
+            clock=study.clock(order),
             plans=[(each["title"], render("floor_plan.svg", plan=each)) for each in plans],
             view=view,
         )

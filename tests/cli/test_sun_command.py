@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
@@ -358,3 +359,50 @@ def test_all_shade_of_a_window_is_named_its_reveal_by_its_hours(depth, tmp_path,
     page = (tmp_path / "out" / "sun.html").read_text()
     assert "wall (reveal)" in page
     assert 'class="verdict open"' in page  # nothing is asked: no colour says that it holds
+
+
+@pytest.mark.parametrize("longitude", [8.44, -77.0, 0.0])
+def test_the_first_and_the_last_sun_are_by_the_clock_of_the_page(longitude):
+    """Of a day, to within a step, in a zone by longitude; panes face east and west."""
+    from rastercov.sun.sun_report import Study
+
+    zone, step = timezone(timedelta(hours=round(longitude / 15))), 20
+    start = datetime(2026, 3, 21, tzinfo=zone)
+    times = [start + timedelta(minutes=step * (row + 0.5)) for row in range(72)]
+    towards = rc.sun_directions(49.1, longitude, times)
+    up = np.flatnonzero(towards[:, 2] > 0)
+    pane = np.array([(0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1)])
+    sides = [
+        rc.Mesh(pane, [(0, 1, 2), (0, 2, 3)]),
+        rc.Mesh(pane - (9, 0, 0), [(2, 1, 0), (3, 2, 0)]),
+    ]
+    sunlit = rc.sunlit(rc.Mesh.joined(sides, ["east", "west"]), towards[up])
+    chosen = [times[row] for row in up]
+    study = Study({"middle": sunlit}, chosen, up < 0, "a day", step, None, "", 90.0, False)
+    name, whole, *each = study.clock([0, 1])
+    hours = [
+        [int(end[:2]) + int(end[3:]) / 60 for end in text.split(" to ")] for text in (whole, *each)
+    ]
+    assert name == ("UTC" if not longitude else f"UTC{round(longitude / 15):+03d}:00")
+    noon = 12 + round(longitude / 15) - longitude / 15 + 7 / 60  # the sun is late in March
+    for (rise, end), wanted in zip(
+        hours, ((noon - 6, noon + 6), (noon - 6, noon), (noon, noon + 6)), strict=True
+    ):
+        assert (rise, end) == pytest.approx(wanted, abs=step / 60 + 0.15)
+    year = study._replace(times=[*chosen[:-1], chosen[-1] + timedelta(days=1)])
+    assert year.clock([0, 1]) == [""] * 4
+    assert study.clock([]) == [name, whole]
+
+
+def test_the_page_of_a_day_has_the_clock_and_that_of_a_year_has_none(folder, capsys):
+    head = "first to last sun, UTC+01:00"
+    call(capsys, f"{LINE} -o clock")
+    page = (folder / "clock" / "sun.html").read_text()
+    assert head in page
+    assert re.search(
+        r"above the horizon, 0\d:\d0 to 1\d:\d0 \(UTC\+01:00, without summer time\)", page
+    )
+    call(capsys, LINE.replace("--day 2026-03-21 --step 30", "--year 2026") + " -o clock")
+    page = (folder / "clock" / "sun.html").read_text()
+    assert "first to last sun" not in page
+    assert "summer time" not in page

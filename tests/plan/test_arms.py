@@ -18,12 +18,14 @@ import rastercov as rc
 from rastercov import placement
 from rastercov.core.area.remedies import TURN
 from rastercov.page.scene import scene_of_place
+from rastercov.placement.plan.entries import Table
 from rastercov.placement.plan.file import plan_of
 from rastercov.report import overview, panorama
-from rastercov.report.placement import change_of
+from rastercov.report.placement import _turns, change_of
 from rastercov.report.plan import summary
 from rastercov.robots import plan_arm as plan_arm
 from rastercov.robots.kinematics import pose_error
+from rastercov.robots.robot import FLOOR
 
 ARM = Path(__file__).parents[2] / "examples" / "arm.urdf"
 MOUNT = {"translation": [0, 0, 0.06]}
@@ -675,9 +677,34 @@ def test_an_arm_that_reaches_no_pose_has_no_infinite_clearance():
     none = np.zeros((0, 6))
     near = {"scene": [], "links": []}
     carried_poses = plan_arm.CarriedPoses(
-        (), none, near, none[:, 0], (), none[:, 0].astype(int), 0.0, none[0:0, 0] < 0, 0
+        (),
+        none,
+        near,
+        none[:, 0],
+        (),
+        none[:, 0].astype(int),
+        0.0,
+        none[0:0, 0] < 0,
+        0,
+        none[0:0, 0],
     )
     assert "inf" not in carried_poses.line()
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0, -1), (1, 0, 0)])
+def test_the_sense_of_a_turntable_is_that_of_its_joint(axis):
+    """At positive angles the part goes counter-clockwise about the axis, before the arm."""
+    robot = rc.Robot.load(ARM).on_turntable(axis, CENTRE, 90)
+    joints = np.append(np.zeros(len(robot.joint_names) - 1), np.pi / 2)
+    ends = [robot.frames(each)[FLOOR][0] for each in (0 * joints, joints)]
+    part = ends[0] @ np.linalg.inv(ends[1])  # of the stand, at 0
+    turned = part[:3, :3] @ np.cross(axis, (0.3, 0.5, 0.7))
+    assert turned == pytest.approx(np.cross(axis, np.cross(axis, (0.3, 0.5, 0.7))), abs=1e-9)
+    assert part[:3, :3] @ CENTRE + part[:3, 3] == pytest.approx(CENTRE)
+    words = _turns(Table(axis, CENTRE.tolist(), 90, None))
+    assert f"about ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f}), through (" in words
+    assert "counter-clockwise as seen from where this axis points" in words
+    assert _turns(None) == ""
 
 
 def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch):
@@ -704,6 +731,8 @@ def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch
     rows = [
         re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in re.findall(r"<tr>(<td.*?)</tr>", table)
     ]
+    rest = rows.pop(0)  # where the tour starts
+    assert rest == ["rest", *["0.0°"] * len(names), "", ""]
     assert [int(row[0]) - 1 for row in rows] == written["tour"]
     for row, at in zip(rows, written["tour"], strict=True):
         angles = [float(each.removesuffix("°")) for each in row[1 : 1 + len(names)]]

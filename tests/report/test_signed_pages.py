@@ -237,3 +237,72 @@ def test_a_page_of_a_flight_says_how_far_and_how_long_apart_photographs_are():
     apart = line["length_m"] / (line["images"] - 1)
     cells = [f"{line['length_m']:.0f}", f"{apart:.1f}", f"{apart / flight.asked.speed:.1f}"]
     assert re.search(r"\s*".join(f"<td[^>]*>{each}</td>" for each in cells), page)
+
+
+PLATES = [((1, 1, 0.5), (0, 0, 0)), ((1, 1, 0.5), (4, 0, 0)), ((1, 1, 0.5), (8, 0, 0))]
+"""Sizes and places of plates, of which a camera sees the first from above."""
+
+
+def plates_page(task=None, **more):
+    """Mesh, cameras, and page of plates under a camera above the first."""
+    plates = [shapes.box(size, centre=at) for size, at in PLATES]
+    mesh = rc.Mesh.joined(plates, ["a", "b", "c"])
+    eye, pose = rc.Camera(**CAMERA), rc.look_at([(0, 0, 2)], [(0, 1e-3, 0)])
+    result = rc.evaluate(mesh, eye, pose, task, **more)
+    return mesh, eye, pose, network_of(result, result.summary(), parts=regions_of(result))
+
+
+def test_the_gain_of_added_cameras_together_is_that_of_all_of_them():
+    mesh, eye, pose, page = plates_page()
+    poses, numbers, n_said = [pose], [], 0
+    for zone, row, _, said, _ in page.shown_zones:
+        tried = zone["tried"]
+        if tried["pose"] is not None:  # a camera that is moved adds nothing to the others
+            assert len(said) == 1
+            continue
+        numbers.append(row[0])
+        poses.append(rc.look_at([tried["position"]], [tried["looking_at"]]))
+        assert len(said) == min(len(numbers), 2)
+        if len(numbers) > 1:
+            before = f"with what is added for zones {' and '.join(numbers)} about "
+            words, share, after = re.split(r"([\d.]+)(?= %)", said[1].replace(before, "", 1))
+            assert (words, after) == ("", " % of the area is covered")
+            every = rc.evaluate(mesh, eye, np.concatenate(poses)).summary()["covered_area"]
+            assert float(share) <= every["percent"] + 1.5  # which cover other zones, too
+            assert float(share) > float(re.search(r"([\d.]+) %", said[0])[1])
+            n_said += 1
+    assert n_said
+
+
+@pytest.mark.parametrize("rides", [None, True, False])
+def test_a_camera_that_is_added_has_the_lamps_that_ride(rides):
+    more = {}
+    if rides is not None:
+        lamp, at = rc.Lamp.ring(0.08, 4000, points=8), np.eye(4)
+        at[:3, 3] = np.zeros(3) if rides else (0, 0, 3)
+        more["lamps"] = rc.Lamps([lamp], [at], ["ring"], rides=[rides])
+    *_, page = plates_page(**more)
+    advised = [zone["advice"] for zone, *_ in page.shown_zones if "add a" in zone["advice"]]
+    assert advised
+    assert all(("camera and its lamps at" in text) == bool(rides) for text in advised)
+
+
+@pytest.mark.parametrize("sharp", [(), (0,), (1,), (0, 1)])
+def test_a_page_names_the_sensors_that_have_no_depth_of_field(sharp):
+    blurred = CAMERA | {"focus_range": (0.1, 5.0)}
+    eyes = [rc.Camera(**(CAMERA if row in sharp else blurred)) for row in range(2)]
+    place = np.eye(4)
+    place[0, 3] = 0.1
+    rig = rc.Rig(eyes, ["left", "right"], [np.eye(4), place], rule=rc.All())
+    heads = rig.poses(rc.look_at([(0.7, 0.1, 0.3)], (0, 0, 0)))
+    result = rc.evaluate(shapes.box((0.2, 0.2, 0.2)), rig, heads)
+    page = network_of(result, result.summary())
+    said = [
+        each for each in page._conditions([], {"quarantined": {}}, "", False) if "focus" in each
+    ]
+    who = {(): [], (0,): ["left"], (1,): ["right"], (0, 1): ["each head"]}[sharp]
+    assert said == [f"in focus at any distance, without a depth of field: {each}" for each in who]
+    rules = " ".join(page._rules())
+    wanted = [f"{name} must be in focus" for name in ("left", "right")]
+    wanted = ["It must be in focus"] if not sharp else wanted
+    assert [each in rules for each in wanted] == [row not in sharp for row in range(len(wanted))]

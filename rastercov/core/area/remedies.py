@@ -46,11 +46,13 @@ from rastercov.core.camera import (
     axes_of,
     cameras_of,
     distance_to_keep,
+    equipment_on,
     eyes_of,
     fibonacci_sphere,
     gates_of,
     is_joint,
     look_at,
+    names_of,
     rows_of_result,
     to_camera,
     to_image,
@@ -485,8 +487,11 @@ class Remedies:
         scale = max(float(norm(spot.points - spot.at).max()), 1e-12)
         target, to = round_point(spot.at, scale)
         is_one = not is_joint(self.camera)
-        new = "rig with its first sensor" if gates_of(self.camera) else "camera"
         index = self._index(row)
+        new = "rig with its first sensor" if gates_of(self.camera) else "camera"
+        for word, own in equipment_on(self.camera).items():
+            if own.carried_by(names_of(self.camera))[:, index].any():
+                new += f" and its {word}"
         camera, away = cameras_of(self.camera)[index], self.mesh.diagonal / 2
         origin = spot.at
         if len(self.poses):

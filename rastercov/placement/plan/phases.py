@@ -276,7 +276,7 @@ class CarriedPoses(Protocol):
         """The joints in words."""
 
     def table(self) -> tuple[Sequence[str], list[list[str]]]:
-        """Headings, and a row for each pose in their `order`."""
+        """Headings, and rows: at rest, and for each pose in their `order`."""
 
 
 class Carrier(Protocol):
