@@ -450,7 +450,8 @@ class NetworkPage:
         for is_met, row, said in sorted(found)[:MOST_CLOSE_UPS]:
             zone, tried = shown[row], shown[row]["tried"] or {}
             if "gain_m2" in tried and "covered_area" in self.figures:
-                gains = {"then": tried["gain_m2"]} if is_met else {}
+                moved = tried.get("group_gains_m2", {}).values()  # what others lose, too
+                gains = {"then": sum(moved) if moved else tried["gain_m2"]} if is_met else {}
                 if tried["pose"] is None:  # zones do not overlap: what cameras add in them adds up
                     added[rows[row][0]] = tried["gain_m2"]
                     if len(added) > 1:
@@ -465,7 +466,7 @@ class NetworkPage:
     def _with_more(self, m2: float) -> str:
         exact = self.figures["covered_area"]
         share = min((exact["m2"] + m2) / exact["of_m2"], 1.0)
-        return f"about {percent(share)} of the area is covered"
+        return f"about {percent(share)} of the area or more is covered"
 
     def _after(self, zone: ReadByName, required: "Requirement") -> str:
         """Words on a requirement that fails for a zone, and on its share after the change."""
