@@ -8,6 +8,7 @@ there.
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 
 import numpy as np
 
@@ -79,7 +80,13 @@ def feature_rows(
     reasons = np.full((len(poses), len(face)), Reason.DEGENERATE, np.uint8)
     for row, (reason, _) in enumerate(first_failures(mesh, camera, task, poses, points, face)):
         reasons[row] = reason
-    conditions = conditions_at(mesh, camera, task, points, face)
+    conditions, sees = (
+        conditions_at(mesh, camera, task, points, face),
+        np.ones((1, len(face)), bool),
+    )
+    is_lit = np.ones(reasons.shape, bool)
+    for row, each in product(range(len(poses)), conditions):
+        is_lit[row] &= each.reasons(poses[row : row + 1], sees) == Reason.COVERED
     made = []
     for at, (part, entry) in enumerate(zip(map(known, groups), groups, strict=True)):
         own = entry["name"], part.area_m2, part.percent, part.reason
@@ -87,17 +94,14 @@ def feature_rows(
         if ranks.max(initial=0) <= Reason.BACK_FACING:
             made.append(FeatureRow(*own))
             continue
+        ranks = 2 * ranks + is_lit[:, at]
         row, figures = _best(camera, poses, ranks, points[at], mesh.normals[face[at]])
         is_facing = task.min_facing_density > task.min_pixel_density
         density = figures["facing_density" if is_facing else "pixel_density"]
         angle = math.degrees(figures["incidence"])
-        sees = np.ones((1, len(face)), np.bool_)
-        dark = [
-            each.reasons(poses[row : row + 1], sees)[at] != Reason.COVERED for each in conditions
-        ]
         eye = cameras_of(camera)[poses.camera[row]]
         focus = _in_focus(eye, poses.world_from_camera[row], points[at], task)
-        lit = not any(dark) if dark else None
+        lit = bool(is_lit[row, at]) if conditions else None
         made.append(FeatureRow(*own, names[row], density, angle, focus, lit, is_facing))
     return sorted(made, key=lambda each: (each.covered_percent, -each.area_m2))
 

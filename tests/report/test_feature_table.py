@@ -14,7 +14,7 @@ from nightly import examples
 import rastercov as rc
 from rastercov.core.area.advice import focus_in_words
 from rastercov.core.mesh import shapes
-from rastercov.report.coverage import html_of
+from rastercov.report.coverage import html_of, network_of
 from rastercov.report.feature_table import FeatureRow, feature_rows, table_of
 
 SIDES = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -257,3 +257,24 @@ def test_the_density_of_a_row_is_the_one_that_the_task_limits(name, tilt):
     assert top.px_per_m >= 60 or top.covered_percent == 0
     text = table_of(rows)[1][rows.index(top)][table_of(rows)[0].index("pixels")]
     assert text.endswith(" facing") == (name == "min_facing_density")
+
+
+@pytest.mark.parametrize("intensity", [4, 4000])
+def test_the_best_camera_of_a_feature_is_one_that_its_light_reaches(intensity):
+    """The nearer camera has the most pixels, and its lamp is too weak or is not."""
+    lamps = [rc.Lamp.ring(0.02, each, points=8) for each in (intensity, 4000)]
+    names = ["near", "far"]
+    eye = rc.Camera(width=320, height=240, fx=160, fy=160)
+    rig = rc.Rig([eye, eye], names)
+    lamps = rc.Lamps(lamps, [np.eye(4)] * 2, ["weak", "strong"], rides=names)
+    pane = np.array([(0, 0, 0), (0.2, 0, 0), (0.2, 0, 0.2), (0, 0, 0.2)])
+    parts = [rc.Mesh(pane + np.array((x, 0, 0)), [(0, 1, 2), (0, 2, 3)]) for x in (-0.1, 0.2)]
+    poses = rc.look_at([(0.1, -1, 0.2), (0.1, -2, 0.4)], (0.1, 0, 0))
+    task = rc.Task(min_illuminance=100)
+    mesh = rc.Mesh.joined(parts, ["a", "b"])
+    result = rc.evaluate(mesh, rig, rc.Poses.of(poses, camera=[0, 1]), task, lamps=lamps)
+    rows = network_of(result, result.summary()).features
+    assert len(rows) == 2
+    for row in rows:
+        assert row.lit
+        assert row.camera == f"camera {1 if intensity > 100 else 2}"
