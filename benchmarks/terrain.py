@@ -212,7 +212,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         path = Path(name, "mountains.tif")
         tags = geotiff.tags_of((500000, 5300000), (SPACING, SPACING), 32632, "UTM 32N")
-        path.write_bytes(geotiff.encode(kinds["mountains"].astype(np.float32), "TIFF", tags))
+        path.write_bytes(geotiff.encode(kinds["mountains"].astype(np.float32), tags))
         for each in args.raster or [path]:
             compare(report, each, args.python)
     report.finish(args.json)

@@ -31,8 +31,6 @@ from rastercov.core.mesh.terrain import REFRACTION, Raster
 from rastercov.engine import survey_viewshed as kernels
 from rastercov.shards import Progress, silent
 
-EYE_HEIGHT = 1.7
-"""Height of a person's eyes above the ground, m."""
 NO_PIECES = np.empty((0, 4, 2))
 MOST_PIECES = 200_000
 """Visible pieces whose outlines are joined: about a minute."""
@@ -104,7 +102,7 @@ def viewshed(
     observers: ArrayLike,
     *,
     spacing: float | tuple[float, float] | None = None,
-    height: float = EYE_HEIGHT,
+    height: float = 1.7,
     target: float = 0.0,
     radius: float | None = None,
     refraction: float = REFRACTION,
@@ -178,10 +176,11 @@ def viewshed(
             raise ConfigError(f"expected ground within {reach:g} m, got none; increase the radius")
         if beside is not None:
             both = _solve_beside(raster, place, target, beside)
-        parts = [np.where(ground, each, 0.0) for each in (*both, ground)]
+        both[:, ~ground] = 0.0
+        parts = (*both, ground)
         seen.append(Seen(*(float((part * area).sum()) for area in areas for part in parts)))
-        for total, part in zip(sums, parts, strict=True):
-            np.add(total, part, total)
+        sums[:2] += both
+        sums[2] += ground
         progress(n, len(eyes))
     whole = (np.isfinite(slopes) * on_map).sum(axis=2)
     whole[~sums[2].any(axis=2)] = np.nan
@@ -192,26 +191,21 @@ def viewshed(
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
     """(N, 3) map coordinates and heights above the ground."""
     check_room("observers", points)
-    array = np.atleast_2d(check_array("observers", points, "iuf", "(N, 2)", ConfigError))
+    given = check_array("observers", points, "iuf", "(N, 2)", ConfigError)
+    array = np.atleast_2d(given).astype(np.float64)
     if array.shape[1:] == (2,):
-        array = np.insert(array.astype(np.float64), 2, finite_number(height), axis=1)
+        array = np.insert(array, 2, finite_number(height), axis=1)
     is_usable = array.size > 0 and array.shape[1:] == (3,) and np.isfinite(array).all()
     if not (is_usable and array[:, 2].min() >= 0):
         raise ConfigError(
             "expected finite observers (N, 2) or (N, 3) with a height of 0 or more above the "
             f"ground, got {shown(array.tolist())}; correct them"
         )
-    return array.astype(np.float64)
+    return array
 
 
-class Place(NamedTuple):
-    """Of an observer on the map from the origin, its cell, and the height of its eyes."""
-
-    x: float
-    y: float
-    row: int
-    column: int
-    eye: float
+Place = tuple[float, float, int, int, float]
+"""Of an observer on the map from the origin, its row and column, and the height of its eyes."""
 
 
 def _place(raster: Raster, observer: FloatArray) -> Place:
@@ -233,7 +227,7 @@ def _place(raster: Raster, observer: FloatArray) -> Place:
             f"{observer[1]:.10g}; move it"
         )
     own = known[np.argmin(known % 2)]
-    return Place(x, y, int(own // 2), column, float(heights[own] + observer[2]))
+    return x, y, int(own // 2), column, float(heights[own] + observer[2])
 
 
 def _solve(
@@ -244,15 +238,16 @@ def _solve(
     NaN beyond the reach and without ground. Strips of the engine are columns, which are meridians
     on a map in degrees; its x is south.
     """
+    _, _, row, column, eye = place
     x, y = raster.xy
     east, north = raster.about(x[:, None], y, place)
     fall = 0.5 * raster.inverse_radius * (east**2 + north**2)
-    above = raster.heights.T - place.eye
+    above = raster.heights.T - eye
     points = np.empty((*above.shape, 4))
-    points[..., 0], points[..., 1], points[..., 2] = -north, east, above - fall
-    points[..., 3] = abs(above) + fall + target
+    for k, part in enumerate((-north, east, above - fall, abs(above) + fall + target)):
+        points[..., k] = part
     both = np.full((2, len(x) - 1, len(y) - 1, 2), np.nan)
-    n = kernels.viewshed((points, place.column, place.row, float(target), reach, *both, pieces))
+    n = kernels.viewshed((points, column, row, float(target), reach, *both, pieces))
     return both.transpose(0, 2, 1, 3)[..., ::-1], n
 
 
@@ -266,7 +261,7 @@ def _solve_beside(raster: Raster, place: Place, target: float, beside: Mesh) -> 
     names = ["seen", "beside", "ground"][: 3 if target else 2]
     raised = names[:1] if target else []
     scene = Mesh.joined(parts[: len(names)], names).with_groups(names[1:], raised, raised)
-    pose = look_at([(0.0, 0.0, place.eye)], [(1.0, 0.0, place.eye)])
+    pose = look_at([(0.0, 0.0, place[4])], [(1.0, 0.0, place[4])])
     covered = evaluate(scene, panorama(2000, 1000), pose).covered
     both = np.zeros((2, *raster.heights[1:, 1:].shape, 2))
     seen = np.stack((covered.area[0], covered.bound))[:, : len(faces)] / ground.areas

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from rastercov.base import (
     ByName,
@@ -72,55 +73,47 @@ def summary_of(viewshed: Viewshed) -> ByName:
 
 
 def write_files(viewshed: Viewshed, out: Path) -> None:
-    """Write viewshed.tif, viewshed.png and observers.csv."""
+    """Write viewshed.tif, with NaN without ground, viewshed.png and observers.csv."""
     name_folder(out)
-    write_bytes(out / "viewshed.tif", tif_of(viewshed))
+    raster = viewshed.raster
+    code = int(raster.crs.removeprefix("EPSG:")) if raster.crs else None
+    crs = code, raster.crs or "local metres"
+    tags = geotiff.tags_of(raster.origin, raster.spacing, *crs, raster.is_geographic)
+    write_bytes(out / "viewshed.tif", geotiff.encode(viewshed.share.astype(np.float32), tags))
     write_bytes(out / "viewshed.png", picture_of(viewshed))
     entries = summary_of(viewshed)["observers"]
     write_text(out / "observers.csv", csv_text(entries[0], entries))
 
 
-def tif_of(viewshed: Viewshed) -> bytes:
-    """GeoTIFF of the visible share of each cell, or of the number of observers; NaN elsewhere."""
-    raster = viewshed.raster
-    code = int(raster.crs.removeprefix("EPSG:")) if raster.crs else None
-    crs = code, raster.crs or "local metres"
-    tags = geotiff.tags_of(raster.origin, raster.spacing, *crs, raster.is_geographic)
-    return geotiff.encode(viewshed.share.astype(np.float32), "TIFF", tags)
-
-
 def picture_of(viewshed: Viewshed) -> bytes:
     """PNG of the visible share over a shaded relief, within the radius, with a legend."""
     raster, most = viewshed.raster, len(viewshed.seen)
+    part = np.nan_to_num(viewshed.share / most)[..., None]
+    colours = UNSEEN + part * np.subtract(SEEN, UNSEEN)
+    pixels = (colours * relief_of(raster)[..., None]).astype(np.uint8)
     known = np.isfinite(viewshed.share)
-    sides = raster.sides
-    used = [np.flatnonzero(known.any(axis=axis)) for axis in (0, 1)]
-    pixel = max(len(each) * side for each, side in zip(used, sides, strict=True)) / 1200  # metres
-    columns, rows = (
-        each[0] + np.arange(max(1, int(len(each) * side / pixel))) * pixel / side
-        for each, side in zip(used, sides, strict=True)
-    )
-    at = np.ix_(rows.astype(np.int64), columns.astype(np.int64))
-    part = np.nan_to_num(viewshed.share[at] / most)[..., None]
-    colours = np.array(UNSEEN) + part * (np.array(SEEN) - np.array(UNSEEN))
-    image = (colours * relief_of(raster)[at][..., None]).astype(np.uint8)
-    image[~known[at]] = HOLE
-    for column, row in (abs(viewshed.observers[:, :2] - raster.origin) / raster.spacing).tolist():
-        is_column = abs(columns - column) * sides[0] <= 8 * pixel
-        image[np.ix_(abs(rows - row) * sides[1] <= 8 * pixel, is_column)] = OBSERVER
+    pixels[~known] = HOLE
+    used = np.argwhere(known)[:, ::-1]
+    first, last = used.min(axis=0), used.max(axis=0) + 1
+    whole = (last - first) * raster.sides
+    size = np.maximum(1200 * whole / whole.max(), 1).astype(np.int64)
+    image = Image.fromarray(pixels).resize(size.tolist(), 0, (*first, *last))
+    cells = abs(viewshed.observers[:, :2] - raster.origin) / raster.spacing
+    for x, y in (size * (cells - first) / (last - first)).tolist():
+        ImageDraw.Draw(image).rectangle((x - 8, y - 8, x + 8, y + 8), OBSERVER)
     scale = np.linspace(UNSEEN, SEEN, 24).astype(np.uint8)
     title, name = f"{most} observers", "number of observers"
     if most == 1:
         title, name = lines_of(viewshed)[0].partition(":")[0], "visible share"
     keys = [Key.scale(name, scale, "0", str(most)), Key.of("observer", OBSERVER)]
-    return png(add_frame(image, title, keys))
+    return png(add_frame(np.asarray(image), title, keys))
 
 
 def relief_of(raster: Raster) -> FloatArray:
     """(H - 1, W - 1) brightness of slopes in light from the north-west, 0.6 to 1."""
     known = np.nan_to_num(raster.heights, nan=float(np.nanmean(raster.heights)))
-    steep = np.asarray(sum(np.gradient(known)))[:-1, :-1]
-    return np.asarray(0.8 + 0.1 * np.clip(steep / max(float(np.std(steep)), 1e-9), -2, 2))
+    steep: FloatArray = np.add(*np.gradient(known))[:-1, :-1]
+    return 0.8 + 0.1 * np.clip(steep / max(steep.std(), 1e-9), -2, 2)
 
 
 def write_outlines(viewshed: Viewshed, path: Path) -> None:

@@ -289,7 +289,7 @@ DEGREES = (1 / 1200, 1 / 1500)
 def write_degrees(path, heights, corner):
     """GeoTIFF of heights by longitude and latitude, with the corner of its first pixel."""
     tags = geotiff.tags_of(corner, DEGREES, 4326, "WGS 84", is_geographic=True)
-    path.write_bytes(geotiff.encode(heights.astype(np.float32), "TIFF", tags))
+    path.write_bytes(geotiff.encode(heights.astype(np.float32), tags))
     return path
 
 
@@ -428,7 +428,7 @@ def test_the_curvature_is_that_of_a_sphere_for_every_observer():
 def write_raster(path, heights, more=None, nodata="-9999"):
     """GeoTIFF of heights with tags changed."""
     tags = geotiff.tags_of(ORIGIN, (25.0, 20.0), 32632, "UTM 32N") | {42113: (2, nodata)}
-    path.write_bytes(geotiff.encode(heights, "TIFF", tags | (more or {})))
+    path.write_bytes(geotiff.encode(heights, tags | (more or {})))
     return path
 
 

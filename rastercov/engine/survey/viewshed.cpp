@@ -54,20 +54,10 @@ double crossing(const Line &line, const Line &other, double u0, double u1) {
 // on that moves along with the cells.
 class Horizon {
   public:
-    // Higher than v from one u to another, by more than its errors.
-    bool is_above(double v, double first, double last) {
-        seek(first);
-        for (auto at = _at; at->first < last; ++at) {
-            const Line &line = at->second;
-            const double u0 = std::max(first, at->first), u1 = std::min(last, std::next(at)->first);
-            if (!(std::min(line.at(u0), line.at(u1)) - 2 * line.error > v)) return false;
-        }
-        return true;
-    }
-
     // Raises it to a line between two u; calls `each` with u0, u1 and the line of a piece before.
     template <class Each> void raise(const Line &line, double first, double last, Each each) {
-        seek(first);
+        while (_at->first > first) --_at;
+        while (std::next(_at)->first <= first) ++_at;
         for (auto at = _at; at->first < last; ++at) {
             const Line old = at->second;
             const double next = std::next(at)->first;
@@ -86,11 +76,6 @@ class Horizon {
 
     Pieces _pieces = {{0.0, BELOW_ALL}, {1.0, BELOW_ALL}};
     Pieces::iterator _at = _pieces.begin();
-
-    void seek(double u) {
-        while (_at->first > u) --_at;
-        while (std::next(_at)->first <= u) ++_at;
-    }
 
     Pieces::iterator put(Pieces::iterator at, double start, const Line &line) {
         if (at->first < start) at = _pieces.insert(std::next(at), {start, line});
@@ -134,9 +119,8 @@ Edge edge_of(Corner p, Corner q, double target) {
         const double error = 16 * ROUNDING * size;
         return w0 < w1 ? Line{u0, v0, slope, error} : Line{u1, v1, slope, error};
     };
-    const auto ground = line(p[2] * w0, q[2] * w1);
-    const auto seen = target > 0 ? line((p[2] + target) * w0, (q[2] + target) * w1) : ground;
-    return {ground, seen, line(w0, w1), u0, u1};
+    const auto seen = line((p[2] + target) * w0, (q[2] + target) * w1);
+    return {line(p[2] * w0, q[2] * w1), seen, line(w0, w1), u0, u1};
 }
 
 struct View {
@@ -224,28 +208,32 @@ class Viewshed : View {
             if (!(most[0] > 0 && most[1] > 0)) continue;
             std::array<Edge, 3> edges;
             std::array<double, 3> sides;
+            double top = -1e300; // of its seen sides, with the greatest error, and their u
+            double error = 0.0;
+            double low = 1.0;
+            double high = 0.0;
             for (size_t k = 0; k < 3; k++) {
-                edges[k] = edge_of(own[k], own[(k + 1) % 3], target);
                 sides[k] = cross(own[k], own[(k + 1) % 3]);
+                edges[k] = edge_of(own[k], own[(k + 1) % 3], target);
+                const auto &[ground, seen, depth, u0, u1] = edges[k];
+                if (!(u0 < u1)) continue;
+                top = std::max({top, seen.at(u0), seen.at(u1)});
+                error = std::max(error, seen.error);
+                low = std::min(low, u0);
+                high = std::max(high, u1);
             }
             const bool is_beside = std::ranges::min(sides) < 0 && std::ranges::max(sides) > 0;
-            if (is_beside && is_below_horizon(edges)) continue;
+            // Below the horizon by more than the errors of both: not seen, and changes nothing.
+            bool is_below = is_beside && low < high;
+            if (is_below)
+                _horizon->raise(BELOW_ALL, low, high, [&](double u0, double u1, const Line &line) {
+                    is_below &=
+                        std::min(line.at(u0), line.at(u1)) > top + 2 * line.error + 4 * error;
+                });
+            if (is_below) continue;
             for (size_t k = 0; k < 3; k++)
                 between(edges[k], is_beside ? edges[(k + 1) % 3] : OBSERVER);
         }
-    }
-
-    // By more than all errors of two sides and of the horizon.
-    bool is_below_horizon(const std::array<Edge, 3> &edges) {
-        double top = -1e300, error = 0.0, first = 1.0, last = 0.0;
-        for (const auto &[ground, seen, depth, u0, u1] : edges) {
-            if (!(u0 < u1)) continue;
-            top = std::max({top, seen.at(u0), seen.at(u1)});
-            error = std::max(error, seen.error);
-            first = std::min(first, u0);
-            last = std::max(last, u1);
-        }
-        return first < last && _horizon->is_above(top + 4 * error, first, last);
     }
 
     // Adds what is visible of a triangle between two of its sides, and raises the horizon to it.

@@ -15,24 +15,21 @@ SHORT, TEXT, DOUBLE = 3, 2, 12
 """Types of values."""
 
 
-def encode(pixels: AnyArray, kind: str, tags: Mapping[int, Any] | None = None) -> bytes:
-    """Image of pixels, (H, W), as "PNG" or "TIFF"; tags are pairs of type and values."""
-    file, more = io.BytesIO(), {"compression": "tiff_adobe_deflate"} if kind == "TIFF" else {}
-    if tags is not None:
-        own = TiffImagePlugin.ImageFileDirectory_v2()
-        for tag, (type_of_tag, values) in tags.items():
-            own.tagtype[tag] = type_of_tag
-            own[tag] = values
-        more |= {"tiffinfo": own}  # type: ignore[dict-item] # of other values
-    Image.fromarray(pixels).save(file, kind, **more)
+def encode(pixels: AnyArray, tags: Mapping[int, Any]) -> bytes:
+    """TIFF of pixels, (H, W); tags are pairs of type and values."""
+    file, own = io.BytesIO(), TiffImagePlugin.ImageFileDirectory_v2()
+    for tag, (type_of_tag, values) in tags.items():
+        own.tagtype[tag] = type_of_tag
+        own[tag] = values
+    Image.fromarray(pixels).save(file, "TIFF", compression="tiff_adobe_deflate", tiffinfo=own)
     return file.getvalue()
 
 
 def tags_of(
     corner: tuple[float, float],
     cell: tuple[float, float],
-    code: int | None,
-    name: str,
+    code: int | None = None,
+    name: str = "local metres",
     is_geographic: bool = False,
 ) -> dict[int, tuple[int, Any]]:
     """Tags of GeoTIFF and their types.

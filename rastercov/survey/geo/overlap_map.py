@@ -6,11 +6,12 @@ cell.
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from PIL import Image
 
 from rastercov.base import (
     ConfigError,
@@ -19,8 +20,10 @@ from rastercov.base import (
     check_choice,
     check_place,
     write_bytes,
+    write_text,
 )
 from rastercov.placement.georeference import GeoReference
+from rastercov.report.images import png
 from rastercov.survey.geo import geotiff
 from rastercov.survey.geo.layer import Layer
 
@@ -105,22 +108,14 @@ def _add(count: IntArray, polygon: shapely.MultiPolygon, corner: FloatArray, cel
 def write(overlap_map: OverlapMap, place: GeoReference | None, path: Path) -> None:
     """Write a map by its suffix; beside a PNG its world file, .pgw."""
     if path.suffix.lower() == ".png":
-        most = int(overlap_map.images.max(initial=0))
-        pixels = overlap_map.images.astype(np.uint8) if most < 256 else overlap_map.images
-        write_bytes(path, geotiff.encode(pixels, "PNG"))
+        pixels = overlap_map.images
+        if pixels.max(initial=0) < 256:
+            pixels = pixels.astype(np.uint8)
+        write_bytes(path, png(Image.fromarray(pixels)))
         x, y = overlap_map.corner + np.array((0.5, -0.5)) * overlap_map.cell
         lines = [overlap_map.cell, 0.0, 0.0, -overlap_map.cell, x, y]
-        world = path.with_suffix(".pgw")
-        write_bytes(world, "".join(f"{line!r}\n" for line in map(float, lines)).encode())
+        write_text(path.with_suffix(".pgw"), "".join(f"{float(line)!r}\n" for line in lines))
         return
-    write_bytes(path, geotiff.encode(overlap_map.images, "TIFF", _tags(overlap_map, place)))
-
-
-def _tags(overlap_map: OverlapMap, place: GeoReference | None) -> dict[int, tuple[int, Any]]:
-    """Tags of GeoTIFF, with the CRS by its EPSG code, or by its name alone."""
-    x, y = overlap_map.corner.tolist()
-    cell = (overlap_map.cell, overlap_map.cell)
-    if place is None:
-        return geotiff.tags_of((x, y), cell, None, "local metres")
-    code = geotiff.USER_DEFINED if place.epsg is None else place.epsg
-    return geotiff.tags_of((x, y), cell, code, place.map_crs.name)
+    crs = () if place is None else (place.epsg or geotiff.USER_DEFINED, place.map_crs.name)
+    tags = geotiff.tags_of(overlap_map.corner.tolist(), (overlap_map.cell,) * 2, *crs)
+    write_bytes(path, geotiff.encode(overlap_map.images, tags))
