@@ -88,18 +88,22 @@ def write_files(viewshed: Viewshed, out: Path) -> None:
 def picture_of(viewshed: Viewshed) -> bytes:
     """PNG of the visible share over a shaded relief, within the radius, with a legend."""
     raster, most = viewshed.raster, len(viewshed.seen)
-    part = np.nan_to_num(viewshed.share / most)[..., None]
-    colours = UNSEEN + part * np.subtract(SEEN, UNSEEN)
-    pixels = (colours * relief_of(raster)[..., None]).astype(np.uint8)
     known = np.isfinite(viewshed.share)
-    pixels[~known] = HOLE
-    used = np.argwhere(known)[:, ::-1]
-    first, last = used.min(axis=0), used.max(axis=0) + 1
-    whole = (last - first) * raster.sides
-    size = np.maximum(1200 * whole / whole.max(), 1).astype(np.int64)
-    image = Image.fromarray(pixels).resize(size.tolist(), 0, (*first, *last))
+    left, right, top, bottom = (
+        edge for axis in (0, 1) for edge in np.flatnonzero(known.any(axis=axis))[[0, -1]]
+    )
+    whole = np.array((right + 1 - left, bottom + 1 - top))
+    step = 1 + whole.max() // 2400  # of the cells of a large raster, which would take memory
+    used = np.s_[top : bottom + 1 : step, left : right + 1 : step]
+    part = np.nan_to_num(viewshed.share[used] / most)[..., None]
+    colours = UNSEEN + part * np.subtract(SEEN, UNSEEN)
+    pixels = (colours * relief_of(raster)[used][..., None]).astype(np.uint8)
+    pixels[~known[used]] = HOLE
+    sides = whole * raster.sides
+    size = np.maximum(1200 * sides / sides.max(), 1).astype(np.int64)
+    image = Image.fromarray(pixels).resize(size.tolist(), 0)
     cells = abs(viewshed.observers[:, :2] - raster.origin) / raster.spacing
-    for x, y in (size * (cells - first) / (last - first)).tolist():
+    for x, y in (size * (cells - (left, top)) / whole).tolist():
         ImageDraw.Draw(image).rectangle((x - 8, y - 8, x + 8, y + 8), OBSERVER)
     scale = np.linspace(UNSEEN, SEEN, 24).astype(np.uint8)
     title, name = f"{most} observers", "number of observers"
