@@ -1,15 +1,13 @@
 """Faces that cameras cover by number and angle of the views, or see, with whole arrays.
 
-The twin of `engine/coverage/spread.hpp` and of `rastercov.placement.uncovered.CandidateBounds`.
+The twin of `engine/coverage/spread.hpp`.
 """
 
 from itertools import combinations
 
 import numpy as np
 
-from rastercov.base import TINY, BoolArray, ByteArray, FloatArray, IntArray
-from rastercov.core.coverage.task import Reason
-from rastercov.core.raster.contract import BoundKind
+from rastercov.base import TINY, BoolArray, FloatArray, IntArray
 
 
 def covered_faces(
@@ -41,22 +39,3 @@ def covered_faces(
             & (lengths[[one, other]] > 0).all(axis=0)
         )
     return covered & is_spread
-
-
-def candidate_bounds(
-    visibility: FloatArray,
-    bound: FloatArray,
-    kind: ByteArray,
-    drawn: FloatArray,
-    reason: ByteArray,
-    edge_on: float,
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Bounds of the greatest visible fraction of each face, (F,), and how many poses cover it.
-
-    Figures of a `Coverage` are (P, F). An image of `edge_on` square pixels or less shows nothing,
-    unless it was sampled.
-    """
-    low = (visibility - bound).max(axis=0, initial=0).clip(0, 1)
-    is_edge_on = (drawn <= edge_on) & (kind != BoundKind.STATISTICAL)
-    high = np.where(is_edge_on, 0.0, visibility + bound).max(axis=0, initial=0).clip(0, 1)
-    return low, high, (reason == Reason.COVERED).sum(axis=0)

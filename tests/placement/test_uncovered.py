@@ -15,6 +15,7 @@ import rastercov as rc
 from rastercov.core.coverage.network import Network
 from rastercov.core.coverage.task import REASONS, Reason, Task, nearness
 from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.core.raster.contract import BoundKind
 from rastercov.engine.coverage_pairs import EDGE_ON
 from rastercov.placement import uncovered
 from rastercov.placement.improve.objective import Objective
@@ -22,7 +23,6 @@ from rastercov.placement.matrix import build_matrix
 from rastercov.placement.matrix_folder import shorten_coverage
 from rastercov.placement.plan.network import find_uncovered, measure_network
 from rastercov.placement.uncovered import CandidateBounds, Sight, in_front, what_is_left
-from rastercov.reference.views import candidate_bounds
 
 CAMERA = rc.Camera(width=320, height=240, fx=300, fy=300, cx=160, cy=120)
 
@@ -232,6 +232,18 @@ def test_the_parts_of_what_is_left_add_up_and_agree_with_the_network():
     assert all(REASONS[name].sentence in "\n".join(rest.lines()) for name in told["reasons"])
 
 
+def candidate_bounds(visibility, bound, kind, drawn, reason):
+    """Bounds of the greatest visible fraction of each face, (F,), and how many poses cover it.
+
+    Figures of a `Coverage` are (P, F). An image of `EDGE_ON` square pixels or less shows nothing,
+    unless it was sampled.
+    """
+    low = (visibility - bound).max(axis=0, initial=0).clip(0, 1)
+    is_edge_on = (drawn <= EDGE_ON) & (kind != BoundKind.STATISTICAL)
+    high = np.where(is_edge_on, 0.0, visibility + bound).max(axis=0, initial=0).clip(0, 1)
+    return low, high, (reason == Reason.COVERED).sum(axis=0)
+
+
 @pytest.mark.parametrize("method", ["certified", "sampled"])
 @given(seed=st.integers(0, 2**32 - 1), n_poses=st.integers(0, 9))
 @examples(15)
@@ -252,7 +264,7 @@ def test_pairs_and_bounds_of_candidates_are_those_of_the_figures(method, seed, n
         matrix = matrix.joined(build_matrix(observer, poses[4:], task, bounds=bounds))
     figures = rc.evaluate(mesh, CAMERA, poses, task, method=method, by="face")
     names = ("visibility", "visibility_bound", "visibility_kind", "drawn_pixels", "reason")
-    expected = candidate_bounds(*(getattr(figures, name) for name in names), EDGE_ON)
+    expected = candidate_bounds(*(getattr(figures, name) for name in names))
     for one, other in zip((bounds.low, bounds.high, bounds.covering), expected, strict=True):
         np.testing.assert_array_equal(one, np.where(chosen, other, 0))
     assert bounds.n_poses == n_poses

@@ -1,6 +1,6 @@
 // Pairs of poses and faces for a matrix of visibility, and bounds of what the poses see of faces.
 //
-// Twins: rastercov.reference.views, tests/placement/test_uncovered.py.
+// Twin: tests/placement/test_uncovered.py.
 #include "bind.hpp"
 #include "coverage/face.hpp"
 
