@@ -146,6 +146,22 @@ def test_triangles_that_are_seen_edge_on_have_the_shares_of_fractions(seed):
         assert all(both[1][each] < 1e-6 for each in hidden)
 
 
+@pytest.mark.parametrize("seed", range(amount(5, 200)))
+def test_rows_a_rounding_above_the_horizon_are_not_taken_as_below_it(seed):
+    """Each row of a slope through the observer is higher than the one before by a few roundings."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:9, :4].astype(np.float64) + rng.uniform(0.1, 0.9)
+    rises = np.cumsum(rng.integers(0, 3, 9))
+    heights = rng.normal() * y * (1 + 2.0**-52 * rises[:, None])
+    x -= rng.choice([1, 2])
+    heights[:2] = -5.0
+    points = np.stack((x, y - 1, heights, abs(heights)), axis=2)
+    both = np.full((2, 8, 3, 2), np.nan)
+    column = int(np.searchsorted(x[0], 0)) - 1
+    kernels.viewshed((points, 0, column, 0.0, np.inf, *both, np.empty((0, 4, 2))))
+    check_shares(points, 0.0, *both)
+
+
 def long_degrees(rng):
     """Raster in degrees with cells thousands of times as wide as high, or the reverse."""
     fine, coarse = 10 ** rng.uniform(-4, -1), rng.choice([0.1, 1, 2, 5])
