@@ -215,7 +215,9 @@ def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh
 
     if of:
         kept = names_of_groups("--of", of, names_of(mesh)) or set()
-        mesh = mesh.with_groups(occluders={group.name for group in mesh.groups} - kept)
+        mesh = mesh.with_groups(
+            occluders=[g.name for g in mesh.groups if g.is_occluder or g.name not in kept]
+        )
     # Before it is divided, where sides of different faces do not match; of a model or a town.
     warn(*mesh.warnings, *size_warnings(mesh, 0.03, 5e3))
     if resolution is not None:

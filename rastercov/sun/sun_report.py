@@ -126,8 +126,8 @@ class Study(NamedTuple):
                 hours = sunlit.weights * sunlit.share[:, row]
                 entry["hours_by_month"] = np.bincount(months, hours, 12).tolist()
             if self.least is not None:
-                most = entry["least_piece_hours"] + entry["least_piece_bound_hours"]
-                entry["reached"] = bool(most >= self.least)
+                least = entry["least_piece_hours"] - entry["least_piece_bound_hours"]
+                entry["reached"] = bool(least >= self.least)
             rows.append(entry)
         return sorted(rows, key=lambda each: (each["is_group"], each["least_piece_hours"]))
 
@@ -245,7 +245,7 @@ class Study(NamedTuple):
         return np.append(sunlit.pieces.hours, 0.0)[sunlit.pieces.of_face]
 
     def summary(self, options: ReadByName) -> tuple[ByName, Openings]:
-        """Content of `sun.json`; pieces, or rooms, pass that get the least hours, within errors."""
+        """Content of `sun.json`; pieces, or rooms, pass that surely get the least hours."""
         sunlit, parts = self.ways["middle"], self.parts()
         pieces, rooms, openings = self.pieces()
         groups = [each["name"] for each in parts if each["is_group"]]
@@ -259,10 +259,10 @@ class Study(NamedTuple):
         passed: bool | None = None
         if self.least is not None:
             verdicts = [each["verdict"] for each in judged]
-            n, n_open = len(judged) - verdicts.count("no"), verdicts.count("open")
+            n, n_open = verdicts.count("yes"), verdicts.count("open")
             get = "gets" if 1 in (n, len(judged)) else "get"
             answer = f"{n} of {words} {get} {self.least:,g} h of sun or more"
-            answer += f" ({n_open} to within the error: a smaller --step decides)" if n_open else ""
+            answer += f" ({n_open} undecided: a smaller --step decides)" if n_open else ""
             passed = n == len(judged)
         camera, poses = views_from(sunlit.directions, sunlit.mesh.bounds)
         summary = {

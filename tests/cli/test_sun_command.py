@@ -126,6 +126,27 @@ def test_the_exit_code_says_whether_all_groups_get_enough(least, code, capsys):
     assert out.startswith(f"{n} of 2 groups get ")
 
 
+@pytest.mark.parametrize(
+    ("errors", "word"), [(-1.5, "yes"), (-0.5, "open"), (0.5, "open"), (1.5, "no")]
+)
+def test_hours_within_their_error_of_what_is_asked_are_undecided_and_fail(errors, word, capsys):
+    line = f"{LINE} --of house --json -o near"
+    (one,) = json.loads(call(capsys, line)[1])["pieces"]
+    least = one["hours"] + errors * one["error_hours"]
+    code, out, _ = call(capsys, f"{line} --at-least {least!r}h")
+    summary = json.loads(out)
+    (piece,), (part,) = summary["pieces"], summary["parts"]
+    assert (piece["verdict"], code) == (word, int(word != "yes"))
+    assert summary["passed"] == part["reached"] == (word == "yes")
+    assert summary["answer"].startswith(f"{int(word == 'yes')} of 1 group ")
+    assert ("(1 undecided: a smaller --step decides)" in summary["answer"]) == (word == "open")
+
+
+def test_what_is_named_as_an_occluder_is_not_evaluated(capsys):
+    summary = json.loads(call(capsys, f"{LINE} --of * --occluder canopy --json -o both")[1])
+    assert [each["name"] for each in summary["parts"]] == ["house"]
+
+
 def test_each_window_of_a_group_must_get_enough(folder, capsys):
     text, n = ["g windows"], 0
     for x in (0, 3):
