@@ -503,10 +503,10 @@ def with_goals(
     wanted: Goal,
     goals: Sequence[OpenGoal],
     placed: Poses,
-    n_given: int,
+    given: Sequence[int],
     step: Callable[[str], AbstractContextManager[Progress]],
 ) -> WithGoals:
-    """A problem of candidates in their places with goals; the first `n_given` stay.
+    """A problem of candidates in their places with goals; the first, `given` by rows, stay.
 
     Raises
     ------
@@ -527,10 +527,11 @@ def with_goals(
             parts.append((goal.name, goal.limit, to_cover[goal.name]))
             continue
         is_over = shares[goal.name] > goal.limit + SHARE_TOLERANCE
-        if own := [f"{row + 1}" for row in np.flatnonzero(is_over[:n_given])]:
-            covers = f"kept: camera {', '.join(own)} {verb(len(own), 'cover')} more of"
+        own = [f"{row}" for row, is_one in zip(given, is_over, strict=False) if is_one]
+        if own:
+            covers = f"kept: existing {', '.join(own)} (from 0) {verb(len(own), 'cover')} more of"
             notes.append(f"{covers} goal {goal.name} than it permits, for any selection")
-        is_over[:n_given] = False
+        is_over[: len(given)] = False
         if n := int(is_over.sum()):
             left_out = f"{plural(n, 'candidate', 'are')} left out"
             notes.append(f"{left_out}: each covers more of goal {goal.name} than it permits")

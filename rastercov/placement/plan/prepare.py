@@ -528,8 +528,8 @@ def _for_goal(
         costs[: len(plan.given)] = 0.0
         problem = replace(problem, costs=costs)
         wanted = BestCoverage(budget=float(wanted.cameras))
-    placed, n_given = candidate_pool.candidates.placed, len(plan.given)
-    all_of = with_goals(problem, wanted, objectives.goals, placed, n_given, job.clock)
+    placed, given = candidate_pool.candidates.placed, plan.given.ids.tolist()
+    all_of = with_goals(problem, wanted, objectives.goals, placed, given, job.clock)
     notes = list(all_of.notes)
     try:
         problem = group_goal(all_of.problem, all_of.wanted)
