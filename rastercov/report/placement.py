@@ -288,7 +288,7 @@ def _arm_of(placement: Placement | Checked, names: Sequence[str], owner: IntArra
     return [
         Volume(word, colour, whole=True, body=mesh)
         for word, colour, mesh in zip(words, ARM, parts, strict=True)
-        if mesh.n_faces
+        if mesh is not None
     ]
 
 

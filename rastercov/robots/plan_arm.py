@@ -382,7 +382,7 @@ class PlanArm:
             here = joints[row]
         return length, flips
 
-    def parts(self, joints: FloatArray) -> list[Mesh]:
+    def parts(self, joints: FloatArray) -> list[Mesh | None]:
         """See `Carrier`: links in turn, and the link that holds the camera."""
         robot = self.arm.robot
         mesh, chain = self._posed(robot.mesh, joints)[0], robot.kinematics.chain(self.arm.link)
@@ -393,7 +393,8 @@ class PlanArm:
         turn_of[self.arm.link] = 2
         links = [turn_of.get(group.name.rpartition("/")[2], 0) for group in mesh.groups]
         of_face = np.array(links)[mesh.face_group]
-        return [Mesh(mesh.vertices, mesh.faces[of_face == each]) for each in range(3)]
+        kept = [mesh.faces[of_face == each] for each in range(3)]
+        return [Mesh(mesh.vertices, faces) if len(faces) else None for faces in kept]
 
     def _posed(self, scene: Mesh, joints: FloatArray) -> tuple[Mesh, IntArray]:
         """A scene with the arm in one configuration, as of `place_bodies`."""

@@ -707,6 +707,19 @@ def test_the_sense_of_a_turntable_is_that_of_its_joint(axis):
     assert _turns(None) == ""
 
 
+def test_a_camera_on_a_frame_without_a_mesh_has_a_page():
+    """As `tool0`, the flange of robots of ROS."""
+    robot = Path("arm.urdf").read_text()
+    flange = (
+        '<link name="tool0"/><joint name="flange" type="fixed"><parent link="head"/>'
+        '<child link="tool0"/></joint></robot>'
+    )
+    Path("arm.urdf").write_text(robot.replace("</robot>", flange))
+    entry = CANDIDATES | {"body": "arm/tool0"}
+    rc.place(PLAN | {"candidates": [entry], "outputs": {"page": True}}, out="out")
+    assert "Stops of the arm" in Path("out/page.html").read_text(encoding="utf-8")
+
+
 def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch):
     """Angles to what can be set, with the pairs that come nearest; nothing was on the page."""
     drawn, build, draw, pictures = [], plan_arm.PlanArm.parts, panorama.draw_bodies, []

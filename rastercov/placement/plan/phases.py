@@ -300,8 +300,8 @@ class Carrier(Protocol):
     ) -> tuple[Refined, FloatArray]:
         """Cameras after moves of single joints that gain, and the joint angles."""
 
-    def parts(self, joints: FloatArray) -> Sequence[Mesh]:
-        """Parts of it that a drawing tells apart, with its joints at values (J,), the tool last."""
+    def parts(self, joints: FloatArray) -> Sequence[Mesh | None]:
+        """What a drawing tells apart at joints (J,): links in turn, the tool; None where empty."""
 
     def reaches(self, pose: FloatArray, camera: int) -> bool:
         """True where it brings a camera, by its row, to a world_from_camera without a collision."""
