@@ -65,12 +65,15 @@ def test_four_commands_share_a_folder_and_one_that_is_killed_is_made_up_for(tmp_
     wanted = "expected 30 shards for a report, got the 8 of this part; when all parts are made, "
     assert said[0][1].splitlines()[-1] == f"{wanted}run the command without --only"
     assert not (out / "summary.json").exists()
-    made = {path.name for path in out.glob("unfinished/*/shards/*.npz")}
+    (run,) = out.glob("unfinished/*")
+    for of_killed in (run, run / "shards", run / "sha256"):
+        (of_killed / ".0123456789ab.part").write_bytes(b"half")
+    made = {path.name for path in run.glob("shards/*.npz")}
     for part in range(N - 1):
         assert {f"shard-{number:05}.npz" for number in range(part, 30, N)} <= made
     monkeypatch.setattr(shards, "PAIRS_A_SHARD", size)
     assert command([*words, "--only", f"{N - 1}/{N}"]) == 0
-    assert len([*out.glob("unfinished/*/shards/*.npz")]) == 30
+    assert len([*run.glob("shards/*.npz")]) == 30
     assert command([*words, "--workers", "1"]) == 0
     whole = tmp_path / "whole"
     assert command([*EVALUATE, "--out", str(whole), "--workers", "1"]) == 0

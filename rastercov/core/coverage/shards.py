@@ -278,7 +278,7 @@ LONG_RUN = 128
 """Shards from which on a run is kept: shorter ones are done again in a minute or two."""
 FILES = (
     "shards/shard-*.npz",
-    "shards/.*.part",
+    *(f"{folder}.*.part" for folder in ("", "shards/", "quarantine/", "sha256/")),
     "quarantine/shard-*.json",
     *INPUTS,
     "sha256/*.sha256",
