@@ -8,6 +8,7 @@ struct Camera {
     public int size;
     public double width, height, fx, fy, cx, cy, near;
     public IntPtr lens;
+    public int isParallel;
 }
 
 [StructLayout(LayoutKind.Sequential)]
