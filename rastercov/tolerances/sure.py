@@ -217,7 +217,7 @@ class SureCoverage(InOneLine, InNotebook):
             first = f"Covered under all errors up to {self.words()}"
         lines = [
             f"{first}: at least {self.size(sure.m2)} ({percent(sure.share())}), "
-            f"{percent(lost)} less than the {self.size(self.nominal.m2)} planned",
+            f"{percent(lost)} less than the {self.size(self.nominal.m2)} without errors",
             f"At most {self.size(self.possible.m2)} is covered in any of these cases",
         ]
         if n := len(self.draws):
