@@ -45,7 +45,7 @@ LEAST_ERROR = 1e-3
 """Least expected standard deviation of a pixel, px."""
 POINTS = "u", "v", "x", "y", "z"
 """Columns of a file of points."""
-CLICK = "click at least four points of the model (--points), eight are better"
+CLICK = "click eight corners, at least four, in rastercov view, Photograph, for --points"
 
 
 @frozen_record(repr=False)
@@ -387,7 +387,7 @@ def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float
     """Reason why a pose by edges is not believed; "" if it is."""
     best = optima[0]
     if best.explained < LEAST_EXPLAINED:
-        return f"the photograph shows {best.explained:.0%} of its edges; {CLICK}"
+        return f"the photograph shows {100 * best.explained:.0f} % of the expected edges; {CLICK}"
     if not best.spread <= MOST_SPREAD:
         return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
     chance = aligner.chance(best.pose, distance)

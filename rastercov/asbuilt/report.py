@@ -2,7 +2,7 @@
 
 locate.html     photographs under the edges of the plan and of the pose as built; what is lost
 locate.json     poses, covariances, verdicts
-poses.json      the rig as built, for `check`
+poses.json      the rig as built, for `check`, where a pose was found
 """
 
 import re
@@ -43,36 +43,17 @@ def write(made: Callable[[], AsBuilt], out: Path, *, pdf: bool) -> AsBuilt:
             title="Cameras as built",
             heading="Cameras as built",
             result=result,
-            told=result.to_json(),
-            pictures=[_picture(result, row) for row in result.found],
-            coverage=_coverage(result),
-            rows=[_row(result, row) for row in result.found],
+            pictures={row: _picture(result, row) for row in result.found},
         )
         write_page(folder, "locate", text, pdf=pdf)
         placed = result.built.cameras.placed
         names = result.built.plan.rig.names
         cameras = [names[at] for at in placed.camera.tolist()] if len(names) > 1 else None
-        write_poses(folder.file("poses.json"), placed.world_from_camera, cameras)
+        if result.is_located:
+            write_poses(folder.file("poses.json"), placed.world_from_camera, cameras)
         write_json(folder.file("locate.json"), result.to_json())
         folder.publish()
     return result
-
-
-def _row(result: AsBuilt, row: int) -> list[object]:
-    """A camera of the table."""
-    found = result.found[row]
-    said = [result.planned.names[row], result.verdicts[row]]
-    if not found.accepted:
-        return [*said, *"----"]
-    place, turn = found.deviations
-    limit = result.tolerances[row]
-    return [
-        *said,
-        f"{found.moved * 1000:.3g} ± {2 * place * 1000:.2g}",
-        f"{found.turned_deg:.3g} ± {2 * turn:.2g}",
-        f"{limit.place * 1000:.3g}, {limit.turn_deg:g}",
-        ", ".join(f"{angle:+.2f}" for angle in found.to_plan_deg()),
-    ]
 
 
 def _picture(result: AsBuilt, row: int) -> Picture:
@@ -93,12 +74,3 @@ def _picture(result: AsBuilt, row: int) -> Picture:
                 draw.ellipse((x - 1, y - 1, x + 1, y + 1), fill=colour)
     built = ", as built in green" * found.accepted
     return Picture.of(f"{result.planned.names[row]}: edges as planned in red{built}", image)
-
-
-def _coverage(result: AsBuilt) -> list[tuple[str, str]]:
-    """Requirements, and the whole task, as planned and as built."""
-    planned, built = [
-        [each.words() for each in (*checked.requirements, checked.whole)]
-        for checked in (result.planned, result.built)
-    ]
-    return list(dict.fromkeys(zip(planned, built, strict=True)))

@@ -10,7 +10,16 @@ import numpy as np
 
 from rastercov.asbuilt.located import Located, Tolerance, locate
 from rastercov.asbuilt.resection import difference, displaced
-from rastercov.base import ByName, ConfigError, FloatArray, IntArray, check_choice, plural, shown
+from rastercov.base import (
+    ByName,
+    ConfigError,
+    FloatArray,
+    IntArray,
+    check_choice,
+    first_of,
+    plural,
+    shown,
+)
 from rastercov.core.camera import Camera, Poses
 from rastercov.core.camera.conventions import metres_per
 from rastercov.core.mesh import Mesh
@@ -46,6 +55,8 @@ class AsBuilt:
         Of each located camera: 1 % of its own distance, where nothing else is given.
     notes : tuple of str
         What could not be computed, and why.
+    missing : tuple of str
+        Cameras of a folder of photographs that have none, and did not move with one that has.
     """
 
     planned: Checked
@@ -54,6 +65,7 @@ class AsBuilt:
     photos: Mapping[int, Path]
     tolerances: Mapping[int, Tolerance]
     notes: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
 
     @property
     def verdicts(self) -> dict[int, str]:
@@ -61,10 +73,15 @@ class AsBuilt:
         return {row: self.tolerances[row].verdict(each) for row, each in self.found.items()}
 
     @property
+    def is_located(self) -> bool:
+        """True where a pose was found, without which nothing is known of the rig as built."""
+        return any(each.accepted for each in self.found.values())
+
+    @property
     def status(self) -> int:
         """0 where all located cameras are as planned, 1 where one has moved, otherwise 2."""
         verdicts = self.verdicts.values()
-        return 1 if "moved" in verdicts else 2 * ("undecided" in verdicts)
+        return 1 if "moved" in verdicts else 2 * ("undecided" in verdicts or self.missing != ())
 
     def lines(self) -> list[str]:
         """The result in words: each camera, then what is lost."""
@@ -72,10 +89,9 @@ class AsBuilt:
             f"{self.planned.names[row]}: {verdict}; {self.found[row].words()}"
             for row, verdict in self.verdicts.items()
         ]
-        missing = len(self.planned.names) - len(self.found)
-        said += [f"no photograph of {plural(missing, 'camera')}"] if missing else []
+        said += [f"{each}: undecided; no photograph" for each in self.missing]
         against, assured = self.built.against, self.built.assured
-        known = all(each.accepted for each in self.found.values())
+        known = not self.missing and all(each.accepted for each in self.found.values())
         none = "nothing is lost" if known else "what is lost is not known"
         said += against.losses() or [none] if against else []
         said += assured.lines() if assured else []
@@ -91,6 +107,7 @@ class AsBuilt:
             )
             for row, verdict in self.verdicts.items()
         ]
+        items += [Case(f"pose of {each}", "undecided", ["no photograph"]) for each in self.missing]
         return items + cases(self.built)
 
     def to_json(self) -> ByName:
@@ -109,7 +126,10 @@ class AsBuilt:
                 for row, each in self.found.items()
             ],
             "requirements_planned": [each.words() for each in self.planned.requirements],
-            "requirements_as_built": [each.words() for each in self.built.requirements],
+            "requirements_as_built": [
+                each.words() for each in self.built.requirements[: None if self.is_located else 0]
+            ],
+            "missing": list(self.missing),
             "lost": [] if against is None else against.losses(),
             **({"uncertain": self.built.assured.summary()} if self.built.assured else {}),
         }
@@ -121,24 +141,26 @@ def match_photographs(photo: Path, names: Sequence[str], camera: str | None) -> 
     Raises
     ------
     ConfigError
-        For a file without a camera, a camera that the rig does not have, and a folder without a
-        photograph of a camera.
+        For a file without a camera, a camera that the rig does not have, and a folder without
+        photographs, or with one of no camera, or with two of a camera.
     """
     if photo.is_dir():
         found: dict[int, Path] = {}
-        for each in sorted(photo.iterdir()):
-            if each.suffix.lower() in PICTURES and each.stem in names:
-                row = names.index(each.stem)
-                if row in found:
-                    raise ConfigError(
-                        f"{photo}: expected one photograph of {each.stem}, got {found[row].name} "
-                        f"and {each.name}; remove one"
-                    )
-                found[row] = each
-        if not found:
+        pictures = [each for each in sorted(photo.iterdir()) if each.suffix.lower() in PICTURES]
+        others = [each.name for each in pictures if each.stem not in names]
+        if others or not pictures:
             raise ConfigError(
-                f"{photo}: expected photographs named as cameras ({names[0]}.jpg, ...), got none"
+                f"{photo}: expected photographs named as cameras ({names[0]}.jpg, ...), got "
+                f"{first_of(others) or 'none'}"
             )
+        for each in pictures:
+            row = names.index(each.stem)
+            if row in found:
+                raise ConfigError(
+                    f"{photo}: expected one photograph of {each.stem}, got {found[row].name} "
+                    f"and {each.name}; remove one"
+                )
+            found[row] = each
         return found
     if camera is None:
         if len(names) != 1:
@@ -160,10 +182,12 @@ def locate_rig(
     pixel_error: float = 1.0,
     *,
     is_rigid: bool = False,
+    is_all: bool = False,
 ) -> AsBuilt:
     """Poses as built of the cameras of a checked rig, and the rig checked with them.
 
-    Cameras whose pose is undecided stay as planned. Those of a rigid rig, and of each sensor head
+    Cameras whose pose is undecided stay as planned. With `is_all` those without a photograph are
+    `missing`, unless they follow others. Those of a rigid rig, and of each sensor head
     of the plan, move together, by the displacement that the decided ones have in common.
     """
     if points is not None and len(photos) > 1:
@@ -173,10 +197,13 @@ def locate_rig(
         row: locate(mesh, cameras[row], photo, poses[row], points, pixel_error=pixel_error)
         for row, photo in photos.items()
     }
+    missing = set(range(len(poses)) if is_all else ()) - set(found)
     for rows in _heads(planned, is_rigid=is_rigid):
         own = {row: each for row, each in found.items() if row in rows}
         together, moved = _move_together(own, poses)
         found |= together
+        if any(each.accepted for each in together.values()):
+            missing -= set(rows.tolist())
         poses[rows] = moved[rows]
     for row, each in found.items():
         if each.accepted:
@@ -184,7 +211,8 @@ def locate_rig(
     placed = Poses.of(poses, camera=planned.cameras.placed.camera)
     built, notes = _check_built(planned, placed, found)
     tolerances = {row: tolerance(each) for row, each in found.items()}
-    return AsBuilt(planned, built, found, photos, tolerances, notes)
+    names = tuple(planned.names[row] for row in sorted(missing))
+    return AsBuilt(planned, built, found, photos, tolerances, notes, names)
 
 
 def _heads(planned: Checked, *, is_rigid: bool) -> list[IntArray]:
@@ -290,7 +318,7 @@ def errors_of(found: Mapping[int, Located]) -> str | None:
         max(float(np.sqrt(np.linalg.eigvalsh(each[part, part]).max())) for each in known)
         for part in (slice(3), slice(3, 6))
     ]
-    return f"{place * 1000:.6f} mm, {np.degrees(turn):.6f} deg, normal"
+    return f"{place * 1000:.3g} mm, {np.degrees(turn):.3g} deg, normal"
 
 
 def tolerance_of(plan: Plan, within: str | None) -> Callable[[Located], Tolerance]:

@@ -87,7 +87,10 @@ def locate(
 
     def made() -> AsBuilt:
         planned = plan_check.check(asked, Path(poses), limits, poses=eyes)
-        return locate_rig(planned, photos, pairs, accepted, pixel_error, is_rigid=rigid)
+        is_all = photo.is_dir()
+        return locate_rig(
+            planned, photos, pairs, accepted, pixel_error, is_rigid=rigid, is_all=is_all
+        )
 
     if out is None:
         result = made()

@@ -1,6 +1,7 @@
 """The command `locate`: a page and the rig as built, verdicts as exit codes, refusals in a line."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -44,6 +45,9 @@ def folder(tmp_path_factory):
     (folder / "four.csv").write_text((folder / "three.csv").read_text() + "9,8,0,1,1\n")
     (folder / "words.csv").write_text("u,v,x,y,z\n1,1,0,0,zero\n")
     (folder / "empty").mkdir()
+    (folder / "more").mkdir()
+    for name in ("east.png", "roof.png"):
+        save(folder / "more" / name, photograph(MESH, poses[0], 1))
     (folder / "twice").mkdir()
     for name in ("east.png", "east.jpg"):
         save(folder / "twice" / name, photograph(MESH, poses[0], 1))
@@ -66,6 +70,12 @@ def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsy
     assert page.count("<figure>") == 2
     xml = (folder / "built.xml").read_text(encoding="utf-8")
     assert 'name="pose of door"' in xml
+    answer, _, rest = page.partition("<figure>")
+    assert answer.count("<li>") == 2
+    assert "oor: " in answer
+    assert ": turn 1." in answer
+    assert "Covered now: " in answer
+    assert rest.index("door: edges") < rest.index("east: edges")  # what has moved is shown first
     assert call(capsys, "check plan.toml -p built/poses.json --min-coverage 0.05")[0] == 0
 
 
@@ -77,11 +87,37 @@ def test_of_an_undecided_camera_nothing_is_claimed(folder, capsys, monkeypatch, 
     code, out, _ = call(capsys, "locate wrong.png plan.toml -p rig.json --of east --out wrong")
     page = (folder / "wrong/locate.html").read_text(encoding="utf-8")
     assert code == 2
-    assert out.count("undecided") == page.count("ndecided;") == 1
+    assert out.count("undecided") == page.count("Undecided") == 1
     for text in (out.lower(), page.lower()):
         assert "what is lost is not known" in text
         assert "nothing is lost" not in text
         assert "as built in green" not in text
+    answer, _, rest = page.partition("<figure>")
+    assert answer.count("<li>") == 3
+    assert "Next: if wrong.png is of east, click eight corners" in answer
+    assert "rastercov view plan.toml -p rig.json" in answer
+    shares = re.findall("<tr><td[^>]*>(?:whole|group).*</tr>", rest)
+    assert shares
+    assert all(re.search("<td[^>]*>—</td></tr>$", each) for each in shares)
+    assert json.loads((folder / "wrong/locate.json").read_text())["requirements_as_built"] == []
+    assert not (folder / "wrong/poses.json").exists()  # it would be the plan's
+
+
+def test_a_folder_without_the_photograph_of_a_camera_is_undecided(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    (folder / "part").mkdir()
+    (folder / "part/east.png").write_bytes((folder / "photos/east.png").read_bytes())
+    line = "plan.toml -p rig.json --out part_built --junit part.xml"
+    code, out, _ = call(capsys, f"locate part {line}")
+    assert code == 2
+    assert "door: undecided; no photograph" in out
+    assert "nothing is lost" not in out
+    assert json.loads((folder / "part_built/locate.json").read_text())["missing"] == ["door"]
+    page = (folder / "part_built/locate.html").read_text(encoding="utf-8")
+    assert "No photograph of door" in page.partition("<figure>")[0]
+    assert 'name="pose of door"' in (folder / "part.xml").read_text(encoding="utf-8")
+    assert call(capsys, f"locate part/east.png --of east {line}")[0] == 0  # of one camera alone
+    assert call(capsys, "locate part plan.toml -p rig.json --rigid")[0] == 0  # it follows
 
 
 def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monkeypatch):
@@ -105,6 +141,7 @@ def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monk
         ("photos/east.png --of 1 --points none.csv", "none.csv"),
         ("photos --points four.csv", "expected one photograph for --points, got 2"),
         ("empty", "expected photographs named as cameras"),
+        ("more", "expected photographs named as cameras (east.jpg, ...), got roof.png"),
         ("twice", "got east.jpg and east.png; remove one"),
         ("none.png --of east", "none.png"),
         ("photos/east.png --of east --within near", "--within"),
