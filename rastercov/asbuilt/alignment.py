@@ -196,7 +196,7 @@ class Aligner:
             pose,
             covariance,
             agreement(level, points, pose),
-            float((matches.strength > 0).mean()),
+            np.count_nonzero(matches.strength > 0) / max(len(matches.strength), 1),
             spread_of(covariance, points.points, self.camera, pose),
         )
 

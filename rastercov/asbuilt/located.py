@@ -386,7 +386,7 @@ def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
 def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float) -> str:
     """Reason why a pose by edges is not believed; "" if it is."""
     best = optima[0]
-    if best.explained < LEAST_EXPLAINED:
+    if not best.explained >= LEAST_EXPLAINED:
         return f"the photograph shows {100 * best.explained:.0f} % of the expected edges; {CLICK}"
     if not best.spread <= MOST_SPREAD:
         return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
+from PIL import Image, ImageOps
 
 from rastercov.base import ConfigError, Float32Array, FloatArray, StrPath, shown
 from rastercov.base.files import reason_of
@@ -25,11 +25,12 @@ Gradients = NDArray[np.complex64]
 def read_photograph(path: StrPath, camera: Camera) -> Float32Array:
     """Brightness (H, W) of a photograph, 0 to 1, of the size of its camera.
 
-    ConfigError for another size; UnreadableError for a file that is no picture.
+    It is turned as its EXIF data say, as in browsers, where points are clicked. ConfigError for
+    another size; UnreadableError for a file that is no picture.
     """
     try:
         with Image.open(path) as picture:
-            grey = np.asarray(picture.convert("F"))
+            grey = np.asarray(ImageOps.exif_transpose(picture).convert("F"))
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise ConfigError(
             f"expected a picture in {shown(str(path))}, got: {reason_of(error)}"

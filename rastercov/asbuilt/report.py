@@ -13,6 +13,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from rastercov.asbuilt.edges import MeshEdges, visible_points
+from rastercov.asbuilt.photograph import read_photograph
 from rastercov.asbuilt.resection import pixels_of
 from rastercov.asbuilt.rig import AsBuilt, scene_of
 from rastercov.base import write_json
@@ -61,10 +62,9 @@ def _picture(result: AsBuilt, row: int) -> Picture:
     mesh, poses, cameras = scene_of(result.planned)
     found, camera = result.found[row], cameras[row]
     scale = min(1.0, LARGEST / max(camera.width, camera.height))
-    with Image.open(result.photos[row]) as photo:
-        image = photo.convert("RGB")
-    if scale < 1:
-        image = image.resize((round(camera.width * scale), round(camera.height * scale)))
+    grey = read_photograph(result.photos[row], camera)
+    image = Image.fromarray((255 * grey).astype(np.uint8)).convert("RGB")
+    image = image.resize((round(camera.width * scale), round(camera.height * scale)))
     draw, small, edges = ImageDraw.Draw(image), camera.resized(scale), MeshEdges.of(mesh)
     with open_rasterizer(mesh, small, "cpu") as rasterizer:
         for pose, colour in ((poses[row], PLANNED), (found.pose, BUILT))[: 1 + found.accepted]:

@@ -127,9 +127,9 @@ class AsBuilt:
             ],
             "requirements_planned": [each.words() for each in self.planned.requirements],
             "requirements_as_built": [
-                each.words() for each in self.built.requirements[: None if self.is_located else 0]
+                each.words() for each in self.built.requirements if self.is_located
             ],
-            "missing": list(self.missing),
+            "missing": self.missing,
             "lost": [] if against is None else against.losses(),
             **({"uncertain": self.built.assured.summary()} if self.built.assured else {}),
         }
@@ -197,13 +197,12 @@ def locate_rig(
         row: locate(mesh, cameras[row], photo, poses[row], points, pixel_error=pixel_error)
         for row, photo in photos.items()
     }
-    missing = set(range(len(poses)) if is_all else ()) - set(found)
+    missing = set(range(len(poses) * is_all)) - set(found)
     for rows in _heads(planned, is_rigid=is_rigid):
         own = {row: each for row, each in found.items() if row in rows}
         together, moved = _move_together(own, poses)
         found |= together
-        if any(each.accepted for each in together.values()):
-            missing -= set(rows.tolist())
+        missing -= set(rows.tolist() * (moved is not poses))  # they follow a decided one
         poses[rows] = moved[rows]
     for row, each in found.items():
         if each.accepted:

@@ -2,6 +2,8 @@
 
 import json
 import re
+from base64 import b64decode
+from io import BytesIO
 
 import numpy as np
 import pytest
@@ -125,6 +127,28 @@ def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monk
     code, out, _ = call(capsys, "locate photos plan.toml -p rig.json --rigid")
     assert code == 2
     assert out.count("the cameras did not move as one") == 2
+
+
+def picture_in(page):
+    """The first picture of a page."""
+    found = re.search('base64,([^"]+)', page.read_text(encoding="utf-8"))[1]
+    return np.asarray(Image.open(BytesIO(b64decode(found))).convert("L"), dtype=float)
+
+
+@pytest.mark.parametrize("kind", ["turned.jpg", "deep.png"])
+def test_pictures_are_turned_as_they_say_and_shown_in_all_depths(folder, capsys, monkeypatch, kind):
+    monkeypatch.chdir(folder)
+    grey = Image.open("photos/east.png")
+    if kind == "turned.jpg":  # a browser turns it, too: points are clicked in the upright one
+        exif = Image.Exif()
+        exif[0x0112] = 6
+        grey.rotate(90, expand=True).save(kind, exif=exif, quality=95)
+    else:
+        Image.fromarray(np.asarray(grey, dtype=np.uint16) * 257).save(kind)
+    code, out, _ = call(capsys, f"locate {kind} plan.toml -p rig.json --of east --out {kind[:4]}")
+    assert code == 0, out
+    shown = picture_in(folder / kind[:4] / "locate.html")
+    assert np.corrcoef(shown.ravel(), np.ravel(grey))[0, 1] > 0.8
 
 
 @pytest.mark.parametrize(

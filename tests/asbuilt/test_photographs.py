@@ -4,6 +4,7 @@
 """
 
 import json
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -91,3 +92,13 @@ def test_a_wrong_photograph_of_the_scene_is_undecided(name: str, wrong: str) -> 
     )
     assert not found.accepted
     assert "--points" in found.why
+
+
+def test_a_black_photograph_shows_no_edges() -> None:
+    """From the pose to which it leads, on a wall, no edge is visible."""
+    near = rc.look_at((2.9, 2.4, 2.2), (0, 0, 1.4))[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = rc.locate(scene("room"), HALF, np.zeros((HALF.height, HALF.width)), near)
+    assert found.explained == 0
+    assert "shows 0 % of the expected edges" in found.why
