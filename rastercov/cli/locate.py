@@ -87,10 +87,8 @@ def locate(
 
     def made() -> AsBuilt:
         planned = plan_check.check(asked, Path(poses), limits, poses=eyes)
-        is_all = photo.is_dir()
-        return locate_rig(
-            planned, photos, pairs, accepted, pixel_error, is_rigid=rigid, is_all=is_all
-        )
+        given = planned, photos, pairs, accepted, pixel_error
+        return locate_rig(*given, is_rigid=rigid, is_all=photo.is_dir())
 
     if out is None:
         result = made()

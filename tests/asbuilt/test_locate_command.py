@@ -12,6 +12,7 @@ from PIL import Image
 from test_edges import CAMERA, MESH, off, photograph, pose_of
 
 import rastercov as rc
+from rastercov.asbuilt.resection import pixels_of
 
 PLAN = """meshes = [{ path = "cell.obj" }]
 [camera]
@@ -127,6 +128,23 @@ def test_a_rigid_rig_whose_cameras_moved_apart_is_undecided(folder, capsys, monk
     code, out, _ = call(capsys, "locate photos plan.toml -p rig.json --rigid")
     assert code == 2
     assert out.count("the cameras did not move as one") == 2
+
+
+def test_points_that_disagree_are_named(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    pixels = pixels_of(MESH.vertices, CAMERA, pose_of(1))
+    inside = np.isfinite(pixels).all(axis=1) & (np.abs(pixels - (240, 180)) < (240, 180)).all(
+        axis=1
+    )
+    pairs = np.hstack((pixels, MESH.vertices))[inside][:9]
+    pairs[6, 0] += 30
+    rows = [",".join(map(str, row)) for row in pairs.tolist()]
+    (folder / "nine.csv").write_text("\n".join(("u,v,x,y,z", *rows)))
+    line = "locate photos/east.png plan.toml -p rig.json --of east --points nine.csv"
+    code, out, _ = call(capsys, f"{line} --pixel-error 0.3 --out nine")
+    assert code == 0, out
+    page = (folder / "nine/locate.html").read_text(encoding="utf-8")
+    assert "east: points that disagree with the others and are left out: 7." in page
 
 
 def picture_in(page):
