@@ -118,6 +118,7 @@ def test_a_folder_without_the_photograph_of_a_camera_is_undecided(folder, capsys
     assert json.loads((folder / "part_built/locate.json").read_text())["missing"] == ["door"]
     page = (folder / "part_built/locate.html").read_text(encoding="utf-8")
     assert "No photograph of door" in page.partition("<figure>")[0]
+    assert "Covered now, with undecided cameras as planned: " in page
     assert 'name="pose of door"' in (folder / "part.xml").read_text(encoding="utf-8")
     assert call(capsys, f"locate part/east.png --of east {line}")[0] == 0  # of one camera alone
     assert call(capsys, "locate part plan.toml -p rig.json --rigid")[0] == 0  # it follows
