@@ -82,7 +82,8 @@ class CarriedPoses:
     joint_names : tuple of str
     joints : (K, J) float64
     near : dict of str to sequence of Contact
-        Nearest pair of each pose, of links with the scene, "scene", and of links, "links".
+        Nearest pair of each pose, and last at rest: of links with the scene, "scene", and of links,
+        "links".
     lost : (K,) float64
         Percentage points of the task's area that it hides.
     cameras : sequence of str
@@ -121,12 +122,7 @@ class CarriedPoses:
         kinds = [of for of in SORTS if self.near[of]]
         names = {"scene": "clearance to the scene", "links": "between links"}
         heads = [*self.joint_names, *(names[of] for of in kinds)]
-        rows = [[""] * len(kinds)]  # at rest, where none is known
-        for row in self.order.tolist():
-            near = [self.near[of][row] for of in kinds]
-            rows.append(
-                [f"{distance(each.distance)} ({each.link} to {each.body})" for each in near]
-            )
+        rows = [[_gap(self.near[of][row]) for of in kinds] for row in (-1, *self.order.tolist())]
         for joints, own in zip([self.rest, *self.joints[self.order]], rows, strict=True):
             own[:0] = [
                 f"{text_with_sign(math.degrees(value), 1)}°" if is_angle else distance(value)
@@ -148,8 +144,8 @@ class CarriedPoses:
                 f"{word}_{name}": value
                 for word, of in zip(("clearance", "link_clearance"), SORTS, strict=True)
                 for name, value in (
-                    ("m", [each.distance for each in self.near[of]]),
-                    ("pair", [[each.link, each.body] for each in self.near[of]]),
+                    ("m", [each.distance for each in self.near[of][:-1]]),
+                    ("pair", [[each.link, each.body] for each in self.near[of][:-1]]),
                 )
             },
             "hidden_by_arm_percent": self.lost,
@@ -190,11 +186,19 @@ class CarriedPoses:
         text = f"joint angles along a tour of {self.length:.3g} {self.unit} with {flips}: {JOINTS}"
         for of, words in zip(SORTS, ("; minimum clearance", ", between links"), strict=True):
             if self.near[of]:
-                least = min(self.near[of], key=lambda each: each.distance)
-                text += f"{words} {distance(least.distance)} ({least.link} to {least.body})"
+                *near, rest = self.near[of]
+                text += f"{words} {_gap(min(near, key=lambda each: each.distance))}"
+                text += f"; at rest {rest.link} collides with {rest.body}" * (not rest.distance)
         text += f"; the arm hides up to {most:.2f} % of the area from one image"
         better = ", and no alternative is better"
         return text + (better if most > MOST_LOST else "")
+
+
+def _gap(near: Contact) -> str:
+    """A clearance with its bodies; how deep they are in each other where it is a collision."""
+    deep = f", {distance(near.depth)} deep" * (near.depth > 0)
+    away = distance(near.distance) if near.distance else f"collision{deep}"
+    return f"{away} ({near.link} to {near.body})"
 
 
 @frozen_record
@@ -266,7 +270,8 @@ class PlanArm:
                     own.lost[at] = max(0.0, 100 * share)
         pairs = list(zip(choices, taken.tolist(), strict=True))
         find_near = self.arm.collisions.contacts
-        near = {of: find_near(joints, of) if len(joints) else [] for of in SORTS}
+        stops = np.concatenate((joints, self.arm.robot.rest[None]))
+        near = {of: find_near(stops, of) for of in SORTS}
         names = [self.plan.mounts.names[index] for index in mounted.camera]
         length, flips = self._walk(order, joints)
         lost = np.array([own.lost[at] for own, at in pairs])

@@ -16,6 +16,7 @@ from tours import best_of
 
 import rastercov as rc
 from rastercov import placement
+from rastercov.base.format import distance
 from rastercov.core.area.remedies import TURN
 from rastercov.page.scene import scene_of_place
 from rastercov.placement.plan.entries import Table
@@ -24,6 +25,7 @@ from rastercov.report import overview, panorama
 from rastercov.report.placement import _turns, change_of
 from rastercov.report.plan import summary
 from rastercov.robots import plan_arm as plan_arm
+from rastercov.robots.collisions import SORTS
 from rastercov.robots.kinematics import pose_error
 from rastercov.robots.robot import FLOOR
 
@@ -720,6 +722,15 @@ def test_a_camera_on_a_frame_without_a_mesh_has_a_page():
     assert "Stops of the arm" in Path("out/page.html").read_text(encoding="utf-8")
 
 
+def test_an_arm_that_collides_at_rest_is_named():
+    """Its row of the table of stops was blank."""
+    block = {"built_in": "box", "transform": {"scale": 0.06, "translation": [0, 0, 0.8]}}
+    placed = rc.place(PLAN | {"meshes": [*PLAN["meshes"], block | {"role": "occluder"}]})
+    _, (rest, *_) = placed.carried.table()
+    assert re.fullmatch(r"collision(, .* deep)? \(\w+ to box\)", rest[-2])
+    assert re.search(r"; at rest \w+ collides with box", placed.carried.line())
+
+
 def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch):
     """Angles to what can be set, with the pairs that come nearest; nothing was on the page."""
     drawn, build, draw, pictures = [], plan_arm.PlanArm.parts, panorama.draw_bodies, []
@@ -745,7 +756,12 @@ def test_the_page_has_the_stops_of_the_tour_and_the_arm_at_the_first(monkeypatch
         re.findall(r"<td[^>]*>([^<]*)</td>", row) for row in re.findall(r"<tr>(<td.*?)</tr>", table)
     ]
     rest = rows.pop(0)  # where the tour starts
-    assert rest == ["rest", *["0.0°"] * len(names), "", ""]
+    assert rest[:-2] == ["rest", *["0.0°"] * len(names)]
+    arm = rc.Robot.load(ARM, name="arm")
+    around = rc.Collisions(arm, [part()])
+    for cell, of in zip(rest[-2:], SORTS, strict=True):  # it was blank
+        (near,) = around.contacts(arm.rest, of)
+        assert cell == f"{distance(near.distance)} ({near.link} to {near.body})"
     assert [int(row[0]) - 1 for row in rows] == written["tour"]
     for row, at in zip(rows, written["tour"], strict=True):
         angles = [float(each.removesuffix("°")) for each in row[1 : 1 + len(names)]]
