@@ -93,8 +93,8 @@ def pages_of(
         passed=False if refused else placement.is_met if placement.requirements else None,
         title_block=plan.sheet.words(plan=plan.name),
         lines=[
-            *change_of(placement),
             *((text, FAILS) for text in refused),
+            *change_of(placement),
             *verdicts(placement.requirements),
             *reach,
         ],

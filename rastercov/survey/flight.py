@@ -266,14 +266,33 @@ class Flight(Product):
         return self.footprints.summary()
 
     @property
+    def unwritten(self) -> list[str]:
+        """A sentence on why none of its files is written, and on what to change."""
+        home = "move home in [flight]"
+        if self.asked.home is None:
+            home = "give home = [x, y, z] in [flight], with its height z"
+        if far := self.too_far:
+            why = f"waypoint {far[0]} and back takes more than the battery; {home}, or increase "
+            return [f"flight: none is written, {why}battery or speed"]
+        if not (blocked := self.blocked):
+            return []
+        first, last = blocked[0], len(self.over)
+        return [
+            f"flight: none is written, the scene blocks {plural(len(blocked), 'leg')}, the first "
+            + (f"to waypoint {first}" if first < last else "back home")
+            + f", and also the ways over it; {home if first in (1, last) else 'move the positions'}"
+            + ", or decrease clearance in [constraints]"
+        ]
+
+    @property
     def refused(self) -> list[str]:
-        """A sentence on the limits of height that it is above, and on what keeps to them."""
+        """Sentences on why nothing is written, and on limits of height and what keeps to them."""
         each = [m.way_to(row) for m in self.flown for row in range(len(m.over))]
         ways = np.concatenate(each)
         high = float(np.nanmax(ways[:, 2] - heights_at(self.mesh, ways[:, :2]), initial=0.0))
         over = [most for most in HIGHEST if high > most]
         if not over:
-            return []
+            return self.unwritten
         said = " and ".join(HIGHEST[most] for most in over)
         lower = math.ceil(high - min(over))
         text = f"height above ground: up to {in_decimals(high, 0)} m, above {said}; get a permit, "
@@ -283,7 +302,7 @@ class Flight(Product):
             part = max(1 - 2 * lower / sum(ends), 0.1)
             text += f": GSD then about {sampling(gsd * part)}, and up to about "
             text += f"{1 / part**2:.1f} times the photographs at the same overlap"
-        return [text]
+        return [*self.unwritten, text]
 
     @property
     def notes(self) -> list[str]:
@@ -355,23 +374,8 @@ class Flight(Product):
         own = [words] if (words := overlap_words(figures)) else []
         if figures["gsd_per_px"] is not None:
             own.insert(0, f"GSD {sampling(figures['gsd_per_px'])} (median of the images)")
-        lines = [text, *([", ".join(own)] if own else [])]
-        lines += self.notes
-        if far := self.too_far:
-            lines.append(
-                f"no flight is written: waypoint {far[0]} and back takes more than the battery; "
-                "move home in [flight], or increase battery or speed"
-            )
-        elif blocked := self.blocked:
-            is_home = blocked[0] in (1, len(self.over))
-            lines.append(
-                f"no flight is written: the scene blocks {plural(len(blocked), 'leg')}, the first "
-                + (f"to waypoint {blocked[0]}" if blocked[0] < len(self.over) else "back home")
-                + ", and also the ways over it; move "
-                + ("home in [flight]" if is_home else "the positions")
-                + ", or decrease clearance in [constraints]"
-            )
-        elif self.asked.place is None:
+        lines = [text, *([", ".join(own)] if own else []), *self.notes]
+        if not self.unwritten and self.asked.place is None:
             lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")
         return lines
 

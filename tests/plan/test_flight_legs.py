@@ -151,8 +151,8 @@ def test_a_home_below_something_is_refused(tmp_path):
     placement = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [volume]},
                    flight=PLAN["flight"] | {"home": [-22, 0, 0]})  # fmt: skip
     assert summary(placement)["flight"]["blocked"] == [1, 3]
-    assert "first to waypoint 1" in placement.product("flight").lines()[-1]
-    assert "move home in [flight]" in placement.product("flight").lines()[-1]
+    assert "first to waypoint 1" in placement.product("flight").unwritten[0]
+    assert "move home in [flight]" in placement.product("flight").unwritten[0]
     assert not list((tmp_path / "out").glob("flight.*"))
 
 
@@ -220,10 +220,27 @@ def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
     placement = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [wall]})
     assert not list((tmp_path / "out").glob("flight.*"))
     assert summary(placement)["flight"]["blocked"] == [2, 3]
-    assert (
-        "no flight is written: the scene blocks 2 legs, the first to waypoint 2"
-        in placement.product("flight").lines()[-1]
-    )
+    (line,) = placement.product("flight").unwritten
+    begin = "flight: none is written, the scene blocks 2 legs, the first to waypoint 2, "
+    assert line.startswith(begin)
+    assert "; move the positions, or decrease clearance" in line
+
+
+@pytest.mark.parametrize(
+    ("home", "words"),
+    [({}, "give home = [x, y, z] in [flight]"), ({"home": [30, 3, -6]}, "move home")],
+)
+def test_a_page_says_first_that_no_flight_is_written_and_what_home_lacks(tmp_path, home, words):
+    """It was only in the last lines on the flight."""
+    lid = {"name": "lid", "low": [-99, -99, -5], "high": [99, 99, 0]}
+    flight = {key: value for key, value in PLAN["flight"].items() if key != "home"}
+    changes = {"candidates": [ACROSS], "constraints": {"keep_out": [lid]}}
+    placed(tmp_path, flight=flight | home, outputs={"page": True}, **changes)
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    first = page[page.index("<ul>") :].partition("</li>")[0]
+    assert "flight: none is written, the scene blocks" in first
+    assert f"; {words}" in first
+    assert "Not to be signed: flight fails." in page
 
 
 class Mounted:

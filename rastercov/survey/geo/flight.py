@@ -20,7 +20,7 @@ def files_of(flight: Flight) -> dict[str, bytes]:
 
     Each mission has its own, such as `flight_2.plan`.
     """
-    if flight.blocked or flight.too_far:
+    if flight.unwritten:
         return {}
     names = LOCAL if flight.asked.place is None else tuple(FORMATS)
     return {
