@@ -115,11 +115,11 @@ def with_bound(value: float, bound: float) -> str:
     if value in (0, 100) and bound <= 1e-9:
         return f"{value:.0f} %"
     places = 1 if value >= 10 else 2 if value >= 1 else 3
-    if bound < 0.5 * float(f"1e-{places}"):
-        for more in (places, max(places, 2), 3, 6):
-            text = f"{value:.{more}f}"
-            if (float(text) < 100 or value >= 100) and float(text) > 0:
-                return f"{text} %"
+    for more in (places, max(places, 2), 3, 6):
+        text = f"{value:.{more}f}"
+        is_rounded = float(text) == 0 or (float(text) >= 100 and value < 100)
+        if bound < 0.5 * float(f"1e-{more}") and (not is_rounded or (more == 6 and value > 0)):
+            return percent(value / 100) if is_rounded else f"{text} %"
     digits = min(max(1, -exponent(max(bound, 1e-9))), 3)
     unit = float(f"1e-{digits}")
     shown = round(value, digits)

@@ -717,9 +717,7 @@ class NetworkPage:
             return ""
         some = area(exact["m2"], self.unit, exact["of_m2"]) if exact["m2"] else "None"
         by_fewer = in_words(exact, self.noun).partition(" of the area")[2]
-        bound = f" (error bound {exact['bound_percent']:.2g} %)"
-        words = f"{some} of {area(exact['of_m2'], self.unit)} is covered{bound}{by_fewer}"
-        return f"{words}{self._long}"
+        return f"{some} of {area(exact['of_m2'], self.unit)} is covered{by_fewer}{self._long}"
 
     @property
     def _least(self) -> float:

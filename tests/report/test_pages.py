@@ -272,11 +272,13 @@ def test_a_percentage_is_within_the_bound_beside_it():
         assert abs(float(shown) - value) + bound <= float(beside[0] if beside else last) + 1e-9
         assert 0 < float(shown) < 100
         unit = 0.1 if value >= 10 else 0.01 if value >= 1 else 0.001
-        is_near = min(value, 100 - value) < 1e-3
+        is_near = min(value, 100 - value) < 0.06
         assert is_near or bool(beside) == (bound >= unit / 2), "three digits are certain, or not"
     assert with_bound(100.0, 1e-12) == "100 %"
     assert with_bound(29.1801, 1e-6) == "29.2 %"
     assert with_bound(99.99996, 1e-9) == "99.999960 %"
+    assert with_bound(99.9999999, 1.2e-10) == "99.999999 %"  # it had ± 0.001 %
+    assert with_bound(99.97, 0.04) == "99.97 ± 0.04 %"  # it had no bound
 
 
 @pytest.mark.parametrize(
