@@ -181,10 +181,12 @@ def by_views(mesh: Mesh, views: WholeArray) -> Painted:
     return in_classes(mesh, levels, colours, words)
 
 
-def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
+def by_density(
+    mesh: Mesh, density: ArrayLike | OfUnit, ends: tuple[float, float] = (0.02, 0.98)
+) -> Painted:
     """Pixel densities, (F,), in px/m unless they have a unit, 0 for none, by factors.
 
-    The ends are those of 2 and 98 % of the area.
+    The scale ends at the values of two shares of the area.
     """
     given, unit = density if isinstance(density, OfUnit) else OfUnit(density, "px/m")
     values = np.asarray(given, np.float64)
@@ -192,7 +194,7 @@ def by_density(mesh: Mesh, density: ArrayLike | OfUnit) -> Painted:
     low, high = 1.0, 10.0
     if known.any():
         weights = np.maximum(mesh.areas, 1e-300)
-        low, high = (quantile(values, weights, known, share) for share in (0.02, 0.98))
+        low, high = (quantile(values, weights, known, share) for share in ends)
         high = max(high, low * (1 + 1e-9))
     at = np.log(np.maximum(values, low) / low) / math.log(high / low)
     shares = np.where(values > 0, np.maximum(at, 1e-9), 0.0)

@@ -267,7 +267,9 @@ class NetworkPage:
         table |= values_of_features(self.mesh, self.camera, self.network.task)
         for name, (values, _) in self.of_faces.items():
             mode, _, unit = name.rpartition("_")
-            table[mode] = OfUnit(*((values / 1e3, "mm") if unit == "um" else (values, unit)))
+            if unit == "um":  # in the unit of the text on it
+                values, unit = (values, "µm") if values.max() < 1e3 else (values / 1e3, "mm")
+            table[mode] = OfUnit(values, unit)
         if (dead := self.zones) is not None:  # of a face the reason of its largest dead piece
             order = sort_order(dead.piece_area)
             table["reason"][dead.face[order]] = dead.leads[order]

@@ -5,8 +5,8 @@ from rastercov.report.modes import Mode, OfUnit, Painted, ReportHooks, by_densit
 
 
 def by_deviation(mesh: Mesh, deviation: OfUnit) -> Painted:
-    """Standard deviations by factors, the least in the colour of what is covered."""
-    return invert(by_density(mesh, deviation))
+    """Standard deviations by factors, up to the largest; the least is coloured as covered."""
+    return invert(by_density(mesh, deviation, (0.0, 1.0)))
 
 
 WORDS = "Largest standard deviation of measured points on each face, of any pose."

@@ -285,8 +285,8 @@ def test_a_percentage_is_within_the_bound_beside_it():
     ("rule", "words"),
     [(rc.All(), "A point is measured if a and b and c see it."),
      (rc.All(min_baseline_deg=5, max_uncertainty=5e-5, noise_px=0.1),
-      "a and b and c see it, along rays 5° or more apart, with an uncertainty of at most 0.05 "
-      "mm."),
+      "a and b and c see it, along rays 5° or more apart, with an uncertainty of at most 50 "
+      "µm."),
      (rc.All(max_baseline_deg=60), "a and b and c see it, along rays 0 to 60° apart."),
      (rc.AtLeast(2, needs=["c"]), "A point is measured if 2 of a, b, c see it, c among them.")],
 )  # fmt: skip

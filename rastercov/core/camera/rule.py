@@ -25,7 +25,7 @@ from rastercov.base import (
     first_of,
     shown,
 )
-from rastercov.base.format import distance
+from rastercov.base.format import size_in_words
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.parallel import FAR
 
@@ -260,7 +260,7 @@ class Limited(Gate):
             to = f" to {self.most_deg:g}°" if self.most_deg < 180 else "° or more"
             said.append(f"along rays {self.least_deg:g}{to} apart")
         if self.has_deviation:
-            said.append(f"with an uncertainty of at most {distance(self.most_deviation)}")
+            said.append(f"with an uncertainty of at most {size_in_words(self.most_deviation)}")
         return said
 
     @property

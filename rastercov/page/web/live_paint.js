@@ -51,7 +51,7 @@ function classesOf(own, mode, values, { heads, measured }) {
 /** Faces in the colours of a mode, {levels, palette, legend, scale}; `figures` as `facesOf` and the solver have them. */
 export function paintFaces(own, mode, figures) {
   const values = VALUES[mode](figures, own.classes);
-  if (own.scales[mode]) return onScale(own, own.scales[mode], values);
+  if (own.scales[mode]) return onScale(own, own.scales[mode], values, mode === "uncertainty" ? [0, 1] : [0.02, 0.98]);
   const { first, occluder, words, colours, hatches } = classesOf(own, mode, values, figures);
   const levels = own.isTask.map((isTask, f) => (!isTask ? occluder : values[f] < 0 ? 0 : first + (values[f] % (256 - first))));
   const palette = new Uint8Array(3 * 256);
@@ -62,21 +62,21 @@ export function paintFaces(own, mode, figures) {
 }
 
 /** Level of each face on a scale; those that are not above 0 have none. */
-function onScale(own, { palette, words, scale }, values) {
+function onScale(own, { palette, words, scale }, values, shares) {
   const { first, last, is_log: isLog } = scale;
-  const [low, high] = isLog ? endsOf(own, values) : [scale.low, scale.high];
+  const [low, high] = isLog ? endsOf(own, values, shares) : [scale.low, scale.high];
   const part = (value) => (isLog ? Math.log(value / low) / Math.log(high / low) : value / high);
   const at = (value) => first + roundEven(clamp(part(value), 0, 1) * (last - first));
   const levels = own.isTask.map((isTask, f) => (!isTask ? 1 : values[f] > 0 ? at(values[f]) : 0));
   return { levels, palette, legend: legendOf(own, levels, palette, words, []), scale: { ...scale, low, high } };
 }
 
-/** The values that 2 and 98 % of the area are below. */
-function endsOf({ isTask, areas }, values) {
+/** The values that two shares of the area are below. */
+function endsOf({ isTask, areas }, values, shares) {
   const known = [...values.keys()].filter((f) => isTask[f] && values[f] > 0).sort((a, b) => values[a] - values[b]);
   if (!known.length) return [1, 10];
   const weight = known.reduce((sum, f) => sum + areas[f], 0);
-  const [low, high] = [0.02, 0.98].map((share) => {
+  const [low, high] = shares.map((share) => {
     let sum = 0;
     return values[known.find((f) => (sum += areas[f]) >= share * weight) ?? known.at(-1)];
   });
