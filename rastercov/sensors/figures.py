@@ -27,6 +27,7 @@ from rastercov.base import (
 from rastercov.base.format import coordinates, number
 from rastercov.core.area.feature import (
     DOUBTFUL,
+    NEEDS,
     Alone,
     Areas,
     Feature,
@@ -188,7 +189,7 @@ def limit_advice(
         if not is_tried:
             return words
         if remedies := list(head.remedies(max(1, math.ceil(ENOUGH * len(points))))):
-            return f"{words}: half of the zone needs {'; or '.join(remedies)}"
+            return f"{words}{NEEDS}{'; or '.join(remedies)}"
         said.append(words)
     return said[0] if said else ""
 

@@ -135,6 +135,17 @@ def test_dead_zones_name_the_camera_that_fails():
     assert (zone["reason"], zone["area_m2"]) == ("back_facing", pytest.approx(1))
 
 
+def test_the_change_of_a_head_that_cannot_meet_its_limit_is_that_of_the_advice():
+    """It was "none is known" above advice on the baseline, distance or noise."""
+    fringe = PLAN["rigs"]["fringe"] | {"max_uncertainty": "1 mm", "noise_px": 0.2}
+    plan = PLAN | {"rigs": {"fringe": fringe}}
+    rc.place(PLAN, out="out")
+    _, change, *rest = rc.check(plan, "out/poses.json", min_coverage=0.5).first_lines()
+    needs = change.removeprefix("change that gains most: half of a dead zone needs ")
+    assert needs != change
+    assert rest[-1].endswith(f": half of the zone needs {needs}")
+
+
 def test_by_face_and_by_samples_rules_are_refused():
     rig = head()
     for given in ({"by": "face"}, {"method": "sampled"}):

@@ -29,6 +29,8 @@ Alone = Callable[[int], ByName]
 """Covered area of a camera by itself, by its index."""
 DOUBTFUL = ("doubtful_percent", "doubtful_m2")
 """Figures of what is seen edge-on."""
+NEEDS = ": half of the zone needs "
+"""Before changes of a rig itself in advice."""
 
 
 class Areas(Protocol):

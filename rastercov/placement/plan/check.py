@@ -48,6 +48,7 @@ from rastercov.base import (
 )
 from rastercov.base.arguments import finite_number, is_number, share_meant
 from rastercov.base.format import area, points
+from rastercov.core.area.feature import NEEDS
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
@@ -777,6 +778,7 @@ def best_change(
     """
     every = [each for each in requirements if isinstance(each, AreaRequirement) and each.of_m2]
     wanted, found = [each for each in every if not each.is_most], list[GoalChange]()
+    needs = list[str]()
 
     def lost(rows: list[int], mask: Mask) -> dict[str, float]:
         shares = dict[str, float]()
@@ -795,6 +797,7 @@ def best_change(
         for zone in of.get("dead_zones", ()):
             tried = zone["tried"] or {}
             if not tried.get("gain_m2"):
+                needs += zone["advice"].partition(NEEDS)[2:]
                 continue
             if own is None and names_in(placed.mesh.groups, each.group).isdisjoint(zone["groups"]):
                 continue
@@ -814,6 +817,8 @@ def best_change(
             goal = f"{each.called}; {end}"
             found.append(GoalChange.of_zone(zone, goal, exact, losses, each.of_m2))
     none = NO_CHANGE if short else None
+    if none and (change := next(filter(None, needs), "")):
+        none = none._replace(line=f"change that gains most: half of a dead zone needs {change}")
     if none and (below := [z for z in summary.get("dead_zones", ()) if TURN in z["advice"]]):
         share = percent(sum(zone["percent"] for zone in below) / 100)
         line = f"{none.line}; {TURN}so that cameras come before dead zones of {share} of the area"
