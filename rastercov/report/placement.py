@@ -41,7 +41,9 @@ ARM = (176, 183, 190), (128, 137, 146), (150, 100, 60)
 """Colours of links of an arm in turn, and of its tool."""
 MOST_VOLUMES = 20
 """Of either kind that a picture has."""
-REACH = re.compile("out of reach|together reach|reach(ing|es)? the goal|for any selection|^rig ")
+REACH = re.compile(
+    "out of reach|together reach|reach(ing|es)? the goal|for any selection|by any candidate|^rig "
+)
 """In notes on goals that no candidates reach or that kept cameras fail, and on what would."""
 MOST_WORK = 100_000_000
 """Pairs of candidate and element up to which it is known what one more camera adds."""

@@ -138,6 +138,31 @@ def test_a_part_that_no_lamp_reaches_is_unlit():
     assert {name_of(code) for code in zones.reason.tolist()} == {"unlit"}
 
 
+@pytest.mark.parametrize(
+    ("degrees", "words"),
+    [(80.0, "no patch can be covered by any candidate; reasons .* 100.0 % in a specular highlight"),
+     (31.0, "30.8 % of the area is covered by no candidate and does not count here. Not covered: "
+      "204 cm² in a specular highlight")],
+)  # fmt: skip
+def test_a_page_says_why_candidates_reach_nothing_or_not_all(degrees, words):
+    """A goal of_reachable was as if highlights took nothing, or had no candidate without a why."""
+    around = 2 * np.concatenate([np.eye(3), -np.eye(3)])
+    lamp = {"kind": "point", "intensity_cd": 100, "positions": around.tolist()}
+    candidates = {"generator": "on_sphere", "count": 6, "distances": [0.5]}
+    plan = {
+        "meshes": [{"built_in": "box", "transform": {"scale": 0.1}}],
+        "camera": {"width": 320, "height": 240, "fx": 300, "fy": 300},
+        "task": {"max_highlight_deg": degrees},
+        "candidates": [candidates],
+        "selection": {"goal": "fewest_cameras", "coverage": 0.9, "of_reachable": True},
+        "lamps": {"sky": lamp},
+        "outputs": {"page": True},
+    }
+    rc.place(plan, out="out")
+    page = Path("out/page.html").read_text("utf-8")
+    assert re.search(words, page[: page.index("<figure>")], re.IGNORECASE)
+
+
 def test_thresholds_of_light_without_lamps_are_refused():
     plan = {"meshes": [{"built_in": "box"}], "task": {"min_illuminance": 300}}
     with pytest.raises(
