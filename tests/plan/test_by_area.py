@@ -395,3 +395,24 @@ def test_cells_larger_than_the_scene_are_whole_faces():
     assert told()["matrix"]["cells"] == MESH.n_faces
     assert "are whole faces" in placement.prepared.notes[0]
     assert placement.cameras.share == pytest.approx(exact_share(placement), abs=1e-9)
+
+
+def test_place_and_check_give_the_same_advice_where_no_candidate_serves(tmp_path):
+    """Place tried the positions of candidates alone: none of 4 was said to cover half."""
+    around = {"generator": "on_sphere", "count": 6, "distances": [0.5]}
+    selection = {"goal": "fewest_cameras", "coverage": 0.95}
+    plan = {
+        "meshes": [{"built_in": "box", "transform": {"scale": 0.1}}],
+        "camera": {"width": 640, "height": 480, "fx": 700, "fy": 700},
+        "task": {"max_incidence_deg": 55.0},
+        "candidates": [around],
+        "selection": selection | {"of_reachable": True},
+        "outputs": {"page": False},
+    }
+    placed = rc.place(plan, out=tmp_path)
+    change = rc.check(plan, tmp_path / "poses.json").best_change
+    (zone,) = placed.cameras.areas.dead_zones(placed.prepared.plan.rig, placed.cameras.placed)[
+        "dead_zones"
+    ]
+    assert zone["advice"].count(change.advised) == 1
+    assert "move the camera" in change.advised

@@ -131,6 +131,8 @@ class Allowed(NamedTuple):
     free : callable
         Of the mesh in a frame of a motion, and the distance from it that cameras keep unless a plan
         has another, m, the places that it leaves free.
+    further : Places or None
+        To be tried after `places`.
     """
 
     places: Places | None = None
@@ -139,6 +141,7 @@ class Allowed(NamedTuple):
     permits: Callable[[Cameras, Poses], bool] | None = None
     adds_only: bool = False
     free: Callable[[Mesh, float], IsFree] = outside_of_matter
+    further: Places | None = None
 
 
 ANY = Allowed()
@@ -545,17 +548,19 @@ class Remedies:
             )
 
     def _places(self, spot: ZoneSpot, reaches: set[float], origin: FloatArray) -> FloatArray:
-        """(N, 3) permitted places, some distances in front of a zone, by their way from one."""
+        """(N, 3) permitted places, some distances in front of a zone, by their way from one.
+
+        Those of `Allowed.further` are last.
+        """
         normal = frames_of(self.mesh).normal[spot.face]
         ways = fibonacci_sphere(PLACES)
         fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
         ways = ways[fronts >= SURE]
         places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
         places = places[norm(places - spot.at) > 0]
-        if self.allowed.places is not None:
-            places = self.allowed.places(spot.at, places)
-        nearest = sort_order(norm(places - origin))
-        return np.asarray(places[nearest])
+        kinds = [each for each in (self.allowed.places, self.allowed.further) if each is not None]
+        ranked = [each(spot.at, places) for each in kinds] or [places]
+        return np.concatenate([own[sort_order(norm(own - origin))] for own in ranked])
 
     def _place_changes(self, changes: Sequence[Change], row: int) -> tuple[Cameras, Task, Poses]:
         """A camera, or the rig of it, at changes with one camera, alone."""

@@ -76,6 +76,7 @@ from rastercov.placement.plan.scene import (
     free_places,
     keep_outs,
     mounts_of_entry,
+    places_of,
     places_of_candidates,
     segmentation_of,
 )
@@ -241,8 +242,10 @@ class Prepared:
         candidates = self.pool.candidates
         kind = int(self.mounts.starts[candidates.placed.camera[0]])
         places = places_of_candidates(candidates.poses[:, :3, 3])
-        reaches = None if self.carrier is None else self.carrier.reaches
-        return Allowed(places, kind, reaches, free=partial(free_places, self.plan))
+        free = partial(free_places, self.plan)
+        if self.carrier is not None:
+            return Allowed(places, kind, self.carrier.reaches, free=free)
+        return Allowed(places, kind, free=free, further=places_of(self.plan, self.mesh))
 
     @property
     def camera(self) -> Rig:
