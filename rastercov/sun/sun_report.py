@@ -11,7 +11,7 @@ sun.json        the same, and the provenance
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple
 
@@ -327,6 +327,7 @@ def write(
             "sunlight.html",
             "rastercov.sun",
             title=title,
+            today=date.today(),
             summary=summary,
             bounded=text_with_bound,
             hours_text=hours_text,

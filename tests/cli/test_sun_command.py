@@ -55,6 +55,9 @@ def test_a_day_is_printed_and_written(folder, capsys):
     assert [float(row[f"least_piece_at_{n}"]) for n in (1, 2, 3)] == [0, 0, 1.5]
     page = (folder / "day" / "sun.html").read_text()
     assert summary["answer"] in page
+    block = dict(re.findall("<dt>(.*?)</dt><dd>(.*?)</dd>", page))  # as other pages
+    assert block["Mesh"] == "house.stl, canopy.stl"
+    assert (block["Version"], len(block["Date"])) == (f"rastercov {rc.__version__}", 10)
     assert "hours, whole sun disc visible" in page
     with np.load(folder / "day" / "sun.npz") as arrays:
         assert arrays["hours"].shape == (24,)
