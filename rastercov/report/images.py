@@ -368,11 +368,12 @@ def add_frame(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
 
     # Entries that do not fit in a row continue in the next.
     places, left, row = [], margin, 0
-    keys = [replace(key, name=cut(key.name, font, room - 2 * line)) for key in keys]
-    for key in keys:
+    for at, key in enumerate(keys := [*keys]):
         scale = (8 if key.high else 1) * line
-        texts = (text for text in (key.low, key.high, key.name) if text)
-        taken = scale + sum(font.getlength(text) + line * 0.5 for text in texts)
+        ends = (text for text in (key.low, key.high) if text)
+        taken = scale + line * 0.5 + sum(font.getlength(text) + line * 0.5 for text in ends)
+        keys[at] = replace(key, name=cut(key.name, font, room - taken))
+        taken += font.getlength(keys[at].name)
         if left > margin and left + taken > room + margin:
             left, row = margin, row + 1
         places.append((left, row, scale))

@@ -45,3 +45,11 @@ def test_pictures_hold_any_name(text):
     assert labelled.tobytes() == plain.tobytes()
     pixels = np.zeros((20, 30, 3), np.uint8)
     add_frame(pixels, text, [Key(text, pixels[:1, :1])])
+
+
+@pytest.mark.parametrize("ends", [("", ""), ("0.001 mm", "131 mm")])
+def test_no_entry_of_a_legend_goes_beyond_its_picture(ends):
+    """A long name after a scale did: it was cut off at the edge."""
+    pixels = np.zeros((20, 30, 3), np.uint8)
+    picture = np.array(add_frame(pixels, "", [Key("W" * 300, pixels[:1, :1], *ends)]))
+    assert (picture[-15:, -3:] == picture[-1, -1]).all()

@@ -1,10 +1,12 @@
 """Pages on a phone of 390 px: nothing is wider, and controls have names of their own, in words."""
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 from browser import Tab
+from PIL import Image
 
 import rastercov as rc
 
@@ -157,6 +159,23 @@ def test_no_page_is_wider_than_a_phone(page, folder, phone):
     opened.wait_for_timeout(200)
     wide, room, those = opened.evaluate(WIDE)
     assert wide <= room == 390, those
+
+
+@pytest.mark.slow
+def test_a_table_that_goes_on_beyond_its_room_has_a_shadow_there(folder, phone):
+    """It looked as if it were cut off."""
+    opened = phone.new_page()
+    opened.goto((folder / "sun/sun.html").as_uri())
+    table = opened.locator(".wide:visible").first
+
+    def edge(left):
+        table.evaluate("(own, left) => { own.scrollLeft = left; }", left)
+        image = Image.open(io.BytesIO(table.screenshot())).convert("L")
+        return image.getpixel((image.width - 1, 4)), image.getpixel((image.width // 2, 4))
+
+    for left, is_dark in ((0, True), (9999, False)):
+        last, middle = edge(left)
+        assert (last < middle - 9) == is_dark, left
 
 
 @pytest.mark.slow
