@@ -11,7 +11,7 @@ from typer import Argument, Option
 from rastercov.base import ByName, ConfigError, check_choice, json_text
 from rastercov.cli import options
 from rastercov.cli.console import print_lines
-from rastercov.cli.terminal import Console
+from rastercov.cli.terminal import print_rows
 from rastercov.core.camera import Camera
 from rastercov.core.camera.catalogue import KINDS, Catalogue, catalogue, price_of
 from rastercov.core.camera.projection import angles_of_view
@@ -152,7 +152,7 @@ def _prices_of(name: str, parts: list[Row]) -> Row:
 def _print(what: str, rows: list[Row], *, is_own: bool) -> None:
     """Print the entries of a kind, and their number."""
     if rows:
-        Console().print(_table(rows, COLUMNS[what].split(), is_own=is_own))
+        print_rows(_table(rows, COLUMNS[what].split(), is_own=is_own))
     print_lines(f"{'sensor heads' if what == 'heads' else what}: {len(rows)}")
 
 

@@ -8,7 +8,7 @@ from rastercov.base.format import area, size_in_words
 from rastercov.cli import options
 from rastercov.cli.console import print_lines, size_line, warn
 from rastercov.cli.inputs import SceneOptions
-from rastercov.cli.terminal import Console
+from rastercov.cli.terminal import print_rows
 from rastercov.core.mesh.groups import at_level
 from rastercov.core.mesh.mesh import Mesh
 
@@ -73,5 +73,5 @@ def _print(kind: str, rows: list[ByName]) -> None:
         of_faces = (row["role"], f"{row['faces']:,}", area(row["area_m2"])) if has_faces else ()
         table.add_row(row["name"], *of_faces, size, f"{row['low'][2]:.2f}")
     if rows:
-        Console().print(table)
+        print_rows(table)
     print_lines(plural(len(rows), kind))

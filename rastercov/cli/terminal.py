@@ -28,6 +28,11 @@ class Console(console.Console):
             yield Segment("\n".join(lines), style, control)
 
 
+def print_rows(table: RenderableType) -> None:
+    """Print a list as a table, a line a row where it is read by a program."""
+    Console(width=None if sys.stdout.isatty() else 10_000).print(table)
+
+
 def print_network(
     summary: ReadByName, level: int | None, *, has_parts: bool = True, unit: str = "m"
 ) -> None:

@@ -65,3 +65,14 @@ def test_a_mesh_without_names_is_one_group(capsys):
     code, out, _ = call(capsys, "groups box --json")
     listed = json.loads(out)
     assert (code, len(listed["groups"]), listed["rooms"]) == (0, 1, [])
+
+
+def test_a_pipe_gets_a_line_a_row(here, capsys):
+    """Names were folded at 80 columns, so that no line had all of one."""
+    names = [f"storey_{n}/{'a_wall_of_a_building_with_long_names_' * 3}{n}" for n in range(3)]
+    faces = [f"g {name}\nf 1 2 3" for name in names]
+    Path("long.obj").write_text("\n".join(["v 0 0 0", "v 1 0 0", "v 0 1 0", *faces]))
+    _, out, _ = call(capsys, "groups long.obj")
+    rows = [line for line in out.splitlines() if line.startswith("storey_")]
+    assert [row.split()[0] for row in rows] == names
+    assert all(row.split()[1:3] == ["task", "1"] for row in rows)
