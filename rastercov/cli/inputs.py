@@ -137,10 +137,7 @@ class SceneOptions(NamedTuple):
         )
         hiding, transparent = (names_of_groups(role, given, names) for role, given in roles.items())
         mesh = mesh.with_groups(hiding, both, transparent)
-        if not mesh.task_mask.any():
-            raise MeshError(
-                "expected a group to evaluate, got occluders only; leave one out of --occluder"
-            )
+        check_targets(mesh)
         return mesh
 
     def entries(self, out: Path, meshes: list[Path], **others: Path | None) -> ByName:
@@ -152,6 +149,14 @@ class SceneOptions(NamedTuple):
         given = {name: value for name, value in self._asdict().items() if value is not None}
         own = {"meshes": list(map(str, meshes)), **files, **given}
         return {"folder": path_from(out, Path()), **own}
+
+
+def check_targets(mesh: Mesh) -> None:
+    """Raise `MeshError` where every group occludes."""
+    if not mesh.task_mask.any():
+        raise MeshError(
+            "expected a group to evaluate, got occluders only; leave one out of --occluder"
+        )
 
 
 def further_files() -> list[str]:

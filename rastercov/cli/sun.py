@@ -13,7 +13,7 @@ from rastercov.base.arguments import positive
 from rastercov.base.format import text_with_bound
 from rastercov.cli import options
 from rastercov.cli.console import out_option, print_lines, warn
-from rastercov.cli.inputs import SceneOptions
+from rastercov.cli.inputs import SceneOptions, check_targets
 from rastercov.cli.terminal import progress_bar
 from rastercov.core.camera import size_warnings
 from rastercov.core.camera.sun import NORTH_DEG, angle, sun_directions
@@ -218,6 +218,7 @@ def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh
         mesh = mesh.with_groups(
             occluders=[g.name for g in mesh.groups if g.is_occluder or g.name not in kept]
         )
+    check_targets(mesh)
     # Before it is divided, where sides of different faces do not match; of a model or a town.
     warn(*mesh.warnings, *size_warnings(mesh, 0.03, 5e3))
     if resolution is not None:

@@ -66,6 +66,18 @@ def test_a_day_is_printed_and_written(folder, capsys):
     assert total == pytest.approx(part["energy_kwh"])
 
 
+@pytest.mark.parametrize(
+    "line", ["--of house --occluder *", "--occluder *", "--of house --occluder house"]
+)
+def test_no_group_that_is_left_is_refused_in_a_line(line, capsys):
+    """It was an IndexError."""
+    code, out, err = call(capsys, f"{LINE} {line} -o none")
+    assert (code, out) == (2, "")
+    wanted = "expected a group to evaluate, got occluders only; leave one out of --occluder"
+    assert err.splitlines()[-1] == f"error: {wanted}"
+    assert not Path("none").exists()
+
+
 @pytest.mark.parametrize("step", [10, 60])
 def test_bounds_hold_the_time_step(step, folder, capsys):
     """Against the hours of each minute; the page has no digits that the bound does not leave."""
