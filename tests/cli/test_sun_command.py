@@ -195,6 +195,7 @@ def dwelling(folder):
     windows = {"S": ((2, -0.02, 1), (3, 0.02, 2)), "N": ((2, 5.98, 1), (3, 6.02, 2))}
     windows |= {"Dark": ((7, 5.98, 1), (8, 6.02, 2))}
     (folder / "dwelling.ifc").write_bytes(bungalow(windows=windows))
+    (folder / "other.ifc").write_bytes(bungalow((0, 40, 0), windows))
 
 
 LEVELS = [("minimum", 1.5, 1), ("high", 4.0, 1), ("1h", 1.0, 1)]
@@ -224,6 +225,20 @@ def test_rooms_get_the_hours_of_a_level_by_their_windows_together(
     for name in ("Kitchen", "Hall"):  # on the plan
         assert f">{name}</text>" in page
     assert "Ground, 0 Kitchen, S" in page
+
+
+def test_rooms_of_two_houses_are_told_apart_by_their_files(dwelling, folder, capsys):
+    """Windows of rooms of the same names counted together, in either house."""
+    line = f"sun dwelling.ifc other.ifc {WINDOWS} --day 2026-02-10 --min-elevation 10"
+    call(capsys, f"{line} --at-least minimum")
+    summary = json.loads((folder / "rooms" / "sun.json").read_text(encoding="utf-8"))
+    names = ["Ground, 0 Kitchen", "Ground, 1 Hall"]
+    assert sorted(each["name"] for each in summary["rooms"]) == [
+        *names, *(f"other, {name}" for name in names)
+    ]  # fmt: skip
+    sides = {each["number"]: each["at"][1] > 30 for each in summary["pieces"]}
+    for room in summary["rooms"]:
+        assert {sides[number] for number in room["pieces"]} == {"other" in room["name"]}
 
 
 def test_rooms_of_a_whole_house_have_the_hours_of_their_windows(dwelling, folder, capsys):

@@ -94,6 +94,7 @@ def read_files(
         stem = stem_of(one)
         names.append([(stem if name is None else name) for name in polygons.group_names])
         notes += [f"{shown}: {note}" for note in polygons.notes]
+    storeys = iter(names_beside(paths, [[a.storey for a, _, _ in p.spaces] for p in parts]))
     n_vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
     n_groups = np.cumsum([0] + [len(part.group_names) for part in parts])
     scene = Polygons(
@@ -105,7 +106,11 @@ def read_files(
         ),
         group_names=_unique([name[:LONGEST_NAME] for name in names_beside(paths, names)]),
         notes=notes,
-        spaces=[((n, a), b, c) for n, part in enumerate(parts) for a, b, c in part.spaces],
+        spaces=[
+            ((row, a._replace(storey=next(storeys).rstrip("/"))), b, c)
+            for row, part in enumerate(parts)
+            for a, b, c in part.spaces
+        ],
     )
     return scene, files
 
