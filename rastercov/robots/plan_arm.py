@@ -490,17 +490,23 @@ def arms_of(plan: Plan, mesh: Mesh) -> list[Arm]:
     arms = []
     for row, entry in enumerate(plan.candidates):
         if isinstance(entry, OnArm):
+            robot = _robot(plan, entry)
             with errors_at(plan.name, f"candidates[{row}]"):
-                arms.append(_arm(plan, mesh, entry))
+                arms.append(_arm(plan, mesh, entry, robot))
     return arms
 
 
-def _arm(plan: Plan, mesh: Mesh, entry: OnArm) -> Arm:
-    name, _, link = entry.body.partition("/")
-    body = next(each for each in plan.bodies if each.name == name)
-    pairs = [(one, other) for one, other in entry.allowed]
-    robot = HOOKS.read_joints(body, plan.folder)
+def _robot(plan: Plan, entry: OnArm) -> Robot:
+    row = [each.name for each in plan.bodies].index(entry.body.partition("/")[0])
+    with errors_at(plan.name, f"bodies[{row}]"):
+        robot = HOOKS.read_joints(plan.bodies[row], plan.folder)
     assert robot is not None
+    return robot
+
+
+def _arm(plan: Plan, mesh: Mesh, entry: OnArm, robot: Robot) -> Arm:
+    _, _, link = entry.body.partition("/")
+    pairs = [(one, other) for one, other in entry.allowed]
     if (table := plan.table) is not None:
         robot = robot.on_turntable(table.axis, table.centre, table.degrees)
     return Arm(
@@ -565,7 +571,7 @@ class OfArms(PlanScene):
     ) -> Iterator[Candidates]:
         """See `PlanScene`."""
         assert isinstance(entry, OnArm)
-        arm = _arm(plan, mesh, entry)
+        arm = _arm(plan, mesh, entry, _robot(plan, entry))
         return (on_arm(part, arm) for part in make(entry.views()))
 
     def carrier(self, plan: Plan, mesh: Mesh) -> PlanArm | None:

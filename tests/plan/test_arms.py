@@ -20,7 +20,7 @@ from rastercov.base.format import distance
 from rastercov.core.area.remedies import TURN
 from rastercov.page.scene import scene_of_place
 from rastercov.placement.plan.entries import Table
-from rastercov.placement.plan.file import plan_of
+from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.report import overview, panorama
 from rastercov.report.placement import _turns, change_of
 from rastercov.report.plan import summary
@@ -720,6 +720,14 @@ def test_a_camera_on_a_frame_without_a_mesh_has_a_page():
     entry = CANDIDATES | {"body": "arm/tool0"}
     rc.place(PLAN | {"candidates": [entry], "outputs": {"page": True}}, out="out")
     assert "Stops of the arm" in Path("out/page.html").read_text(encoding="utf-8")
+
+
+def test_a_mesh_that_is_missing_is_an_error_of_its_body():
+    """It was one of candidates[0], which has no packages."""
+    text, mesh = Path("arm.urdf").read_text(), '<mesh filename="package://ur/x.stl"/>'
+    Path("arm.urdf").write_text(text.replace('<box size="0.2 0.05 0.05"/>', mesh))
+    with pytest.raises(PlanError, match=r"^plan: bodies\[0\]: arm\.urdf: expected the folder of "):
+        rc.place(PLAN)
 
 
 def test_an_arm_that_collides_at_rest_is_named():
