@@ -317,6 +317,20 @@ def test_lenses_for_a_field_are_those_whose_image_has_its_ends(wd, fov, capsys):
             assert listed[name]["px_per_mm"] == pytest.approx(camera.width / field / 1e3)
 
 
+@pytest.mark.parametrize(
+    ("line", "is_said"),
+    [("", True), ("tc4", True), ("--wd 0.49 --fov 0.3", True), ("tc4 --hfov 30", True),
+     ("--mount C", False), ("khepra", False), ("--wd 0.35 --fov 0.1", False)],
+)  # fmt: skip
+def test_a_lens_that_fits_no_camera_is_named(line, is_said, capsys):
+    """It was in no pair, and nothing said so."""
+    assert command(["cameras", *line.split()]) == 0
+    out = capsys.readouterr().out
+    words = "no camera of the catalogue fits: opto-tc4mhrp240-f"
+    assert (out.splitlines()[-1] == words) == is_said
+    assert "nan" not in out.split()
+
+
 @pytest.mark.parametrize("option", ["--wd", "--fov"])
 def test_a_field_needs_its_distance(option, capsys):
     assert command(["cameras", option, "0.3"]) == 2

@@ -8,7 +8,7 @@ from typing import Annotated
 from rich.table import Table
 from typer import Argument, Option
 
-from rastercov.base import ByName, ConfigError, check_choice, json_text
+from rastercov.base import ByName, ConfigError, check_choice, first_of, json_text
 from rastercov.cli import options
 from rastercov.cli.console import print_lines
 from rastercov.cli.terminal import print_rows
@@ -97,11 +97,15 @@ def cameras(
     every = {what: list(table) for what, table in shop._asdict().items()}
     _check_mount(shop, mount)
     if (wd is None) != (fov is None):
-        alone = "--fov" if wd is None else "--wd"
-        raise ConfigError(f"expected --wd with --fov, got {alone} alone; give both")
+        got = "--fov" if wd is None else "--wd"
+        raise ConfigError(f"expected --wd with --fov, got {got} alone; give both")
     if hfov is not None or wd is not None:
         every = {"cameras": list(shop.names())}
     rows_by_key: dict[str, list[Row]] = {what: [] for what in every}
+
+    def is_asked(row: Row) -> bool:
+        return (mount or "").upper() in ("", row.get("mount")) and _has_words(row, words or ())
+
     for what, name in [(what, name) for what, names in every.items() for name in names]:
         parts = shop.parts(name) if what == "cameras" else [getattr(shop, what)[name]]
         row = {"name": name} | {k: v for part in reversed(parts) for k, v in part.items()}
@@ -114,8 +118,7 @@ def cameras(
         if wd is not None:
             row |= _field_at(wd, camera, row)
         if (
-            _has_words(row, words or ())
-            and (mount or "").upper() in ("", row.get("mount"))
+            is_asked(row)
             and row.get("width", math.inf) * row.get("height", math.inf) >= min_pixels
             and (max_price is None or (row["price"] or math.nan) <= max_price)
             and (hfov is None or abs(row["hfov_deg"] - hfov) <= NEAR_REL * hfov)
@@ -129,6 +132,15 @@ def cameras(
         print_lines(NO_ENTRY)
     for what, rows in rows_by_key.items():
         _print(what, rows, is_own=own is not None)
+    paired = {name.partition("+")[2] for name in shop.names()}
+    alone = [
+        name
+        for name, lens in shop.lenses.items()
+        if name not in paired and is_asked({"name": name} | lens)
+        if wd is None or abs(lens.get("working_distance", wd) - wd) <= NEAR_REL * wd
+    ]
+    if alone:
+        print_lines(f"no camera of the catalogue fits: {first_of(alone)}")
 
 
 def _field_at(wd: float, camera: Camera, row: Row) -> Row:
@@ -187,5 +199,5 @@ def _table(rows: list[Row], columns: list[str], *, is_own: bool) -> Table:
 def _cell(row: Row, name: str) -> str:
     value, factor = row.get(name), UNITS.get(name, ("", 1.0))[1]
     values = value if isinstance(value, list | tuple) else [] if value is None else [value]
-    words = (f"{factor * v:.4g}" if isinstance(v, float) else str(v) for v in values)
+    words = (f"{factor * v:.4g}" if isinstance(v, float) else str(v) for v in values if v == v)
     return (" x " if name in ("pixel_size", "size") else "-").join(dict.fromkeys(words))
