@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import NEAR_TO_FAR, limits, near_limit
-from rastercov.core.camera.projection import box_corners, image_boxes, to_camera, to_image
+from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh
 from rastercov.reference.coverage import clip_near, clip_polygons, clip_to_image, polygon_area
@@ -248,20 +248,6 @@ def test_a_surface_in_view_that_is_wholly_nearer_than_near_is_cut():
     assert limits(Mesh(vertices, faces), camera, np.eye(4)[None])[2].all()
 
 
-def test_image_boxes_are_tight_empty_or_whole():
-    bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
-    poses = look_at(
-        [(0, -11, 0), (0, -11, 0), (0, 0, 0), (0, -11, 0)],
-        [(0, 0, 0), (-90, 0, 0), (0, 1, 0), (0, -90, 0)],
-    )
-    boxes = image_boxes(box_corners(bounds), CAMERA, poses)
-    # The front of the box, 10 m ahead, reaches 10 px from the middle; one more is slack.
-    assert np.abs(boxes[0] - (90, 90, 110, 110)).max() <= 2
-    left, top, right, bottom = boxes[1]
-    assert (right - left) * (bottom - top) == 0
-    assert np.array_equal(boxes[2:], [(0, 0, 200, 200)] * 2)
-
-
 def test_near_limit_is_the_greater_of_the_camera_s_and_a_part_of_the_farthest():
     bounds = np.array([[-1.0, -1, -1], [1, 1, 1]])
     poses = look_at([(0, 0, 3), (0, 0, 0)], [(0, 1, 3), (0, 1, 0)])
@@ -282,7 +268,6 @@ def test_no_faces_and_no_poses_give_nothing():
     mesh = Mesh(np.eye(3), [(0, 1, 2)])
     assert [each.shape for each in limits(mesh, CAMERA, poses[:0])] == [(0,)] * 3
     assert near_limit(CAMERA, bounds, poses[:0]).shape == (0,)
-    assert image_boxes(box_corners(bounds), CAMERA, poses[:0]).shape == (0, 4)
 
 
 def test_faces_without_area_have_depths_and_no_area():

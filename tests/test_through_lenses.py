@@ -14,7 +14,7 @@ from rastercov import Camera, CameraError, ConfigError
 from rastercov.core.camera.camera import border_of
 from rastercov.core.camera.lenses.of_camera import lens_of
 from rastercov.core.camera.models import MODELS
-from rastercov.core.camera.projection import image_boxes, rays_of, to_camera, to_image, view_border
+from rastercov.core.camera.projection import rays_of, to_camera, to_image, view_border
 from rastercov.core.camera.viewpoints import (
     WIDEST_DEG,
     enclosing_distance,
@@ -105,27 +105,6 @@ def test_a_sphere_of_poses_sees_all_of_the_mesh(lens):
     _, distance = enclosing_distance(mesh, camera, centre)
     for pose in sphere_of_poses(centre, distance * (1 + 1e-9), 4):
         assert is_in_image(camera, to_camera(mesh.vertices, pose)).all()
-
-
-@pytest.mark.slow
-@given(seed=seeds, size=st.floats(0.01, 2.0))
-def test_image_boxes_hold_the_image_of_the_hull(seed, size):
-    camera, rng = PINHOLE, np.random.default_rng(seed)
-    corners = rng.uniform(-size, size, (6, 3)) + rng.uniform((-1, -1, 1), (1, 1, 3))
-    weights = rng.dirichlet(np.full(6, 0.3), 300)
-    points = np.concatenate((corners, weights @ corners))
-    left, top, right, bottom = image_boxes(corners, camera, np.eye(4)[None])[0]
-    with np.errstate(invalid="ignore"):
-        pixels = to_image(points, camera)[is_in_image(camera, points)]
-    assert (pixels >= (left, top)).all()
-    assert (pixels <= (right, bottom)).all()
-    assert 0 <= left <= right <= camera.width
-    assert 0 <= top <= bottom <= camera.height
-
-
-def test_an_image_box_of_a_lens_is_the_whole_image():
-    box = image_boxes(np.array([(0.3, 0.2, 2.0)]), CAMERAS["brown"], np.eye(4)[None])[0]
-    assert box.tolist() == [0, 0, 1280, 1024]
 
 
 @every_lens

@@ -34,7 +34,7 @@ from rich.table import Table
 from rastercov.base import BoolArray, ByName, ByteArray, ConfigError, FloatArray, plural
 from rastercov.base.format import number
 from rastercov.core.camera import Camera, valid_poses
-from rastercov.core.camera.projection import image_boxes
+from rastercov.core.camera.projection import to_camera, to_image
 from rastercov.core.coverage.coverage import Coverage, evaluate_batches, open_observer
 from rastercov.core.coverage.job import evaluate
 from rastercov.core.coverage.shards import provenance_of
@@ -146,12 +146,9 @@ def compare_models(
     mesh: Mesh,
     camera: Camera,
     poses: ArrayLike,
-    task: Task | None = None,
-    names: Sequence[str] | None = None,
-    *,
     progress: Progress = silent,
 ) -> ModelComparison:
-    """Coverage of every model, their disagreements, and the visibility of the faces there.
+    """Coverage of models that take a lens, their disagreements, and visibility of faces there.
 
     Parameters
     ----------
@@ -159,31 +156,21 @@ def compare_models(
         Any scene.
     poses : (P, 4, 4) array_like
         world_from_camera.
-    task : Task, optional
-        For all models; each uses the thresholds that it has.
-    names : sequence of str, optional
-        Names in `MODELS`; all that take the lens of the camera unless given.
     progress : callable
         Called with the poses done and the poses in all.
 
     Raises
     ------
     ConfigError
-        For an unknown model or one named twice, or without poses.
-    CameraError
-        For a named model that needs a pinhole, with another lens.
+        Without poses.
     PoseError
         For a pose that is not a rigid transform.
     """
-    task = task or Task()
-    matrices = valid_poses(poses)
-    names = (
-        [name for name in MODELS if name not in names_without_model(camera)]
-        if names is None
-        else names
-    )
-    _check(names, len(matrices))
-    statistics = _Statistics(mesh, task, tuple(names))
+    task, matrices = Task(), valid_poses(poses)
+    if not len(matrices):
+        raise ConfigError("expected poses, got none; give some")
+    names = tuple(name for name in MODELS if name not in names_without_model(camera))
+    statistics = _Statistics(mesh, task, names)
     progress(0, len(matrices))
     with open_observer(mesh, camera) as observer:
         # Kernels are compiled before the time is measured.
@@ -224,17 +211,6 @@ def names_without_model(camera: Camera) -> dict[str, str]:
 def covers(coverage: FloatArray, task: Task) -> BoolArray:
     """Mask of coverage that is enough for the task: `Task.min_coverage`, and above 0."""
     return (coverage >= task.min_coverage) & (coverage > 0)
-
-
-def _check(names: Sequence[str], n_poses: int) -> None:
-    if unknown := [name for name in names if name not in MODELS]:
-        raise ConfigError(f"expected a model, got {unknown[0]!r}; models are {', '.join(MODELS)}")
-    if not names:
-        raise ConfigError(f"expected a model, got none; name one of {', '.join(MODELS)}")
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ConfigError(f"expected each model once, got {twice[0]} twice; leave one out")
-    if not n_poses:
-        raise ConfigError("expected poses, got none; give some")
 
 
 class _Statistics:
@@ -598,9 +574,7 @@ def look_at_part(mesh: Mesh, camera: Camera, pose: FloatArray, width: int = WIDT
         return draw_scene(mesh, cut, pose, rasterizer.render(pose))
 
 
-def coverage_picture(
-    scene: DrawnScene, values: ArrayLike, title: str = "", word: str = "coverage"
-) -> Image.Image:
+def coverage_picture(scene: DrawnScene, values: ArrayLike, word: str = "coverage") -> Image.Image:
     """Picture of one pose, brighter where coverage is higher, with its scale below.
 
     E. S. Eissa. Image Space Coverage Model. 2020, figures 4.2 to 4.6.
@@ -611,17 +585,17 @@ def coverage_picture(
         As `panorama.draw_scene` gives it.
     values : (F,) array_like
         Coverage of each face; beyond [0, 1] it is shown as the nearer end, NaN as 0.
-    title, word : str
-        One line above, and the name of the scale.
+    word : str
+        Name of the scale.
 
     Returns
     -------
     PIL.Image.Image
-        RGB; the image is at its own size below the title, see `coverage_pixels`.
+        RGB; the image is at its own size, see `coverage_pixels`.
         Images narrower than `LEAST_WIDTH` are enlarged without smoothing.
     """
     scale = Key.scale(word, greys(np.linspace(0, 1, 256)), "0", "1")
-    return add_frame(coverage_pixels(scene, values), title, [scale, *scene_keys([scene])])
+    return add_frame(coverage_pixels(scene, values), "", [scale, *scene_keys([scene])])
 
 
 def coverage_pixels(scene: DrawnScene, values: ArrayLike) -> Pixels:
@@ -642,8 +616,9 @@ def occlusion_sheet(look: DrawnScene, bivalent: FloatArray, graded: FloatArray) 
     """Bivalent occlusion, graded occlusion and their difference, of visible fractions, (F,)."""
     three = [coverage_picture(look, each, word="visible fraction") for each in (bivalent, graded)]
     three.append(difference_picture(look, bivalent, graded))
-    names = ("bivalent occlusion", "graded occlusion", "where they differ")
-    return _sheet(three, [f"({letter}) {name}" for letter, name in zip("abc", names, strict=True)])
+    return _sheet(
+        three, ["(a) bivalent occlusion", "(b) graded occlusion", "(c) where they differ"]
+    )
 
 
 def difference_picture(look: DrawnScene, bivalent: FloatArray, graded: FloatArray) -> Image.Image:
@@ -675,16 +650,17 @@ def _sheet(pictures: Sequence[Image.Image], captions: Sequence[str]) -> Image.Im
 
 def _box_of(mesh: Mesh, camera: Camera, pose: FloatArray) -> Box:
     """Bounding box of the mesh in the image with a margin; the image where there is none."""
-    left, top, right, bottom = image_boxes(mesh.vertices, camera, pose[None])[0].tolist()
-    if right <= left or bottom <= top:
-        return 0.0, 0.0, float(camera.width), float(camera.height)
-    margin = MARGIN * (right - left)
-    return (
-        max(0.0, left - margin),
-        max(0.0, top - margin),
-        min(float(camera.width), right + margin),
-        min(float(camera.height), bottom + margin),
-    )
+    points, size = to_camera(mesh.vertices, pose), np.array((camera.width, camera.height))
+    low, high = np.zeros(2), size
+    if not camera.is_curved and (camera.is_parallel or points[:, 2].min() > 0):
+        pixels = to_image(points, camera)
+        low, high = (np.clip(each, 0, size) for each in (pixels.min(axis=0), pixels.max(axis=0)))
+    if (high <= low).any():
+        low, high = np.zeros(2), size
+    margin = MARGIN * (high - low)[0]
+    left, top = np.maximum(low - margin, 0).tolist()
+    right, bottom = np.minimum(high + margin, size).tolist()
+    return left, top, right, bottom
 
 
 def _swatch(colour: tuple[int, int, int]) -> ByteArray:

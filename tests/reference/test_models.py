@@ -492,18 +492,9 @@ def test_occluders_are_not_compared():
     assert result.bivalence.faces == 2
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"names": ["zhang", "li"]}, "expected a model, got 'li'; models are tarabanis, scott"),
-        ({"names": []}, "expected a model, got none"),
-        ({"names": ["zhang", "zhang"]}, "got zhang twice"),
-        ({"poses": np.empty((0, 4, 4))}, "expected poses, got none"),
-    ],
-)
-def test_what_cannot_be_compared_is_refused(changes, words):
-    with pytest.raises(ConfigError, match=words):
-        compare_models(TEAPOT, EYE, **({"poses": AROUND} | changes))
+def test_no_poses_are_refused():
+    with pytest.raises(ConfigError, match="expected poses, got none"):
+        compare_models(TEAPOT, EYE, np.empty((0, 4, 4)))
 
 
 @pytest.mark.slow

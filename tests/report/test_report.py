@@ -270,11 +270,9 @@ def test_background_occluders_and_backs_are_coloured_and_nothing_else_is():
 
 def test_picture_is_as_wide_as_the_image_and_shows_it_one_to_one():
     scene, values = strip_scene(), np.linspace(0, 1, 6)
-    bare, titled = (
-        np.asarray(coverage_picture(scene, values, *title)) for title in ([], ["pose 3"])
-    )
-    pixels = coverage_pixels(scene, values)
-    top = len(titled) - len(bare)
+    bare, pixels = np.asarray(coverage_picture(scene, values)), coverage_pixels(scene, values)
+    titled = np.asarray(pictures.add_frame(pixels, "pose 3", []))
+    top = len(titled) - len(pixels)
     np.testing.assert_array_equal(bare[:360], pixels)
     np.testing.assert_array_equal(titled[top : top + 360], pixels)
     assert titled[:top].min() < 100 < titled[:top].max() == 255

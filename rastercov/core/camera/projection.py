@@ -9,7 +9,7 @@ E. S. Eissa. Image Space Coverage Model. 2020, (3.2)-(3.5), (3.9).
 
 import numpy as np
 
-from rastercov.base import FloatArray, IntArray, arctan2, cos, matmul, norm, sin
+from rastercov.base import FloatArray, arctan2, cos, matmul, norm, sin
 from rastercov.core.camera.camera import Camera, border_of
 from rastercov.core.camera.models import MODELS
 
@@ -40,26 +40,6 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     if camera.is_parallel:
         return points[..., :2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     return points[..., :2] / points[..., 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-
-
-def image_boxes(points: FloatArray, camera: Camera, poses: FloatArray) -> IntArray:
-    """Pixels that anything within the convex hull of `points` (N, 3) can reach in each pose.
-
-    The boxes (P, 4) are left, top, right, bottom in pixels, within the image, a pixel wider than
-    need be; the whole image when a point lies behind a pinhole, and for curved lenses.
-    """
-    boxes = np.tile(np.array((0, 0, camera.width, camera.height)), (len(poses), 1))
-    if camera.is_curved:
-        return boxes
-    size = camera.width, camera.height
-    for row, pose in enumerate(poses):  # 10 us and 12 ns a point; all at once is no faster
-        x, y, z = matmul(pose[:3, :3].T, (points - pose[:3, 3]).T)
-        z = np.ones_like(z) if camera.is_parallel else z
-        if z.min() > 0:
-            u, v = camera.fx * (x / z) + camera.cx, camera.fy * (y / z) + camera.cy
-            boxes[row, :2] = np.clip(np.floor((u.min(), v.min())) - 1, 0, size)
-            boxes[row, 2:] = np.clip(np.ceil((u.max(), v.max())) + 1, 0, size)
-    return boxes
 
 
 def box_corners(bounds: FloatArray) -> FloatArray:
