@@ -7,8 +7,8 @@ A lens maps a ray (X, Y, Z) of the camera, x right, y down, z forward, to pixels
     tilt         (a, b) -> (a, b)       homography of a tilted sensor
     pixels       u = fx a + skew b + cx,  v = fy b + cy
 
-This module runs as it is on floats and numpy arrays. `project_on` gives `project` on another
-arithmetic, such as complex numbers. So branches depend on coefficients only, never on rays.
+This module runs as it is on floats and numpy arrays. Branches depend on coefficients only, never on
+rays, so that its equations hold in other arithmetics, such as of complex numbers.
 
 D. C. Brown. Close-range camera calibration. 1971. J. Kannala, S. Brandt. A generic camera model.
 2006. F. Devernay, O. Faugeras. Straight lines have to be straight. 2001. C. Mei, P. Rives. Single
@@ -17,13 +17,9 @@ model. 2016. V. Usenko et al. The double sphere camera model. 2018. A. Fitzgibbo
 linear estimation of multiple view geometry and lens distortion. 2001.
 """
 
-from collections.abc import Callable
-from types import FunctionType
-from typing import Any
-
 import numpy as np
 
-from rastercov.base import ByName, FloatArray
+from rastercov.base import FloatArray
 from rastercov.engine.solver_lens import (
     B0,
     B1,
@@ -148,18 +144,3 @@ def project(code: int, p: FloatArray, X: FloatArray, Y: FloatArray, Z: FloatArra
         x, y = image_of_base(code, p, X, Y, Z)
         a, b = distort(p, x, y)
     return image_of(p, a, b)
-
-
-EQUATIONS = (image_of_base, radial_factor, distort, image_of, project)
-"""In the order in which they call one another."""
-
-
-def project_on(primitives: ByName) -> Callable[..., Any]:
-    """`project` on another arithmetic, given `sqrt`, `atan2` and `angle_over_r` on it.
-
-    `primitives` may have an equation as well, in a form with narrower bounds.
-    """
-    space = {**globals(), **primitives}
-    for equation in (each for each in EQUATIONS if each.__name__ not in primitives):
-        space[equation.__name__] = FunctionType(equation.__code__, space, equation.__name__)
-    return space["project"]

@@ -50,7 +50,7 @@ except ImportError:
 
     mpq, mpz = Fraction, int
 
-__all__ = ["image_area", "union_area", "visible_area"]
+__all__ = ["image_area", "visible_area"]
 
 Vector = tuple[Any, Any, Any]
 """Three whole numbers: a point (U, V, W) with W > 0, or a line, >= 0 on its inner side."""
@@ -109,18 +109,6 @@ def image_area(
     view = RationalView(mesh, camera, pose, cull, near)
     images = [view.face(face) for face in view.rows_to_evaluate(faces)]
     return _array([area_of([face.image] if face else []) for face in images], exact)
-
-
-def union_area(
-    mesh: Mesh, camera: Camera, pose: ArrayLike, *, cull: bool = False, near: float | None = None
-) -> Fraction:
-    """Area of the image that any face covers, px^2: what all visible areas must add up to."""
-    view = RationalView(mesh, camera, pose, cull, near)
-    empty = [view.rectangle]
-    for index in range(mesh.n_faces):
-        if face := view.face(index):
-            empty = minus(empty, face.half_planes)
-    return _fraction(area_of([view.rectangle]) - area_of(empty))
 
 
 def _array(areas: Iterable[Any], exact: bool) -> AnyArray:
