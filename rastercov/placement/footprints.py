@@ -414,7 +414,9 @@ def _figures(regions: Regions, poses: Poses, cameras: Sequence[Camera]) -> Float
         own = np.flatnonzero(pose[piece] == row)
 
         def at(points: FloatArray, normals: FloatArray, row: int = row) -> FloatArray:
-            return _densities(np.full(len(points), row, np.int32), points, normals, poses, cameras)
+            """(N,) least pixel density on the surface at points in this pose, px/m."""
+            starts, own = np.arange(len(points) + 1), np.full(len(points), row, np.int32)
+            return best_densities(starts, own, (points, normals), poses, cameras)[0]
 
         density[row] = _median_density(points[corners[own]], normals[piece[own]], at)
     gsd = np.divide(1.0, density, np.full(n, np.nan), where=density > 0)
@@ -455,17 +457,6 @@ def _median_density(
         corners = np.concatenate((corners[kept], halves.reshape(-1, 3, 3)))
         normals = np.concatenate((normals[kept], np.repeat(normals[rows], 2, axis=0)))
         areas, lengths, low, high = areas[kept], lengths[kept], low[kept], high[kept]
-
-
-def _densities(
-    pose: Int32Array,
-    points: FloatArray,
-    normals: FloatArray,
-    poses: Poses,
-    cameras: Sequence[Camera],
-) -> FloatArray:
-    """(N,) least pixel density on the surface at points, each by its pose, px/m."""
-    return best_densities(np.arange(len(points) + 1), pose, (points, normals), poses, cameras)[0]
 
 
 def best_densities(

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -237,8 +236,10 @@ class SureCoverage(InOneLine, InNotebook):
 
     def summary(self) -> ByName:
         """Figures without draws and polygons, ready for JSON."""
+        given = {each.name: getattr(self.errors, each.name) for each in fields(Errors)}
         figures = {
-            each.name: _list_amount(getattr(self.errors, each.name)) for each in fields(Errors)
+            name: dict(amount) if isinstance(amount, Mapping) else np.asarray(amount).tolist()
+            for name, amount in given.items()
         }
         figures |= {} if self.errors.distribution == "normal" else {"chance": None}
         for name in ("nominal", "sure", "possible"):
@@ -246,10 +247,6 @@ class SureCoverage(InOneLine, InNotebook):
             figures[name] = {"m2": part.m2, "bound_m2": part.bound, "share": part.share()}
         figures |= {"draws": len(self.draws), "least_m2": self.least, "most_m2": self.most}
         return figures | {"lost": self.list_losses(), "warnings": list(self.warnings)}
-
-
-def _list_amount(amount: Amount | str) -> Any:
-    return dict(amount) if isinstance(amount, Mapping) else np.asarray(amount).tolist()
 
 
 def words_of(errors: Errors) -> str:
