@@ -301,7 +301,7 @@ class Carrier(Protocol):
         """Cameras after moves of single joints that gain, and the joint angles."""
 
     def parts(self, joints: FloatArray) -> Sequence[Mesh | None]:
-        """What a drawing tells apart at joints (J,): links in turn, the tool; None where empty."""
+        """Parts that a drawing tells apart at joints (J,): links in turn, tool; None if empty."""
 
     def reaches(self, pose: FloatArray, camera: int) -> bool:
         """True where it brings a camera, by its row, to a world_from_camera without a collision."""
