@@ -15,7 +15,7 @@ from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov import cli
-from rastercov.base.arguments import _rules_of, check_limits
+from rastercov.base.arguments import rules_of, check_limits
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.cli import options
 from rastercov.core.camera import pose as pose_module
@@ -115,7 +115,7 @@ class Limited:
 @pytest.mark.parametrize("kind", [Limited, rc.Task, InstallationError])
 def test_defaults_are_plain_values_within_the_limits(kind):
     """So that they need no check."""
-    rules = [rule for rule in _rules_of(kind) if rule.default is not dataclasses.MISSING]
+    rules = [rule for rule in rules_of(kind) if rule.default is not dataclasses.MISSING]
     for rule in rules:
         checked = rule.check(rule.default)
         assert checked == rule.default

@@ -490,7 +490,7 @@ def check_limits(value: object) -> None:
         For the first field that is not of its type or not within its limits.
     """
     # mypy takes a type for unhashable, which the cache asks for.
-    for rule in _rules_of(type(value)):  # type: ignore[arg-type]
+    for rule in rules_of(type(value)):  # type: ignore[arg-type]
         if (given := getattr(value, rule.name)) is not rule.default:
             object.__setattr__(value, rule.name, rule.check(given))
 
@@ -579,7 +579,7 @@ class _Rule:
 
 
 @functools.cache
-def _rules_of(kind: type) -> tuple[_Rule, ...]:
+def rules_of(kind: type) -> tuple[_Rule, ...]:
     """Rules of all fields of a dataclass."""
     hints = annotations_of(kind)
     return tuple(

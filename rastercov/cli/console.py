@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from functools import cached_property, partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, get_args
 
 import typer
 
@@ -439,8 +439,30 @@ def exit_codes(command: str) -> str:
     return f"Exit codes: 0 done, {failed}2 wrong usage or input, 130 interrupted, 143 terminated."
 
 
+def _process_value(
+    option: Any, process: Callable[["Context", Any], Any], context: "Context", value: Any
+) -> Any:
+    """Value of an option; what is no text Typer reads by pydantic, 0.1 s until it is loaded."""
+    if value is None and not option.required:
+        return None
+    kind = option.type_descriptor.annotation
+    (own,) = get_args(kind) or (kind,)
+    is_known = own in (str, Path) or value == option.default
+    if option.callback or not is_known or (option.required and not value):
+        return process(context, value)
+    return [own(each) for each in value] if isinstance(value, list | tuple) else own(value)
+
+
 class _Help:
     """Command whose help has a panel for each group of options; the terminal may be narrow."""
+
+    def get_params(self: Any, ctx: "Context") -> Any:
+        """Parameters whose values `_process_value` gives."""
+        options = super().get_params(ctx)  # type: ignore[misc] # of the command
+        for option in options:
+            own = partial(_process_value, option, option.process_value)
+            vars(option).setdefault("process_value", own)
+        return options
 
     def format_epilog(self: Any, ctx: "Context", formatter: "HelpFormatter") -> None:
         """Write the exit codes."""
@@ -553,11 +575,6 @@ IN_MODULE = {
 """Modules of commands that have another name."""
 
 
-def _process_value(process: Callable[["Context", Any], Any], context: "Context", value: Any) -> Any:
-    """Value of an option; for one that is not given, Typer would make a reader first, 1 ms."""
-    return None if value is None else process(context, value)
-
-
 class LazyCommand(TyperCommand):
     """Command whose module is imported when it runs or shows its own help."""
 
@@ -572,9 +589,6 @@ class LazyCommand(TyperCommand):
             app.command(cls=Command)(command)
         value: Any = typer.main.get_command(app)
         value.name = self.name
-        for option in value.params:
-            if not (option.required or option.multiple or option.callback) and option.nargs == 1:
-                option.process_value = partial(_process_value, option.process_value)
         return value
 
     def make_context(self, *args: object, **options: object) -> Any:
@@ -604,7 +618,7 @@ def _print_version(is_asked: bool) -> None:
         raise typer.Exit
 
 
-# Eager, as --help is: what comes later loads pydantic.
+# Eager, as --help is: what comes later loads numpy.
 VERSION = typer.Option(
     "--version", help="Print the version.", callback=_print_version, is_eager=True
 )

@@ -11,15 +11,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import TypeAdapter
 
 import rastercov
 from rastercov.base import ByName, ReadByName, frozen_record, hooks_of
-from rastercov.base.arguments import annotations_of, document_fields
+from rastercov.base.arguments import document_fields, rules_of
 from rastercov.base.format import base64_of
 from rastercov.core.area.regions import OF_A_FACE
 from rastercov.core.camera import (
@@ -133,8 +132,6 @@ UNITS = {
     "min_pixels_per_m2": "px/m²",
 }
 """Units of thresholds, but of those that end in _deg."""
-KINDS = {"number": "float", "integer": "int", "boolean": "bool"}
-"""Kinds of fields of the page by the types of JSON schemas."""
 CAMERA_FIELDS = tuple(
     dict(zip(("name", "low", "high", "unit", "words"), row, strict=True))
     for row in (
@@ -475,25 +472,28 @@ def as_entries(task: Task) -> ByName:
 
 def task_fields(rig: Rig | None = None) -> list[ByName]:
     """Thresholds of a task with their limits, for sliders; those that a rig makes known, too."""
-    words, default, result, units = document_fields(Task), Task(), list[ByName](), dict(UNITS)
+    words, names, result, units = (
+        document_fields(Task),
+        _task_names(rig),
+        list[ByName](),
+        dict(UNITS),
+    )
     for each in () if rig is None else rig.equipment.values():
         units |= each._units
-    for name in _task_names(rig):
-        schema = TypeAdapter(annotations_of(Task)[name]).json_schema()
-        own = schema.get("anyOf", [schema])[0]  # the other one is null
-        low = own.get("minimum", own.get("exclusiveMinimum"))
+    for rule in (each for each in rules_of(Task) if each.name in names):
+        choices, limits = get_args(rule.kind), rule.limits
         result.append(
             {
-                "name": name,
-                "words": words[name],
-                "kind": "choice" if "enum" in own else KINDS[own["type"]],
-                "low": low,
-                "is_low_open": "exclusiveMinimum" in own,
-                "high": own.get("maximum"),
-                "choices": own.get("enum"),
-                "default": getattr(default, name),
-                "is_optional": "anyOf" in schema,
-                "unit": "deg" if name.endswith("_deg") else units.get(name, ""),
+                "name": rule.name,
+                "words": words[rule.name],
+                "kind": "choice" if choices else rule.kind.__name__,
+                "low": limits.get("ge", limits.get("gt")),
+                "is_low_open": "gt" in limits,
+                "high": limits.get("le"),
+                "choices": choices or None,
+                "default": rule.default,
+                "is_optional": rule.is_optional,
+                "unit": "deg" if rule.name.endswith("_deg") else units.get(rule.name, ""),
             }
         )
     return result

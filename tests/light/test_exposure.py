@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rastercov as rc
-from rastercov.base.arguments import _rules_of
+from rastercov.base.arguments import rules_of
 from rastercov.base.errors import ConfigError
 from rastercov.core.camera.exposure import luminous_efficiency
 
@@ -102,7 +102,7 @@ def test_wrong_exposures_are_refused_in_one_line(values, words):
 
 def test_defaults_are_plain_values_within_the_limits():
     """So that they need no check."""
-    rules = [rule for rule in _rules_of(rc.Exposure) if rule.default is not dataclasses.MISSING]
+    rules = [rule for rule in rules_of(rc.Exposure) if rule.default is not dataclasses.MISSING]
     for rule in rules:
         checked = rule.check(rule.default)
         assert checked == rule.default
