@@ -109,6 +109,6 @@ class PointPass:
                 reason,
                 hider,
             )
-            np.copyto(reason, own, where=reason == Reason.COVERED)
+            np.copyto(reason, own, where=reason == int(Reason.COVERED))
 
         return judge

@@ -404,9 +404,9 @@ class Remedies:
         few = ZoneSpot(spot.points[rows], spot.face[rows], 0)
         for _, some in groupby(changes, lambda each: each.camera):
             own = list(some)
+            reach = max(reach, *norm(np.array([each.eye for each in own]) - spot.at).tolist())
             for change, first in zip(own, self._shares(own, row, few), strict=True):
                 count += 1
-                reach = max(reach, float(norm(change.eye - spot.at)))
                 if first < SURE or (share := self._share(change, row, spot)) < SURE:
                     continue
                 if not self._is_free(change, row):
@@ -534,11 +534,12 @@ class Remedies:
         near, far = camera.depth_of_field(tasks_of(self.camera, self.task)[index].max_blur)
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
-        for place in self._places(spot, reaches, origin):
-            size = max(float(norm(place - spot.at)), 1e-12)
+        places, eyes = self._places(spot, reaches, origin), self.poses.eyes
+        sizes = np.maximum(norm(places - spot.at), 1e-12).tolist()
+        for place, size in zip(places, sizes, strict=True):
             eye, text = round_point(place, size)
-            others = self.poses.eyes[norm(self.poses.eyes - eye) <= size / 10]
-            if np.array_equal(eye, target) or text in (round_point(e, size)[1] for e in others):
+            others = eyes[norm(eyes - eye) <= size / 10]
+            if (eye == target).all() or text in (round_point(e, size)[1] for e in others):
                 continue  # a camera is there
             moved = in_metres(float(norm(eye - origin)))
             yield Change(
@@ -583,7 +584,7 @@ class Remedies:
         """Share of the points of a zone that each of some changes covers."""
         scene = self.mesh, *self._place_changes(changes, row)
         for _, reason, _ in failures_of_rows(*scene, spot.points, spot.face):
-            yield float((reason == Reason.COVERED).mean())
+            yield np.count_nonzero(reason == int(Reason.COVERED)) / len(reason)
 
     def _share(self, change: Change, row: int, spot: ZoneSpot) -> float:
         """The same of one change."""
@@ -661,6 +662,6 @@ def longer(camera: Camera, times: float) -> Camera:
 
 def round_point(point: FloatArray, scale: float) -> tuple[FloatArray, str]:
     """A point to three digits of a length, and its text."""
-    digits = int(np.clip(2 - math.floor(math.log10(scale)), 0, 9))
+    digits = min(max(0, 2 - math.floor(math.log10(scale))), 9)
     text = ", ".join(text_with_sign(value, digits) for value in point.tolist())
     return np.array([float(each) for each in text.split(", ")]), f"({text}) m"

@@ -227,7 +227,9 @@ class CPURasterizer(InLoops):
             depth="float32 1/z",
             shaders="",
         )
-        self._canvas, self._picture = canvas_of(grid), canvas_of(SampleGrid(camera))
+        self._canvas = self._picture = canvas_of(grid)
+        if supersample > 1 or roll:
+            self._picture = canvas_of(SampleGrid(camera))
         self._check()
 
     def _parts_of(self, n_poses: int) -> int:
