@@ -202,7 +202,10 @@ def _open_walls(mesh: Mesh, _eyes: ArrayLike) -> Mesh:
 def _classify_image(scene: DrawnScene, judge: Callable[[FaceImage], ByteArray]) -> CameraImage:
     bare = replace(scene, beneath=np.full_like(scene.beneath, -1))
     hidden = (scene.beneath >= 0) & (scene.targets < 0)
-    return CameraImage(bare, hidden, judge(scene.face), judge(scene.targets))
+    surface = judge(scene.face)
+    return CameraImage(
+        bare, hidden, surface, judge(scene.targets) if scene.mesh.has_targets else surface
+    )
 
 
 def camera_pixels(image: CameraImage) -> Pixels:
@@ -225,7 +228,7 @@ def camera_keys(image: CameraImage) -> list[Key]:
     is_judged = scene.mesh.task_mask & ~scene.backs
     pairs = (scene.face, image.surface), (scene.targets, image.targets)
     judged = np.concatenate([rows[on_pixels(is_judged, face)] for face, rows in pairs])
-    shown = np.unique(judged)[::-1].tolist()  # what is covered, first
+    shown = np.flatnonzero(np.bincount(judged))[::-1].tolist()  # what is covered, first
     keys = [Key.of_reason(NAMES[reason]) for reason in shown]
     keys += scene_keys([scene])
     if image.hidden.any():
@@ -656,7 +659,7 @@ def close_up(
         return show(scene, draw_part(mesh, scene.camera, scene.pose, rows).face)
 
     def count(scene: DrawnScene, *images: FaceImage) -> int:
-        return sum(int((show(scene, image) >= 0).sum()) for image in images)
+        return sum(int((show(scene, each) >= 0).sum()) for each in images if each.max() >= 0)
 
     scenes = [look(mesh, side, scale=0.15, eyes=eyes, around=around) for side in tried]
     counts = [count(scene, scene.face, scene.beneath, scene.targets) for scene in scenes]

@@ -54,6 +54,7 @@ from rastercov.report.images import (
     Key,
     OwnColours,
     add_frame,
+    count_pixels,
     draw_lines,
     draw_part,
     facing,
@@ -182,8 +183,7 @@ class DrawnScene:
     def counts(self) -> IntArray:
         """(F,) pixels of each face as a surface, as a target, and behind occluders."""
         images = self.face, self.beneath, self.targets
-        shown = np.concatenate([image[image >= 0] for image in images])
-        return np.bincount(shown, minlength=self.mesh.n_faces)
+        return np.sum([count_pixels(image, self.mesh.n_faces) for image in images], axis=0)
 
     def shows_backs(self) -> bool:
         """True if evaluated faces are seen from behind, on more than a few pixels."""
@@ -265,7 +265,7 @@ def look(
     buffer = draw_part(mesh, camera, pose, rows)
     away, skin = back_faces(mesh, eye, eyes), remember(outer_skin, mesh, eyes)
     # A view of mostly back faces looks into a room through its walls.
-    counts = np.bincount(buffer.face[buffer.face >= 0], minlength=mesh.n_faces)
+    counts = count_pixels(buffer.face, mesh.n_faces)
     is_interior = is_inside(mesh, eyes) or 2 * counts[away].sum() > counts.sum()
     kept = rows[~away[rows]]
     if is_interior and 0 < len(kept) < len(rows):
@@ -473,15 +473,16 @@ def _paint_faces(
 ) -> Pixels:
     """Pixels of the opaque faces of one image."""
     mesh, light = scene.mesh, scene.light
-    palette = np.empty((mesh.n_faces + 1, 3), np.uint8)
-    palette[:-1] = colours * light[:, None]
-    palette[-1] = scene.setting.background
-    pixels = palette.view("V3").take(face, mode="wrap").view(np.uint8).reshape(*face.shape, 3)
+    pixels, left = np.empty((*face.shape, 3), np.uint8), face >= 0
+    pixels[:] = np.full((face.shape[1], 3), scene.setting.background, np.uint8)  # row by row
     if own is not None:
-        at = np.flatnonzero(on_pixels(mesh.task_mask, face))
+        is_own = on_pixels(mesh.task_mask, face)
         # An axis of three would take three times as long.
-        of_points = np.repeat(light.astype(np.float32).take(face.ravel()[at]), 3)
-        put(pixels, at, own(face, at).ravel() * of_points)
+        of_points = np.repeat(light.astype(np.float32).take(face[is_own]), 3)
+        put(pixels, is_own.ravel(), own(face, np.flatnonzero(is_own)).ravel() * of_points)
+        left &= ~is_own
+    palette = (colours * light[:, None]).astype(np.uint8)
+    put(pixels, left.ravel(), palette.take(face[left], axis=0))
     if scene.backs[scene.counts > 0].any():
         behind = on_pixels(scene.backs, face)
         striped = behind & stripes(face.shape, scene.stripe)

@@ -1,9 +1,9 @@
-"""Outlines are the pixels of a row that have a pixel of another one beside them."""
+"""Outlines are pixels of a row beside those of another one; every pixel of a face is counted."""
 
 import numpy as np
 import pytest
 
-from rastercov.report.images import outlines
+from rastercov.report.images import count_pixels, outlines
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -15,3 +15,12 @@ def test_an_outline_has_another_row_above_below_left_or_right(seed):
         beside = ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1))
         around = {int(rows[at]) for at in beside if 0 <= at[0] < height and 0 <= at[1] < width}
         assert value == (rows[y, x] >= 0 and bool(around - {int(rows[y, x])}))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_pixel_of_a_face_is_counted(seed):
+    rng = np.random.default_rng(seed)
+    face = rng.integers(-1, rng.integers(1, 4), rng.integers(1, 12, 2)).astype(np.int32)
+    counts = count_pixels(face, 5)
+    assert counts.dtype == np.int64
+    assert counts.tolist() == [int((face == each).sum()) for each in range(5)]
