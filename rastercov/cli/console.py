@@ -305,9 +305,7 @@ def size_line(mesh: "Mesh") -> str:
 
 def out_option(words: str, default: str | bool = True) -> Any:
     """Option `--out` of a command that leaves files in a folder."""
-    return typer.Option(
-        "--out", "-o", help=words, parser=Path, metavar="<path>", show_default=default
-    )
+    return typer.Option("--out", "-o", help=words, metavar="<path>", show_default=default)
 
 
 FIRST_LINE, NEXT_LINE = 2.0, 10.0
@@ -446,7 +444,7 @@ def _process_value(
     if value is None and not option.required:
         return None
     kind = option.type_descriptor.annotation
-    (own,) = get_args(kind) or (kind,)
+    own = (*get_args(kind), kind)[0]
     is_known = own in (str, Path) or value == option.default
     if option.callback or not is_known or (option.required and not value):
         return process(context, value)
@@ -460,8 +458,9 @@ class _Help:
         """Parameters whose values `_process_value` gives."""
         options = super().get_params(ctx)  # type: ignore[misc] # of the command
         for option in options:
-            own = partial(_process_value, option, option.process_value)
-            vars(option).setdefault("process_value", own)
+            vars(option).setdefault(
+                "process_value", partial(_process_value, option, option.process_value)
+            )
         return options
 
     def format_epilog(self: Any, ctx: "Context", formatter: "HelpFormatter") -> None:

@@ -306,12 +306,13 @@ def put(
     pixels.reshape(-1).view("V3")[at] = colours.astype(np.uint8).reshape(-1).view("V3")
 
 
-def count_pixels(face: FaceImage, n: int) -> IntArray:
-    """(n,) pixels of each face of an image; those in a row are counted together."""
+def count_pixels(face: FaceImage, n: int) -> FloatArray:
+    """(n,) number of pixels of each face of an image; those in a row are counted together."""
     flat = face.ravel()
     ends = np.append(np.flatnonzero(flat[1:] != flat[:-1]), flat.size - 1)
-    counts = np.bincount(flat[ends] + 1, np.diff(ends, prepend=-1), n + 1)
-    return counts[1:].astype(np.int64)
+    return np.bincount(  # type: ignore[return-value] # with weights
+        flat[ends] + 1, np.diff(ends, prepend=-1), n + 1
+    )[1:]
 
 
 def draw_lines(
@@ -324,9 +325,9 @@ def draw_lines(
     darker line get a lighter one.
     """
     flat, colours, width = face.ravel(), pixels.reshape(-1, 3), face.shape[1]
-    # The index -1 of the background finds the last entry.
-    is_large = np.append(count_pixels(face, mesh.n_faces) >= LEAST_WITH_LINES, False)
-    normals = np.append(mesh.normals, np.zeros((1, 3)), axis=0).astype(np.float32)
+    # The index -1 of the background finds the last face, which changes nothing of its outline.
+    is_large = count_pixels(face, mesh.n_faces) >= LEAST_WITH_LINES
+    normals = mesh.normals.astype(np.float32)
     is_drawn = np.zeros(flat.size, np.bool_)
     for step in (1, width):
         at = np.flatnonzero(flat[:-step] != flat[step:])

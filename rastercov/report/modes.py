@@ -32,8 +32,8 @@ from rastercov.core.camera import Gate
 from rastercov.core.coverage.task import DORI, NAMES, REASONS
 from rastercov.core.mesh import Mesh
 from rastercov.report import theme
-from rastercov.report.images import Key
-from rastercov.report.panorama import Marks, two_sides
+from rastercov.report.images import Key, add_frame
+from rastercov.report.panorama import Marks, side_by_side, sides
 from rastercov.report.theme import Colour, Pixels
 
 Levels = NDArray[np.uint8]
@@ -292,7 +292,9 @@ def mode_picture(
     left: DeadZones | None = None,
     unit: str = "",
 ) -> Image.Image:
-    """Picture of a mesh coloured by a mode, from two sides; see `panorama.two_sides`.
+    """Picture of a mesh coloured by a mode, from two sides, with title and legend.
+
+    `eyes`, `marks` and `unit` are as of `panorama.side_by_side`.
 
     What is `left` by area has no values, of modes in which faces have none that are not covered.
     """
@@ -307,9 +309,9 @@ def mode_picture(
         painted = replace(painted, legend=legend)
         zones = left, painted.palette[NOTHING]
     keys = painted.keys(mode.label.lower())
-    title, hatch = mode.words.rstrip("."), painted.hatch
-    scene = mesh, painted.colours, title, keys, hatch, eyes
-    return two_sides(*scene, marks=marks, left=zones, unit=unit)
+    scene = mesh, painted.colours, painted.hatch, sides(mesh, eyes), eyes
+    pixels, more = side_by_side(*scene, marks=marks, left=zones, unit=unit)
+    return add_frame(pixels, mode.words.rstrip("."), [*keys, *more])
 
 
 def _cycle_levels(mesh: Mesh, row: WholeArray) -> Levels:

@@ -42,10 +42,11 @@ from rastercov.placement.plan.run import Placement
 from rastercov.placement.reconstruction import Reconstruction
 from rastercov.report import audit, check, coverage, placement
 from rastercov.report.coverage_files import INSTALL_PYARROW, has_parquet
+from rastercov.report.images import add_frame
 from rastercov.report.modes import mode_picture
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.pages import MOST_OF_REPORT, Picture, describe_mesh, render
-from rastercov.report.panorama import neutral, two_sides
+from rastercov.report.panorama import neutral, side_by_side, sides
 from rastercov.report.plan import lines, summary
 from rastercov.report.tables import heading_and_tilt
 
@@ -78,6 +79,12 @@ def network_of(value: Result, most_pairs: float = MOST_PAIRS) -> NetworkPage:
     return placement.network_of(value, told, has_parts=has_parts)
 
 
+def _draw_mesh(mesh: Mesh) -> Image.Image:
+    """Picture of a mesh alone, from two sides."""
+    pixels, keys = side_by_side(mesh, neutral(mesh), np.zeros(mesh.n_faces, np.uint8), sides(mesh))
+    return add_frame(pixels, "", keys)
+
+
 def html_of(value: Any) -> str:
     """HTML of a mesh or a result: a heading, lines, a table and a picture."""
     said: list[tuple[str, str | None]] = []
@@ -85,7 +92,7 @@ def html_of(value: Any) -> str:
     if isinstance(value, Mesh):
         mesh, heading = value, f"Mesh of {plural(value.n_faces, 'face')}, {value.size_in_words}"
         said, table = [(text, None) for text in mesh.warnings], _groups(mesh)
-        draw = partial(two_sides, mesh, neutral(mesh), "", [], np.zeros(mesh.n_faces, np.uint8))
+        draw = partial(_draw_mesh, mesh)
     elif isinstance(value, Result):
         page = network_of(value)
         mesh, heading, draw = page.mesh, page.answer, page.overview

@@ -735,10 +735,10 @@ def _with_zones(
     shown = np.where(shown < n, shown, -1).astype(np.int8)
     pixels[outlines(shown)] = theme.INK
     image = Image.fromarray(pixels)
-    at = np.flatnonzero(shown >= 0)
-    counts = np.bincount(shown.ravel()[at], minlength=n)
+    spots = np.stack(np.nonzero(shown >= 0)[::-1], axis=1) + 0.5
+    of_zones = shown[shown >= 0]
+    counts = np.bincount(of_zones, minlength=n)
     rows = [row for row in named if counts[row]]
-    of_zones, spots = shown.ravel()[at], np.stack(np.divmod(at, shown.shape[1])[::-1], axis=1) + 0.5
     places = np.array([middle_of(spots[of_zones == row]) for row in rows]).reshape(-1, 2)
     own_colours = [REASONS[listed[row]["reason"]].colour for row in rows]
     names, font = [str(row + 1) for row in rows], font_for(round(FINE * 1200))

@@ -53,7 +53,6 @@ from rastercov.report.images import (
     FaceImage,
     Key,
     OwnColours,
-    add_frame,
     count_pixels,
     draw_lines,
     draw_part,
@@ -180,8 +179,8 @@ class DrawnScene:
         return self.mesh.task_mask & ~self.mesh.target_mask & ~self.fronts
 
     @cached_property
-    def counts(self) -> IntArray:
-        """(F,) pixels of each face as a surface, as a target, and behind occluders."""
+    def counts(self) -> FloatArray:
+        """(F,) number of pixels of each face as a surface, as a target, and behind occluders."""
         images = self.face, self.beneath, self.targets
         return np.sum([count_pixels(image, self.mesh.n_faces) for image in images], axis=0)
 
@@ -487,8 +486,7 @@ def _paint_faces(
         behind = on_pixels(scene.backs, face)
         striped = behind & stripes(face.shape, scene.stripe)
         for colour, rows in ((scene.setting.back, behind), (scene.setting.back_stripe, striped)):
-            at = np.flatnonzero(rows)
-            put(pixels, at, light.take(face.ravel()[at])[:, None] * colour)
+            put(pixels, rows.ravel(), light.take(face[rows])[:, None] * colour)
     draw_lines(pixels, face, mesh, scene.depth if face is scene.face else None)
     return pixels
 
@@ -540,25 +538,6 @@ class Marks(NamedTuple):
         names = [self.names[row] for row in parts]
         middles, font = np.stack(sums, axis=1) / counts[:, None], font_for(round(FINE * 1100))
         write_labels(image, middles, names, [INK] * len(names), font, FINE)
-
-
-def two_sides(
-    mesh: Mesh,
-    colours: Pixels,
-    title: str,
-    keys: Sequence[Key],
-    hatch: ByteArray,
-    eyes: ArrayLike = (),
-    *,
-    marks: Marks | None = None,
-    left: tuple[DeadZones, Pixels] | None = None,
-    unit: str = "",
-) -> Image.Image:
-    """Two views side by side, with title and legend; the others are as of `side_by_side`."""
-    pixels, more = side_by_side(
-        mesh, colours, hatch, sides(mesh, eyes), eyes, marks=marks, left=left, unit=unit
-    )
-    return add_frame(pixels, title, [*keys, *more])
 
 
 def side_by_side(

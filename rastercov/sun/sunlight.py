@@ -238,7 +238,8 @@ def sunlit(
         is_first = check_array("starts", starts, "b", wanted, ConfigError)
         if is_first.shape != (n,):
             raise ConfigError(f"expected starts to be {wanted}, got shape {is_first.shape}")
-    piece = _evaluated(mesh, pieces_of(mesh))
+    piece, task = pieces_of(mesh), mesh.task_mask
+    piece = np.where(task, np.searchsorted(np.unique(piece[task]), piece), -1)  # in their order
     parts = parts_of(mesh, piece)
     single = [(row,) for row in range(int(piece.max()) + 1)]
     units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
@@ -288,12 +289,6 @@ def sunlit(
     totals = *every.take(rows_of[0], axis=2), *sizes[0], tuple(parts.values()), pieces
     names = tuple(parts)
     return Sunlight(*(mesh, towards, hours, power, *sums, names, *totals, np.array(least, int)))
-
-
-def _evaluated(mesh: Mesh, piece: IntArray) -> IntArray:
-    """(F,) numbers of the pieces of evaluated faces, from 0 in their order; -1 for occluders."""
-    task = mesh.task_mask
-    return np.where(task, np.searchsorted(np.unique(piece[task]), piece), -1)
 
 
 def step_error(values: FloatArray, step: float, is_first: BoolArray) -> FloatArray:
