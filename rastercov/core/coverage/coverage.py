@@ -488,17 +488,12 @@ def evaluate_batches(
     threads may have an iterator each over one observer, but not share an iterator.
     """
     accepted, names = Poses.of(poses), check_fields(fields)
-    check_observer(observer)
+    if not isinstance(observer, Observer):
+        raise ConfigError(f"expected an observer of open_observer, got {shown(observer)}; open one")
     task = Task() if task is None else task
     judge = FacePass(observer.mesh, observer.camera, observer.threads, task)
     batches = measurements(observer, accepted)
     return (classify(observer, judge, task, part, seen, names) for part, seen in batches)
-
-
-def check_observer(observer: object) -> None:
-    """Raise `ConfigError` unless it is an observer."""
-    if not isinstance(observer, Observer):
-        raise ConfigError(f"expected an observer of open_observer, got {shown(observer)}; open one")
 
 
 def measurements(

@@ -595,9 +595,11 @@ def roll_candidates(
     upright: FloatArray, source: str, index: ArrayLike, framing: Framing
 ) -> Candidates:
     """Candidates of (N, 4, 4) poses, each with every roll, and N indices or one for all."""
-    rolled = roll_frames(upright[:, :3, :3], framing.rolls_deg)
-    eyes = np.repeat(upright[:, None, :3, 3], len(framing.rolls_deg), axis=1)
-    return candidates_of(rolled, eyes, source, index, framing)
+    n = len(framing.rolls_deg)
+    eyes = np.repeat(upright[:, None, :3, 3], n, axis=1)
+    poses = matrices_of(roll_frames(upright[:, :3, :3], framing.rolls_deg), eyes)
+    each = np.repeat(np.broadcast_to(index, len(upright)), n)
+    return Candidates.of(poses.reshape(-1, 4, 4), source, each)
 
 
 def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
@@ -614,12 +616,3 @@ def face_rows(mesh: Mesh, faces: ArrayLike) -> IntArray:
             f"{rows.max()}; correct them"
         )
     return rows
-
-
-def candidates_of(
-    frames: FloatArray, eyes: FloatArray, source: str, index: ArrayLike, framing: Framing
-) -> Candidates:
-    """Candidates of (N, R, 3, 3) axes and (N, R, 3) eyes, R poses for each of N indices."""
-    poses = matrices_of(frames, eyes)
-    each = np.repeat(np.broadcast_to(index, len(eyes)), len(framing.rolls_deg))
-    return Candidates.of(poses.reshape(-1, 4, 4), source, each)
