@@ -241,8 +241,7 @@ class Compute(Strategy):
         for view in range(0, n_views, step):
             for row in range(0, tiles[1], n_rows):
                 set_uniforms(fill, first_group=(view, row))
-                size = min(n_rows, tiles[1] - row), min(step, n_views - view)
-                fill.run(tiles[0], *size)
+                fill.run(tiles[0], min(n_rows, tiles[1] - row), min(step, n_views - view))
                 self._resources.gl.memory_barrier()
 
     def _set_up(self, scene: ComputeScene, views: range, part: Box) -> tuple[int, int]:

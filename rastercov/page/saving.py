@@ -165,8 +165,7 @@ def export_page(session: Session, path: str | Path, *, is_still: bool = True) ->
     """
     check_name(path)
     state = session.scene.start
-    text = export_state(session, state) if is_still else page_of(session, state)
-    write_text(path, text)
+    write_text(path, export_state(session, state) if is_still else page_of(session, state))
     return Path(path)
 
 

@@ -245,8 +245,7 @@ class Scene:
     @property
     def modes(self) -> tuple[str, ...]:
         """Ways to colour the faces; DORI levels are of scenes in which people may be."""
-        is_site = self.mesh.diagonal >= LEAST_SITE
-        has_levels = is_site and self.start.unit == "m"
+        has_levels = self.mesh.diagonal >= LEAST_SITE and self.start.unit == "m"
         known = {"level": has_levels, **of_gates(self.start.whole.gates.values())}
         equipment = self.start.whole.equipment.values()
         is_there = any(not all(each.rides) for each in equipment)

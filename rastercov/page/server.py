@@ -214,8 +214,7 @@ def application(
     threads = ThreadPoolExecutor(thread_name_prefix=ABANDONED)
     made = [Route("/", _page), Route("/static/{name:path}", _static)]
     for path, method, answer in _answers(session, Work(session), Saving(session, out)):
-        endpoint = _endpoint(threads, answer)
-        made.append(Route(f"/api/{path}", endpoint, methods=[method]))
+        made.append(Route(f"/api/{path}", _endpoint(threads, answer), methods=[method]))
     app = Starlette(routes=made)
     guard: Any = _Guard
     app.add_middleware(guard, port=port, token=token, arrived=arrived)

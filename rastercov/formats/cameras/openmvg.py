@@ -45,8 +45,7 @@ def read(source: Source, border: Border) -> Views:
         number = int(value.number("polymorphic_id", 0.0))
         if "polymorphic_name" in value:
             kinds[number & ~FIRST] = value.text("polymorphic_name")
-        own = _data(value)
-        cameras[key] = _camera(own, kinds.get(number & ~FIRST, ""))
+        cameras[key] = _camera(_data(value), kinds.get(number & ~FIRST, ""))
     poses = dict(_pairs(entries, "extrinsics"))
     views = [_data(value) for _, value in _pairs(entries, "views")]
     used, images, rotations, translations = [], [], [], []

@@ -28,8 +28,7 @@ def is_mine(content: object) -> bool:
 
 def read(source: Source, border: Border) -> Views:
     """One camera, or two on a rig."""
-    content = source.yaml
-    file = Entries(content)
+    file = Entries(source.yaml)
     kind = file.choice("Camera.type", MODELS, "PinHole")
     first = "Camera1" if "Camera1.fx" in file else "Camera"
     labels = [first, *(["Camera2"] if "Camera2.fx" in file else [])]
