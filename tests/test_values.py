@@ -15,7 +15,7 @@ from visible_fractions import visibility
 
 import rastercov as rc
 from rastercov import cli
-from rastercov.base.arguments import rules_of, check_limits
+from rastercov.base.arguments import check_limits, rules_of
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.cli import options
 from rastercov.core.camera import pose as pose_module
