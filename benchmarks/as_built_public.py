@@ -71,7 +71,7 @@ def chessboards(report: Report, folder: Path) -> None:
         expected = cv2.projectPoints(points, row[:3], row[3:], matrix, lens)[0].reshape(-1, 2)
         if np.abs(expected - corners).max() > np.abs(expected - corners[::-1]).max():
             corners = corners[::-1]
-        of_all = np.ravel(cv2.solvePnP(points, np.float64(corners), matrix, lens)[1:])
+        of_all = np.ravel(cv2.solvePnP(points, corners.astype(np.float64), matrix, lens)[1:])
         own = cv2.projectPoints(points, of_all[:3], of_all[3:], matrix, lens)[0].reshape(-1, 2)
         errors = [np.sqrt(((each - corners) ** 2).sum(axis=1).mean()) for each in (expected, own)]
         print(f"{path.name}: {errors[0]:.2f} px as published, {errors[1]:.2f} px by OpenCV anew")
