@@ -31,7 +31,7 @@ from rastercov.base.typed import typed
 from rastercov.core.camera import Camera, check_scene, valid_poses
 from rastercov.core.mesh import Mesh
 
-LEAST_RIGHT = 0.6
+LEAST_RIGHT = 0.8
 """Share of the pairs that must agree."""
 RIVAL = 2.0
 """Deviations, of points or of chance, by which any other optimum must be worse."""

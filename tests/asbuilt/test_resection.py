@@ -136,3 +136,15 @@ def test_the_robust_fit_is_nearly_as_exact_as_its_covariance_says() -> None:
     bent = np.minimum(lengths, limit)
     slope = np.where(lengths < limit, 1, limit / lengths / 2)
     assert np.mean(bent**2) / 2 / np.mean(slope) ** 2 < 1.025
+
+
+def test_two_wrong_of_eight_points_are_undecided() -> None:
+    """Six that are right leave too little to tell which two are wrong."""
+    camera = CAMERAS["pinhole"]
+    pose, points, pixels = scene(3, camera, 8, 0.1)
+    pixels[5] += (40, -60)
+    assert located(camera, np.hstack((pixels, points)), pose).accepted
+    pixels[2] += (-50, 30)
+    found = located(camera, np.hstack((pixels, points)), pose)
+    assert not found.accepted
+    assert found.why == "only 6 of 8 points agree with one pose; check 3, 6"
