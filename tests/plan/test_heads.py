@@ -33,7 +33,7 @@ from rastercov.page.session import remove_head
 from rastercov.placement import build_matrix
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.file import PlanError, plan_of
-from rastercov.report import overview, panorama
+from rastercov.report import modes, overview
 from rastercov.report import placement as placement_page
 from rastercov.report import plan as plan_report
 from rastercov.report.coverage import html_of, network_of, regions_of
@@ -709,14 +709,14 @@ def test_maps_leave_out_what_the_headline_leaves_out():
     result = rc.evaluate(MESH, rig, rig.poses(POSES[:2]), TASK)
     shown = network_of(result, result.summary(), "heads", regions_of(result))
     percents = []
-    add_frame = panorama.add_frame
+    add_frame = modes.add_frame
 
     def kept(pixels, title, keys):
         percents.extend(key.name for key in keys if key.name.startswith("not covered"))
         return add_frame(pixels, title, keys)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(panorama, "add_frame", kept)
+        patch.setattr(modes, "add_frame", kept)
         picture = shown.draw()["uncertainty"]
     missing = 100 - result.summary()["covered_area"]["percent"]
     assert percents == [f"not covered, {missing:.1f} %"]
