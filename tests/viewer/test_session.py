@@ -405,7 +405,7 @@ def test_sliders_have_the_limits_of_the_task():
     assert set(fields) == known
     assert (fields["min_visibility"]["low"], fields["min_visibility"]["high"]) == (0.0, 1.0)
     assert fields["max_blur"]["is_optional"]
-    assert fields["focus_rule"]["choices"] == ["vertices", "centroid"]
+    assert fields["focus_rule"]["choices"] == ("vertices", "centroid")
     kinds = [fields[name]["kind"] for name in ("max_blur", "cap_resolution", "views")]
     assert kinds == ["float", "bool", "int"]
 
