@@ -48,7 +48,7 @@ from rastercov.light.regions import (
     Light,
     asks_for_light,
     failing_lamp,
-    fixed_light,
+    known_light,
     narrow_to_lamps,
 )
 
@@ -331,8 +331,8 @@ class PointLamps(Feature):
         around = lamps._around(mesh.bounds)
         finder = find(around.eyes)
         own = tuple(getattr(task, name) for name in OF_LIGHT)
-        fixed = fixed_light(lamps, mesh, (camera.names, finder.method, own))
-        return Light(around, task, camera, finder.find, finder, fixed)
+        known = known_light(lamps, mesh, (camera.names, finder.method, own))
+        return Light(around, task, camera, finder.find, finder, known)
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:
         """See `Feature`."""

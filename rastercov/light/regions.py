@@ -127,26 +127,27 @@ class Lit(NamedTuple):
         return join([regions, own]).at_least(2, row, one_side=False)
 
 
-class FixedLight:
-    """Light of lamps that are fixed, computed once: what they reach, and what is lit."""
+class KnownLight:
+    """Light of lamps in a scene: what fixed ones reach and light, and the last rows of a result."""
 
     def __init__(self) -> None:
         self.regions: Once[Regions] = Once()
         self.lit: Once[Lit] = Once()
+        self.last: tuple[tuple[bytes, bytes], list[Lit]] | None = None
 
 
 @once_each
-def _lights_of(lamps: Lamps) -> dict[tuple[Mesh, Hashable], FixedLight]:
+def _lights_of(lamps: Lamps) -> dict[tuple[Mesh, Hashable], KnownLight]:
     """Light of lamps in the last scene that was asked for, by its mesh and by a key."""
     return {}
 
 
-def fixed_light(lamps: Lamps, mesh: Mesh, key: Hashable) -> FixedLight:
-    """Light of lamps that are fixed, the same for the same mesh, which it keeps, and key."""
+def known_light(lamps: Lamps, mesh: Mesh, key: Hashable) -> KnownLight:
+    """Light of lamps, the same for the same mesh, which it keeps, and key."""
     known = _lights_of(lamps)
     if any(of is not mesh for of, _ in [*known]):
         known.clear()
-    return known.setdefault((mesh, key), FixedLight())
+    return known.setdefault((mesh, key), KnownLight())
 
 
 class Light(Condition):
@@ -162,7 +163,7 @@ class Light(Condition):
         Regions of poses of `Lamps.eyes`.
     finder : Finder, optional
         Their pass, which is closed with the light.
-    fixed : FixedLight, optional
+    known : KnownLight, optional
         That of the same lamps and thresholds of light in the same scene.
     """
 
@@ -175,15 +176,14 @@ class Light(Condition):
         rig: Rig,
         find: Callable[[Poses], Regions],
         finder: Finder | None = None,
-        fixed: FixedLight | None = None,
+        known: KnownLight | None = None,
     ) -> None:
         self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
         self._camera_from_rig = inverse(rig.rig_from_camera)
         self._carried = lamps.carried_by(rig.names)
         self._rides = np.asarray(self._carried.any(axis=1))
         self._rig = rig
-        self._last: tuple[tuple[bytes, bytes], list[Lit]] | None = None
-        self._fixed = fixed or FixedLight()
+        self._known = known or KnownLight()
 
     def in_scene(self, mesh: Mesh) -> "Light":
         """See `Condition`: nothing that the lamps light is known."""
@@ -207,12 +207,13 @@ class Light(Condition):
         Of the lamps that are fixed, and of those that ride: a part is lit where either has it; of
         all together where light adds up.
         """
-        key = leads.world_from_camera.tobytes(), leads.camera.tobytes()
-        last = self._last  # another thread may put its own there
+        world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
+        key = world.tobytes(), leads.camera.tobytes()
+        last = self._known.last  # another thread may put its own there
         if last and last[0] == key:
             return list(last[1])
-        rows = self._rows(leads)
-        self._last = key, rows  # asked for again by figures of the same poses
+        rows = self._rows(leads, world)
+        self._known.last = key, rows  # asked for again, such as by reasons of the same poses
         return list(rows)
 
     def cut_of(self, leads: Poses) -> Cut:
@@ -251,16 +252,15 @@ class Light(Condition):
         order = sort_order(np.concatenate([np.flatnonzero(is_asked), np.flatnonzero(~is_asked)]))
         return take_rows(both, order)
 
-    def _rows(self, leads: Poses) -> list[Lit]:
+    def _rows(self, leads: Poses, world: FloatArray) -> list[Lit]:
         n, rides, still = len(leads), self._rides, ~self._rides
         rows = []
         if still.any() and not (asks_for_light(self.task) and rides.any()):
-            fixed = self._fixed.lit.get(
+            fixed = self._known.lit.get(
                 lambda: self._light(self._regions_of_fixed(), self._poses(still), 1)
             )
             rows.append(fixed._replace(row=np.zeros(n, np.int64)))
         if rides.any() and n:
-            world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
             poses = self._poses(rides, world)
             regions = self._find(poses)
             is_there = self._carried[poses.camera, np.repeat(leads.camera, len(poses) // n)]
@@ -322,7 +322,7 @@ class Light(Condition):
         return points_of(self.lamps, lamps, world)
 
     def _regions_of_fixed(self) -> Regions:
-        return self._fixed.regions.get(lambda: self._find(self._poses(~self._rides)))
+        return self._known.regions.get(lambda: self._find(self._poses(~self._rides)))
 
     def _add_fixed(self, poses: Poses, regions: Regions, n_rows: int) -> tuple[Poses, Regions]:
         """Points of lamps on the rig, of a number of rows, each with those that are fixed."""
