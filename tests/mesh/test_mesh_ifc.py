@@ -196,6 +196,23 @@ def test_what_has_no_name_is_called_by_its_number_or_type(load):
     assert {"Ground floor/IfcDoor/D-101", "Ground floor/IfcFurniture/Table"} <= names
 
 
+@pytest.mark.parametrize(
+    ("name", "long_name", "label"),
+    [
+        ("1 - Living room", "Living room", "1 - Living room"),
+        ("Hall", "Hall", "Hall"),
+        ("A101", "Foyer", "A101 Foyer"),
+        ("", "Foyer", "Foyer"),
+        ("A101", "", "A101"),
+        ("", "", "0aGlobalId"),
+    ],
+)
+def test_a_long_name_that_a_name_ends_with_is_said_once(name, long_name, label):
+    product = ifc.Product("Ground", "IfcSpace", name, long_name, "0aGlobalId")
+    assert product.label == f"Ground/{label}"
+    assert product.is_called(product.label)
+
+
 @pytest.mark.slow
 def test_rooms_of_half_storeys_with_slab_finish_and_covering_count_once(monkeypatch, tmp_path):
     """A raised hall over the slab of the house, on layers that overlap in part, as in public files.

@@ -75,8 +75,9 @@ class Product(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Storey, name and long name."""
-        own = " ".join(filter(None, (self.name, self.long_name))) or self.global_id
+        """Storey, name and long name, if the name does not end with it."""
+        rest = "" if self.name.endswith(self.long_name) else self.long_name
+        own = f"{self.name} {rest}".strip() or self.global_id
         return f"{self.storey}/{own}"
 
     def is_called(self, name: str) -> bool:
