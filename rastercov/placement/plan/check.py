@@ -829,10 +829,9 @@ def best_change(
 def reasons_of_goal(
     requirement: Requirement, goals: Mapping[str, Checked], level: int | None = None
 ) -> list[str]:
-    """Lines on the goal of a requirement, as of `Checked.explain`; none where it is covered."""
-    if requirement.goal not in goals or (requirement.status == HOLDS and not requirement.is_most):
-        return []
-    return goals[requirement.goal].explain(requirement, level)
+    """Lines on the goal of a requirement, as of `Checked.explain`."""
+    own = goals.get(requirement.goal)
+    return [] if own is None else own.explain(requirement, level)
 
 
 def worst_of(requirements: Sequence[Requirement]) -> list[Requirement]:
