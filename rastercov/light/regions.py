@@ -53,6 +53,8 @@ UNLIT, TOO_DARK, TOO_BRIGHT, HIGHLIGHT = map(NAMES.index, REASONS)
 """Rows of the reasons of light."""
 OF_LIGHT = tuple(name for name, word in NEEDED.items() if word == "lamps")
 """Thresholds of light."""
+MOST_BATCHES = 64
+"""Batches of rows whose light is kept."""
 SCALE_OF_SUN = 2.0**-112
 """Unit of light beside a sun, whose intensity at its distance has no room; it rounds nothing."""
 LIGHT_AT_RANGE = Quantity(1.0, "W/m2")
@@ -128,12 +130,15 @@ class Lit(NamedTuple):
 
 
 class KnownLight:
-    """Light of lamps in a scene: what fixed ones reach and light, and the last rows of a result."""
+    """Light of lamps in a scene: what fixed ones reach and light, and batches of rows of a result.
+
+    Reasons ask for the same batches again, once a stage.
+    """
 
     def __init__(self) -> None:
         self.regions: Once[Regions] = Once()
         self.lit: Once[Lit] = Once()
-        self.last: tuple[tuple[bytes, bytes], list[Lit]] | None = None
+        self.rows: dict[tuple[bytes, bytes], list[Lit]] = {}
 
 
 @once_each
@@ -209,12 +214,12 @@ class Light(Condition):
         """
         world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
         key = world.tobytes(), leads.camera.tobytes()
-        last = self._known.last  # another thread may put its own there
-        if last and last[0] == key:
-            return list(last[1])
-        rows = self._rows(leads, world)
-        self._known.last = key, rows  # asked for again, such as by reasons of the same poses
-        return list(rows)
+        known = self._known.rows
+        rows = known.get(key) or self._rows(leads, world)
+        if len(known) == MOST_BATCHES:
+            known.clear()
+        known[key] = rows
+        return rows
 
     def cut_of(self, leads: Poses) -> Cut:
         """See `Condition`."""
