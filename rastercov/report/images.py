@@ -406,7 +406,7 @@ def add_frame(pixels: Pixels, title: str, keys: Sequence[Key]) -> Image.Image:
                 draw.rectangle(box, outline=INK)
                 x += scale + line * 0.5
             elif word:
-                draw.text((x, middle), word, INK, font, anchor="lm")
+                draw.text((x, middle), drawable(word, font), INK, font, anchor="lm")
                 x += font.getlength(word) + line * 0.5
     return canvas
 
@@ -418,11 +418,11 @@ def font_for(width: int) -> Font:
 
 def line_height(font: Font) -> int:
     """Height of a line, pixels."""
-    return int(np.ceil(font.getbbox("Ag")[3]))
+    return math.ceil(font.getbbox("Ag")[3])
 
 
 def drawable(text: str, font: Font) -> str:
-    """One line in letters that the font has: others without their accents, or "?"."""
+    """One line in letters that the font has: others like them, without their accents, or "?"."""
     box = bytes(font.getmask("\uffff"))  # of letters that it does not have
 
     def has(letter: str) -> bool:
@@ -433,8 +433,8 @@ def drawable(text: str, font: Font) -> str:
             return letter
         return "".join(filter(has, unicodedata.normalize("NFKD", letter).strip())) or "?"
 
-    whole = unicodedata.normalize("NFC", " ".join(text.split())[:400]).replace("\u2215", "/")
-    return "".join(map(drawn, whole))
+    text = unicodedata.normalize("NFC", " ".join(text.split())[:400])
+    return "".join(map(drawn, text.translate(str.maketrans("\u2215µμ", "/uu"))))
 
 
 def cut(text: str, font: Font, width: float) -> str:

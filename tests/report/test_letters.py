@@ -30,7 +30,8 @@ def test_ascii_stays(text):
     ("text", "wanted"),
     [("\u00e9", "e"), ("e\u0301", "e"), ("\u90e8\u54c11", "??1"), ("\ud55c", "?"), ("\u338f", "kg"),
      ("\u0141\u00f3d\u017a", "?odz"), ("a\tb\nc", "a b c"), ("\udc80x", "?x"),
-     ("\u2026", "\u2026"), ("\u00a8", "?"), ("a\u2215b", "a/b")],
+     ("\u2026", "\u2026"), ("\u00a8", "?"), ("a\u2215b", "a/b"),
+     ("9 \u00b5m, 9 \u03bcm", "9 um, 9 um")],
 )  # fmt: skip
 def test_accents_go_and_letters_without_a_glyph_are_question_marks(text, wanted):
     assert drawable(text, FONT) == wanted
@@ -53,3 +54,15 @@ def test_no_entry_of_a_legend_goes_beyond_its_picture(ends):
     pixels = np.zeros((20, 30, 3), np.uint8)
     picture = np.array(add_frame(pixels, "", [Key("W" * 300, pixels[:1, :1], *ends)]))
     assert (picture[-15:, -3:] == picture[-1, -1]).all()
+
+
+def test_ends_of_a_scale_are_letters_of_the_font():
+    """Uncertainties are in "\u00b5m", which the font does not have: a box stood for it."""
+    pixels = np.zeros((20, 30, 3), np.uint8)
+    pictures = [
+        add_frame(pixels, "", [Key("", pixels[:1, :1], "9 um", f"99 {unit}m")])
+        for unit in ("u", "\u00b5")
+    ]
+    assert pictures[0].crop((0, 0, 300, pictures[0].height)).tobytes() == (
+        pictures[1].crop((0, 0, 300, pictures[1].height)).tobytes()
+    )
