@@ -266,11 +266,11 @@ def _print(summary: ByName, out: Path) -> None:
     pieces = summary["pieces"]
     for each in pieces[:MOST_LINES]:
         energy = text_with_bound(each["energy_kwh"], each["bound_kwh"])
-        words = [f" no. {each['number']}"] * (len(pieces) > 1)
-        words += [f" faces {each['faces']}"] * bool(each["faces"] and words)
+        words = [f"{hours_text(each)} h, {energy} kWh: {shorten(each['name'], 60)}"]
+        words += [f" no. {each['number']}"] * (len(pieces) > 1)
+        words += [f" faces {each['faces']}"] * bool(each["faces"])
         words += [f" shaded {own['hours']:.1f} h by {own['name']}" for own in each["shaded_by"]]
-        line = f"{hours_text(each)} h, {energy} kWh: {shorten(each['name'], 60)}"
-        print_lines(";".join([line, *words]))
+        print_lines(";".join(words))
     for each in summary.get("diffuse", ()):
         factor, error = each["sky_view_factor"], each["estimated_error"]
         print_lines(

@@ -179,7 +179,9 @@ def test_each_window_of_a_group_must_get_enough(folder, capsys):
     (part,) = json.loads((folder / "two" / "sun.json").read_text())["parts"]
     assert part["least_piece_hours"] < 4 < part["hours"]
     assert not part["reached"]
-    assert "1: windows, piece 2" in (folder / "two" / "sun.html").read_text()
+    page = (folder / "two" / "sun.html").read_text()
+    assert "1: windows, piece 2" in page
+    assert "Not to be signed: window 1 fails." in page
 
 
 WINDOWS = "--of *IfcWindow* --latitude 50.1 --longitude 14.4 --step 30 -o rooms"
