@@ -164,7 +164,8 @@ def sun(
     north, latitude, longitude = mesh.site.known_values(given, "--north")
     if latitude is None or longitude is None:
         raise ConfigError(
-            "expected --latitude and --longitude, got one or none, and none of a file; give both"
+            "expected --latitude and --longitude, got one or none, and none that all files share; "
+            "give both"
         )
     words, step, times = period.times(longitude, year)
     north = NORTH_DEG if north is None else north
