@@ -235,3 +235,13 @@ def test_a_part_of_which_every_point_is_covered_has_no_reason_why_not(percent, r
         "seeable_not_covered_because": {"too_coarse": {"area_percent": 2.0}},  # as a whole face
     }  # fmt: skip
     assert PartRow.of(entry).reason == reason
+
+
+def test_no_room_is_looked_for_around_faces_within_its_walls(monkeypatch):
+    """It takes longest of a goal on a panel in a room."""
+    walls = shapes.box((4.0, 4.0, 3.0))
+    inwards = Mesh(walls.vertices, walls.faces[:, ::-1])
+    panel = Mesh([(0.0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    mesh = Mesh.joined([inwards, panel], ["walls", "panel"]).with_groups(occluders=["walls"])
+    monkeypatch.setattr("rastercov.core.mesh.unseeable._has_room", lambda *_: 1 / 0)
+    assert not unseeable_areas(mesh).any()

@@ -62,49 +62,41 @@ def _compute(mesh: Mesh) -> FloatArray:
     if not len(bodies):
         return result
     middle, size = mesh.centre, mesh.diagonal
-    points, shells = (mesh.vertices - middle) / size, mesh.welded_faces[bodies]
+    points = (mesh.vertices - middle) / size
     chosen = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     corners = points[mesh.faces[chosen]]
     opposite = norm(np.roll(corners, 1, axis=1) - np.roll(corners, 2, axis=1))
     around = opposite.sum(axis=1)
     incentre = (opposite[..., None] * corners).sum(axis=1) / around[:, None]
     inset = INSET_REL * around * size**2 / (2 * mesh.areas[chosen])  # in radii of the incircle
-    outside = -1 if _has_room(mesh, points, bodies) else 0
-    tree = TriangleTree.over(points, shells)
+    tree = TriangleTree.over(points, mesh.welded_faces[bodies])
     rows = np.flatnonzero(inset < 0.5)
     for side in (1, -1):
         both = np.ones(len(rows), bool) if side == 1 else mesh.two_sided_mask[chosen[rows]]
         own = rows[both]
         is_inside = ~both
-        is_inside[both] = _lie_inside(
-            (tree, points, shells, outside),
-            corners[own],
-            (incentre[own], inset[own], side * mesh.normals[chosen[own]]),
-        )
+        moved = incentre[own] + GAP_REL * side * mesh.normals[chosen[own]]
+        drawn_in = (corners[own] - incentre[own, None]) * (1 - inset[own, None, None])
+        is_inside[both] = _lie_inside(mesh, bodies, tree, moved, drawn_in)
         rows = rows[is_inside]
     result[chosen[rows]] = mesh.areas[chosen[rows]] * (1 - inset[rows]) ** 2
     return result
 
 
 def _lie_inside(
-    bodies: tuple[TriangleTree, FloatArray, IntArray, int],
-    corners: FloatArray,
-    moved: tuple[FloatArray, FloatArray, FloatArray],
+    mesh: Mesh, bodies: IntArray, tree: TriangleTree, middle: FloatArray, corners: FloatArray
 ) -> BoolArray:
-    """(N,) True for faces that are inside bodies, drawn in and moved along their normals."""
-    tree, points, shells, outside = bodies
-    incentre, inset, normals = moved
-    middle = incentre + GAP_REL * normals
-    is_inside = tree.winding_numbers(middle) > outside
+    """(N,) True for faces that are inside bodies, of corners (N, 3, 3) about a middle, (N, 3)."""
+    turns, points = tree.winding_numbers(middle), tree.points
+    is_inside = turns >= (0 if (turns == 0).any() and _has_room(mesh, points, bodies) else 1)
     rows = np.flatnonzero(is_inside)
     if not len(rows):
         return is_inside
-    drawn_in = (corners[rows] - incentre[rows, None]) * (1 - inset[rows, None, None])
-    drawn_in += middle[rows, None]
+    drawn_in = corners[rows] + middle[rows, None]
     own = np.arange(3 * len(rows)).reshape(-1, 3)
     touches = touching_faces(
         np.concatenate([drawn_in.reshape(-1, 3), points]),
-        np.concatenate([own, shells + own.size]),
+        np.concatenate([own, mesh.welded_faces[bodies] + own.size]),
         CONTACT_REL,
     )
     is_inside[rows[touches[: len(rows)]]] = False
