@@ -553,10 +553,12 @@ class Mesh(InNotebook):
         """Mesh with other flags of the same groups; shares this mesh's arrays."""
         other = object.__new__(type(self))
         stale = {"task_mask", "two_sided_mask", "target_mask", "_opaque", "warnings"}
+        shared: ByName = {"groups": groups, "_normals_and_areas": self._normals_and_areas}
         if any(a.is_target != b.is_target for a, b in zip(groups, self.groups, strict=True)):
             stale |= DEPENDS_ON_TARGETS
+        else:
+            shared["contacts"] = self.contacts
         # Copied in one step: another thread may be adding a cached property.
-        shared = {"groups": groups, "_normals_and_areas": self._normals_and_areas}
         cached = vars(self).copy() | shared
         other.__dict__.update({name: cached[name] for name in cached.keys() - stale})
         return other
@@ -852,11 +854,8 @@ class Mesh(InNotebook):
         """Faces that touch or cut another face."""
         from rastercov.core.mesh.contacts import Contacts
 
-        diagonal = self.diagonal
-        topology = self.topology
-        return Contacts(
-            self.vertices, self.faces, self.degenerate_mask, diagonal, topology.components
-        )
+        own = self.vertices, self.faces, self.degenerate_mask, self.diagonal
+        return Contacts(*own, self.topology.components)
 
     @property
     def self_contact_mask(self) -> BoolArray:
