@@ -839,7 +839,10 @@ def test_of_many_goals_the_worst_alone_are_explained(tmp_path, monkeypatch, goal
     assert len(examined) == 1  # the task
     checked.lines()
     record(checked)
+    assert len(cases(checked)) >= n  # also those without reasons
     assert len(examined) == 1 + MOST_GOALS
+    one, other = examined[1:3]
+    assert one.contacts is other.contacts  # of all scenes of goals
     with pytest.raises(KeyError):
         checked.goals["none"]
 

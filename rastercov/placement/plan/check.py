@@ -268,11 +268,17 @@ class Checked(InOneLine, InNotebook):
         """Figures of the network, with its covered area where the plan counts that."""
         return summary_of(self.plan, self.cameras, self.asked_views)
 
+    @cached_property
+    def _worst(self) -> list[Requirement]:
+        return worst_of(self.requirements)
+
     def reasons(self, requirement: Requirement, level: int | None = None) -> list[str]:
-        """Reasons why it does not hold, by the groups or parts in it, the most uncovered first.
+        """Reasons why one of the worst does not hold, by its groups or parts, the worst first.
 
         The parts are those of the level below its own unless `level` is given.
         """
+        if requirement not in self._worst:
+            return []
         if requirement.goal in self.goals:
             return reasons_of_goal(requirement, self.goals, level)
         if requirement.is_most:
@@ -285,21 +291,20 @@ class Checked(InOneLine, InNotebook):
             below = requirement.group.count("/") + 2
         below = level or below
         parts, lines = rows_at(groups, below, own), list[str]()
-        by_group = self._uncovered
-        wanted = sorted(parts, key=lambda name: -by_group[parts[name]].sum())
+        left = {name: self._uncovered[rows].sum() for name, rows in parts.items()}
+        wanted = sorted(filter(left.get, left), key=lambda name: -left[name])
         for name in wanted[:MOST_GROUPS]:
-            if by_group[parts[name]].any():
-                is_one = len(parts[name]) == 1
-                kind = "group" if is_one else "part"
-                own_name = groups[parts[name][0]].name if is_one else name
-                entry = self.leftover.of_groups(name, parts[name], below)
-                why, label = self._why(parts[name], entry), REASONS["occluded"].label
-                hiders = [
-                    f"the {kind} itself" if each == name else each for each in entry["hidden_by"]
-                ][:3]
-                by = f"{label} (by {', '.join(hiders)})" if hiders else label
-                lines.append(f"{kind} {own_name}: {why.replace(label, by)}")
-        if rest := sum(bool(by_group[parts[name]].any()) for name in wanted[MOST_GROUPS:]):
+            is_one = len(parts[name]) == 1
+            kind = "group" if is_one else "part"
+            own_name = groups[parts[name][0]].name if is_one else name
+            entry = self.leftover.of_groups(name, parts[name], below)
+            why, label = self._why(parts[name], entry), REASONS["occluded"].label
+            hiders = [
+                f"the {kind} itself" if each == name else each for each in entry["hidden_by"]
+            ][:3]
+            by = f"{label} (by {', '.join(hiders)})" if hiders else label
+            lines.append(f"{kind} {own_name}: {why.replace(label, by)}")
+        if (rest := len(wanted) - MOST_GROUPS) > 0:
             lines.append(f"and {rest} more")
         return [*self._of_rules, *lines]
 
@@ -1002,7 +1007,6 @@ def to_json(checked: Checked) -> ByName:
     """The outcome, ready for JSON."""
     network = checked.summary()
     zones = {name: network.pop(name) for name in ZONES if name in network}
-    explained = worst_of(checked.requirements)
     return {
         "plan": str(checked.plan.path),
         "poses": str(checked.poses_file),
@@ -1022,9 +1026,7 @@ def to_json(checked: Checked) -> ByName:
         "result_warnings": (warned := warnings_of(checked.plan, checked.cameras)),
         "doubts": warned,
         "requirements": [
-            asdict(each)
-            | {"short_by": each.short_by}
-            | {"reasons": checked.reasons(each) if each in explained else []}
+            asdict(each) | {"short_by": each.short_by, "reasons": checked.reasons(each)}
             for each in checked.requirements
         ],
         "all": asdict(checked.whole),
