@@ -50,6 +50,21 @@ def test_a_key_of_another_table_is_named_with_its_place(table, key):
     assert lines(TABLES[table](key))[path] == words
 
 
+def test_the_tables_of_a_key_are_looked_up_once_for_all_places_of_it(monkeypatch):
+    counts = []
+    for n in (3, 30):
+        seen = []
+        monkeypatch.setattr(
+            "rastercov.placement.plan.file._join_path",
+            lambda path, part, seen=seen: seen.append(path) or f"{path}.{part}".lstrip("."),
+        )
+        found = lines({"goals": {f"g{row}": {"deadline": 1, "min_pixels": 1} for row in range(n)}})
+        assert len(found) > 2 * n
+        counts.append(len(seen))
+    assert counts[1] < counts[0] + 2 * 27 * 8  # parts of paths alone
+    assert "which stands in [task]" in found["goals.g29.min_pixels"]
+
+
 def test_a_key_of_no_table_has_names_that_are_similar():
     words = lines({"task": {"max_incidense_deg": 1}})["task.max_incidense_deg"]
     assert words.startswith("expected one of ")

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -193,6 +193,7 @@ def _models_at(location: Sequence[int | str], model: type[BaseModel]) -> list[ty
     return models
 
 
+@cache
 def _tables_with(name: str, model: type[BaseModel]) -> list[str]:
     """Places of the tables of a plan that have an entry, from the top."""
     places, level, known = list[str](), {"": [model]}, set[type[BaseModel]]()
@@ -227,8 +228,13 @@ def _models_in(hint: object) -> list[type[BaseModel]]:
 
 def _tags_of(model: type[BaseModel]) -> list[str]:
     """Names by which a member of a union is chosen."""
-    fields = (model.model_fields.get(name) for name in ("generator", "goal"))
-    return [tag for field in fields if field for tag in get_args(field.annotation)]
+    fields = model.model_fields
+    return [
+        tag
+        for name in ("generator", "goal")
+        if name in fields
+        for tag in get_args(fields[name].annotation)
+    ]
 
 
 NO_PLAN = "expected a plan (TOML), got a mesh file; name it in a plan, under [[meshes]]"
