@@ -93,6 +93,12 @@ def random_soup(n: int, size: float, flat: float = 1.0) -> Geometry:
 
 
 def grid(n: int, noise: float = 0.0) -> Geometry:
+    """Two triangles a cell, with heights of normal noise.
+
+    Very rough ones are slivers, as long as the noise, diagonal, and as thin as a cell. From 8,000
+    to 16,000 faces the pairs whose images overlap grow with exponent 1.5, those whose boxes do with
+    1.8, so boxes in a grid hardly tell them apart; corners of what is seen grow with 0.8.
+    """
     side = max(2, round(np.sqrt(n / 2)))
     x, y = np.meshgrid(np.linspace(-1, 1, side + 1), np.linspace(-1, 1, side + 1))
     z = noise * np.random.default_rng(n).standard_normal(x.size)
