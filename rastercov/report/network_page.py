@@ -457,7 +457,7 @@ class NetworkPage:
                 if tried["pose"] is None:  # zones do not overlap: what cameras add in them adds up
                     added[rows[row][0]] = tried["gain_m2"]
                     if len(added) > 1:
-                        with_all = f"with what is added for zones {' and '.join(added)}"
+                        with_all = f"with what is added for zones {', '.join(added)}"
                         gains[with_all] = sum(added.values())
                 said += [f"{when} {self._with_more(m2)}" for when, m2 in gains.items()]
             if is_met and self.required:

@@ -315,9 +315,10 @@ class Flight(Product):
             "airspace and a failsafe return are not checked",
         ]
         if np.isnan(heights_at(self.mesh, self.home[None, :2])).any():
-            how = "as in [flight]" if self.asked.home else "the lowest of the surface: check it"
+            how = "the lowest of the surface: check it; from higher ground all is as much higher"
             notes.append(
-                f"home, for take-off and landing, has no surface below; its height is {how}"
+                "home, for take-off and landing, has no surface below; its height is "
+                f"{'as in [flight]' if self.asked.home else how}"
             )
         if n := self.n_beside:
             notes.append(

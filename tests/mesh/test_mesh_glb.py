@@ -319,7 +319,7 @@ NOTED = {
     loop: ["1 nodes with meshes outside"],
     extensions: ["ignored extensions ['KHR_node_visibility', 'VENDOR_bend'], which may"],
     unused: ["ignored 1 animations"],
-    points_and_nothing: ["1 primitives of points or lines", "1 primitives without triangles"],
+    points_and_nothing: ["1 primitive of points or lines", "1 primitive without triangles"],
 }
 
 

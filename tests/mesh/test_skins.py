@@ -165,7 +165,7 @@ def test_a_primitive_without_joints_is_placed_by_the_node_and_joints_may_be_out_
     mesh = load("a.glb", glb.data())
     np.testing.assert_array_equal(triangles(mesh)[:4], POINTS[FACES] + [0, 0, 4])
     np.testing.assert_array_equal(triangles(mesh)[4:], POINTS[FACES] + [9, 0, 0])
-    assert "placed 1 primitives without joints by skinned nodes" in mesh.notes[0]
+    assert "placed 1 primitive without joints by skinned nodes" in mesh.notes[0]
 
 
 REFUSED = [

@@ -271,7 +271,7 @@ def test_the_gain_of_added_cameras_together_is_that_of_all_of_them():
         poses.append(rc.look_at([tried["position"]], [tried["looking_at"]]))
         assert len(said) == min(len(numbers), 2)
         if len(numbers) > 1:
-            before = f"with what is added for zones {' and '.join(numbers)} about "
+            before = f"with what is added for zones {', '.join(numbers)} about "
             words, share, after = re.split(r"([\d.]+)(?= %)", said[1].replace(before, "", 1))
             assert (words, after) == ("", " % of the area or more is covered")
             every = rc.evaluate(mesh, eye, np.concatenate(poses)).summary()["covered_area"]

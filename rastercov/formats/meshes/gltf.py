@@ -522,11 +522,11 @@ class _Shapes:
         """Notes on skipped content of the nodes and meshes that were read."""
         notes = []
         if self._n_skipped:
-            notes.append(f"ignored {self._n_skipped} primitives of points or lines")
+            notes.append(f"ignored {plural(self._n_skipped, 'primitive')} of points or lines")
         if self._n_empty:
-            notes.append(f"ignored {self._n_empty} primitives without triangles")
+            notes.append(f"ignored {plural(self._n_empty, 'primitive')} without triangles")
         if self._n_unbound:
-            notes.append(f"placed {self._n_unbound} primitives without joints by skinned nodes")
+            notes.append(f"placed {plural(self._n_unbound, 'primitive')} without joints by skinned nodes")
         return notes + list(self._of_skins)
 
     def _surfaces(self, index: int) -> _Surfaces:

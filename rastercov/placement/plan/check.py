@@ -421,7 +421,7 @@ class Checked(InOneLine, InNotebook):
         lost = self.by_camera[1]
         lost = np.where(lost > LEAST_LOST_REL * float(self.mesh.areas.sum()), lost, 0.0)
         ranked = sort_order(-lost)[: np.count_nonzero(lost)].tolist()
-        items = [f"{self.heads[1][row]} {area(float(lost[row]))}" for row in ranked]
+        items = [f"{self.heads[1][row]} ({area(float(lost[row]))})" for row in ranked]
         return [f"lost without it: {first_of(items)}"] if items else []
 
     def cameras_of_goal(self) -> list[ByName]:
