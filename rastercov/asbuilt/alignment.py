@@ -137,9 +137,8 @@ class Aligner:
         steps = _steps(distance, TRIED, rng) * rng.uniform(0, 1, (TRIED, 1))
         steps[0] = 0
         steps[:, free_of(self.camera) :] = 0
-        poses = [displaced(start, step) for step in steps]
-        poses.sort(key=lambda pose: -likeness(coarse, seen, pose))
-        poses = poses[:STARTS]
+        tried = displaced(start, steps)
+        poses = sorted(tried, key=lambda pose: -likeness(coarse, seen, pose))[:STARTS]
         finer = self.levels[1:] or self.levels
         for level in finer:
             poses = self._refine_level(level, poses)
@@ -205,7 +204,7 @@ class Aligner:
         level = self.levels[-1]
         points = self.points_at(level, pose)
         steps = 1.5 * _steps(distance, DISPLACED, np.random.default_rng(1))
-        return np.array([agreement(level, points, displaced(pose, step)) for step in steps])
+        return np.array([agreement(level, points, each) for each in displaced(pose, steps)])
 
     def _half(self, pose: FloatArray, points: EdgePoints) -> FloatArray:
         """Half the step (6,) between poses of every other place's edges, black or white."""

@@ -38,26 +38,30 @@ class MeshEdges:
         Of the first two faces; twice the same where there is one.
     is_drawn : (E,) bool
         True of borders and creases, drawn from everywhere.
+    height : (E, 2) float64
+        Of the planes of its faces above the origin, along their normals, metres.
     """
 
     start: FloatArray
     end: FloatArray
     normals: FloatArray
     is_drawn: BoolArray
+    height: FloatArray
 
     @classmethod
     def of(cls, mesh: Mesh) -> "MeshEdges":
         """Edges of a mesh; those within a plane are left out, they are never drawn."""
         table = edge_table(mesh.welded_faces, mesh.n_vertices)
         first, n_uses = table.first, table.n_uses
-        faces = table.faces
-        pair = np.stack((faces[first], faces[first + (n_uses > 1)]), axis=1)
+        pair = table.faces[np.stack((first, first + (n_uses > 1)), axis=1)]
         normals = mesh.normals[pair]
         cosine = dots(normals[:, 0], normals[:, 1])
         is_drawn = (n_uses != 2) | (cosine < np.cos(np.radians(CREASE_DEG)))
         kept = is_drawn | (cosine < 1 - 1e-9)
         ends = mesh.vertices[table.vertices[kept].astype(np.int64)]
-        return cls(ends[:, 0], ends[:, 1], normals[kept], is_drawn[kept])
+        start, normals = ends[:, 0], normals[kept]
+        height = np.einsum("ei,eki->ek", start, normals)
+        return cls(start, ends[:, 1], normals, is_drawn[kept], height)
 
 
 @dataclass(frozen=True)
@@ -106,18 +110,17 @@ def visible_points(
     place = np.arange(len(owner)) - starts[owner] + 0.5
     share = low[owner] + (high - low)[owner] * place / count[owner]
     start, end = edges.start[rows[owner]], edges.end[rows[owner]]
-    points = start + share[:, None] * (end - start)
-    length = norm(end - start)[..., None]
-    tangents = (end - start) / np.maximum(length, 1e-300)
+    along = end - start
+    points = start + share[:, None] * along
+    tangents = along / np.maximum(norm(along)[..., None], 1e-300)
     found = EdgePoints(points, tangents, rows[owner]).thinned(4 * MOST_POINTS)
     return found.take(_is_visible(found.points, rasterizer, pose)).thinned(MOST_POINTS)
 
 
 def _is_silhouette(edges: MeshEdges, camera: Camera, pose: FloatArray) -> BoolArray:
     """True where one face of an edge faces the camera and the other does not."""
-    axis = np.broadcast_to(-pose[:3, 2], edges.start.shape)
-    towards = axis if camera.is_parallel else pose[:3, 3] - edges.start
-    faces = np.einsum("ei,eki->ek", towards, edges.normals) > 0
+    towards, height = (-pose[:3, 2], 0) if camera.is_parallel else (pose[:3, 3], edges.height)
+    faces = np.einsum("i,eki->ek", towards, edges.normals) > height
     return np.asarray(faces[:, 0] != faces[:, 1])
 
 

@@ -70,8 +70,12 @@ class Fit:
 
 
 def displaced(pose: FloatArray, step: FloatArray) -> FloatArray:
-    """Pose after a step (6,): rotation vector, radians, and translation, metres, in camera axes."""
-    return np.asarray(pose @ from_vectors(step[:3], step[3:])[0])
+    """Pose, or poses, after a step (..., 6): rotation vector, radians, translation, metres.
+
+    Both are in camera axes.
+    """
+    moved = from_vectors(step[..., :3], step[..., 3:])
+    return np.asarray(pose @ moved.reshape(*step.shape[:-1], 4, 4))
 
 
 def rotation_vector(matrix: FloatArray) -> FloatArray:
@@ -159,19 +163,6 @@ def _fit_from(
         if now.sum() < LEAST_PAIRS or (now == is_inlier).all():
             break
         is_inlier = now
-    return _finish(points, pixels, camera, pose, is_inlier, sigma)
-
-
-def _finish(
-    points: FloatArray,
-    pixels: FloatArray,
-    camera: Camera,
-    pose: FloatArray,
-    is_inlier: BoolArray,
-    sigma: float,
-) -> Fit:
-    """Fit at an optimum, with its covariance."""
-    errors = pixels_of(points, camera, pose) - pixels
     jacobian = jacobian_of(points[is_inlier], camera, pose).reshape(-1, 6)
     freedom = 2 * int(is_inlier.sum()) - free_of(camera)
     variance = float((errors[is_inlier] ** 2).sum()) / freedom
