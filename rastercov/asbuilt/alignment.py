@@ -9,6 +9,9 @@ A pose is believed where three things hold: its edges agree better than the same
 (200 poses), every other optimum agrees worse by more than chance, of these poses or piece by piece
 of the edges, and its covariance is small.
 
+Where the photograph shows few of the edges that a place has in a direction, those that it shows are
+there by chance, such as of a texture: all of them count by that share.
+
 Weights that leave out what disagrees hide errors of the pose too: what a place shows that is left
 out, the residuals of the rest do not. So the pose is estimated again with weights that reach
 farther; were the mesh right, both would estimate the same. Their difference is a further error, as
@@ -126,7 +129,7 @@ class Aligner:
     def find(self, start: FloatArray) -> tuple[list[Optimum], float]:
         """Optima, and the distance of the surface that the edges are on, metres.
 
-        The first is the best of those that the edges fix, the others follow by their scores.
+        Those that the edges fix come first, each by their scores.
         """
         coarse = self.levels[0]
         seen = self.points_at(coarse, start, 3.0)
@@ -143,10 +146,9 @@ class Aligner:
         for level in finer:
             poses = self._refine_level(level, poses)
         poses = self._refine_level(finer[-1], poses + self._beside(poses[0]))
-        found = sorted(map(self._judge, poses), key=lambda each: -each.score)
-        firm = (each for each in found if each.spread <= MOST_SPREAD)
-        best = next(firm, found[0])
-        return [best, *(each for each in found if each is not best)], distance
+        found = [self._judge(pose) for pose in poses]
+        found.sort(key=lambda each: (not each.spread <= MOST_SPREAD, -each.score))
+        return found, distance
 
     def _beside(self, pose: FloatArray) -> list[FloatArray]:
         """Poses beside one in each direction of its covariance, where a better one may hide."""
@@ -183,19 +185,20 @@ class Aligner:
         return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else np.inf
 
     def _judge(self, pose: FloatArray) -> Optimum:
-        """Agreement and covariance of a pose at the finest level."""
+        """Agreement and covariance of a pose, refined with weights of the least reach."""
         level = self.levels[-1]
         points = self.points_at(level, pose)
+        pose = refine(level, points, pose, FINAL)
         matches = Matches.of(level, points, pose, FINAL)
         wide = difference(pose, refine(level, points, pose, WIDE, WIDE))
         covariance = covariance_of(level, points, pose, matches)
-        for step in (wide, self._half(pose, points)):
+        for step in (wide, self._half(pose, points, matches)):
             covariance += np.outer(step, step)
         return Optimum(
             pose,
             covariance,
             agreement(level, points, pose),
-            np.count_nonzero(matches.strength > 0) / max(len(matches.strength), 1),
+            np.count_nonzero(matches.strength) / max(len(points), 1),
             spread_of(covariance, points.points, self.camera, pose),
         )
 
@@ -206,12 +209,13 @@ class Aligner:
         steps = 1.5 * _steps(distance, DISPLACED, np.random.default_rng(1))
         return np.array([agreement(level, points, each) for each in displaced(pose, steps)])
 
-    def _half(self, pose: FloatArray, points: EdgePoints) -> FloatArray:
+    def _half(self, pose: FloatArray, points: EdgePoints, matches: "Matches") -> FloatArray:
         """Half the step (6,) between poses of every other place's edges, black or white."""
-        places = _places(self.camera, points.points, pose)
+        places = matches.group // 4
         is_white = (places // PLACES + places) % 2 == 0
-        halves = (points.take(part) for part in (is_white, ~is_white))
-        white, black = (refine(self.levels[-1], each, pose, 3.0) for each in halves)
+        white, black = (
+            refine(self.levels[-1], points.take(part), pose, 3.0) for part in (is_white, ~is_white)
+        )
         return difference(white, black) / 2
 
     def lead(self, pose: FloatArray, rival: FloatArray) -> float:
@@ -224,7 +228,7 @@ class Aligner:
         first, second = (
             each.strength * np.exp(-0.5 * (each.distance / NEAR) ** 2) for each in found
         )
-        pieces = seen.edge * PLACES**2 + _places(self.camera, seen.points, pose)
+        pieces = seen.edge * 4 * PLACES**2 + found[0].group
         sums = _sums((first - second)[:, None], pieces)
         return float(sums.sum() / np.sqrt((sums**2).sum() + 1e-300))
 
@@ -232,13 +236,6 @@ class Aligner:
 def _steps(distance: float, count: int, rng: np.random.Generator) -> FloatArray:
     """(count, 6) random rotation vectors and translations of the basin, in camera axes."""
     return rng.uniform(-1, 1, (count, 6)) * BASIN * np.array((1, 1, 1, *[distance] * 3))
-
-
-def _places(camera: Camera, points: FloatArray, pose: FloatArray) -> IntArray:
-    """Number (N,) of the square, an eighth of the longer side, in which each point is seen."""
-    scale = PLACES / max(camera.width, camera.height)
-    column, row = (pixels_of(points, camera, pose) * scale).astype(np.int64).T
-    return row * PLACES + column
 
 
 def _sums(values: FloatArray, group: IntArray) -> FloatArray:
@@ -283,14 +280,19 @@ def directions_of(
     return np.where(usable, pixels * level.scale, -9), np.where(usable, normals, 0)
 
 
+def _turns(normals: FloatArray, count: int) -> IntArray:
+    """Angles (N,) of normals from +x in parts of half a turn, the nearest of so many."""
+    x, y = normals.T
+    return np.rint(np.arctan2(y, x) / np.pi * count).astype(np.int64)
+
+
 def likeness(level: Level, points: EdgePoints, pose: FloatArray) -> float:
     """Mean strength, 0 to 1, of the photograph's edges near predicted ones, in their directions."""
     pixels, normals = directions_of(level, points, pose)
     h, w = level.grey.shape
     inside = np.all((pixels >= 0) & (pixels < (w, h)), axis=1)
     column, row = np.where(inside[:, None], pixels, 0).astype(np.int64).T
-    x, y = normals.T
-    direction = np.rint(np.arctan2(y, x) / np.pi * DIRECTIONS).astype(np.int64) % DIRECTIONS
+    direction = _turns(normals, DIRECTIONS) % DIRECTIONS
     return float((level.channels[direction, row, column] * inside).sum()) / max(len(points), 1)
 
 
@@ -313,12 +315,16 @@ class Matches:
     distance : (N,) float64
         Signed distance of the photograph's edge along the normal, px of the level.
     strength : (N,) float64
-        Relative strength of it, 0 where there is none.
+        Relative strength of it, 0 where there is none, times the share of the points of its group
+        that have one: where few have, they have it by chance.
+    group : (N,) int64
+        Number of the edges of a place, an eighth of the photograph, that have one direction.
     """
 
     normals: FloatArray
     distance: FloatArray
     strength: FloatArray
+    group: IntArray
 
     @classmethod
     def of(cls, level: Level, points: EdgePoints, pose: FloatArray, reach: float) -> "Matches":
@@ -339,7 +345,12 @@ class Matches:
         bend = left - 2 * middle + right
         shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0)
         distance = offsets[1:-1][best] + np.clip(shift, -0.5, 0.5)
-        return cls(normals, distance, np.minimum(value[rows, best] / 4, 1))
+        strength = np.minimum(value[rows, best] / 4, 1)
+        column, row = (pixels * (PLACES / max(level.grey.shape))).astype(np.int64).T
+        group = (row * PLACES + column) * 4 + _turns(normals, 4) % 4
+        _, number, size = np.unique(group, return_inverse=True, return_counts=True)
+        share = np.bincount(number, strength > 0) / size
+        return cls(normals, distance, strength * share[number], group)
 
 
 def refine(
@@ -407,12 +418,11 @@ def covariance_of(
     inverse = inverse_of(jacobian * np.sqrt(weights)[:, None], pose, points.points[rows])
     unknown = np.isinf(np.diag(inverse))
     inverse[unknown, unknown] = 0
-    x, y = matches.normals[rows].T
-    turn = np.rint(np.arctan2(y, x) / np.pi * 4).astype(np.int64)
-    group = _places(level.camera, points.points[rows], pose) * 4 + turn % 4
-    found = _sums(slopes * matches.distance[rows, None], group)
+    turn, group = _turns(matches.normals[rows], 4), matches.group[rows]
+    residuals = slopes * matches.distance[rows, None]
     shifted = COMMON * slopes * (1 - turn // 4 % 2 * 2)[:, None]
-    common = np.concatenate((_sums(shifted, group), _sums(shifted, turn % 4)))
-    out = inverse @ (found.T @ found + common.T @ common) @ inverse
+    sums = [_sums(residuals, group), _sums(shifted, group), _sums(shifted, turn % 4)]
+    parts = np.concatenate(sums) @ inverse
+    out = parts.T @ parts
     out[unknown, unknown] = np.inf
     return out

@@ -109,7 +109,8 @@ def test_what_moved_is_told_from_what_did_not() -> None:
         assert tolerance.verdict(moved) == "moved", moved
         assert abs(moved.turned_deg - 1.5) < 0.1
     turned = resection.displaced(plan, np.array((0, np.radians(1), 0, 0, 0, 0)))  # to the right
-    right, up, clockwise = rc.locate(MESH, CAMERA, photograph(MESH, turned, 1), plan).to_plan_deg()
+    found = rc.locate(MESH, CAMERA, photograph(MESH, turned, 1), plan)
+    right, up, clockwise = found.to_plan_deg()
     assert abs(right + 1) < 0.1
     assert abs(up) < 0.1
     assert abs(clockwise) < 0.1
@@ -204,7 +205,8 @@ def test_halves_of_the_edges_must_agree() -> None:
     for photo in (own, mixed):
         aligner = Aligner(MESH, CAMERA, brightness(photo, CAMERA))
         points = aligner.points_at(aligner.levels[-1], true)
-        half = aligner._half(true, points)
+        matches = Matches.of(aligner.levels[-1], points, true, FINAL)
+        half = aligner._half(true, points, matches)
         size = resection.spread_of(np.outer(half, half), points.points, CAMERA, true)
         assert aligner._judge(true).spread > 0.99 * size
         told.append(size)
@@ -228,10 +230,43 @@ def test_a_pose_that_edges_do_not_fix_comes_after_one_that_they_fix(
 
         def judged(pose: np.ndarray, firm: list[np.ndarray] = firm) -> alignment.Optimum:
             is_firm = any(pose is each for each in firm)
-            return replace(judge(pose), spread=MOST_SPREAD * (1 if is_firm else 1.01))
+            spread = MOST_SPREAD * (1 if is_firm else 1.01)
+            return replace(judge(pose), pose=pose, spread=spread)
 
         monkeypatch.setattr(aligner, "_judge", judged)
         assert np.array_equal(aligner.find(true)[0][0].pose, first)
+
+
+def test_edges_of_which_a_place_shows_few_count_little() -> None:
+    """A texture over half of the picture, in which some edges have one of the texture beside."""
+    errors = []
+    for seed in (0, 3, 4):
+        true = pose_of(seed)
+        photo = photograph(MESH, true, seed)
+        blocks = np.kron(np.random.default_rng(seed).random((45, 60)), np.ones((8, 8)))
+        photo[:, 200:] = blocks[:, 200:]
+        aligner = Aligner(MESH, CAMERA, brightness(photo, CAMERA))
+        level = aligner.levels[-1]
+        points = aligner.points_at(level, true)
+        matches = Matches.of(level, points, true, FINAL)
+        for group in np.unique(matches.group):
+            own = matches.strength[matches.group == group]
+            assert own.max() <= np.count_nonzero(own) / len(own)
+        pose = alignment.refine(level, points, true, 3.0)
+        apart = resection.pixels_of(points.points, CAMERA, pose)
+        apart -= resection.pixels_of(points.points, CAMERA, true)
+        errors.append(np.nanmax(np.linalg.norm(apart, axis=1)))
+    assert sum(errors) < 1.4
+
+
+def test_a_pose_is_judged_where_weights_of_the_least_reach_put_it() -> None:
+    true = pose_of(1)
+    near = off(true, 3, 0.03, 0.0003)
+    aligner = Aligner(MESH, CAMERA, brightness(photograph(MESH, true, 1), CAMERA))
+    before, after = (
+        resection.distance(pose, true, MESH.vertices) for pose in (near, aligner._judge(near).pose)
+    )
+    assert after < before / 2
 
 
 @pytest.mark.parametrize("seed", [1, 3])
