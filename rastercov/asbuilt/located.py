@@ -424,6 +424,16 @@ class Tolerance:
         """The record of a file."""
         return {"place_m": self.place, "turn_deg": self.turn_deg}
 
+    def words(self, found: Located) -> str:
+        """The pose beside the plan in one line, and as much as the verdict on it asks for."""
+        words, verdict = found.words(), self.verdict(found)
+        if verdict == "as planned":
+            return words.split(": turn")[0]
+        if verdict == "undecided" and found.accepted:
+            limit = f"{_length(self.place)} and {self.turn_deg:.3g} deg"
+            words += f"; its error reaches across the limit of {limit}"
+        return words
+
     def verdict(self, found: Located) -> str:
         """Verdict "as planned", "moved" or "undecided", by two standard deviations of the pose."""
         if not found.accepted:

@@ -86,7 +86,7 @@ class AsBuilt:
     def lines(self) -> list[str]:
         """The result in words: each camera, then what is lost."""
         said = [
-            f"{self.planned.names[row]}: {verdict}; {self.found[row].words()}"
+            f"{self.planned.names[row]}: {verdict}; {self.tolerances[row].words(self.found[row])}"
             for row, verdict in self.verdicts.items()
         ]
         said += [f"{each}: undecided; no photograph" for each in self.missing]
@@ -103,7 +103,7 @@ class AsBuilt:
             Case(
                 f"pose of {self.planned.names[row]}",
                 "" if verdict == "as planned" else verdict,
-                [self.found[row].words()],
+                [self.tolerances[row].words(self.found[row])],
             )
             for row, verdict in self.verdicts.items()
         ]

@@ -114,6 +114,10 @@ def test_what_moved_is_told_from_what_did_not() -> None:
     assert abs(right + 1) < 0.1
     assert abs(up) < 0.1
     assert abs(clockwise) < 0.1
+    said = [Tolerance(0.03, limit).words(found) for limit in (0.5, 1, 1.5)]
+    assert ": turn 1 deg left" in said[0]
+    assert said[1] == f"{said[0]}; its error reaches across the limit of 30 mm and 1 deg"
+    assert said[2] == said[0].split(": turn")[0]  # as planned: nothing is to be turned
 
 
 def test_gradients_are_averaged_along_each_edge_alone() -> None:
