@@ -30,12 +30,19 @@ def test_clicked_corners_give_the_pose(tab, tmp_path):
     for name, shape in (("wrong.png", (50, 40)), ("photo.png", size)):
         Image.new("L", shape, 128).save(tmp_path / name)
     page.get_by_text("Photograph", exact=True).click()
-    page.get_by_label("Open photograph").set_input_files(tmp_path / "wrong.png")
-    page.get_by_text(f"expected {size[0]} x {size[1]} px as").wait_for()
-    tab.faults.clear()
-    page.get_by_label("Open photograph").set_input_files(tmp_path / "photo.png")
+    (tmp_path / "none.png").write_bytes(b"none")
     photo = page.get_by_alt_text("photograph")
+    refused = page.get_by_text("Expected ")
+    for name, words in (
+        ("wrong.png", f"{size[0]} x {size[1]} px as"),
+        ("none.png", "a photograph"),
+    ):
+        page.get_by_label("Open photograph").set_input_files(tmp_path / name)
+        refused.filter(has_text=f"Expected {words}").wait_for()
+        assert not photo.is_visible()
+    page.get_by_label("Open photograph").set_input_files(tmp_path / "photo.png")
     photo.wait_for()
+    assert refused.count() == 0
     tab.js("pose => rastercov.setView(pose, 80)", [float(x) for x in np.ravel(VIEW)])
     pixels = pixels_of(CORNERS, WIDE, TRUE)
     save = page.get_by_role("button", name="Save points")

@@ -27,7 +27,8 @@ function panel(session, { view, tools }) {
   const save = button("Save points", () => offerFile("points.csv", csvOf(whole()), "text/csv"), {
     title: "points.csv, for rastercov locate --points",
   });
-  const show = () => {
+  const show = (refusal = "") => {
+    sheet.hidden = refusal;
     fill(marks, pairs.map(({ pixel: [u, v] }, at) => {
       const mark = element("span.mark", String(at + 1));
       mark.style.left = `${(100 * u) / picture.naturalWidth}%`;
@@ -37,9 +38,11 @@ function panel(session, { view, tools }) {
     const isOpen = pairs.length > whole().length;
     drop.disabled = !pairs.length;
     save.disabled = whole().length < LEAST;
-    note.textContent = isOpen
-      ? `Now click corner ${pairs.length} in the scene.`
-      : `${whole().length} of at least ${LEAST} points; eight are better. Click a corner in the photograph.`;
+    note.textContent =
+      refusal ||
+      (isOpen
+        ? `Now click corner ${pairs.length} in the scene.`
+        : `${whole().length} of at least ${LEAST} points; eight are better. Click a corner in the photograph.`);
     view.request();
   };
   const open = (file) => {
@@ -47,14 +50,13 @@ function panel(session, { view, tools }) {
     picture.src = URL.createObjectURL(file);
     pairs = [];
   };
-  picture.addEventListener("error", () => session.emit("fault", "expected a photograph, got a file that is none"));
+  picture.addEventListener("error", () => show("Expected a photograph, got a file that is none."));
   picture.addEventListener("load", () => {
     const station = session.station();
     const { width, height } = station ? session.cameraOf(station) : {};
     const size = `${picture.naturalWidth} x ${picture.naturalHeight} px`;
-    sheet.hidden = station && size !== `${width} x ${height} px`;
-    if (sheet.hidden) session.emit("fault", `expected ${width} x ${height} px as ${station.name}, got ${size}; choose its camera first`);
-    else show();
+    const isOther = station && size !== `${width} x ${height} px`;
+    show(isOther ? `Expected ${width} x ${height} px as ${station.name}, got ${size}; choose its camera first.` : "");
   });
   picture.addEventListener("click", ({ offsetX, offsetY }) => {
     const scale = picture.naturalWidth / picture.clientWidth;
