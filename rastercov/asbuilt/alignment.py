@@ -14,8 +14,9 @@ there by chance, such as of a texture: all of them count by that share.
 
 Weights that leave out what disagrees hide errors of the pose too: what a place shows that is left
 out, the residuals of the rest do not. So the pose is estimated again with weights that reach
-farther; were the mesh right, both would estimate the same. Their difference is a further error, as
-is half of that of the poses of two halves of the edges, a checkerboard's.
+farther; were the mesh right, both would estimate the same. Their difference, of twice the variance
+of one, is a further error, as is half of that of the poses of two halves of the edges, a
+checkerboard's.
 
 T. Drummond, R. Cipolla. Real-Time Visual Tracking of Complex Structures. 2002.
 J. A. Hausman. Specification Tests in Econometrics. 1978.
@@ -190,7 +191,7 @@ class Aligner:
         points = self.points_at(level, pose)
         pose = refine(level, points, pose, FINAL)
         matches = Matches.of(level, points, pose, FINAL)
-        wide = difference(pose, refine(level, points, pose, WIDE, WIDE))
+        wide = difference(pose, refine(level, points, pose, WIDE, WIDE)) / 2**0.5
         covariance = covariance_of(level, points, pose, matches)
         for step in (wide, self._half(pose, points, matches)):
             covariance += np.outer(step, step)
@@ -346,7 +347,7 @@ class Matches:
         shift = np.where(bend < 0, 0.5 * (left - right) / np.minimum(bend, -1e-9), 0)
         distance = offsets[1:-1][best] + np.clip(shift, -0.5, 0.5)
         strength = np.minimum(value[rows, best] / 4, 1)
-        column, row = (pixels * (PLACES / max(level.grey.shape))).astype(np.int64).T
+        column, row = (pixels * PLACES / max(level.grey.shape)).astype(np.int64).T
         group = (row * PLACES + column) * 4 + _turns(normals, 4) % 4
         _, number, size = np.unique(group, return_inverse=True, return_counts=True)
         share = np.bincount(number, strength > 0) / size
