@@ -62,7 +62,7 @@ def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsy
     line = "locate photos plan.toml -p rig.json --out built --junit built.xml"
     code, out, _ = call(capsys, line)
     assert code == 1
-    assert "east: as planned;" in out
+    assert re.search(r"east: as planned;.*\)$", out, re.MULTILINE)  # and no turn
     assert "door: moved;" in out
     told = json.loads((folder / "built/locate.json").read_text())
     assert [each["verdict"] for each in told["cameras"]] == ["moved", "as planned"]
@@ -80,6 +80,20 @@ def test_a_folder_of_photographs_makes_a_page_and_the_rig_as_built(folder, capsy
     assert "Covered now: " in answer
     assert rest.index("door: edges") < rest.index("east: edges")  # what has moved is shown first
     assert call(capsys, "check plan.toml -p built/poses.json --min-coverage 0.05")[0] == 0
+
+
+def test_an_error_across_the_limit_is_said_in_the_terminal_and_in_the_page(
+    folder, capsys, monkeypatch
+):
+    monkeypatch.chdir(folder)
+    line = "locate photos/door.png plan.toml -p rig.json --of door --out across"
+    told = json.loads(call(capsys, f"{line} --json")[1])["cameras"][0]
+    limit = f"{told['turned_deg']:.3g}"
+    code, out, _ = call(capsys, f"{line} --within '1 m, {limit} deg'")
+    assert code == 2
+    said = f"its error reaches across the limit of 1 m and {limit} deg"
+    assert f"; {said}\n" in out
+    assert f"Next: {said}; click more points" in (folder / "across/locate.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize("turns", [0, 2])
