@@ -526,7 +526,9 @@ class _Shapes:
         if self._n_empty:
             notes.append(f"ignored {plural(self._n_empty, 'primitive')} without triangles")
         if self._n_unbound:
-            notes.append(f"placed {plural(self._n_unbound, 'primitive')} without joints by skinned nodes")
+            notes.append(
+                f"placed {plural(self._n_unbound, 'primitive')} without joints by skinned nodes"
+            )
         return notes + list(self._of_skins)
 
     def _surfaces(self, index: int) -> _Surfaces:
