@@ -282,7 +282,7 @@ def directions_of(
 
 
 def _turns(normals: FloatArray, count: int) -> IntArray:
-    """Angles (N,) of normals from +x in parts of half a turn, the nearest of so many."""
+    """Angles (N,) of normals from +x in half turns divided by `count`, to the nearest."""
     x, y = normals.T
     return np.rint(np.arctan2(y, x) / np.pi * count).astype(np.int64)
 
