@@ -586,7 +586,8 @@ def zones_picture(
     percents = [part["percent"] for part in (*summary["dead_zones"], summary["other_dead_zones"])]
     share = percent(min(1.0, round(sum(percents) / 100, 9)))
     title = f"{plural(zones.count(), noun)}, {share} of the area"
-    which = f"the {len(listed)} largest are numbered" if listed else "too small to be drawn"
+    which = "the largest is numbered" if listed else "too small to be drawn"
+    which = f"the {len(listed)} largest are numbered" if listed[1:] else which
     title += f"; {which if len(listed) < zones.count() else 'numbered from the largest'}"
     seen = {row for _, rows, _ in drawn for row in rows}
     if unseen := [str(row + 1) for row in range(len(listed)) if row not in seen]:
