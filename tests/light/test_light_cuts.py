@@ -12,9 +12,11 @@ from surface_cases import hostile_scene, room
 import rastercov as rc
 from rastercov.core.area import cut
 from rastercov.core.area import regions as area_regions
+from rastercov.core.area import stages as area_stages
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.table import Regions
+from rastercov.light.regions import Light
 
 
 def lit_scene(seed):
@@ -201,3 +203,31 @@ def test_what_cuts_leave_is_said():
     (line,) = network.doubts()
     assert "0.2 m²" in line
     assert "undecided and added to the bound" in line
+
+
+def test_reasons_find_what_lamps_on_a_rig_light_once_for_the_same_light(monkeypatch):
+    """Each set of criteria asks for it; only thresholds of light change it."""
+    asked, stages = [], []
+    rows, passes = Light._rows, area_stages.passes
+
+    def counted(self, leads, world):
+        own = self.task.min_illuminance, self.task.max_illuminance, self.task.max_highlight_deg
+        asked.append((own, world.tobytes()))
+        return rows(self, leads, world)
+
+    def staged(*own):
+        stages.append(own[2].rows)
+        return passes(*own)
+
+    monkeypatch.setattr(Light, "_rows", counted)
+    monkeypatch.setattr("rastercov.core.area.zones.passes", staged)
+    mesh, camera = rc.shapes.teapot(3), rc.Camera.from_fov(320, 240, hfov_deg=46)
+    lamps = rc.Lamps([rc.Lamp.point(10)], rides=[True])
+    poses = rc.sphere_of_poses(mesh.bounds.mean(axis=0), 0.6, count=2)
+    task = rc.Task(max_incidence_deg=60, min_illuminance=20, max_highlight_deg=12)
+    regions = rc.regions(mesh, camera, poses, task, lamps=lamps)
+    network = AreaNetwork(mesh, regions.task)
+    network.add(regions)
+    assert network.zones(regions.camera, poses).count()
+    assert len(stages) > 2 * len(asked) > 0
+    assert len(asked) == len(set(asked))
