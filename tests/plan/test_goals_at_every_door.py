@@ -83,3 +83,14 @@ def test_every_door_tells_the_same_of_each_goal(capsys, tmp_path, monkeypatch, a
     is_drawn = bool(goals) and outline(goals).intersection(window.buffer(1e-2)).length > 0.5
     assert is_drawn == (by_goal["window"]["share"] > 0)
     assert np.isclose(private.length, 1, atol=1e-2)
+
+
+def test_a_goal_that_holds_names_the_cameras_that_it_needs(capsys, tmp_path, monkeypatch):
+    """One that adds nothing to the task looked as if it were in vain."""
+    monkeypatch.chdir(tmp_path)
+    text = PLAN.replace("views = 2\n", "").replace("coverage = 0.7", "coverage = 0.01")
+    plan_in(tmp_path, text)
+    rc.write_poses("rig.json", rc.look_at(EYES[:2], [TO["seen"], TO["doors"]]))
+    _, printed, _ = call(capsys, "check plan.toml -p rig.json")
+    said = re.search(r"goal doors holds: .*\n +lost without it: (camera \d) \(", printed)
+    assert said is not None, printed

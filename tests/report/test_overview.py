@@ -542,6 +542,9 @@ def test_zones_that_neither_picture_shows_are_named(monkeypatch):
     more = re.search(r"and (\d+) more", shown)
     assert len(named) + int(more[1] if more else 0) >= len(core)
     assert named & set(core.tolist())
+    for n, words in ((1, "the largest is"), (2, "the 2 largest are")):
+        zones_picture(zones, summary | {"dead_zones": summary["dead_zones"][:n]}, poses)
+        assert f"; {words} numbered" in titles[-1]
 
 
 # --- in the dark ----------------------------------------------------------------------------------
