@@ -89,7 +89,7 @@ INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-
 ifndef TOGETHER
 .NOTPARALLEL:
 endif
-.PHONY: demo test quick lint weight native lib wasm dist trial sanitize stubs docs site bench opengl osmesa node chromium clean
+.PHONY: demo test quick lint weight native lib wasm crossed dist trial sanitize stubs docs site bench opengl osmesa node chromium clean
 
 test quick: LEVELS := runnable
 
@@ -173,8 +173,12 @@ wasm: $(VENV)/tools $(VENV)/compiler-dist
 $(VENV)/binaryen:
 	@$(STEP) "installing Binaryen by npm, some seconds" npm install --prefix $@ --no-audit --no-fund binaryen@132.0.0
 
+# Before minutes of compiling: what kinds of machines need, or a line that says why there is none.
+crossed: $(VENV)/compiler-dist
+	@for arch in $(ARCHS); do $(BIN)/python .ci/cross $$arch build/cross/$$arch >>$(LOG) || exit 2; done
+
 # A wheel is compiled from the sdist by one pinned compiler, whatever this machine is.
-dist: $(VENV)/tools $(VENV)/compiler-dist wasm
+dist: $(VENV)/tools $(VENV)/compiler-dist crossed wasm
 	@rm -rf dist; for arch in $(ARCHS); do $(STEP) "compiling the loops for all processors of $$arch, some minutes" \
 	$(BIN)/python .ci/cross $$arch build/cross/$$arch $$(cat $(VENV)/compiler-dist) || exit 2; done
 	@$(BIN)/python .ci/fused dist/*.whl && $(BIN)/twine check --strict dist/* && sha256sum dist/* && \

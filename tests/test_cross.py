@@ -131,3 +131,10 @@ def test_a_trial_of_other_words_is_refused_in_a_line(words):
     )
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("expected aarch64 or win_amd64, a wheel and a folder, got ")
+
+
+def test_windows_is_refused_at_once_where_python_has_no_headers_for_it(cross, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["cross", "win_amd64", "build"])
+    monkeypatch.setattr(sys, "version_info", (3, 11))
+    with pytest.raises(SystemExit, match=r"expected Python 3\.12 or later for win_amd64, got"):
+        cross.main()
