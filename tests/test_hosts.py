@@ -175,3 +175,12 @@ def test_shares_of_freecad_are_those_of_an_evaluation():
     assert list(shares) == [name for name, *_ in faces[:5]]
     assert all(0 <= share <= 1 for share in shares.values())
     assert max(shares.values()) == pytest.approx(1)
+
+
+def test_freecad_without_the_command_is_told_so_and_not_started_again(monkeypatch):
+    import freecad_coverage as example
+
+    monkeypatch.setattr(example, "FreeCAD", SimpleNamespace(ActiveDocument=None))
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(OSError, match="expected the command rastercov on the PATH of FreeCAD"):
+        example.main()
