@@ -81,6 +81,7 @@ TIDY = sh -c 'find rastercov/engine -mindepth 2 -name "*.cpp" ! -path "*/wasm/*"
 # Modules of the page, and what wasm-opt may use: what browsers of 2021 have.
 MODULES := engine lens readers
 WASM := $(patsubst %,--enable-%,simd bulk-memory nontrapping-float-to-int sign-ext mutable-globals)
+SPELLED = $(BIN)/codespell *.md docs examples rastercov reference benchmarks
 BIOME := .ci/javascript/node_modules
 # The target `native` compiles the loops, and shows how far it is.
 INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e
@@ -116,6 +117,7 @@ quick: $(VENV)/installed-dev native lib opengl osmesa chromium
 lint: stubs build/c/build.ninja
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
+	$(SPELLED)
 	@echo clang-format; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@$(STEP) "clang-tidy on what changed of the loops, 2 s a file" $(TIDY) && touch $(NATIVE)/tidied
 	@$(BIN)/python .ci/functions.py
@@ -207,7 +209,7 @@ stubs: $(VENV)/installed-dev native
 
 # A warning, a link that leads nowhere or a misspelt word ends it.
 docs: $(VENV)/installed-docs native
-	$(BIN)/codespell *.md docs examples rastercov reference benchmarks
+	$(SPELLED)
 	$(BIN)/python -m sphinx -q -W --keep-going -j auto -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 

@@ -8,7 +8,7 @@ A lens maps a ray (X, Y, Z) of the camera, x right, y down, z forward, to pixels
     pixels       u = fx a + skew b + cx,  v = fy b + cy
 
 This module runs as it is on floats and numpy arrays. Branches depend on coefficients only, never on
-rays, so that its equations hold in other arithmetics, such as of complex numbers.
+rays, so that its equations hold in another arithmetic, such as of complex numbers.
 
 D. C. Brown. Close-range camera calibration. 1971. J. Kannala, S. Brandt. A generic camera model.
 2006. F. Devernay, O. Faugeras. Straight lines have to be straight. 2001. C. Mei, P. Rives. Single
