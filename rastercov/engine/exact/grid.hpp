@@ -13,7 +13,7 @@ namespace rastercov::exact {
 
 enum : uint8_t { NOT_ASKED, ASKED, LISTED }; // states of a cell
 constexpr int64_t ENTRIES_AT_A_TIME = 64;    // entries of a cell that are compared at a time
-constexpr int64_t MANY = 256;                // entries of a cell whose corners are compared, too
+constexpr int64_t MANY = 1024;               // entries of a cell whose corners are compared, too
 constexpr int64_t CORNER = 6;                // their first row in CellGrid.bounds
 constexpr int64_t GROUP_SIZE = 32;           // entries of the least groups
 constexpr double MOST_OF_OUTLINE = 4; // error of the outline of a face, in roundings of a position
