@@ -273,15 +273,15 @@ def in_any_order(scene):
     "scene", [nearly_coincident, coincident, thin_on_one_side, slanted_needles, pages]
 )
 def test_an_edge_is_compared_with_as_many_faces_in_any_number(scene, made, eye, path):
-    few, many = (compared(*made(scene)(n), path, eye) for n in (510, 2010))
-    assert many < 9 * few + 2010  # of all pairs, 16 times
+    few, many = (compared(*made(scene)(n), path, eye) for n in (2040, 8040))
+    assert many < 9 * few + 8040  # of all pairs, 16 times
 
 
 @on_both_paths
 @pytest.mark.parametrize("eye", [BEFORE, ABOVE, BEHIND])
 @pytest.mark.parametrize("moved", [1e-10, 1e-9, 1e-6])
 def test_a_face_of_a_stack_is_compared_with_few_of_those_it_passes_through(moved, eye, path):
-    for n in (510, 2010):
+    for n in (2040, 8040):
         vertices, faces = in_any_order(lambda n: nearly_coincident(n, moved))(n)
         assert compared(vertices, faces, path, eye) < 20 * n * np.log2(n)
 
@@ -333,8 +333,8 @@ CLOSE = ((-0.29, -0.74, 1.27), (0.11, 0.49, 0.13)), ((0.95, 0.94, -0.68), (-0.01
 def test_faces_that_the_image_clips_are_compared_with_few_of_those_they_touch(
     scene, eye, middle, path
 ):
-    few, many = (compared(*in_any_order(scene)(n), path, eye, middle) for n in (510, 2010))
-    assert many < 9 * few + 2010  # of all pairs, 16 times
+    few, many = (compared(*in_any_order(scene)(n), path, eye, middle) for n in (2040, 8040))
+    assert many < 9 * few + 8040  # of all pairs, 16 times
 
 
 def test_an_edge_is_compared_with_few_faces_whose_boxes_hold_it():
@@ -420,5 +420,5 @@ def very_rough(n):
 
 @pytest.mark.parametrize("eye", [BEFORE, (1.2, 0.7, 2.8), (0.4, -0.2, -3.1)])
 def test_needles_in_any_direction_are_compared_with_few_of_those_before_them(eye):
-    n = 32000
-    assert compared(*in_any_order(very_rough)(n), Certificate, eye) < 16 * n * np.log2(n)
+    n = 32000  # up to 1,024 faces in a cell are a list: compared more often, in less time
+    assert compared(*in_any_order(very_rough)(n), Certificate, eye) < 22 * n * np.log2(n)
