@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import rastercov
+from rastercov.base.features import FEATURES
 
 ROOT = Path(rastercov.__file__).parent
 FLOORS = ("engine", "base", "shards", "core", "formats", "advice", "placement", "report")
@@ -101,6 +102,33 @@ def test_no_two_modules_import_each_other():
 
     for node in sorted(graph):
         visit(node)
+
+
+IMPORT_EACH = """
+import importlib, os, sys, traceback
+import numpy, pydantic, scipy.spatial, shapely, typer  # which take most of the time
+for name in sys.argv[1:]:
+    child = os.fork()
+    if not child:
+        try:
+            importlib.import_module(name)
+        except BaseException:
+            print(name, traceback.format_exc().splitlines()[-1], flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+"""
+
+
+def test_any_module_can_be_the_first_that_is_imported():
+    """So what adds to others by hooks imports nothing that asks for hooks when it is imported."""
+    of_reports = {
+        own.get("ReportHooks") for own in FEATURES.values()
+    }  # `report.modes` imports them
+    every = {".".join(parts) for _, parts in modules()} - of_reports
+    assert of_reports.isdisjoint(".".join(name) for path, _ in modules() for name in imports(path))
+    names = [f"rastercov.{name}" for name in sorted(every)]
+    command = [sys.executable, "-c", IMPORT_EACH, *names]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == ""
 
 
 def test_the_path_from_mesh_to_coverage_is_read_in_one_sitting():

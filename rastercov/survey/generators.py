@@ -10,8 +10,6 @@ from rastercov.core.mesh import Mesh
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.plan.entries import (
     Count,
-    Generator,
-    GeneratorScene,
     Name,
     Number,
     Pair,
@@ -20,6 +18,10 @@ from rastercov.placement.plan.entries import (
     Triple,
     only_one,
     value_of,
+)
+from rastercov.placement.plan.generator import (
+    Generator,
+    GeneratorScene,
 )
 from rastercov.survey.patterns import (
     Circles,

@@ -3,24 +3,19 @@
 Types of entries are numbers with limits, files, directions and boxes. `fields_of` makes entries of
 the fields of a dataclass, so that a threshold and its limits are declared once. Lengths are metres,
 files are relative to the plan.
-
-Base of generators of candidates: their entries in a plan, and the objects they are made from.
-
-A generator is an entry with `made`, derived from a class here, and a member of a union of
-`generators`. Plans, their schema and its page, `place`, `check` and viewer have it automatically.
 """
 
 import ast
 import inspect
 import math
 import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import MISSING, fields
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args, get_origin
 
 import numpy as np
 from annotated_types import Le
@@ -34,7 +29,6 @@ from pydantic import (
     ValidationInfo,
     WrapValidator,
     create_model,
-    model_validator,
 )
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
@@ -48,13 +42,8 @@ from rastercov.base.arguments import (
     document_fields,
     reader_of,
 )
-from rastercov.core.camera import Camera
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import matrices_of, rotation_about
-from rastercov.placement.candidates import mounting
-from rastercov.placement.candidates.pool import Candidates, Framing
-from rastercov.placement.candidates.rooms import Room
-from rastercov.placement.mounts import Mounts
 
 Value = TypeVar("Value")
 Boxed = TypeVar("Boxed", bound=Any)
@@ -314,40 +303,6 @@ class BaseEntry(Entry):
         return matrices_of(turn, self.translation)
 
 
-@dataclass(frozen=True)
-class GeneratorScene:
-    """Scene and camera that the generator of an entry makes candidates for.
-
-    Attributes
-    ----------
-    mesh : Mesh
-    mounts : Mounts
-        Cameras and rigs of the plan.
-    index : int
-        The one that is placed.
-    framing : Framing
-    folder : Path
-        Folder that files are relative to.
-    room : callable
-        Room by its name.
-    clearance : float
-        That of the constraints, metres.
-    """
-
-    mesh: Mesh
-    mounts: Mounts
-    index: int
-    framing: Framing
-    folder: Path
-    room: Callable[[str], Room]
-    clearance: float
-
-    @property
-    def view(self) -> tuple[Mesh, Camera, Framing]:
-        """First arguments of a generator."""
-        return self.mesh, self.mounts.first_camera(self.index), self.framing
-
-
 class Table(NamedTuple):
     """Turntable below a part.
 
@@ -365,95 +320,3 @@ class Table(NamedTuple):
     centre: Sequence[float]
     degrees: float
     stationary: Mesh | None
-
-
-BESIDE = extend_entry("candidates")
-"""Entries of what is placed beside cameras."""
-
-
-class Generator(extend_entry("candidates")):  # type: ignore[misc] # a base made of fields
-    """Entries of all generators of candidate poses."""
-
-    rolls_deg: Some[Number] = [0.0]
-    """Roll angles, degrees; one candidate for each."""
-    up: Direction = [0.0, 0.0, 1.0]
-    """Direction that is up in the image."""
-    cost: NotNegative | None = None
-    """Cost of a place of this entry, added to that of the camera; 1 if neither has one."""
-    cameras: list[Name] = []
-    """Types of cameras at these places; all if empty."""
-
-    @property
-    def is_of_cameras(self) -> bool:
-        """True unless something else is placed here."""
-        return all(getattr(self, name) is None for name in BESIDE.model_fields)
-
-    @property
-    def is_carried(self) -> bool:
-        """True for cameras that a `Carrier` moves."""
-        return False
-
-    def make(self, spot: GeneratorScene) -> Iterator[Candidates]:
-        """Candidates of a mount, once for each aim; each generator has its own."""
-        raise NotImplementedError  # of what is carried, which the plan makes
-
-    def sampling_text(self, mesh: Mesh) -> str:
-        """Sentence on the surface at which its sampling distance holds, if it has one."""
-        return ""
-
-    def _own(self, base: type["Generator"]) -> ByName:
-        """Entries that a base class lacks: arguments of the generator."""
-        return self.model_dump(exclude={"generator", *base.model_fields})
-
-
-class Framed(Generator):
-    """Views at the distance that their target needs."""
-
-    stand_off: Limits | None = None
-    """[least, greatest] distance to the target, m; inf for no limit."""
-    margin: Positive = 1.0
-    """Size of the image relative to the target."""
-
-
-class Square(Framed):
-    """Views square to parts of the surface."""
-
-    fit: Literal["extent", "vertices"] = "vertices"
-    """Distance by eq. (6.7), or such that all vertices are in view."""
-
-
-class Aim(Entry):
-    """Direction of view of a mounted camera: one of the four."""
-
-    middle: Literal[True] | None = None
-    """Look at the middle of the scene, or of the room."""
-    point: Triple | None = None
-    """Point to look at, m."""
-    direction: Direction | None = None
-    """Direction of view."""
-    nearest: list[Name] | None = None
-    """Look at the nearest surface of these groups; of all evaluated ones if empty."""
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        only_one(self, ("middle", "point", "direction", "nearest"))
-        return self
-
-    def rule(self) -> mounting.Aim:
-        """The rule of the direction."""
-        if self.point is not None:
-            return mounting.at_point(self.point)
-        if self.direction is not None:
-            return mounting.along(self.direction)
-        if self.nearest is not None:
-            return mounting.at_nearest_surface(self.nearest or None)
-        return mounting.at_middle()
-
-
-class Aimed(Generator):
-    """Views from mounting positions, each by a rule."""
-
-    spacing: Positive
-    """Maximum distance between neighbours, m; for in_room, from anywhere on its walls to one."""
-    aim: Some[Aim] = [Aim(middle=True)]
-    """Points to look at; a candidate for each."""

@@ -22,23 +22,25 @@ from rastercov.placement.candidates import mounting, pool
 from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation, segment
 from rastercov.placement.plan.entries import (
-    Aimed,
     Count,
     File,
-    Framed,
-    Generator,
-    GeneratorScene,
     Name,
     Number,
     Pair,
     PlanSections,
     Positive,
     Some,
-    Square,
     Triple,
     ascending,
     both_or_none,
     one_or_two,
+)
+from rastercov.placement.plan.generator import (
+    Aimed,
+    Framed,
+    Generator,
+    GeneratorScene,
+    Square,
 )
 
 
