@@ -380,9 +380,9 @@ def visible_corners(mesh: rc.Mesh, pose: NDArray[np.float64], how: str) -> tuple
     """Corners of what is seen, whole faces and pieces of others; CPU seconds of the solver."""
     from rastercov.core.camera.pose import engine_camera, near_limit
     from rastercov.core.exact.surface import surface_of
-    from rastercov.engine import solver_visibility
+    from rastercov.engine import solver_parts
 
-    solver = solver_visibility.Solver(surface_of(mesh), how == "certified", True)
+    solver = solver_parts.Solver(surface_of(mesh), how == "certified", True)
     near = float(near_limit(CAMERA, mesh.bounds, pose)[0])
     started = time.process_time()
     solver.solve(engine_camera(CAMERA), np.ascontiguousarray(pose[0]), near, False)

@@ -25,7 +25,7 @@ from rastercov.core.camera.pose import engine_camera, near_limit
 from rastercov.core.coverage.coverage import ROLL
 from rastercov.core.exact.surface import surface_of
 from rastercov.core.mesh import shapes
-from rastercov.engine.solver_visibility import Solver
+from rastercov.engine.solver_parts import Solver
 from rastercov.reference import rational
 from rastercov.reference.coverage import measure_geometry as face_geometry
 

@@ -17,7 +17,7 @@ WORK = {
     "solver_raster": ["Rasterizer", "Scene"],
     "solver_tolerance": ["find", "sweep"],
     "solver_union": ["Union"],
-    "solver_visibility": ["Pass", "Solver"],
+    "solver_visibility": ["Pass"],
     "mesh_clearance": ["distances"],
     "mesh_tree": ["behind", "first_hits", "nearest", "winding"],
     "placement_segments": ["grow_segments"],

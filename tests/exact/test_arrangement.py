@@ -10,7 +10,7 @@ from nightly import examples
 from scenes import joined, sheet, square
 
 from rastercov.core.mesh import Mesh, contacts, shapes
-from rastercov.engine.solver_visibility import CROSSED
+from rastercov.engine.solver_parts import CROSSED
 
 
 def test_edges_behind_a_wall_cross_nothing():

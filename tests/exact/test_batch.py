@@ -19,7 +19,7 @@ from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import shapes
-from rastercov.engine import solver_visibility
+from rastercov.engine import solver_parts, solver_visibility
 
 pytestmark = pytest.mark.native
 CAMERA = rc.Camera(width=160, height=120, fx=140, fy=150)
@@ -90,7 +90,7 @@ def test_what_a_worker_raises_is_raised_once_and_the_pass_stays_usable(monkeypat
 
 def test_a_solver_that_failed_says_so(monkeypatch):
     mesh, pose = rc.Mesh(*arrays_of(shapes.torus(6, 5))), np.eye(4)
-    solver = solver_visibility.Solver(surface_of(mesh).native, True, False)
+    solver = solver_parts.Solver(surface_of(mesh).native, True, False)
     monkeypatch.setattr("rastercov.core.mesh.contacts.touching_faces", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         solver.solve(engine_camera(CAMERA), pose, 1e-3, False)
@@ -146,7 +146,7 @@ def test_no_pose_or_camera_crashes_a_solver(seed, share, near, certified):
     for array in (pose.reshape(-1), numbers):
         rows = rng.random(array.size) < share * rng.random()
         array[rows] = rng.choice(few, rows.sum())
-    solver = solver_visibility.Solver(surface_of(shapes.torus(8, 6)).native, certified, True)
+    solver = solver_parts.Solver(surface_of(shapes.torus(8, 6)).native, certified, True)
     with suppress(ValueError):
         camera = solver_visibility.Camera(tuple(numbers.tolist()), 0.0, False)
         solver.solve(camera, pose, near, bool(rng.integers(2)))

@@ -13,7 +13,8 @@ from surfaces import Surface, surface_of
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.mesh import Mesh, shapes
-from rastercov.engine.solver_visibility import (
+from rastercov.engine import solver_parts
+from rastercov.engine.solver_parts import (
     BLOCK,
     LIVE,
     MIXED,
@@ -52,7 +53,7 @@ def view_of(mesh, rng):
 
 def one_by_one(mesh):
     """Surface of a mesh that says of no block that its faces can be decided together."""
-    return Surface(surface_of(mesh).native.one_by_one())
+    return Surface(solver_parts.one_by_one(surface_of(mesh).native))
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from surfaces import surface_of
 
 from rastercov.core.exact.surface import LEAST_SORTED
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.engine import solver_surface
+from rastercov.engine import solver_parts, solver_surface
 
 pytestmark = pytest.mark.native
 
@@ -148,7 +148,7 @@ def test_contacts_that_are_not_of_the_surface_are_refused(result):
         TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, lambda far: result, 9
     )
     with pytest.raises(ValueError, match=r"(contacts|partners) must"):
-        surface.contacts(1.0)
+        solver_parts.contacts(surface, 1.0)
 
 
 def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
@@ -161,8 +161,8 @@ def test_an_error_of_the_contacts_is_passed_on_and_the_next_query_asks_again():
 
     surface = solver_surface.Surface(TRIANGLE, TRIANGLE, np.empty(0, bool), 1.0, find, 9)
     with pytest.raises(ZeroDivisionError, match="nothing"):
-        surface.contacts(1.0)
-    assert surface.contacts(1.0)[0].all()
+        solver_parts.contacts(surface, 1.0)
+    assert solver_parts.contacts(surface, 1.0)[0].all()
 
 
 # --- contacts -------------------------------------------------------------------------------------

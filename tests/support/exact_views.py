@@ -12,8 +12,8 @@ from surfaces import surface_of
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import engine_camera, near_limit
 from rastercov.core.camera.viewpoints import look_at
-from rastercov.engine import solver_visibility
-from rastercov.engine.solver_visibility import BLOCK, LIVE, MIXED
+from rastercov.engine import solver_parts
+from rastercov.engine.solver_parts import BLOCK, LIVE, MIXED
 from rastercov.reference import rational
 
 
@@ -28,7 +28,7 @@ class HalfPlanes:
     def __init__(self, surface, camera, keeps_pieces=False):
         self.surface, self.camera = surface, engine_camera(camera)
         keeps_pieces = keeps_pieces or not camera.is_pinhole
-        self._own = solver_visibility.Solver(surface.native, self.is_certifying, keeps_pieces)
+        self._own = solver_parts.Solver(surface.native, self.is_certifying, keeps_pieces)
 
     def solve(self, pose, near, front_only):
         """Measure all faces of a pose."""

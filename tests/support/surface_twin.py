@@ -4,7 +4,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from rastercov.engine.solver_visibility import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED
+from rastercov.engine.solver_parts import BLOCK, CONSISTENT, NON_MANIFOLD, REVERSED
 
 
 def part_of(vertices, welded, flat, least_sorted):

@@ -9,7 +9,7 @@ from rastercov.base.arguments import FloatArray, Int32Array, IntArray
 from rastercov.base.threads import once_each
 from rastercov.core.exact import surface
 from rastercov.core.mesh.contacts import Partners
-from rastercov.engine import solver_surface
+from rastercov.engine import solver_parts, solver_surface
 
 Blocks = namedtuple(
     "Blocks", "has_flat patch patch_starts of_patch lowest joins is_plain starts of_edges"
@@ -109,12 +109,13 @@ class Surface:
     """
 
     def __init__(self, native: solver_surface.Surface):
-        self.native, self.rank = native, native.rank
-        self.centre, self.diagonal = np.array(native.centre), native.diagonal
-        self.vertices, self.faces, self.blocks, self.source = _part(native.opaque)
-        self.edges = Edges(*native.edges)
-        self.place = native.place if len(native.place) else None
-        targets = Targets(*_part(native.targets))
+        self.native, self.rank = native, solver_parts.rank(native)
+        self.centre, self.diagonal = np.array(solver_parts.centre(native)), native.diagonal
+        self.vertices, self.faces, self.blocks, self.source = _part(solver_parts.opaque(native))
+        self.edges = Edges(*solver_parts.edges(native))
+        place = solver_parts.place(native)
+        self.place = place if len(place) else None
+        targets = Targets(*_part(solver_parts.targets(native)))
         self.targets = targets if len(targets.faces) else None
 
     @property
@@ -129,7 +130,7 @@ class Surface:
 
     def contacts(self, distance: float):
         """Faces in contact, (F,), and with which; see `mesh.contacts.Contacts`."""
-        faces, *partners = self.native.contacts(distance)
+        faces, *partners = solver_parts.contacts(self.native, distance)
         return faces, Partners(*partners)
 
 

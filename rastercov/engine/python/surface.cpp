@@ -76,58 +76,6 @@ Handle moved(const Handle &rest, Positions vertices, Positions all_vertices, dou
     });
 }
 
-// The same surface, no block of which is decided at once, for tests.
-Handle one_by_one(const Handle &whole) {
-    const Surface &of = *whole.surface;
-    struct Kept {
-        std::shared_ptr<const Surface> whole;
-        engine::Room<bool> has_flat, is_plain;
-    };
-    const int64_t n_blocks = of.blocks().has_flat.rows(), n_edges = of.blocks().is_plain.rows();
-    const auto kept = std::make_shared<Kept>(whole.surface, engine::Room<bool>(n_blocks, true),
-                                             engine::Room<bool>(n_edges, false));
-    engine::SurfaceArrays arrays = of.arrays();
-    arrays.opaque.blocks.has_flat = kept->has_flat.rows();
-    arrays.opaque.blocks.is_plain = kept->is_plain.rows();
-    const auto find = [kept](double distance) -> engine::Contacts {
-        const engine::Contacts &found = kept->whole->contacts(distance);
-        return {copy_of<bool>(found.faces.rows()), copy_of<int64_t>(found.starts.rows()),
-                copy_of<int32_t>(found.partners.rows())};
-    };
-    return {
-        std::make_shared<const Surface>(arrays, kept, engine::ContactFinder{of.diagonal(), find})};
-}
-
-const Surface &surface_of(nb::handle self) { return *nb::cast<const Handle &>(self).surface; }
-
-nb::tuple edges_of(nb::handle_t<Handle> self) {
-    const exact::Edges &edges = surface_of(self).edges();
-    return nb::make_tuple(view_of(edges.vertices, self), view_of(edges.faces, self),
-                          view_of(edges.kind, self), view_of(edges.of_face, self));
-}
-
-// Vertices, faces, blocks and source.
-nb::tuple part_of(const Part &part, nb::handle self) {
-    const exact::Blocks &b = part.blocks;
-    const nb::tuple blocks = nb::make_tuple(
-        view_of(b.has_flat, self), view_of(b.patch, self), view_of(b.patch_starts, self),
-        view_of(b.of_patch, self), view_of(b.lowest, self), view_of(b.joins, self),
-        view_of(b.is_plain, self), view_of(b.starts, self), view_of(b.of_edges, self));
-    return nb::make_tuple(view_of(part.vertices, self), view_of(part.faces, self), blocks,
-                          view_of(part.source, self));
-}
-
-// Faces in contact, and starts and faces of their partners.
-nb::tuple contacts_of(nb::handle_t<Handle> self, double distance) {
-    const engine::Contacts *found = nullptr;
-    {
-        const Surface &surface = surface_of(self);
-        const nb::gil_scoped_release unlocked;
-        found = &surface.contacts(distance);
-    }
-    return nb::make_tuple(view_of(found->faces.rows(), self), view_of(found->starts.rows(), self),
-                          view_of(found->partners.rows(), self));
-}
 } // namespace
 
 void register_solver_surface(nb::module_ &m) {
@@ -149,28 +97,7 @@ void register_solver_surface(nb::module_ &m) {
              nb::sig(("def moved(self, vertices: object, all_vertices: object, diagonal: float, "
                       "find_contacts: object, hides_its_back: object) -> Surface")),
              "The same faces at other positions.");
-    type.def("one_by_one", one_by_one, nb::sig("def one_by_one(self) -> Surface"),
-             "The same surface, no block of which is decided at once, for tests.");
-    constexpr auto PART = "tuple[typing.Any, ...]", ARRAY = "typing.Any";
-    offer(type, "opaque", PART, [](nb::handle_t<Handle> self) {
-        return part_of(surface_of(self).arrays().opaque, self);
-    });
-    offer(type, "targets", PART,
-          [](nb::handle_t<Handle> self) { return part_of(surface_of(self).targets(), self); });
-    offer(type, "edges", PART, edges_of);
-    offer(type, "rank", ARRAY,
-          [](nb::handle_t<Handle> self) { return view_of(surface_of(self).rank(), self); });
-    offer(type, "place", ARRAY,
-          [](nb::handle_t<Handle> self) { return view_of(surface_of(self).place(), self); });
-    offer(type, "centre", "tuple[float, float, float]", [](const Handle &self) {
-        const auto &at = self.surface->centre();
-        return nb::make_tuple(at[0], at[1], at[2]);
-    });
     offer(type, "diagonal", "float", [](const Handle &self) { return self.surface->diagonal(); });
-    type.def("contacts", contacts_of, nb::arg("distance"),
-             nb::sig("def contacts(self, distance: float) -> tuple[typing.Any, ...]"),
-             "Faces in contact, (F,), and starts and faces of partners, for cameras within a "
-             "distance.");
 }
 
 } // namespace rastercov

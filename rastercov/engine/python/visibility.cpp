@@ -4,7 +4,6 @@
 #include "bind.hpp"
 #include "python/handle.hpp"
 #include "python/tables.hpp"
-#include "python/views.hpp"
 #include "solver/limits.hpp"
 #include "solver/pass.hpp"
 #include <nanobind/stl/shared_ptr.h>
@@ -68,18 +67,6 @@ void add_plane_task(CameraTask &task, const area::LensCriteria &criteria) {
     task.planes.push_back(criteria);
 }
 
-// --- arrays ---
-
-template <class T, int64_t... E> nb::object copy_of(const Array<T, E...> &array) {
-    using Value = std::remove_const_t<T>;
-    using Kept = std::conditional_t<std::is_same_v<Value, bool>, uint8_t, Value>;
-    std::vector<Kept> values(array.begin(), array.end());
-    size_t columns = 0;
-    if constexpr (sizeof...(E) == 2) columns = size_t(array.extent(1));
-    nb::object found = array_of(std::move(values), columns);
-    return std::is_same_v<Value, bool> ? found.attr("view")("bool") : found;
-}
-
 // --- passes ---
 
 constexpr auto FIND =
@@ -100,133 +87,6 @@ nb::tuple find_all(Pass &pass, const SurfaceHandle &surface, const area::Planes 
     };
     return call_within_memory(
         FIND, [&] { return arrays_of(call_apart(FIND, work, planes, left_out, poses, figures)); });
-}
-
-// --- solvers, one by one ---
-
-// A solver that one thread at a time uses, until a pose fails.
-struct OneSolver {
-    engine::Solver solver;
-    std::atomic<bool> is_busy = false;
-    bool is_whole = true;
-    OneSolver(const SurfaceHandle &surface, bool is_certifying, bool keeps_pieces)
-        : solver(surface.surface, is_certifying, keeps_pieces) {}
-};
-
-// Uses a solver; what fails on the way leaves it useless.
-template <class Use> auto use(OneSolver &self, Use with) {
-    require(!self.is_busy.exchange(true),
-            "expected one thread in a solver, got a second one; pass each thread its own");
-    struct Leave {
-        OneSolver &self;
-        ~Leave() { self.is_busy = false; }
-    } leave = {self};
-    require(self.is_whole,
-            "expected a working solver, got one whose last call failed; create another one");
-    self.is_whole = false;
-    struct Keep {
-        OneSolver &self;
-        int n = std::uncaught_exceptions();
-        ~Keep() { self.is_whole = std::uncaught_exceptions() == n; }
-    } keep = {self};
-    return with(self.solver);
-}
-
-void solve(OneSolver &self, const Camera &camera, const Array<const double, 4, 4> &pose,
-           double near, bool front_only) {
-    const engine::View view = {camera, engine::pose_of(pose), near, front_only};
-    use(self, [&](engine::Solver &solver) { solver.solve(view, nullptr); });
-}
-void leave_out(OneSolver &self, const Mask &faces) {
-    use(self, [&](engine::Solver &solver) { solver.leave_out(faces); });
-}
-
-template <class Get> void def_array(nb::class_<OneSolver> &type, const char *name, Get get) {
-    const auto read = [get](OneSolver &self) {
-        return use(self, [&](engine::Solver &solver) { return copy_of(get(solver)); });
-    };
-    offer(type, name, "typing.Any", read);
-}
-
-// Boxes of all opaque faces, also of blocks that no pass has needed them of.
-FloatRows<6> boxes_of(engine::Solver &solver) {
-    const exact::Projected &projected = solver.plane().image().opaque();
-    for (int32_t f = 0; f < projected.faces.rows(); f += int32_t(exact::BLOCK))
-        exact::lay_boxes({&f, {1}}, projected);
-    return projected.box;
-}
-
-nb::tuple kept_of(OneSolver &self) {
-    return use(self, [](engine::Solver &solver) {
-        const exact::VisiblePieces &kept = solver.plane().kept();
-        const int64_t n = kept.used[0];
-        const Array<double, Any, 2> corners = {kept.corners.data, {kept.used[1], 2}};
-        const Column<int64_t> starts = {kept.starts.data, {n + 1}};
-        const Column<int32_t> faces = {kept.faces.data, {n}};
-        return nb::make_tuple(copy_of(corners), copy_of(starts), copy_of(faces));
-    });
-}
-
-nb::dict counts_of(OneSolver &self) {
-    return use(self, [](engine::Solver &solver) {
-        const engine::Counts &counts = solver.plane().counts();
-        nb::dict found;
-        found["n_events"] = counts.n_events;
-        found["n_crossed"] = counts.n_crossed;
-        found["n_left"] = counts.n_left;
-        found["n_regions"] = counts.n_regions;
-        found["n_doubtful"] = counts.n_doubtful;
-        found["n_clipped"] = counts.n_clipped;
-        found["n_compared"] = counts.n_compared;
-        return found;
-    });
-}
-
-// Constants by which the arrays of a solver are read.
-void offer_constants(nb::module_ &m) {
-    using namespace exact;
-    const std::pair<const char *, int64_t> constants[] = {{"BLOCK", BLOCK},
-                                                          {"MIXED", MIXED},
-                                                          {"LIVE", LIVE},
-                                                          {"CROSSED", CROSSED},
-                                                          {"UNEVEN", UNEVEN},
-                                                          {"U_MIN", U_MIN},
-                                                          {"U_MAX", U_MAX},
-                                                          {"V_MIN", V_MIN},
-                                                          {"V_MAX", V_MAX},
-                                                          {"SUM_OF_WIDTHS", SUM_OF_WIDTHS},
-                                                          {"CONSISTENT", CONSISTENT},
-                                                          {"REVERSED", REVERSED},
-                                                          {"NON_MANIFOLD", NON_MANIFOLD}};
-    for (const auto &[name, value] : constants) m.attr(name) = value;
-}
-
-void def_solver(nb::module_ &m) {
-    using S = engine::Solver;
-    offer_constants(m);
-    auto type = nb::class_<OneSolver>(m, "Solver", "A surface, one pose at a time, for tests.");
-    type.def(nb::init<const SurfaceHandle &, bool, bool>(), nb::arg("surface"),
-             nb::arg("is_certifying"), nb::arg("keeps_pieces"));
-    def(type, "solve", solve, "Compute all figures of a pose.", "camera", "pose", "near",
-        "front_only");
-    def(type, "leave_out", leave_out, "Measure some faces no more; none for no rows.", "faces");
-    def_array(type, "visible", [](S &s) { return s.areas().visible; });
-    def_array(type, "area", [](S &s) { return s.areas().area; });
-    def_array(type, "area_error", [](S &s) { return s.areas().area_error; });
-    def_array(type, "is_certified", [](S &s) { return s.is_certified(); });
-    def_array(type, "state", [](S &s) { return s.plane().image().everything().state; });
-    def_array(type, "side", [](S &s) { return s.plane().image().everything().side; });
-    def_array(type, "block_state", [](S &s) { return s.plane().image().opaque().block_state; });
-    def_array(type, "block_side", [](S &s) { return s.plane().image().opaque().block_side; });
-    def_array(type, "block_box", [](S &s) { return s.plane().image().opaque().block_box; });
-    def_array(type, "regions", [](S &s) { return s.plane().regions(); });
-    def_array(type, "boxes", boxes_of);
-    def_array(type, "extent", [](S &s) { return s.plane().extent(); });
-    offer(type, "kept", "tuple[typing.Any, ...]", kept_of);
-    offer(type, "counts", "dict[str, int]", counts_of);
-    offer(type, "room_for_pieces", "int", [](OneSolver &self) {
-        return use(self, [](S &s) { return s.plane().room_for_pieces(); });
-    });
 }
 
 } // namespace
@@ -271,7 +131,6 @@ void register_solver_visibility(nb::module_ &m) {
              FIND);
     def(pass, "close", &Pass::close, "Give memory back.");
     pass.def_prop_ro("n_idle", &Pass::n_idle);
-    def_solver(m);
 }
 
 } // namespace rastercov
