@@ -516,10 +516,7 @@ def _part(mesh: Mesh, own: Mesh) -> ByName:
     """
     kept = np.flatnonzero(np.isin(mesh.face_group, np.unique(own.face_group)))
     roles = [
-        now.is_occluder
-        + 2 * each.is_target
-        + 4 * now.is_two_sided
-        + 8 * own.opaque.can_cull_back_faces
+        now.is_occluder + 2 * each.is_target + 4 * now.is_two_sided
         for each, now in zip(mesh.groups, own.groups, strict=True)
     ]
     areas = unseeable_areas(own)

@@ -31,10 +31,8 @@ typedef enum rc_status {
     RC_FAILED = 5         /* a callback threw an exception of C++, or a fault of the library */
 } rc_status;
 
-/* Roles of a face, added. Without any it is evaluated, hides others, and is seen from its front.
-   RC_CLOSED, of every face that hides others, saves time: each of their bodies is watertight, wound
-   outwards, and farther than 1e-8 of the diagonal from itself. A wrong one gives wrong results. */
-enum { RC_OCCLUDER = 1, RC_TARGET = 2, RC_TWO_SIDED = 4, RC_CLOSED = 8 };
+/* Roles of a face, added. Without any it is evaluated, hides others, and is seen from its front. */
+enum { RC_OCCLUDER = 1, RC_TARGET = 2, RC_TWO_SIDED = 4 };
 /* RC_CERTIFIED takes less time; the figures of both have bounds. */
 typedef enum rc_method { RC_CERTIFIED = 0, RC_EXACT = 1 } rc_method;
 

@@ -31,7 +31,8 @@ constexpr int64_t MOST_VERTICES = 96;
 constexpr int CURVE_BITS = 10; // of each coordinate along the curve
 // Sine of the angle between two edges below which a normal is only rounding.
 constexpr double LEAST_SINE = 8 * std::numeric_limits<double>::epsilon();
-constexpr int DIGIT_BITS = 11;                                          // of a sort by digits
+constexpr double LEAST_VOLUME = 1e-12; // of a part, of the sum of its terms' magnitudes
+constexpr int DIGIT_BITS = 11;         // of a sort by digits
 constexpr int64_t MOST_FACES = std::numeric_limits<int32_t>::max() / 3; // each has three edges
 constexpr int64_t MOST_PROBES = 16; // of a table of rows, on average, before the rows are sorted
 
@@ -402,6 +403,27 @@ BuiltPart build_part(const Welded &mesh, int64_t least_sorted) {
     return part;
 }
 
+// True if the parts of a closed mesh, named by their first faces, have positive volumes.
+bool have_volumes(const Welded &mesh, const Room<int32_t> &parts) {
+    Room<double> volume(parts.size(), 0.0), scale(parts.size(), 0.0);
+    for (int64_t f = 0; f < parts.size(); f++) {
+        if (parts[f] < 0) continue;
+        const auto origin = mesh.vertices[mesh.faces(parts[f], 0)];
+        const auto at = [&](int k, int axis) {
+            return mesh.vertices(mesh.faces(f, k), axis % 3) - origin[axis % 3];
+        };
+        double term = 0.0;
+        for (int axis = 0; axis < 3; axis++)
+            term += at(0, axis) *
+                    (at(1, axis + 1) * at(2, axis + 2) - at(1, axis + 2) * at(2, axis + 1));
+        volume[parts[f]] += term;
+        scale[parts[f]] += std::abs(term);
+    }
+    for (int32_t f = 0; f < parts.size(); f++)
+        if (parts[f] == f && !(volume[f] > LEAST_VOLUME * scale[f])) return false;
+    return true;
+}
+
 // Rank of the opaque faces, and the places of all faces of the mesh where these are not their own.
 void place_faces(BuiltSurface &built, BoolArray is_target) {
     const int64_t n = built.opaque.faces.size() / 3;
@@ -451,6 +473,31 @@ void find_first_equal(Rows rows, Column<int64_t> first) {
     expect(rows.rows() <= std::numeric_limits<int32_t>::max(), "fewer than 2^31 rows", rows.rows(),
            "split the mesh");
     if (!find_by_digest(rows, first)) find_by_order(rows, first);
+}
+
+Room<int32_t> find_outward_parts(const Welded &mesh) {
+    BuiltPart part;
+    weld(mesh, part);
+    const int64_t n_all = mesh.faces.rows();
+    Room<int32_t> parts(n_all, -1), kept(n_all);
+    int32_t n = 0;
+    for (int32_t f = 0; f < n_all; f++) {
+        const int32_t *const v = part.faces.begin() + 3 * int64_t(f);
+        if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) continue;
+        std::copy_n(v, 3, part.faces.begin() + 3 * int64_t(n));
+        kept[n++] = f;
+    }
+    Room<int32_t> faces(3 * int64_t(n)), parent(n);
+    std::copy_n(part.faces.begin(), faces.size(), faces.begin());
+    part.faces = std::move(faces);
+    find_edges(part);
+    std::iota(parent.begin(), parent.end(), 0);
+    for (int64_t e = 0; e < part.kind.size(); e++) {
+        if (part.edge_faces[2 * e + 1] < 0 || part.kind[e] != CONSISTENT) return {};
+        join(part.edge_faces[2 * e], part.edge_faces[2 * e + 1], parent.rows());
+    }
+    for (int32_t f = 0; f < n; f++) parts[kept[f]] = kept[root_of(parent.rows(), f)];
+    return n > 0 && have_volumes(mesh, parts) ? std::move(parts) : Room<int32_t>();
 }
 
 std::shared_ptr<const Surface> build_surface(const Welded &opaque, const Welded &all,

@@ -419,13 +419,23 @@ Contacts find_partners(const Welded &mesh, Room<bool> touching, double tolerance
 
 ContactFinder finder_of(const Welded &mesh, BoolArray is_flat, double diagonal, Owner owner,
                         int64_t n_threads) {
-    return {diagonal, [=, owner = std::move(owner)](double distance) {
-                const double tolerance =
-                    CONTACT * std::pow(10.0, decade_of(distance, diagonal)) * diagonal;
-                return find_partners(
-                    mesh, find_touching(mesh, is_flat, {}, tolerance, {.n_threads = n_threads}),
-                    tolerance);
-            }};
+    const auto tolerance_at = [=](double distance) {
+        return CONTACT * std::pow(10.0, decade_of(distance, diagonal)) * diagonal;
+    };
+    const auto touching = [=](Int32Array labels, double distance) {
+        return find_touching(mesh, is_flat, labels, tolerance_at(distance),
+                             {.n_threads = n_threads});
+    };
+    const auto hides_its_back = [=](double distance) {
+        const Room<int32_t> parts = find_outward_parts(mesh);
+        if (parts.size() == 0) return false;
+        Room<bool> found = touching(parts.rows(), distance);
+        return std::find(found.begin(), found.end(), true) == found.end();
+    };
+    const auto find = [=, owner = std::move(owner)](double distance) {
+        return find_partners(mesh, touching({}, distance), tolerance_at(distance));
+    };
+    return {diagonal, find, hides_its_back};
 }
 
 } // namespace rastercov::engine

@@ -144,16 +144,10 @@ Mesh make_mesh(exact::Vertices vertices, Faces faces, Column<const uint8_t> role
         mesh->opaque_is_flat[f] = is_flat(corner(0), corner(1), corner(2));
     }
     const int64_t n_threads = std::max(1U, std::thread::hardware_concurrency());
-    auto finder =
-        finder_of(opaque, mesh->opaque_is_flat.rows(), diagonal_of(bounds), mesh, n_threads);
-    const auto is_closed = [](uint8_t role) { return (role & (CLOSED | TARGET)) != 0; };
-    if (!is_empty && roles.rows() > 0 && std::all_of(roles.begin(), roles.end(), is_closed))
-        finder.hides_its_back = [diagonal = finder.diagonal](double distance) {
-            return decade_of(distance, diagonal) == 0;
-        };
     const BoolArray is_target = mesh->is_target.rows();
-    auto surface = build_surface(opaque, {all, mesh->faces.rows<3>()},
-                                 has_targets ? is_target : BoolArray(), std::move(finder));
+    auto surface = build_surface(
+        opaque, {all, mesh->faces.rows<3>()}, has_targets ? is_target : BoolArray(),
+        finder_of(opaque, mesh->opaque_is_flat.rows(), diagonal_of(bounds), mesh, n_threads));
     return {mesh, std::move(surface), diagonal_of(bounds_of(all, mesh->faces))};
 }
 

@@ -8,7 +8,7 @@
 namespace rastercov::engine {
 
 // Roles of a face, added.
-enum Role : uint8_t { OCCLUDER = 1, TARGET = 2, TWO_SIDED = 4, CLOSED = 8 };
+enum Role : uint8_t { OCCLUDER = 1, TARGET = 2, TWO_SIDED = 4 };
 
 struct MeshArrays {
     Room<double> vertices;
