@@ -149,3 +149,12 @@ def test_windows_is_refused_at_once_where_python_has_no_headers_for_it(cross, mo
     monkeypatch.setattr(sys, "version_info", (3, 11))
     with pytest.raises(SystemExit, match=r"expected Python 3\.12 or later for win_amd64, got"):
         cross.main()
+
+
+def test_drives_of_wine_are_not_in_the_folder_that_an_sdist_is_made_of(tmp_path, monkeypatch):
+    """Z: is a link to /, which what packs an sdist follows: it read all files of the machine."""
+    trial = script("trial")
+    monkeypatch.setattr(trial, "ROOT", tmp_path)
+    (tmp_path / "build/cross/win_amd64/python").mkdir(parents=True)
+    _, own = trial.python_of("win_amd64", tmp_path / "build/trial", "elsewhere")
+    assert own["WINEPREFIX"] == "elsewhere"
