@@ -188,7 +188,7 @@ dist: $(VENV)/tools $(VENV)/compiler-dist crossed wasm
 
 trial: ARCHS := x86_64 aarch64 win_amd64 macos_arm64
 trial: dist
-	@$(STEP) "installing the wheel of this machine, some seconds" $(PIP_INSTALL) dist/*manylinux_2_28_$$(uname -m).whl
+	@$(STEP) "installing the wheel of this machine, some seconds" $(PIP_INSTALL) --force-reinstall dist/*manylinux_2_28_$$(uname -m).whl
 	@for kind in aarch64 win_amd64; do $(BIN)/python .ci/trial $$kind dist/*$$kind.whl build/trial/$$kind || exit 2; done
 
 sanitize: $(VENV)/installed-dev $(VENV)/compiler
