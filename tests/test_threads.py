@@ -22,6 +22,7 @@ from rastercov.core.camera.viewpoints import sphere_of_poses
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.exact import surface
 from rastercov.core.mesh import contacts, shapes
+from rastercov.engine import solver_parts
 from rastercov.reference.models.scott import coverage as scott_coverage
 
 ATTACK = Path(__file__).resolve().parents[1] / "benchmarks" / "attack_threads.py"
@@ -176,7 +177,7 @@ def test_the_surface_and_the_contacts_of_a_mesh_are_worked_out_once(monkeypatch)
     monkeypatch.setattr(surface, "_build", slow_build)
     monkeypatch.setattr(contacts, "touching_faces", slow_touching)
     mesh = rc.Mesh(MESH.vertices, MESH.faces)
-    result = in_threads(6, lambda _: surface.surface_of(mesh).contacts(1.0)[0])
+    result = in_threads(6, lambda _: solver_parts.contacts(surface.surface_of(mesh), 1.0)[0])
     assert len(built) == len(touched) == 1
     assert all(np.shares_memory(each, result[0]) for each in result)
 

@@ -17,6 +17,7 @@ from rastercov.core.area.regions import RegionPass
 from rastercov.core.coverage.task import Engine
 from rastercov.core.coverage.exact_pass import ExactPass, room_for
 from rastercov.core.exact.surface import surface_of
+from rastercov.engine import solver_parts
 from rastercov.core.mesh import shapes
 
 MEBIBYTE = 1 << 20
@@ -51,7 +52,7 @@ def mesh_of(n):
 
 def surface(call, n):
     mesh = mesh_of(2 * n)
-    return call(lambda: np.array(surface_of(mesh).edges[1]))
+    return call(lambda: np.array(solver_parts.edges(surface_of(mesh))[1]))
 
 def observed(call, n, method):
     mesh, poses = mesh_of(n), rc.Poses.of(POSES)
