@@ -63,7 +63,7 @@ DECIDED = {
     "rotations": "641e7588e68c2182",
 }
 """Digests, the same on all systems."""
-FOLDERS = ("core/camera", "core/mesh", "core/coverage", "formats", "placement", "survey")
+FOLDERS = ("core", "formats", "placement", "survey")
 NUMBERS = {
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "arctan2", "hypot", "exp", "expm1"),
     *("log", "log1p", "log2", "power", "float_power", "cbrt", "sinh", "cosh", "tanh", "interp"),
@@ -86,12 +86,14 @@ NUMBERS = {
 SOLVERS = {"norm", "inv", "qr", "svd", "eig", "eigh", "solve", "lstsq", "pinv", "cholesky"}
 DRAWS = {"uniform"}
 KEPT = {
+    ("core/area/advice.py", "svd"): "densities, which are a figure",
     ("core/camera/exposure.py", "exp"): "exposures, which are a figure",
     ("core/camera/exposure.py", "log"): "exposures, which are a figure",
     ("core/camera/conventions.py", "svd"): "sizes beside a tolerance",
     ("core/mesh/shapes.py", "einsum"): "whole numbers",
     ("formats/cameras/gltf.py", "norm"): "along an axis, of columns",
     ("formats/cameras/transforms.py", "inv"): "of a motion that a file gives, undone on request",
+    ("core/raster/contract.py", "@"): "whole numbers",
     ("placement/improve/objective.py", "@"): "whole numbers",
 }
 """Uses that decide nothing by their last digits, and why."""

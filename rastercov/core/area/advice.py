@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rastercov.base import FloatArray, ReadByName, norm, percent
+from rastercov.base import FloatArray, ReadByName, arccos, dots, matmul, norm, percent
 from rastercov.base.format import distance as in_words
 from rastercov.base.format import number
 from rastercov.core.area.regions import OF_A_FACE
@@ -194,7 +194,7 @@ def focus_in_words(focus: Sequence[float], unit: str = "m") -> str:
 def figures_of_point(
     camera: Camera, pose: FloatArray, point: FloatArray, normal: FloatArray
 ) -> dict[str, float]:
-    """Figures of a point of a surface with a unit normal, for `advice`.
+    """Figures of a point of a surface with a unit normal.
 
     Densities are singular values of the derivative of the image, by central differences: on the
     surface, and for a target that faces the camera. They are 0 where there is no image. Of parallel
@@ -202,20 +202,23 @@ def figures_of_point(
     """
     ray = point - pose[:3, 3]
     if camera.is_parallel:
-        ray = (ray @ pose[:3, 2]) * pose[:3, 2]
+        ray = dots(ray, pose[:3, 2]) * pose[:3, 2]
     distance = max(float(norm(ray)), 1e-300)
     steps = STEP_REL * distance * np.concatenate((np.eye(3), -np.eye(3)))
     with np.errstate(all="ignore"):
         ends = to_image(to_camera(point + steps, pose), camera)
         slopes = (ends[:3] - ends[3:]).T / (2 * STEP_REL * distance)
     slopes = np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
-    along = np.linalg.svd(slopes @ (np.eye(3) - np.outer(normal, normal)), compute_uv=False)
+    on_surface = matmul(slopes, np.eye(3) - np.outer(normal, normal))
+    (most, least), (_, facing) = (
+        np.linalg.svd(each, compute_uv=False).tolist() for each in (on_surface, slopes)
+    )
     return {
         "distance": distance,
-        "incidence": math.acos(min(1.0, abs(float(ray @ normal)) / distance)),
-        "pixel_density": float(along[1]),
-        "facing_density": float(np.linalg.svd(slopes, compute_uv=False)[1]),
-        "pixels_per_m2": float(along[0] * along[1]),
+        "incidence": float(arccos(min(1.0, abs(float(dots(ray, normal))) / distance))),
+        "pixel_density": least,
+        "facing_density": facing,
+        "pixels_per_m2": most * least,
     }
 
 

@@ -25,6 +25,7 @@ from rastercov.base import (
     arctan2,
     dots,
     first_of,
+    matmul,
     norm,
     sort_order,
 )
@@ -549,13 +550,11 @@ class Remedies:
             )
 
     def _places(self, spot: ZoneSpot, reaches: set[float], origin: FloatArray) -> FloatArray:
-        """(N, 3) permitted places, some distances in front of a zone, by their way from one.
-
-        Those of `Allowed.further` are last.
-        """
+        """(N, 3) permitted places, some distances in front of a zone, by their way from one."""
         normal = frames_of(self.mesh).normal[spot.face]
         ways = fibonacci_sphere(PLACES)
-        fronts = ((normal @ ways.T > 0) | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
+        is_front = matmul(normal, ways.T) > 0
+        fronts = (is_front | self.mesh.two_sided_mask[spot.face][:, None]).mean(axis=0)
         ways = ways[fronts >= SURE]
         places = spot.at + np.multiply.outer(np.array(sorted(reaches)), ways).reshape(-1, 3)
         places = places[norm(places - spot.at) > 0]
@@ -575,7 +574,7 @@ class Remedies:
         for at, gate in gates_of(self.camera).items():
             if at <= index < at + gate.n and isinstance(self.camera, Rig):
                 rows = np.tile(np.arange(at, at + gate.n), len(poses))
-                world = poses @ inverse(self.camera.rig_from_camera[at])
+                world = matmul(poses, inverse(self.camera.rig_from_camera[at]))
                 placed = self.camera._place(np.repeat(world, gate.n, axis=0), rows)
                 return self.camera, self.task, Poses.of(placed, camera=rows)
         return self.camera, self.task, Poses.of(poses, camera=np.full(len(poses), index))
