@@ -74,7 +74,7 @@ def test_another_key_of_the_program_leads_to_its_address(tab, left_alone, progra
 
 def test_two_tabs_do_no_harm(tab, context, program):
     other, told = Tab(context, program.url), "Another tab changed the rig"
-    stale = tab.js("rastercov.session.server.ping()")  # with all that it is compared by
+    stale = tab.js("rastercov.session.server.server.ping()")  # what the program says now
     tab.page.route("**/api/ping", lambda route: route.fulfill(json=stale))
     other.press("ArrowLeft")
     other.idle()
