@@ -26,8 +26,8 @@ struct Welded {
     Array<const int64_t, Any, 3> faces; // (F, 3)
 };
 
-// Number of the edge-connected part of each face, -1 with a repeated vertex, (F,); none unless every
-// edge has two faces in opposite senses, and every part a volume greater than rounding.
+// Number of the edge-connected part of each face, -1 with a repeated vertex, (F,); none unless
+// every edge has two faces in opposite senses, and every part a volume greater than rounding.
 Room<int32_t> find_outward_parts(const Welded &mesh);
 
 // Surface of `opaque` faces, and of the targets of `all`: those that `is_target`, (F,), marks; no
