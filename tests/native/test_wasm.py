@@ -307,3 +307,12 @@ def test_lenses_that_are_none_are_a_line(node, tmp_path):
 def test_modules_have_at_most_these_bytes():
     sizes = [each.stat().st_size for each in (ENGINE, PROVER, READERS)]
     assert np.less_equal(sizes, (400_000, 125_000, 55_400)).all(), sizes
+
+
+@pytest.mark.skipif(not SHRUNK.exists(), reason="no Binaryen; run with npm: make wasm")
+def test_what_is_committed_is_what_the_source_gives():
+    """`make test` compiles the modules anew, in place of those of a checkout."""
+    for module in (ENGINE, PROVER, READERS):
+        kept = f":{module.relative_to(ROOT).as_posix()}"
+        done = subprocess.run(["git", "show", kept], cwd=ROOT, capture_output=True, check=True)
+        assert module.read_bytes() == done.stdout, f"add {module.name}, in a commit of its own"
