@@ -595,7 +595,7 @@ def _words(mesh: Mesh, figures: NetworkFigures, face: int) -> str:
         size,
         int(figures.views[face]),
         int(figures.need[face]),
-        len(figures.rows),
+        len(figures.heads),
         REASONS[NAMES[figures.reasons[face]]].label,
         is_covered=bool(figures.covered[face]),
         apart=f" at least {task.min_angle_deg:g} deg apart" if task.min_angle_deg > 0 else "",

@@ -301,6 +301,9 @@ def test_a_rig_without_one_of_its_cameras_measures_nothing_and_is_not_saved(cont
     assert len(page.js("rastercov.summary().by_camera")) == 2
     act(page, do="switch", station=2, is_on=False)
     assert page.area_percent() == 0
+    ask = "face => rastercov.session.server.why(face).then(({ words }) => words)"
+    said = {page.js(ask, face).partition(": ")[2] for face in range(0, ROOM.n_faces, 31)}
+    assert said == {"not covered, no cameras."}  # the sensors that are left see, and do not count
     act(page, do="switch", station=0, is_on=True)
     act(page, do="delete", station=3)
     assert page.js("rastercov.session.server.save('rig').catch(error => error.message)").startswith(

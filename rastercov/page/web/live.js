@@ -664,8 +664,9 @@ function partOf({ roles: ofGroups, unseeable, ...rest }, groupOf) {
 }
 
 /** Words on a face of a size by what fails in each row with a rule, or else in each camera. */
-function verdict(rig, failed, cameras, need, size) {
+function verdict(rig, failed, said, need, size) {
   const ofRules = nearest(rig, failed);
+  const cameras = rig.rows.map(({ stations: [at] }) => said[at]); // that count
   const first = { reason: "covered", nearness: -1 };
   const { reason, device } = ofRules ?? cameras.reduce((most, each) => (most.nearness >= each.nearness ? most : each), first);
   const why = labelOf(rig.reasons, reason);
