@@ -113,7 +113,7 @@ def carry_out(seed: int, score: Score) -> None:
 
 def read(zone, camera: rc.Camera, poses):
     """Camera and pose of what is said for a zone, and the row of the pose that it replaces."""
-    *_, words = zone["advice"].split("; ")
+    words = zone["tried"]["change"]
     for pattern, what in SAID:
         match = re.match(pattern, words)
         if match is None:

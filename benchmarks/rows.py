@@ -41,10 +41,15 @@ class Report:
         *,
         at_most: float | None = None,
     ) -> None:
-        """One figure; `must` and `aim` are lower limits, `at_most` and `aim` upper ones."""
+        """One figure; `must` and `aim` are lower limits, `at_most` and `aim` upper ones.
+
+        Where at most 0 is permitted it counts what is wrong, and is a correctness check.
+        """
         holds = None if must is None else bool(value >= must)
         if at_most is not None:
             must, holds = at_most, bool(value <= at_most)
+            if at_most == 0 and not holds:
+                self.failed.append(what)
         self.rows.append(
             {"what": what, "value": value, "unit": unit, "must": must, "aim": aim, "holds": holds}
         )

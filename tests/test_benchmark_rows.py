@@ -79,3 +79,13 @@ def test_truth_prints_rows_of_its_comparisons(rows, monkeypatch, capsys, is_expl
     assert {set(row) == ROW for row in content} == {True}
     assert [row["value"] for row in content] == [2, 0.0, float(is_explained), 1, 1.0]
     assert all(row["what"].startswith("program: ") for row in content)
+
+
+@pytest.mark.parametrize("wrong", [0, 2])
+def test_a_count_of_what_is_wrong_is_a_check(rows, wrong, capsys):
+    report = rows.Report()
+    report.add("files that are wrong", wrong, "files", at_most=0)
+    with pytest.raises(SystemExit) as ended:
+        report.finish(as_json=False)
+    assert ended.value.code == bool(wrong)
+    assert ("error: files that are wrong: wrong" in capsys.readouterr().err) == bool(wrong)
