@@ -47,7 +47,7 @@ LEFT = {
 }
 """What builds and runs leave in a checkout."""
 OF_PAGES = {f"rastercov/page/web/{name}.wasm": b"\0asm" for name in ("engine", "lens", "readers")}
-"""Compiled modules of pages, which git ignores, and what stands for those not made here."""
+"""Compiled modules of pages, and what stands for those that are not there."""
 
 
 def command(*words, cwd):
@@ -167,7 +167,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(unzipped):
 
 @pytest.mark.slow
 def test_pages_of_a_wheel_compute_or_it_says_why(unzipped, tmp_path):
-    """With the modules, as `make dist` makes them, and without, as pip does of a bare checkout."""
+    """With the modules, and without them, as where somebody deleted them."""
     asked = {
         "playground --no-browser --out play.html": 2,
         "evaluate box -c khepra -p sphere:2 --out report": 0,

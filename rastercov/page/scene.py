@@ -57,13 +57,9 @@ from rastercov.formats.cameras import read_views
 from rastercov.page.rig_state import RigState, Station
 from rastercov.placement.candidates.rooms import KeepOutBox, Place
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.entries import (
-    PlanSections,
-)
+from rastercov.placement.plan.entries import PlanSections
 from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan
-from rastercov.placement.plan.generator import (
-    BESIDE,
-)
+from rastercov.placement.plan.generator import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, separate_goals
 from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of

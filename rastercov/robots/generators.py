@@ -4,16 +4,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from rastercov.placement.plan.entries import (
-    BaseEntry,
-    Name,
-    NotNegative,
-    Number,
-    Some,
-)
-from rastercov.placement.plan.generator import (
-    Generator,
-)
+from rastercov.placement.plan.entries import BaseEntry, Name, NotNegative, Number, Some
+from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.generators import Reachable
 
 

@@ -41,9 +41,7 @@ from rastercov.placement.improve.pose_space import PoseSpace
 from rastercov.placement.improve.refine import INTERRUPTED, Refined
 from rastercov.placement.improve.tour import tour
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
-from rastercov.placement.plan.generator import (
-    Generator,
-)
+from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.phases import PlanScene
 from rastercov.placement.plan.scene import keep_outs, space_of
 from rastercov.placement.plan.sections import BodyEntry

@@ -19,10 +19,7 @@ from rastercov.placement.plan.entries import (
     only_one,
     value_of,
 )
-from rastercov.placement.plan.generator import (
-    Generator,
-    GeneratorScene,
-)
+from rastercov.placement.plan.generator import Generator, GeneratorScene
 from rastercov.survey.patterns import (
     Circles,
     Survey,

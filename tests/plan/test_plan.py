@@ -26,9 +26,7 @@ from rastercov.placement.plan import entries as plan_entry
 from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
-from rastercov.placement.plan.generator import (
-    Generator,
-)
+from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.network import certain_and_possible, classify_network, percent
 from rastercov.placement.plan.scene import candidate_pool, framing_of, name_scene, scene
 from rastercov.placement.plan.sections import PlanModel

@@ -5,12 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Union
 from pydantic import Field
 
 from rastercov.base import hooks_of
-from rastercov.placement.plan.entries import (
-    PlanSections,
-)
-from rastercov.placement.plan.generator import (
-    Generator,
-)
+from rastercov.placement.plan.entries import PlanSections
+from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.generators import PerCavity, Reachable
 
 if TYPE_CHECKING:

@@ -35,13 +35,7 @@ from rastercov.placement.plan.entries import (
     both_or_none,
     one_or_two,
 )
-from rastercov.placement.plan.generator import (
-    Aimed,
-    Framed,
-    Generator,
-    GeneratorScene,
-    Square,
-)
+from rastercov.placement.plan.generator import Aimed, Framed, Generator, GeneratorScene, Square
 
 
 class PerSegment(Square):

@@ -22,13 +22,9 @@ from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.improve.refine import Refined
 from rastercov.placement.matrix import VisibilityMatrix
-from rastercov.placement.plan.entries import (
-    Table,
-)
+from rastercov.placement.plan.entries import Table
 from rastercov.placement.plan.file import Plan, PlanFeature
-from rastercov.placement.plan.generator import (
-    Generator,
-)
+from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.network import Requirement
 from rastercov.placement.required import HOLDS
 from rastercov.shards import Progress

@@ -44,17 +44,9 @@ from rastercov.placement.candidates.rooms import (
 )
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.improve.pose_space import PoseSpace
-from rastercov.placement.plan.entries import (
-    Entry,
-    no_limit,
-    value_of,
-)
+from rastercov.placement.plan.entries import Entry, no_limit, value_of
 from rastercov.placement.plan.file import Plan, PlanError, errors_at, moving_bodies
-from rastercov.placement.plan.generator import (
-    Framed,
-    Generator,
-    GeneratorScene,
-)
+from rastercov.placement.plan.generator import Framed, Generator, GeneratorScene
 from rastercov.placement.plan.generators import PerCavity, PerSegment
 from rastercov.placement.plan.phases import carriers, hooks
 from rastercov.placement.plan.sections import MeshEntry, TargetEntry, TransformEntry

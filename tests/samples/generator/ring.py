@@ -7,15 +7,8 @@ import numpy as np
 
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.placement.candidates.pool import Candidates, roll_candidates
-from rastercov.placement.plan.entries import (
-    Count,
-    Number,
-    Positive,
-)
-from rastercov.placement.plan.generator import (
-    Generator,
-    GeneratorScene,
-)
+from rastercov.placement.plan.entries import Count, Number, Positive
+from rastercov.placement.plan.generator import Generator, GeneratorScene
 
 
 class Ring(Generator):
