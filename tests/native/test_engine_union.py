@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from contextlib import suppress
+from itertools import pairwise
 from threading import Event, Thread
 
 import numpy as np
@@ -24,6 +25,7 @@ VALUES = {
 CORNERS = np.array([[(0, 0), (7, 0), (2, 4)], [(0, 0), (5, 0), (1, 3)]], float)
 FACES = CORNERS, CORNERS[:, 1, 0] * CORNERS[:, 2, 1] / 2
 N_POSES = 3
+ALL = solver_union.ALL_TOGETHER
 
 
 def pieces_of(rng, n, n_poses=N_POSES):
@@ -76,12 +78,15 @@ def spoilt(arguments, rng, share):
 @given(
     seed=st.integers(0, 2**32 - 1), share=st.sampled_from((0.02, 0.2, 1.0)),
     views=st.integers(0, 3), most=st.sampled_from((1, 2, 30)),
+    together=st.sampled_from((1, 2, ALL)),
 )  # fmt: skip
 @settings(max_examples=300, deadline=None)
-def test_no_content_of_an_array_crashes_and_errors_change_nothing(seed, share, views, most):
+def test_no_content_of_an_array_crashes_and_errors_change_nothing(
+    seed, share, views, most, together
+):
     rng = np.random.default_rng(seed)
     number = (0, 5, 63) if views == 0 else ()
-    union = solver_union.Union(FACES, 1e-15, views, most)
+    union = solver_union.Union(FACES, 1e-15, views, most, together)
     for _ in range(4):
         arguments = pieces_of(rng, int(rng.integers(0, 60)))
         before = state_of(union)
@@ -100,19 +105,20 @@ def test_no_partition_to_begin_with_crashes(seed):
     rng = np.random.default_rng(seed)
     pieces, _ = pieces_of(rng, 20, 1)
     tags, bounds = rng.integers(1, 4, 20), rng.random((2, 2)) * 1e-6
-    union = solver_union.Union(FACES, 1e-15, 2, 3)
+    union = solver_union.Union(FACES, 1e-15, 2, 3, ALL)
     with suppress(ValueError):
         union.begin(*(spoilt((pieces, (tags, *bounds)), rng, 0.1)[k] for k in (0,)), tags, *bounds)
     add(union, pieces_of(rng, 20))
     state_of(union)
 
 
+@pytest.mark.parametrize("together", [1, ALL])
 @pytest.mark.parametrize("views", [0, 1, 3])
-def test_what_is_left_by_an_error_is_as_before_and_can_be_added_again(views):
+def test_what_is_left_by_an_error_is_as_before_and_can_be_added_again(views, together):
     rng = np.random.default_rng(views)
     number = (0, 1, 2) if views == 0 else ()
     first, second = pieces_of(rng, 300), pieces_of(rng, 6000)
-    one, other = (solver_union.Union(FACES, 1e-15, views, 40) for _ in range(2))
+    one, other = (solver_union.Union(FACES, 1e-15, views, 40, together) for _ in range(2))
     add(one, first, number)
     add(other, first, number)
     before, said = state_of(one), []
@@ -131,9 +137,35 @@ def test_what_is_left_by_an_error_is_as_before_and_can_be_added_again(views):
     assert state_of(one) == state_of(other) != before
 
 
+def of_poses(arguments, first, last):
+    """Pieces and pairs of some poses, numbered from 0."""
+    (xy, starts, face, pose), pairs = arguments
+    own, of_pairs = (pose >= first) & (pose < last), (pairs[0] >= first) & (pairs[0] < last)
+    corners = np.repeat(own, np.diff(starts))
+    left = np.concatenate(([0], np.cumsum(np.diff(starts)[own])))
+    there = [each[of_pairs] for each in pairs]
+    there[0] = there[0] - np.int32(first)
+    return (xy[corners], left, face[own], pose[own] - np.int32(first)), tuple(there)
+
+
+@given(seed=st.integers(0, 2**32 - 1), views=st.integers(0, 3))
+@settings(max_examples=100, deadline=None)
+def test_poses_may_be_divided_between_additions(seed, views):
+    rng = np.random.default_rng(seed)
+    together, n = int(rng.integers(1, 4)), 12
+    arguments, number = pieces_of(rng, int(rng.integers(0, 200)), n), np.arange(n)
+    cuts = together * rng.integers(0, n // together, int(rng.integers(0, 4)))
+    one, other = (solver_union.Union(FACES, 1e-15, views, 7, together) for _ in range(2))
+    add(one, arguments, () if views else number)
+    ends = [0, *np.unique(cuts).tolist(), n]
+    for first, last in pairwise(ends):
+        add(other, of_poses(arguments, first, last), () if views else number[first:last])
+    assert state_of(one) == state_of(other)
+
+
 def test_an_interrupt_changes_nothing():
     rng = np.random.default_rng(0)
-    union = solver_union.Union(FACES, 1e-15, 2, 40)
+    union = solver_union.Union(FACES, 1e-15, 2, 40, ALL)
     add(union, pieces_of(rng, 300))
     before, ends = state_of(union), []
 
@@ -156,7 +188,7 @@ def test_an_interrupt_changes_nothing():
 
 def test_one_thread_at_a_time_uses_a_union():
     rng = np.random.default_rng(0)
-    union, inside, done = solver_union.Union(FACES, 1e-15, 2, 40), Event(), Event()
+    union, inside, done = solver_union.Union(FACES, 1e-15, 2, 40, ALL), Event(), Event()
 
     def wait(_, __):
         with pytest.raises(ValueError, match="expected one thread"):
@@ -187,7 +219,7 @@ def test_one_thread_at_a_time_uses_a_union():
     ],
 )
 def test_what_does_not_belong_together_is_refused(change, wanted):
-    union = solver_union.Union(FACES, 1e-15, 2, 40)
+    union = solver_union.Union(FACES, 1e-15, 2, 40, ALL)
     with pytest.raises(ValueError, match=wanted):
         add(union, change(*pieces_of(np.random.default_rng(1), 50)))
     assert union.size() == (0, 0)
@@ -199,17 +231,17 @@ def test_what_does_not_belong_together_is_refused(change, wanted):
 )
 def test_faces_and_tolerances_that_are_no_lengths_are_refused(corners, least):
     with pytest.raises(ValueError, match="corners must be finite, and least not negative"):
-        solver_union.Union((corners, FACES[1]), least, 2, 40)
+        solver_union.Union((corners, FACES[1]), least, 2, 40, ALL)
 
 
 def test_sets_have_up_to_64_poses():
-    union = solver_union.Union(FACES, 1e-15, 0, 40)
+    union = solver_union.Union(FACES, 1e-15, 0, 40, ALL)
     arguments = pieces_of(np.random.default_rng(1), 50)
     for number in ((0, 1, 64), (0, 1), (-1, 0, 1)):
         with pytest.raises(ValueError, match="number must"):
             add(union, arguments, number)
     with pytest.raises(ValueError, match="number must"):
-        add(solver_union.Union(FACES, 1e-15, 1, 40), arguments, (0, 1, 2))
+        add(solver_union.Union(FACES, 1e-15, 1, 40, ALL), arguments, (0, 1, 2))
 
 
 def test_what_is_known_of_an_area_stays_known():
@@ -235,7 +267,7 @@ OUT_OF_MEMORY = """
 import resource, sys
 sys.path.insert(0, "tests/native")
 from test_engine_union import *
-union = solver_union.Union(FACES, 1e-15, 3, 256)
+union = solver_union.Union(FACES, 1e-15, 3, 256, ALL)
 rng = np.random.default_rng(0)
 add(union, pieces_of(rng, 100))
 more, before = pieces_of(rng, 50_000), state_of(union)

@@ -47,7 +47,7 @@ FLOOR_REL = 1e-15
 """Least distance of two corners that do not coincide, relative to the diagonal of the mesh."""
 MOST_VIEWS = 10_000
 """Cameras up to which they may be counted."""
-MOST_PIECES = solver_union.MOST_PIECES
+MOST_PIECES, ALL_TOGETHER = solver_union.MOST_PIECES, solver_union.ALL_TOGETHER
 """Pieces of a part of a face up to which each is compared with all others."""
 
 
@@ -226,10 +226,17 @@ class Overlay:
     views : int, optional
         k: cameras up to which they are counted. Unless given, tags are sets of up to 64 cameras as
         bits, and nothing is closed.
+    together : int
+        Cameras, by their numbers, that are added at once.
     """
 
     def __init__(
-        self, corners: FloatArray, areas: FloatArray, diagonal: float, views: int | None = None
+        self,
+        corners: FloatArray,
+        areas: FloatArray,
+        diagonal: float,
+        views: int | None = None,
+        together: int = ALL_TOGETHER,
     ) -> None:
         number = 1.0 if views is None else finite_number(views)
         if not number.is_integer() or not 1 <= number <= MOST_VIEWS:
@@ -244,7 +251,8 @@ class Overlay:
         )
         faces = np.ascontiguousarray(corners), np.ascontiguousarray(areas)
         counted = 0 if views is None else int(number)
-        self.united = solver_union.Union(faces, FLOOR_REL * diagonal, counted, MOST_PIECES)
+        least = FLOOR_REL * diagonal
+        self.united = solver_union.Union(faces, least, counted, MOST_PIECES, together)
 
     @property
     def closed(self) -> BoolArray:

@@ -22,6 +22,7 @@ from rastercov.core.area import polygons
 from rastercov.core.area.polygons import FacePolygons, Overlay, Progress, frames_of
 from rastercov.core.area.table import Regions
 from rastercov.core.mesh import Mesh
+from rastercov.engine.solver_union import FEW_FACES, POSES_TOGETHER
 
 
 @frozen_record(repr=False)
@@ -118,7 +119,8 @@ class RegionUnion:
 
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
         self.mesh, frames = mesh, frames_of(mesh)
-        self._overlay = Overlay(frames.corners, frames.areas, mesh.diagonal, views)
+        together = POSES_TOGETHER if mesh.n_faces <= FEW_FACES else 1
+        self._overlay = Overlay(frames.corners, frames.areas, mesh.diagonal, views, together)
         self.views = int(views)
 
     @property

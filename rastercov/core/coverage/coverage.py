@@ -65,6 +65,7 @@ from rastercov.core.raster.contract import (
     add_bits,
     no_bits,
 )
+from rastercov.engine.solver_union import POSES_TOGETHER
 
 MOST_OPEN = 16
 """Rasterisers that are open at a time."""
@@ -345,10 +346,12 @@ def open_observer(
 
 
 PAIRS_A_BATCH = 1 << 19
-"""Pose-face pairs evaluated at a time: about 50 MB of figures."""
+"""Pose-face pairs evaluated at a time: about 50 MB of figures.
+
+`POSES_A_BATCH` poses, which a union of few faces adds at once, are as many of these or fewer."""
 LEAST_ALIGNED = 1 << 14
 """Pairs from which on figures start at a cache line."""
-POSES_A_BATCH = 256
+POSES_A_BATCH = POSES_TOGETHER
 """Most poses evaluated at a time: a second or two of work between two signs of progress."""
 
 

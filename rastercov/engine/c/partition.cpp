@@ -53,8 +53,10 @@ std::shared_ptr<UnionObject> union_of(const std::shared_ptr<const SurfaceObject>
     auto made = std::make_shared<UnionObject>();
     made->surface = surface;
     const area::Planes planes = surface->mesh.arrays->planes();
-    made->all = std::make_unique<engine::Union>(engine::FlatFaces{planes.corners, planes.areas},
-                                                FLOOR_REL * surface->mesh.diagonal, views);
+    const bool has_few = surface->mesh.n_faces() <= engine::FEW_FACES;
+    made->all = std::make_unique<engine::Union>(
+        engine::FlatFaces{planes.corners, planes.areas}, FLOOR_REL * surface->mesh.diagonal, views,
+        engine::MOST_PIECES, has_few ? engine::POSES_TOGETHER : 1);
     return made;
 }
 

@@ -24,8 +24,8 @@ constexpr auto ADD =
 struct Handle {
     engine::Union united;
     std::atomic<bool> is_busy = false;
-    Handle(const FlatFaces &faces, double least, int64_t views, int64_t most)
-        : united(faces, least, views, most) {}
+    Handle(const FlatFaces &faces, double least, int64_t views, int64_t most, int64_t together)
+        : united(faces, least, views, most, together) {}
 };
 
 template <class Use> auto use(Handle &self, Use with) {
@@ -71,9 +71,12 @@ template <> inline void put_type<Callback>(std::string &text, Type<Callback>) { 
 
 void register_solver_union(nb::module_ &m) {
     m.attr("MOST_PIECES") = engine::MOST_PIECES;
+    m.attr("ALL_TOGETHER") = engine::ALL_TOGETHER;
+    m.attr("FEW_FACES") = engine::FEW_FACES;
+    m.attr("POSES_TOGETHER") = engine::POSES_TOGETHER;
     nb::class_<Handle> type(m, "Union", "Union of regions of poses; one thread at a time uses it.");
-    def(type, nb::init<const FlatFaces &, double, int64_t, int64_t>(), "faces", "least", "views",
-        "most");
+    def(type, nb::init<const FlatFaces &, double, int64_t, int64_t, int64_t>(), "faces", "least",
+        "views", "most", "together");
     def(type, "begin", METHOD_OF<&engine::Union::begin>,
         "Begin with a partition, by face, and its bounds.", "pieces", "tags", "bound", "excess");
     type.def("add", add, nb::arg("pieces"), nb::arg("pairs"), nb::arg("number"),

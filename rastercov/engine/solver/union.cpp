@@ -28,6 +28,11 @@ constexpr int64_t MOST_IN_SET = 64;
 constexpr int64_t LEAST_UNUSED = 4096;
 
 constexpr double WHOLE = 1 - WHOLE_REL;
+
+// Rows of an array from the first to before the last.
+template <class Rows> Rows rows_of(const Rows &of, int64_t first, int64_t last) {
+    return {of.data + first, {last - first}};
+}
 } // namespace
 
 // --- a change, which is whole or not at all ---
@@ -40,16 +45,20 @@ class Union::Change {
         of._cells_before.clear();
         of._bounds_before.clear();
         of._waiting_next.clear();
+        _waiting = of._waiting;
     }
     Change(const Change &) = delete;
     Change &operator=(const Change &) = delete;
 
-    void keep() {
-        _is_kept = true;
+    // After the last face of some poses.
+    void next() {
         std::swap(_of._waiting, _of._waiting_next);
+        _of._waiting_next.clear();
     }
+    void keep() { _is_kept = true; }
     ~Change() {
         if (_is_kept) return;
+        _of._waiting = std::move(_waiting);
         const int64_t n_halves = int64_t(_n_cells) - _of.n_faces();
         _of._cells.resize(_n_cells, Cell());
         _of._outlines.shorten(n_halves);
@@ -68,6 +77,7 @@ class Union::Change {
     size_t _n_cells;
     int64_t _n_pieces, _n_used;
     double _n_pairs;
+    std::vector<int64_t> _waiting;
     bool _is_kept = false;
 };
 
@@ -100,8 +110,8 @@ class Union::Report {
 
 // --- the union ---
 
-Union::Union(const FlatFaces &faces, double least, int64_t views, int64_t most)
-    : _faces(faces), _least(least), _views(views), _most(most) {
+Union::Union(const FlatFaces &faces, double least, int64_t views, int64_t most, int64_t together)
+    : _faces(faces), _least(least), _views(views), _most(most), _together(together) {
     const int64_t n = n_faces();
     require(faces.corners.rows() == n, "corners and areas must have one row for each face");
     expect(n < std::numeric_limits<int32_t>::max() / 4, "fewer than 2^29 faces", n,
@@ -114,6 +124,7 @@ Union::Union(const FlatFaces &faces, double least, int64_t views, int64_t most)
             "views must be a number of poses, or 0 for sets");
     require(most >= 1 && most <= std::numeric_limits<int64_t>::max() / 4,
             "most must be a number of pieces");
+    require(together >= 1 && together <= ALL_TOGETHER, "together must be a number of poses");
     Cell whole;
     whole.most = most;
     _cells.assign(size_t(n), whole);
@@ -144,6 +155,7 @@ void Union::begin(const RegionPieces &pieces, IntArray tags, FloatArray bound, F
     }
     _n_used = n;
     for (int64_t f = 0; f < n_faces(); f++) _bounds[f] = {bound[f], excess[f]};
+    all.next();
     all.keep();
 }
 
@@ -164,9 +176,28 @@ void Union::add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray n
     }
     tidy();
     Change all(*this);
-    Addition from(_faces, pieces, pairs, number);
-    if (_views > 0) add_to_faces(from, CountTo{_views}, progress);
-    else add_to_faces(from, SetOf{}, progress);
+    Report report(progress, n);
+    for (int64_t piece = 0, pair = 0; piece < n || pair < n_pairs; all.next()) {
+        const int64_t pose = std::min(piece < n ? pieces.pose[piece] : INT32_MAX,
+                                      pair < n_pairs ? pairs.pose[pair] : INT32_MAX);
+        const int64_t end = pose - pose % _together + _together;
+        const int64_t first = piece, pairs_before = pair;
+        while (piece < n && pieces.pose[piece] < end) piece++;
+        while (pair < n_pairs && pairs.pose[pair] < end) pair++;
+        const auto own = [&](const auto &of, int64_t more = 0) {
+            return rows_of(of, first, piece + more);
+        };
+        const auto of_pairs = [&](const auto &of) { return rows_of(of, pairs_before, pair); };
+        const RegionPieces some = {pieces.xy, own(pieces.starts, 1), own(pieces.face),
+                                   own(pieces.pose)};
+        const RegionPairs some_pairs = {of_pairs(pairs.pose), of_pairs(pairs.face),
+                                        of_pairs(pairs.area), of_pairs(pairs.bound),
+                                        of_pairs(pairs.excess)};
+        Addition from(_faces, some, some_pairs, number);
+        report.add(piece - first - from.n_pieces());
+        if (_views > 0) add_to_faces(from, CountTo{_views}, report);
+        else add_to_faces(from, SetOf{}, report);
+    }
     all.keep();
 }
 
@@ -207,9 +238,7 @@ void Union::tidy() {
     _pieces = std::move(kept);
 }
 
-template <class Tally>
-void Union::add_to_faces(Addition &from, Tally tally, const Progress &progress) {
-    Report report(progress, from.n_pieces());
+template <class Tally> void Union::add_to_faces(Addition &from, Tally tally, Report &report) {
     Poll poll(16);
     while (true) {
         const int64_t face = from.next_face(_waiting);

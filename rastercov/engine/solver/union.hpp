@@ -1,9 +1,11 @@
 // Union of regions of poses: a partition of the faces by how many or which poses cover each part.
 //
-// Regions are added pose by pose or many at once. A face that k poses cover as a whole is closed:
-// it is one piece from then on, and costs nothing more. A face with many pieces is divided into
-// cells by a tree of lines; pieces of two cells cannot overlap, so that a union takes time in
-// proportion to their number. Cells last as long as the union: no piece is cut twice by one line.
+// Regions are added pose by pose or many at once. Where poses are taken together by their numbers,
+// a caller may divide them at multiples of these as it likes, for the same bits. A face that k
+// poses cover as a whole is closed: it is one piece from then on, and costs nothing more. A face
+// with many pieces is divided into cells by a tree of lines; pieces of two cells cannot overlap, so
+// that a union takes time in proportion to their number. Cells last as long as the union: no piece
+// is cut twice by one line.
 //
 // One thread at a time uses a union, also while progress is told. After an error, an interrupt or a
 // lack of memory it is as it was before.
@@ -19,6 +21,10 @@ namespace rastercov::engine {
 
 // Pieces of a cell up to which each is compared with all others.
 constexpr int64_t MOST_PIECES = 256;
+// Poses that a union adds at once: all, or of few faces many, large pieces first, and of others
+// one.
+constexpr int64_t ALL_TOGETHER = std::numeric_limits<int32_t>::max();
+constexpr int64_t FEW_FACES = 2048, POSES_TOGETHER = 256;
 
 // Called with the number of pieces done and of all, some times a second; it may throw.
 using Progress = std::function<void(int64_t, int64_t)>;
@@ -27,8 +33,10 @@ class Union {
   public:
     // Of faces whose memory lives longer than the union. Poses are counted up to `views`; for 0,
     // parts have sets of up to 64 poses. `least` is the least distance of two corners that do not
-    // coincide, m; cells of more than `most` pieces are divided.
-    Union(const FlatFaces &faces, double least, int64_t views, int64_t most = MOST_PIECES);
+    // coincide, m; cells of more than `most` pieces are divided; `together` poses are added at
+    // once.
+    Union(const FlatFaces &faces, double least, int64_t views, int64_t most = MOST_PIECES,
+          int64_t together = ALL_TOGETHER);
     Union(const Union &) = delete;
     Union &operator=(const Union &) = delete;
 
@@ -92,7 +100,7 @@ class Union {
     Cell &change(int64_t cell);
     void add_bound(int64_t face, double area);
     void tidy();
-    template <class Tally> void add_to_faces(Addition &from, Tally tally, const Progress &progress);
+    template <class Tally> void add_to_faces(Addition &from, Tally tally, Report &report);
     template <class Tally>
     void unite_face(int64_t face, int64_t whole, bool is_waiting, Tally tally, Report &report);
     template <class Tally> double unite_cell(int64_t cell, Rows parts, int64_t whole, Tally tally);
@@ -107,7 +115,7 @@ class Union {
 
     FlatFaces _faces;
     double _least;
-    int64_t _views, _most;
+    int64_t _views, _most, _together;
     std::vector<Cell> _cells;       // those of the faces, then pairs of halves
     std::vector<Divider> _dividers; // of the cell of each pair
     PieceList _outlines;            // of the halves
