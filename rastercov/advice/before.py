@@ -25,7 +25,6 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import coordinates, distance
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
-from rastercov.core.area.rows import with_rule
 from rastercov.core.area.union import Covered, RegionUnion, with_rest
 from rastercov.core.area.zones import (
     MOST_LINES,
@@ -36,8 +35,7 @@ from rastercov.core.area.zones import (
     zone_line,
     zones_of,
 )
-from rastercov.core.camera import Cameras, Poses, cameras_of, rows_of_result
-from rastercov.core.coverage.coverage import in_batches
+from rastercov.core.camera import Cameras, Poses, cameras_of
 from rastercov.core.coverage.task import NO_CAMERAS, TOO_FEW_VIEWS, Engine, Task
 from rastercov.core.mesh import Mesh
 from rastercov.shards import Progress, silent
@@ -187,11 +185,8 @@ def _key(pose: FloatArray) -> bytes:
 def _coverage_of(mesh: Mesh, rig: Placed, task: Task, step: Callable[[int], None]) -> Covered:
     """Area that cameras cover."""
     (camera, poses), areas = rig, AreaNetwork(mesh, task)
-    rows = rows_of_result(camera, poses)
     with closing(RegionPass(mesh, camera, task)) as finder:
-        for part in in_batches(poses, mesh.n_faces, finder.threads, rows):
-            areas.add(with_rule(finder.find(part, closed=areas.closed), camera, part))
-            step(len(part))
+        finder.add_to(areas, poses, step)
     return areas.covered
 
 

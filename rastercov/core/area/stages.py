@@ -47,7 +47,7 @@ from rastercov.core.area.features import FEATURES, conditions_at
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.polygons import Overlay, frames_of, sides_of
 from rastercov.core.area.regions import RegionPass, check_pointwise
-from rastercov.core.area.rows import rule_lists, rule_reasons, with_rule
+from rastercov.core.area.rows import rule_lists, rule_reasons
 from rastercov.core.area.spread import SpreadUnion, union_of
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.camera import (
@@ -59,7 +59,6 @@ from rastercov.core.camera import (
     near_limits,
     rows_of_result,
 )
-from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.task import (
     BITS,
     CRITERIA,
@@ -320,11 +319,8 @@ def unite_regions(
     finder: RegionPass, poses: Poses, asked: BoolArray, union: RegionUnion | SpreadUnion
 ) -> Covered:
     """Area of faces, (F,), that rows of the result cover, added to a union; the pass is closed."""
-    mesh, camera = finder.mesh, finder.camera
-    rows = rows_of_result(camera, poses)
     with closing(finder):
-        for part in in_batches(poses, mesh.n_faces, finder.threads, rows):
-            union.add(with_rule(finder.find(part, closed=union.closed | ~asked), camera, part))
+        finder.add_to(union, poses, asked=asked)
     return union.covered()
 
 

@@ -23,7 +23,6 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import points_on, spread_faces
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed, longer
-from rastercov.core.area.rows import with_rule
 from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.zones import (
     LEAST_PERCENT,
@@ -34,8 +33,7 @@ from rastercov.core.area.zones import (
     summary_of,
     zone_line,
 )
-from rastercov.core.camera import Camera, Poses, Rig, led_by, look_at, rows_of_result
-from rastercov.core.coverage.coverage import in_batches
+from rastercov.core.camera import Camera, Poses, Rig, led_by, look_at
 from rastercov.core.coverage.task import BETWEEN, NAMES, REASONS, Reason, Task, code_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
@@ -52,6 +50,7 @@ from rastercov.placement.plan.scene import places_of
 from rastercov.placement.required import FAILS, HOLDS
 from rastercov.placement.select.problem import views_of
 from rastercov.shards import Progress, silent
+from rastercov.shards.run import count_poses_of
 
 MOST_MISSING = 3
 """Reasons, and groups of each, in a line on a goal that is out of reach."""
@@ -107,11 +106,7 @@ def area_of_all(prepared: Prepared, finder: RegionPass, progress: Progress) -> A
     if not is_affordable or finder.task.min_angle_deg:  # of all pairs of candidates
         return None
     areas = AreaNetwork(prepared.mesh, finder.task)
-    rows, done = rows_of_result(finder.camera, poses), 0
-    for some in in_batches(poses, prepared.mesh.n_faces, finder.threads, rows):
-        areas.add(with_rule(finder.find(some, closed=areas.closed), finder.camera, some))
-        done += len(some)
-        progress(done, len(poses))
+    finder.add_to(areas, poses, count_poses_of(len(poses), progress))
     return areas
 
 
@@ -305,8 +300,7 @@ def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> 
         near = zone["nearest"]
         own = kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
-        regions = finder.find(placed, closed=shortfall.areas.closed)
-        shortfall.areas.add(with_rule(regions, camera, placed))
+        finder.add_to(shortfall.areas, placed)
         used.append(f"({coordinates(tried['position'], 2)}) m")
         words = f"candidates also at {first_of(used)}"
         if line := _line(prepared, shortfall, shortfall.areas, words):
