@@ -21,6 +21,7 @@ from rastercov.base import (
     plural,
     shown,
 )
+from rastercov.base.errors import PartMadeError
 from rastercov.cli.console import out_option, print_lines, say, size_line, warn
 from rastercov.cli.inputs import read_rig
 from rastercov.cli.options import (
@@ -227,6 +228,7 @@ def check(
     goal: GoalOptions,
     outcomes: OutcomeOptions,
     camera: CameraOptions,
+    processes: ProcessOptions,
     out: Annotated[
         Path | None,
         out_option("Output folder for a page (check.html) and all results (check.json)."),
@@ -249,8 +251,10 @@ def check(
 
     files = outcomes.junit, outcomes.summary
     outcome.refuse_other(*files)
-    if pdf and out is None:
-        raise ConfigError("--pdf: expected a folder for the page, got none; name it with --out")
+    workers = processes.open()
+    for name, is_asked in (("--pdf", pdf), ("workers or --only", workers is not None)):
+        if is_asked and out is None:
+            raise ConfigError(f"{name}: expected a folder, got none; name it with --out")
     try:
         asked = read_plan(plan)
         before = read_baseline(outcomes.baseline, outcomes.allow_worse)
@@ -265,8 +269,12 @@ def check(
             result = made()
         else:
             from rastercov.report.check import write  # with the first page only
+            from rastercov.shards import Staff
 
-            result = write(made, out, _step, pdf=pdf, level=level)
+            staff = Staff(workers, note=warn)
+            result = write(made, out, _step, staff, pdf=pdf, level=level)
+    except PartMadeError:
+        raise
     except (RastercovError, OSError) as error:
         case = outcome.Case("input", "error", getattr(error, "lines", [str(error)]))
         outcome.write(*files, plan, [case])

@@ -38,10 +38,17 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import Jointed, JointPath
 from rastercov.motion.motion import Motion, conveyor, describe_motion, turntable
 from rastercov.motion.motion_file import OF_GLTF, load_motion, read_gltf_motion, read_motion
-from rastercov.motion.over_time import OfFrames, OverTime, TimeAreas, never_seeable
+from rastercov.motion.over_time import (
+    OfFrames,
+    OverTime,
+    TimeAreas,
+    never_seeable,
+    regions_in_shards,
+)
 from rastercov.motion.plan_section import MotionSection, Over
 from rastercov.motion.regions import (
     MotionQuery,
+    MovingFrames,
     by_time,
     carriers,
     move_with_carrier,
@@ -58,6 +65,7 @@ from rastercov.placement.plan.file import (
     moving_bodies,
 )
 from rastercov.placement.plan.phases import Phase, PhaseMatrix, PlanScene
+from rastercov.placement.plan.rig_parts import Kept
 from rastercov.placement.plan.sections import BodyEntry, MeshEntry
 from rastercov.placement.select.problem import weights_of
 from rastercov.shards import Progress
@@ -225,11 +233,19 @@ class PlanMotion(MotionQuery):
             yield Phase(mesh, move_with_carrier(carried[:, row], placed), back)
 
     def areas(
-        self, camera: Cameras, placed: Poses, task: Task, regions: Regions | None = None
+        self,
+        camera: Cameras,
+        placed: Poses,
+        task: Task,
+        regions: Regions | None = None,
+        kept: Kept | None = None,
     ) -> TimeAreas:
         """Area of placed cameras over time, of the regions of frames where they are known."""
+        own = self, camera, placed, task, Engine.of(self.method)
+        if kept is not None:
+            regions = regions_in_shards(MovingFrames.of(*own), *kept)
         if regions is None:
-            regions = regions_of_frames(self, camera, placed, task, Engine.of(self.method))
+            regions = regions_of_frames(*own)
         return OverTime(self, camera, placed, task, regions).areas
 
     def first(self, areas: AreaNetwork, count: int) -> TimeAreas:

@@ -565,9 +565,12 @@ class NearestCameras:
         rank = nearness(batch.reason) + 0.9 * second
         leader = rank.argmax(axis=0)
         best = np.take_along_axis(rank, leader[None], axis=0)[0]
-        better = best > self.rank
-        self.rank[better] = best[better]
-        self.camera[better] = batch.pose_ids[leader[better]]
+        self.take(best, batch.pose_ids[leader])
+
+    def take(self, rank: FloatArray, camera: IntArray) -> None:
+        """Add the nearest of further cameras, (F,), by their rank."""
+        better = rank > self.rank
+        self.rank[better], self.camera[better] = rank[better], camera[better]
 
 
 def _amount(share: ByName, action: str) -> str:

@@ -10,17 +10,18 @@ from pathlib import Path
 
 from rastercov.base import write_json, write_text
 from rastercov.base.format import points
-from rastercov.core.coverage.shards import provenance_of
+from rastercov.core.coverage.shards import folder_of_shards, provenance_of, remove
 from rastercov.placement.plan.check import Checked, record, to_json
 from rastercov.placement.plan.phases import Judged
 from rastercov.placement.plan.prepare import Step, quiet
+from rastercov.placement.plan.rig_parts import Kept
 from rastercov.placement.required import FAILS
 from rastercov.report.coverage import Options
 from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.network_page import NetworkPage
 from rastercov.report.placement import change_of, network_of, verdicts, with_features
 from rastercov.report.printing import browser, write_page
-from rastercov.shards import Progress, silent
+from rastercov.shards import ALONE, Progress, Staff, silent
 
 WORST = "worst_poses.json"
 """File of these poses."""
@@ -32,18 +33,24 @@ CHECK = ReportKind(
 
 
 def write(
-    made: Callable[[], Checked],
+    made: Callable[..., Checked],
     out: Path,
     step: Step = quiet,
+    staff: Staff = ALONE,
     *,
     pdf: bool = False,
     level: int | None = None,
 ) -> Checked:
-    """Make a check and write its report, once the folder can be used."""
-    with ReportFolder(out, CHECK) as folder:
+    """Make a check and write its report, once the folder can be used.
+
+    By the workers of `staff`, and where such a run is unfinished, it is `kept` in shards.
+    """
+    with ReportFolder(out, CHECK, is_shared=staff.part is not None) as folder:
         if pdf:
             browser()  # none fails before the work
-        result = made()
+        shards = folder_of_shards(folder.path)
+        is_kept = staff.workers is not None or shards.exists()
+        result = made(kept=Kept(shards, staff) if is_kept else None)
         with step("page") as progress:
             shown = replace(network_of(result, to_json(result)), level=level)
             page = page_of(result, shown, has_view=shown.view is not None, progress=progress)
@@ -54,6 +61,7 @@ def write(
             write_json(folder.file(WORST), worst)
         write_json(folder.file("check.json"), with_features(result, record(result)))
         folder.publish()
+        remove(folder.path)
     return result
 
 

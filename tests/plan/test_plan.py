@@ -27,7 +27,8 @@ from rastercov.placement.plan import generators as plan_generators
 from rastercov.placement.plan import sections as plan_model
 from rastercov.placement.plan.file import Plan, PlanError, lines_of, read_plan, schema
 from rastercov.placement.plan.generator import Generator
-from rastercov.placement.plan.network import certain_and_possible, classify_network, percent
+from rastercov.placement.plan.network import classify_network, percent
+from rastercov.placement.plan.rig_parts import certain_and_possible
 from rastercov.placement.plan.scene import candidate_pool, framing_of, name_scene, scene
 from rastercov.placement.plan.sections import PlanModel
 

@@ -170,7 +170,8 @@ def poisoned(folder, number, chosen):
 @pytest.fixture
 def a_killer(monkeypatch):
     monkeypatch.setattr(evaluation_shards, "PAIRS_A_SHARD", SMALL * MESH.n_faces)
-    monkeypatch.setattr(evaluation_shards, "FUNCTION", "test_evaluation_workers:poisoned")
+    shards = evaluation_shards.EvaluationShards
+    monkeypatch.setattr(shards, "function", "test_evaluation_workers:poisoned")
     monkeypatch.syspath_prepend(Path(__file__).parent)
 
 

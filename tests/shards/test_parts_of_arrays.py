@@ -8,12 +8,15 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 import rastercov as rc
 from rastercov.cli import command
 from rastercov.core.coverage import shards
 from rastercov.core.mesh import shapes
+from rastercov.motion import over_time
+from rastercov.placement.plan import goals
 from rastercov.shards import Workers
 
 pytestmark = pytest.mark.slow
@@ -133,3 +136,65 @@ def test_other_parts_are_refused_in_a_line(text, capsys, tmp_path):
 def test_a_part_is_made_by_this_process_alone(more):
     with pytest.raises(rc.ConfigError, match="got 2 of them; give one"):
         Workers(**more, only=(0, 2))
+
+
+CHECK = """\
+meshes = [{ built_in = "room" }]
+camera = { width = 160, height = 120, hfov_deg = 80 }
+task.max_incidence_deg = 70
+"""
+GOAL = 'goals.crates = { groups = ["crates"], at_most = 0.9, max_incidence_deg = 60 }\n'
+FRAMES = "motion.turntable = { body = 'crates', steps = 4, axis = [0, 0, 1] }\ntask.over = 0.5\n"
+HEADS = """\
+meshes = [{ built_in = "torus" }]
+cameras.head = { width = 160, height = 120, hfov_deg = 60 }
+[rigs.pair]
+rule = "all"
+[[rigs.pair.cameras]]
+camera = "head"
+name = "left"
+[[rigs.pair.cameras]]
+camera = "head"
+translation = [0.1, 0.0, 0.0]
+name = "right"
+"""
+FACES = 'task.method = "sampled"\n'
+ANGLE = "task.min_angle_deg = 5\n"
+
+
+@pytest.mark.parametrize("more", ["", FACES, ANGLE, GOAL, FRAMES, HEADS])
+def test_parts_of_a_check_give_the_report_of_one_run(tmp_path, more, monkeypatch):
+    monkeypatch.setattr(shards, "PAIRS_A_SHARD", 3000)
+    monkeypatch.setattr(shards, "PAIRS_OF_COUNTS", 3000)
+    monkeypatch.setattr(over_time, "PAIRS_A_SHARD", 3000)
+    plan, rig, junit = (tmp_path / name for name in ("plan.toml", "rig.json", "junit.xml"))
+    plan.write_text(more if more == HEADS else CHECK + more)
+    poses = rc.sphere_of_poses((0, 0, 1), 1.5, count=24).tolist()
+    named = {"camera": ["pair"] * 24} if more == HEADS else {}
+    rig.write_text(json.dumps({"world_from_camera": poses, **named}))
+    words = ["check", str(plan), "--poses", str(rig), "--min-coverage", "0.2"]
+    words += ["--junit", str(junit), "--out"]
+    for part in (2, 0, 1):
+        assert command([*words, str(tmp_path / "parts"), "--only", f"{part}/3"]) == 0
+        assert not junit.exists()
+    made = [*(tmp_path / "parts").glob("unfinished/*/shards/*")]
+    assert len(made) > 3
+    monkeypatch.setattr(goals.RigShards, "_measure", lambda *asked: pytest.fail("measured again"))
+    codes = [command([*words, str(tmp_path / name)]) for name in ("parts", "whole")]
+    assert codes in ([0, 0], [1, 1])
+    assert not (tmp_path / "parts/unfinished").exists()
+    for name in ("check.json", "check.html", "view.html"):
+        ours, theirs = ((tmp_path / each / name).read_bytes() for each in ("parts", "whole"))
+        assert ours == theirs
+
+
+def test_a_check_by_workers_is_that_of_this_process(tmp_path):
+    plan, rig = tmp_path / "plan.toml", tmp_path / "rig.npy"
+    plan.write_text(CHECK + GOAL)
+    np.save(rig, rc.sphere_of_poses((0, 0, 1), 1.5, count=6))
+    words = ["check", str(plan), "--poses", str(rig), "--min-coverage", "0.2", "--out"]
+    for name, more in {"one": (), "two": ("--workers", "2")}.items():
+        assert command([*words, str(tmp_path / name), *more]) in (0, 1)
+    one, two = ((tmp_path / name / "check.json").read_bytes() for name in ("one", "two"))
+    assert one == two
+    assert command([*words[:-1], "--workers", "2"]) == 2

@@ -199,13 +199,18 @@ class Network(InNotebook):
             return
         if coverage.task != self.task or coverage.mesh.n_faces != self.mesh.n_faces:
             raise ConfigError(OF_ONE_TASK)
-        if len(coverage.pose_ids):
-            if self.task.min_angle_deg > 0:
-                for eye, reason in zip(coverage.eyes, coverage.reason, strict=True):
-                    self._spread.add(eye, np.flatnonzero(reason == Reason.COVERED))
+        if n := len(coverage.pose_ids):
             figures = {name: getattr(coverage, name) for name in SUMMED}
-            sums = sums_of(self.mesh, figures, np.arange(len(coverage.pose_ids)))
-            self._take(coverage.pose_ids, coverage.clipped, sums)
+            self._take(
+                coverage.pose_ids, coverage.clipped, sums_of(self.mesh, figures, np.arange(n))
+            )
+            self._spread_out(coverage.eyes, coverage.reason == Reason.COVERED)
+
+    def _spread_out(self, eyes: FloatArray, covers: BoolArray) -> None:
+        """Add the directions of cameras, (P, 3), to the faces that they cover, (P, F)."""
+        if self.task.min_angle_deg > 0:
+            for eye, row in zip(eyes, covers, strict=True):
+                self._spread.add(eye, np.flatnonzero(row))
 
     @typed
     def judge(

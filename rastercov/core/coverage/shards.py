@@ -25,7 +25,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -329,44 +329,58 @@ class Wanted:
         return NetworkOfBits(mesh, task, measure) if self.alone else Network(mesh, task)
 
 
-class EvaluationShards:
-    """Shards of one evaluation in a folder of its own, which is made.
+class PoseShards(Generic[T]):
+    """Shards of some poses in a folder of its own, which is made; a subclass has their content.
 
     The caller holds the lock of the folder above.
 
     Parameters
     ----------
     folder : Path
-        Folder of unfinished evaluations; that of this one is named by a hash in it.
+        Folder of unfinished runs; that of this one is named by a hash in it.
     observer : Observer
-        Of the mesh and the cameras, by the engine.
+        Of the mesh and the cameras, by the engine; see `open_for`.
     poses : Poses
     task : Task
     wanted : Wanted
     """
 
+    function: ClassVar[str]
+    """By which workers make a shard."""
+
     def __init__(
         self, folder: Path, observer: Observer, poses: Poses, task: Task, wanted: Wanted
     ) -> None:
         self.observer, self.poses, self.task, self.wanted = observer, poses, task, wanted
-        header = header_of(observer, poses, task, wanted)
+        header = header_of(observer, poses, task, wanted) | self._more
         scene = observer.mesh, observer.camera, poses
-        store = store_in(folder, header, len(poses), FUNCTION, scene)
+        store = store_in(folder, header, len(poses), self.function, scene)
         self.store = replace(store, device=device_of(observer))
+
+    _more: ClassVar[ByName] = {}
+    """Further entries of the header."""
+
+    def _measure(self, poses: Poses, did: Callable[[int], None]) -> dict[str, AnyArray]:
+        """Arrays of a shard of some poses; `did` is called with the poses that are done."""
+        raise NotImplementedError  # each has its own
+
+    def _part(self, arrays: dict[str, AnyArray], poses: Poses) -> T:
+        """A shard of some poses from its arrays."""
+        raise NotImplementedError  # each has its own
 
     @property
     def quarantined(self) -> dict[int, str]:
         """Poses, by their ids, that were left out because they kill their process."""
         return {int(self.poses.ids[row]): end for row, end in self.store.quarantined().items()}
 
-    def parts(self, staff: Staff) -> Iterator[JudgedPoses]:
+    def parts(self, staff: Staff) -> Iterator[T]:
         """Every shard in turn, as of `classify_parts`."""
         store = self.store
         made: dict[int, bytes] = {}
 
         def make(number: int, did: Callable[[int], None]) -> bytes:
             poses = self.poses[store.rows(number)]
-            arrays = _measure_poses(self.observer, poses, self.task, self.wanted, did)
+            arrays = self._measure(poses, did)
             made[number] = pack_rows(store.folder, number, arrays)
             return made[number]
 
@@ -374,24 +388,36 @@ class EvaluationShards:
             arrays = unpack_rows(store, number, made.pop(number, None))
             yield self._part(arrays, self.poses[store.rows(number)])
 
+    def regions(self, arrays: Mapping[str, AnyArray], poses: Poses) -> Regions | None:
+        """Regions of the poses of a shard, where they are kept."""
+        if not self.wanted.by_area:
+            return None
+        own: Any = under("regions", arrays)
+        own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
+        own["conditions"] = getattr(self.observer, "conditions", ())
+        return Regions(pose_ids=poses.ids, eyes=eyes_of(self.observer.camera, poses), **own)
+
+
+class EvaluationShards(PoseShards[JudgedPoses]):
+    """Shards of one evaluation."""
+
+    function = FUNCTION
+
+    def _measure(self, poses: Poses, did: Callable[[int], None]) -> dict[str, AnyArray]:
+        return _measure_poses(self.observer, poses, self.task, self.wanted, did)
+
     def _part(self, arrays: dict[str, AnyArray], poses: Poses) -> JudgedPoses:
-        own_bits: Any = _under("bits", arrays)
-        left, regions = poses[np.isin(poses.ids, arrays["ids"])], None
-        eyes = eyes_of(self.observer.camera, left)
-        if self.wanted.by_area:
-            own: Any = _under("regions", arrays)
-            own |= {"mesh": self.observer.mesh, "camera": self.observer.camera, "task": self.task}
-            own["conditions"] = getattr(self.observer, "conditions", ())
-            regions = Regions(pose_ids=left.ids, eyes=eyes, **own)
+        own_bits: Any = under("bits", arrays)
+        left = poses[np.isin(poses.ids, arrays["ids"])]
         cameras = {path.split(".")[1] for path in arrays if path.startswith("sums.")}
         return JudgedPoses(
             poses=left,
             clipped=arrays["clipped"],
-            rows=_under("rows", arrays),
+            rows=under("rows", arrays),
             counts=None,
-            sums={int(each): Sums(**_under(f"sums.{each}", arrays)) for each in sorted(cameras)},
-            regions=regions,
-            eyes=eyes,
+            sums={int(each): Sums(**under(f"sums.{each}", arrays)) for each in sorted(cameras)},
+            regions=self.regions(arrays, left),
+            eyes=eyes_of(self.observer.camera, left),
             leads=leads_of(self.observer.camera, left),
             bits=bits_of(self.observer.mesh, **own_bits) if self.wanted.bits else None,
         )
@@ -475,7 +501,7 @@ def is_long(n_poses: int, n_faces: int) -> bool:
 
 def make(folder: Path, number: int | None, chosen: NDArray[np.int64]) -> bytes:
     """Content of a shard, as `rastercov.shards.ShardStore` wants it."""
-    observer, poses, task, wanted = _open_inputs(folder)
+    observer, poses, task, wanted = open_inputs(folder)
     return pack_rows(folder, number, _measure_poses(observer, poses[chosen], task, wanted))
 
 
@@ -487,7 +513,7 @@ def open_for(mesh: Mesh, camera: Cameras, task: Task, wanted: Wanted) -> Observe
 
 
 @open_once
-def _open_inputs(folder: Path, inputs: Inputs) -> tuple[Observer, Poses, Task, Wanted]:
+def open_inputs(folder: Path, inputs: Inputs) -> tuple[Observer, Poses, Task, Wanted]:
     """Observer of a folder, its poses, thresholds and figures."""
     task, wanted = question_of(inputs)
     return open_for(inputs.mesh, inputs.cameras, task, wanted), inputs.poses, task, wanted
@@ -566,7 +592,7 @@ def _measure_poses(
         did(len(batch.poses))
     arrays = {"ids": poses.ids} | _join_batches(poses, batches)
     if wanted.by_area:
-        arrays |= _below("regions", arrays_of_regions([batch.regions for batch in batches]))
+        arrays |= below("regions", arrays_of_regions([batch.regions for batch in batches]))
     return arrays
 
 
@@ -583,20 +609,20 @@ def _join_batches(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, Any
         of_poses = [(each.packed, each.area_units) for each in kept]
         packed, areas = map(np.concatenate, zip(*of_poses, strict=True))
         views = np.sum([each.views for each in kept], axis=0)
-        arrays |= _below("bits", {"packed": packed, "area_units": areas, "views": views})
-    arrays |= _below("rows", rows)
+        arrays |= below("bits", {"packed": packed, "area_units": areas, "views": views})
+    arrays |= below("rows", rows)
     for camera, part in sorted(sums.items()):
-        arrays |= _below(f"sums.{camera}", part._asdict())
+        arrays |= below(f"sums.{camera}", part._asdict())
     return arrays
 
 
-def _below(path: str, arrays: Mapping[Any, AnyArray]) -> dict[str, AnyArray]:
+def below(path: str, arrays: Mapping[Any, AnyArray]) -> dict[str, AnyArray]:
     """Arrays by their paths in a file, such as "sums.0.views"."""
     return {f"{path}.{name}": array for name, array in arrays.items()}
 
 
-def _under(path: str, arrays: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
-    """Arrays of a file below a path, by their names; see `_below`."""
+def under(path: str, arrays: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """Arrays of a file below a path, by their names; see `below`."""
     own = f"{path}."
     return {name[len(own) :]: array for name, array in arrays.items() if name.startswith(own)}
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, field, replace
 from functools import cached_property, partial
 from itertools import takewhile
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +47,7 @@ from rastercov.base import (
     sort_order,
 )
 from rastercov.base.arguments import finite_number, is_number, share_meant
+from rastercov.base.errors import PartMadeError
 from rastercov.base.format import area, points
 from rastercov.core.area.feature import NEEDS
 from rastercov.core.area.features import unmet_lines
@@ -89,6 +90,7 @@ from rastercov.formats.cameras import read_views
 from rastercov.placement.plan.baseline import Against, Told, check_task, compare
 from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.goals import (
+    AlikeGoals,
     OwnGoal,
     measure_rig,
     permits_of,
@@ -115,6 +117,7 @@ from rastercov.placement.plan.network import (
 )
 from rastercov.placement.plan.phases import Demand, Verdicts, phases_of
 from rastercov.placement.plan.prepare import Step, quiet
+from rastercov.placement.plan.rig_parts import Kept
 from rastercov.placement.plan.scene import free_places, name_scene, places_of
 from rastercov.placement.required import HOLDS, SHARE_TOLERANCE
 from rastercov.placement.select.problem import in_whole_numbers, views_of, weights_of
@@ -582,6 +585,7 @@ def check(
     poses: ArrayLike | Poses | Views | None = None,
     baseline: Told | None = None,
     demand: Demand = NOTHING_MORE,
+    kept: Kept | None = None,
 ) -> Checked:
     """Check a rig against the mesh, camera and task of a plan.
 
@@ -605,9 +609,13 @@ def check(
         Outcome of an earlier check to compare it with, see `read_baseline`.
     demand : Demand
         That of a feature, such as errors of installation under which requirements must hold.
+    kept : Kept, optional
+        Folder for shards of what the cameras cover, which stay, and the processes that make them.
 
     Raises
     ------
+    PartMadeError
+        After the shards of workers with `only` are made, for the task and its goals.
     PlanError
         For a plan that does not fit its meshes.
     PoseError
@@ -636,10 +644,13 @@ def check(
     limits = _by_place(plan, limits, names, mesh)
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
-    apart = CheckedGoals(goals, rig, shown, step)
+    if kept is not None and kept.staff.part is not None:
+        _make_part(plan, mesh, goals, rig, views, step, kept)
+    apart = CheckedGoals(goals, rig, shown, step, kept)
     of_goals = [*apart.requirements.values()]
     permits = permits_of([(g, each.high) for g, each in zip(goals, of_goals, strict=True)])
-    checked = _check_rig(plan, mesh, rig, limits, views, step, permits, adds_only=bool(goals))
+    allowed = Allowed(permits=permits, adds_only=bool(goals))
+    checked = _check_rig(plan, mesh, rig, limits, allowed, views, step, kept)
     if (areas := checked.cameras.areas) is not None:
         with step("dead zones") as progress:
             own = plan.rig, checked.cameras.placed, views_by_group(plan, views)
@@ -668,6 +679,27 @@ def check(
     return replace(checked, against=compare(baseline, parse_json(json_bytes(record(checked)))))
 
 
+def _make_part(
+    plan: Plan,
+    mesh: Mesh,
+    goals: Sequence[OwnGoal],
+    rig: Poses,
+    views: int | None,
+    step: Step,
+    kept: Kept,
+) -> NoReturn:
+    """Make the shards of this part, of the task and of all goals; raises `PartMadeError`."""
+    made: PartMadeError | None = None
+    asked = [(each.plan, each.mesh, None) for each in AlikeGoals.of(goals)]
+    for own_plan, own_mesh, own_views in [*asked, (plan, mesh, views)]:
+        try:
+            measure_rig(own_plan, own_mesh, rig, own_views, step, kept)
+        except PartMadeError as error:
+            made = error
+    assert made is not None
+    raise made
+
+
 class CheckedGoals(Mapping[str, Checked]):
     """Check of each goal of a plan by its name, for a rig with names, made when it is asked for.
 
@@ -678,9 +710,14 @@ class CheckedGoals(Mapping[str, Checked]):
     """
 
     def __init__(
-        self, goals: Sequence[OwnGoal], rig: Poses, names: Sequence[str], step: Step = quiet
+        self,
+        goals: Sequence[OwnGoal],
+        rig: Poses,
+        names: Sequence[str],
+        step: Step = quiet,
+        kept: Kept | None = None,
     ) -> None:
-        self.requirements = requirements_of(goals, rig, step)
+        self.requirements = requirements_of(goals, rig, step, kept)
         self._goals, self._made = {goal.name: goal for goal in goals}, dict[str, Checked]()
         self._rig, self._names = rig, tuple(names)
 
@@ -693,8 +730,8 @@ class CheckedGoals(Mapping[str, Checked]):
                 lambda each: not (goal.is_most and each is goal), self._goals.values()
             )
             permits = permits_of([(each, required[each.name].high) for each in before])
-            own = goal.plan, goal.mesh, self._rig, limits, None, quiet
-            made = _check_rig(*own, permits, adds_only=True)
+            allowed = Allowed(permits=permits, adds_only=True)
+            made = _check_rig(goal.plan, goal.mesh, self._rig, limits, allowed)
             of_goal = (required[name],)
             self._made[name] = replace(made, names=self._names, requirements=of_goal)
         return self._made[name]
@@ -737,7 +774,7 @@ class PlacedCameras(NamedTuple):
         """Requirements of the task with other cameras."""
         areas = AreaNetwork(self.mesh, self.task)
         with closing(RegionPass(self.mesh, camera, self.task)) as finder:
-            areas.add(with_rule(finder.find(poses), camera, poses))
+            finder.add_to(areas, poses)
         return classify_areas(areas, {each.group: each.limit for each in required}, self.views)
 
     def lost_without(
@@ -899,21 +936,20 @@ def _check_rig(
     mesh: Mesh,
     rig: Poses,
     limits: Limits,
-    views: int | None,
-    step: Step,
-    permits: Callable[[Cameras, Poses], bool] | None = None,
-    adds_only: bool = False,
+    allowed: Allowed,
+    views: int | None = None,
+    step: Step = quiet,
+    kept: Kept | None = None,
 ) -> Checked:
-    """Check of the task of a plan, without its goals; the last two are as of `Allowed`."""
+    """Check of the task of a plan, without its goals; cameras are `allowed` where it permits."""
     task = plan.build_task(views)
     counted = counting(plan.task) | ({"views": views} if views else {})
-    with observer_of(plan, mesh) as observer:
-        cameras = measure_rig(plan, mesh, observer, rig, views, step)
-        if cameras.areas is not None:
-            places, free = places_of(plan, mesh), partial(free_places, plan)
-            cameras.areas.allowed = Allowed(places, permits=permits, adds_only=adds_only, free=free)
-        with step("uncovered faces") as progress:
-            leftover = find_uncovered(observer, cameras, progress, views=counted["views"])
+    cameras = measure_rig(plan, mesh, rig, views, step, kept)
+    if cameras.areas is not None:
+        places, free = places_of(plan, mesh), partial(free_places, plan)
+        cameras.areas.allowed = allowed._replace(places=places, free=free)
+    with step("uncovered faces") as progress, observer_of(plan, mesh) as observer:
+        leftover = find_uncovered(observer, cameras, progress, views=counted["views"])
     seeable = seeable_areas(plan, cameras.network, cameras.areas)
     masks = cameras.covered, cameras.certain, cameras.possible
     weights = in_whole_numbers(weights_of(mesh, plan.task.weight_by))

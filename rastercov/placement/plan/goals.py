@@ -26,9 +26,9 @@ from rastercov.base import (
 from rastercov.base.format import verb
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.cells import Cells, cells, usual_size
-from rastercov.core.area.regions import RegionPass
-from rastercov.core.camera import Cameras, Poses
-from rastercov.core.coverage.coverage import Observer
+from rastercov.core.area.regions import RegionObserver, RegionPass
+from rastercov.core.camera import Cameras, Poses, renumber
+from rastercov.core.coverage.shards import Wanted, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import BITS, CoveredBits, n_words, spread_out
@@ -40,6 +40,7 @@ from rastercov.placement.plan.file import Plan, PlanError
 from rastercov.placement.plan.network import (
     Measured,
     Requirement,
+    RigAreas,
     Rows,
     classify_areas,
     classify_network,
@@ -48,9 +49,9 @@ from rastercov.placement.plan.network import (
     most_views,
     observer_of,
     seeable_areas,
-    with_areas,
 )
 from rastercov.placement.plan.phases import phases_of
+from rastercov.placement.plan.rig_parts import Kept, RigPart, RigShards, parts_of
 from rastercov.placement.plan.sections import GoalSection
 from rastercov.placement.required import SHARE_TOLERANCE
 from rastercov.placement.select.problem import (
@@ -62,7 +63,7 @@ from rastercov.placement.select.problem import (
     problem_of,
     weights_of,
 )
-from rastercov.shards import Progress
+from rastercov.shards import Progress, silent
 
 WORSE = 16
 """Weight of what a goal permits up to a limit, in that of the task."""
@@ -242,23 +243,43 @@ def keep_scored(mesh: Mesh, names: Collection[str], *, is_most: bool = False) ->
 def measure_rig(
     plan: Plan,
     mesh: Mesh,
-    observer: Observer,
     rig: Poses,
     views: int | None,
     step: Callable[[str], AbstractContextManager[Progress]],
+    kept: Kept | None = None,
 ) -> Measured:
-    """The cameras of a plan in a scene, with their exact area where the plan counts that."""
-    phases, task = phases_of(plan, mesh), plan.build_task(views)
+    """The cameras of a plan in a scene, with their exact area where the plan counts that.
+
+    With `kept` by way of shards; `PartMadeError` where this process makes some of them.
+    """
+    phases, most = phases_of(plan, mesh), plan.build_task(most_views(plan, views))
+    wanted = Wanted(plan.engine, phases is None and plan.unit_of_result()[0] == "area")
     counted = counting(plan.task) | ({"views": views} if views else {})
-    with step("coverage") as progress:
-        cameras = measure_network(Objective.of(observer, task, **counted), rig, progress)
-    with step("area") as progress:
-        if phases is not None:
-            return replace(cameras, areas=phases.areas(plan.rig, cameras.placed, task))
-        if plan.unit_of_result()[0] == "face":
-            return cameras
-        with closing(_finder_of(plan, mesh, views)) as finder:
-            return with_areas(plan, cameras, finder, views, progress)
+    with step("coverage") as progress, open_for(mesh, plan.rig, most, wanted) as observer:
+        objective = Objective.of(observer, plan.build_task(views), **counted)
+        placed = renumber(rig)
+        areas = RigAreas(plan, mesh, placed, views) if wanted.by_area else None
+        parts = parts_of(observer, placed, most) if len(placed) else iter(())
+        if kept is not None and phases is None:
+            shards = RigShards(kept.folder, observer, placed, most, wanted)
+            parts, progress = shards.parts(replace(kept.staff, progress=progress)), silent
+
+        def each() -> Iterator[RigPart]:
+            for part in parts:
+                if part.regions is not None and areas is not None:
+                    areas.add(part.regions, part.poses)
+                    if kept is None and isinstance(observer, RegionObserver):
+                        observer.closed = areas.closed  # shards do not depend on one another
+                yield part
+
+        cameras = measure_network(objective, placed, progress, each())
+    if areas is not None:
+        return areas.of(cameras)
+    if phases is None:
+        return cameras
+    with step("area"):
+        over = phases.areas(plan.rig, cameras.placed, plan.build_task(views), kept=kept)
+        return replace(cameras, areas=over)
 
 
 def mounts_of(plan: Plan) -> Mounts | None:
@@ -327,12 +348,14 @@ class AlikeGoals:
             yield name, in_whole_numbers(np.where(is_own, weights, 0.0))
 
     def requirements(
-        self, placed: Poses, step: Callable[[str], AbstractContextManager[Progress]]
+        self,
+        placed: Poses,
+        step: Callable[[str], AbstractContextManager[Progress]],
+        kept: Kept | None = None,
     ) -> dict[str, Requirement]:
         """Requirement of each goal by its name, by cameras in their places."""
         plan, mesh = self.plan, self.mesh
-        with observer_of(plan, mesh) as observer:
-            cameras = measure_rig(plan, mesh, observer, placed, None, step)
+        cameras = measure_rig(plan, mesh, placed, None, step, kept)
         rows = self.rows
         limits: dict[str | None, float] = {each.name: each.limit for each in self.goals}
         seeable = seeable_areas(plan, cameras.network, cameras.areas)
@@ -394,11 +417,12 @@ def requirements_of(
     goals: Sequence[OwnGoal],
     placed: Poses,
     step: Callable[[str], AbstractContextManager[Progress]],
+    kept: Kept | None = None,
 ) -> dict[str, Requirement]:
     """Requirement of each goal by its name, by cameras in their places, once for each kind."""
     found: dict[str, Requirement] = {}
     for alike in AlikeGoals.of(goals):
-        found |= alike.requirements(placed, step)
+        found |= alike.requirements(placed, step, kept)
     return {goal.name: found[goal.name] for goal in goals}
 
 

@@ -9,7 +9,6 @@ because visibility has: `low` counts the certainly covered faces, `high` the pos
 By area it is that of the exact area, with its bound.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -33,25 +32,25 @@ from rastercov.base.format import points
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
+from rastercov.core.area.table import Regions
 from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, renumber, rows_of_result
 from rastercov.core.camera.conventions import centre_warning
 from rastercov.core.coverage.coverage import (
-    Coverage,
     Observer,
-    evaluate_batches,
     in_batches,
     open_observer,
 )
 from rastercov.core.coverage.doubts import find_warnings
 from rastercov.core.coverage.evaluation import ByCamera, cameras_apart
 from rastercov.core.coverage.network import Network, share_of_faces
-from rastercov.core.coverage.task import Reason, Task
+from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
 from rastercov.placement.candidates.rooms import wrong_side
 from rastercov.placement.improve.objective import Objective
 from rastercov.placement.plan.entries import value_of
 from rastercov.placement.plan.file import Plan
+from rastercov.placement.plan.rig_parts import RigPart, parts_of
 from rastercov.placement.plan.sections import (
     AllSelection,
     FewestSelection,
@@ -75,7 +74,6 @@ from rastercov.placement.select.problem import (
     views_of,
 )
 from rastercov.placement.uncovered import (
-    NETWORK_FIGURES,
     CandidateBounds,
     Leftover,
     NearestCameras,
@@ -421,6 +419,11 @@ class PlanNetwork(Network):
         """(F,) faces that are covered as the plan counts it."""
         return self.is_covered
 
+    def add_part(self, part: RigPart, eyes: FloatArray) -> None:
+        """Add some cameras, with their centres, (P, 3)."""
+        self._take(part.poses.ids, part.clipped, part.sums)
+        self._spread_out(eyes, part.masks[0])
+
 
 def observer_of(plan: Plan, mesh: Mesh) -> Observer:
     """Observer of a mesh by the camera and the method of a plan; to be closed."""
@@ -497,35 +500,59 @@ def with_areas(
     has_curve : bool
         True where share and curve are to be of the area, too: one camera after the other.
     """
-    mesh, poses, curve = finder.mesh, cameras.placed, list[float]()
-    rows = rows_of_result(plan.rig, poses)
-    areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
-    apart = ByCamera(mesh, areas.task, plan.rig, poses, by_area=True, by_face=False)
+    poses, curve, done = cameras.placed, list[float](), 0
+    rig, rows = RigAreas(plan, finder.mesh, poses, views), rows_of_result(plan.rig, poses)
     limits = np.searchsorted(rows, np.arange(rows[-1] + 2)).tolist() if len(rows) else [0]
-    parts = in_batches(poses, mesh.n_faces, finder.threads, rows)
+    parts = in_batches(poses, finder.mesh.n_faces, finder.threads, rows)
     if has_curve:
         parts = (poses[first:last] for first, last in pairwise(limits))
-    done = 0
     for some in parts:
-        result = finder.find(some, closed=apart.closed_by_camera(areas.closed))
-        together = with_rule(result, plan.rig, some)
-        # With a curve or without, the same figures.
-        for own in np.eye(len(together.pose_ids), dtype=np.bool_):
-            areas.add(together.of_poses(own))
-        apart.add(result, some)
+        rig.add(finder.find(some, closed=rig.closed), some)
         if has_curve:
             curve += [curve[-1] if curve else 0.0] * (len(some) - 1)
-            curve.append(areas.summary(views_by_group(plan, views))["percent"] / 100)
+            curve.append(rig.areas.summary(views_by_group(plan, views))["percent"] / 100)
         done += len(some)
         progress(done, len(poses))
-    if is_joint(plan.rig):
-        covered = whole_faces(areas, views or plan.task.views)
-        cameras.network.is_covered = covered
-        cameras = replace(cameras, covered=covered, certain=covered, possible=covered)
     if has_curve:
         share = curve[-1] if curve else 0.0
         cameras = replace(cameras, curve=np.array(curve, np.float64), share=share)
-    return replace(cameras, areas=areas, per_camera=apart)
+    return rig.of(cameras)
+
+
+class RigAreas:
+    """Exact area that the cameras of a plan cover, added up camera by camera.
+
+    Attributes
+    ----------
+    areas : AreaNetwork
+        Counts as many views as are needed at most (`most_views`).
+    """
+
+    def __init__(self, plan: Plan, mesh: Mesh, placed: Poses, views: int | None) -> None:
+        self._rig, self._views = plan.rig, views or plan.task.views
+        self.areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
+        self._apart = ByCamera(mesh, self.areas.task, plan.rig, placed, by_area=True, by_face=False)
+
+    @property
+    def closed(self) -> BoolArray:
+        """(F,) faces whose further regions change nothing."""
+        return self._apart.closed_by_camera(self.areas.closed)
+
+    def add(self, regions: Regions, some: Poses) -> None:
+        """Add the regions of some cameras."""
+        together = with_rule(regions, self._rig, some)
+        # With a curve or without, the same figures.
+        for own in np.eye(len(together.pose_ids), dtype=np.bool_):
+            self.areas.add(together.of_poses(own))
+        self._apart.add(regions, some)
+
+    def of(self, cameras: Measured) -> Measured:
+        """The measured network with its area."""
+        if is_joint(self._rig):
+            covered = whole_faces(self.areas, self._views)
+            cameras.network.is_covered = covered
+            cameras = replace(cameras, covered=covered, certain=covered, possible=covered)
+        return replace(cameras, areas=self.areas, per_camera=self._apart)
 
 
 def most_views(plan: Plan, views: int | None = None) -> int:
@@ -605,6 +632,7 @@ def measure_network(
     objective: Objective,
     poses: ArrayLike | Poses,
     progress: Progress = silent,
+    parts: Iterable[RigPart] | None = None,
 ) -> Measured:
     """Coverage of a network, with its bounds.
 
@@ -616,20 +644,21 @@ def measure_network(
         world_from_camera, with the camera of each; K may be 0. Of rigs, those of the rigs.
     progress : callable
         Called with the poses done and the total.
+    parts : iterable of RigPart, optional
+        What is known of the cameras, instead of measuring them.
     """
     mesh, mounted = objective.observer.mesh, renumber(poses)
     placed, owner = objective.cameras(mounted)
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(placed), mesh.n_faces), np.bool_)
-    if len(placed):
-        figures = (*NETWORK_FIGURES, "projected_area", "pixel_density", "facing_density")
-        for batch in evaluate_batches(objective.observer, placed, objective.task, fields=figures):
-            network.add(batch)
-            nearest.add(batch)
-            masks[0, batch.pose_ids] = batch.reason == Reason.COVERED
-            masks[1:, batch.pose_ids] = certain_and_possible(batch)
-            progress(len(network.pose_ids), len(placed))
     eyes = eyes_of(objective.observer.camera, placed)
+    if parts is None:
+        parts = parts_of(objective.observer, placed, objective.task) if len(placed) else ()
+    for part in parts:
+        network.add_part(part, eyes[part.poses.ids])
+        nearest.take(part.nearest.rank, part.nearest.camera)
+        masks[:, part.poses.ids] = part.masks
+        progress(len(network.pose_ids), len(placed))
     covered, certain, possible = (objective.covered(mask, eyes) for mask in masks)
     network.is_covered = covered
     until = objective.cameras_until_covered(masks[0], eyes)
@@ -667,32 +696,3 @@ def find_uncovered(
     others = renumber(np.zeros((0, 4, 4)) if candidates is None else candidates)
     items = cameras.placed, cameras.network, cameras.nearest, covered
     return find_rest(observer, *items, others, progress, bounds)
-
-
-def certain_and_possible(batch: Coverage) -> BoolArray:
-    """(2, P, F) pairs covered at the lower and at the upper bound of their visibility.
-
-    A pair that fails a criterion before occlusion, or for its angle, fails at both. A pair without
-    a sample is judged by the computed area of its image, not by its pixels per m^2.
-    """
-    task = batch.task
-    drawn = np.where(batch.reason == Reason.UNSAMPLED, batch.projected_area, batch.drawn_pixels)
-    enough = drawn / task.min_pixels
-    if task.cap_resolution:
-        enough = np.minimum(enough, 1.0)
-    open_ones = (batch.reason == Reason.OCCLUDED) | (batch.reason == Reason.UNSAMPLED)
-    open_ones &= batch.incidence <= math.radians(task.max_incidence_deg)
-    open_ones &= batch.pixel_density >= task.min_pixel_density
-    open_ones &= batch.facing_density >= task.min_facing_density
-    covered = batch.reason == Reason.COVERED
-    ends = (
-        (covered, np.maximum(batch.visibility - batch.visibility_bound, 0.0)),
-        (covered | open_ones, np.minimum(batch.visibility + batch.visibility_bound, 1.0)),
-    )
-    mask = np.empty((2, *batch.reason.shape), np.bool_)
-    for row, (asked, visibility) in enumerate(ends):
-        product = np.where(visibility >= task.min_visibility, visibility, 0.0) * enough
-        mask[row] = asked & (product >= task.min_coverage) & (product > 0)
-    # The measured result is between the two, in spite of rounding of the products.
-    mask[1] |= covered
-    return mask

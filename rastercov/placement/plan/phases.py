@@ -26,6 +26,7 @@ from rastercov.placement.plan.entries import Table
 from rastercov.placement.plan.file import Plan, PlanFeature
 from rastercov.placement.plan.generator import Generator
 from rastercov.placement.plan.network import Requirement
+from rastercov.placement.plan.rig_parts import Kept
 from rastercov.placement.required import HOLDS
 from rastercov.shards import Progress
 
@@ -224,7 +225,12 @@ class PlanPhases(Protocol):
         """Each phase, with the cameras of poses at rest."""
 
     def areas(
-        self, camera: Cameras, placed: Poses, task: Task, regions: Regions | None = None
+        self,
+        camera: Cameras,
+        placed: Poses,
+        task: Task,
+        regions: Regions | None = None,
+        kept: Kept | None = None,
     ) -> AreaNetwork:
         """Area that is covered in enough phases; `regions` are regions that are known."""
 
