@@ -19,7 +19,7 @@ from rastercov.base.locks import lock
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionObserver
 from rastercov.core.area.rows import with_rule
-from rastercov.core.camera import Cameras, Poses, check_scene
+from rastercov.core.camera import Cameras, Poses, check_scene, is_joint
 from rastercov.core.coverage.coverage import Observer, arrays_for, check_fields
 from rastercov.core.coverage.evaluation import (
     ByCamera,
@@ -296,8 +296,9 @@ def answer(
                     if table is not None:
                         table.add(batch.rows, batch.regions)
                     sums.add(batch)
-                    # The table has the area of every pair, and shards do not depend on one another.
-                    is_alone = table is None and shards is None
+                    # The table has the area of every pair, figures of faces of rigs with a rule
+                    # are of their regions, and shards do not depend on one another.
+                    is_alone = table is None and shards is None and not is_joint(camera)
                     if sums.areas and is_alone and isinstance(observer, RegionObserver):
                         observer.closed = sums.per_camera.closed_by_camera(sums.areas.closed)
         except KeyboardInterrupt:

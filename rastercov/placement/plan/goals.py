@@ -259,7 +259,7 @@ def measure_rig(
         objective = Objective.of(observer, plan.build_task(views), **counted)
         placed = renumber(rig)
         areas = RigAreas(plan, mesh, placed, views) if wanted.by_area else None
-        parts = parts_of(observer, placed, most) if len(placed) else iter(())
+        parts = parts_of(observer, placed, most)
         if kept is not None and phases is None:
             shards = RigShards(kept.folder, observer, placed, most, wanted)
             parts, progress = shards.parts(replace(kept.staff, progress=progress)), silent

@@ -652,9 +652,8 @@ def measure_network(
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
     masks = np.zeros((3, len(placed), mesh.n_faces), np.bool_)
     eyes = eyes_of(objective.observer.camera, placed)
-    if parts is None:
-        parts = parts_of(objective.observer, placed, objective.task) if len(placed) else ()
-    for part in parts:
+    own = parts_of(objective.observer, placed, objective.task) if parts is None else parts
+    for part in own:
         network.add_part(part, eyes[part.poses.ids])
         nearest.take(part.nearest.rank, part.nearest.camera)
         masks[:, part.poses.ids] = part.masks

@@ -67,7 +67,7 @@ def parts_of(observer: Observer, poses: Poses, task: Task) -> Iterator[RigPart]:
     """Poses a few at a time, those of a rig with a rule together."""
     mesh, rows = observer.mesh, rows_of_result(observer.camera, poses)
     judge = FacePass(mesh, observer.camera, observer.threads, task)
-    for some, seen in measurements(observer, poses, rows):
+    for some, seen in measurements(observer, poses, rows) if len(poses) else ():
         batch = classify(observer, judge, task, some, seen, RIG_FIGURES)
         figures = {name: getattr(batch, name) for name in SUMMED}
         nearest = NearestCameras(mesh.n_faces)
