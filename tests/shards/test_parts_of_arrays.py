@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
 
 import rastercov as rc
@@ -189,12 +188,15 @@ def test_parts_of_a_check_give_the_report_of_one_run(tmp_path, more, monkeypatch
 
 
 def test_a_check_by_workers_is_that_of_this_process(tmp_path):
-    plan, rig = tmp_path / "plan.toml", tmp_path / "rig.npy"
+    plan, rig = tmp_path / "plan.toml", tmp_path / "rig.json"
     plan.write_text(CHECK + GOAL)
-    np.save(rig, rc.sphere_of_poses((0, 0, 1), 1.5, count=6))
+    poses = rc.sphere_of_poses((0, 0, 1), 1.5, count=6).tolist()
+    rig.write_text(json.dumps({"world_from_camera": poses}))
     words = ["check", str(plan), "--poses", str(rig), "--min-coverage", "0.2", "--out"]
     for name, more in {"one": (), "two": ("--workers", "2")}.items():
         assert command([*words, str(tmp_path / name), *more]) in (0, 1)
     one, two = ((tmp_path / name / "check.json").read_bytes() for name in ("one", "two"))
     assert one == two
     assert command([*words[:-1], "--workers", "2"]) == 2
+    rig.write_text('{"world_from_camera": []}')
+    assert command([*words, str(tmp_path / "none"), "--workers", "1"]) == 1

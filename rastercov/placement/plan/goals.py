@@ -260,7 +260,7 @@ def measure_rig(
         placed = renumber(rig)
         areas = RigAreas(plan, mesh, placed, views) if wanted.by_area else None
         parts = parts_of(observer, placed, most)
-        if kept is not None and phases is None:
+        if kept and phases is None and len(placed):
             shards = RigShards(kept.folder, observer, placed, most, wanted)
             parts, progress = shards.parts(replace(kept.staff, progress=progress)), silent
 
@@ -268,7 +268,7 @@ def measure_rig(
             for part in parts:
                 if part.regions is not None and areas is not None:
                     areas.add(part.regions, part.poses)
-                    if kept is None and isinstance(observer, RegionObserver):
+                    if not kept and isinstance(observer, RegionObserver):
                         observer.closed = areas.closed  # shards do not depend on one another
                 yield part
 
