@@ -123,6 +123,24 @@ def test_figures_and_bounds_are_the_same_for_any_number_of_threads(n, rule, tmp_
             assert each[name] == found[0][name], name
 
 
+@pytest.mark.parametrize("method", ANALYTIC)
+def test_a_pose_has_the_bits_of_one_alone_also_where_memory_grew_for_it(method):
+    rng = np.random.default_rng(0)
+    corners = rng.uniform(-1, 1, (12_000, 1, 3)) + rng.normal(0, 0.05, (12_000, 3, 3))
+    faces = np.arange(36_000).reshape(-1, 3)
+    poses, engine = sphere_of_poses((0, 0, 0), 4.0, 4), Engine(method, threads=1)
+    camera = rc.Camera(width=1000, height=1000, fx=1000, fy=1000)
+
+    def regions_of(poses):  # of a mesh for which nothing has memory yet
+        mesh = rc.Mesh(corners.reshape(-1, 3), faces)
+        return rc.regions(mesh, camera, poses, method=engine)
+
+    together, alone = regions_of(poses), [regions_of(poses[row : row + 1]) for row in range(4)]
+    for name in ("xy", "area", "bound", "excess"):
+        parts = [getattr(each, name) for each in alone]
+        assert np.concatenate(parts).tobytes() == getattr(together, name).tobytes(), name
+
+
 def test_a_child_works_out_what_its_parent_was_working_out_when_it_forked():
     run_python(
         "-c",

@@ -30,8 +30,8 @@ constexpr double CROSSING_TOLERANCE_REL = 1e-9, THIN_TOLERANCE_REL = 1e-8;
 // Visible parts of an event edge in a cell that are kept apart.
 constexpr int64_t MOST_RANGES = 16;
 constexpr int64_t FIRST_PIECES = 64;
-constexpr int64_t FIRST_KEPT = 1024;
-constexpr int64_t FIRST_KEPT_CORNERS = 8192;
+constexpr int64_t FIRST_KEPT = 4096;
+constexpr int64_t FIRST_KEPT_CORNERS = 32768;
 constexpr int64_t FIRST_CROSSINGS = 1024;
 constexpr int64_t EDGES_A_CROSSING = 16;
 } // namespace
@@ -139,6 +139,7 @@ bool PlaneSolver::grow_kept() {
                   _kept_starts.all(),
                   _kept_faces.all(),
                   {_kept_used, {3}}};
+    _has_grown = true;
     return true;
 }
 
@@ -250,7 +251,13 @@ void PlaneSolver::set_pose(const Lens &pinhole, const Pose &pose, double near, b
     std::copy_n(pose.centre, 3, _centre);
     _camera.near = near;
     if (is_parallel) set_parallel(pose, near);
-    const SetUp found = _image.set_up(*_surface, _camera, front_only, _areas.area_error, extent7());
+    _front_only = front_only;
+    set_up();
+}
+
+void PlaneSolver::set_up() {
+    const SetUp found =
+        _image.set_up(*_surface, _camera, _front_only, _areas.area_error, extent7());
     _counts = {};
     _counts.n_clipped = found.n_clipped;
     std::fill_n(_kept_used, 3, 0);
@@ -259,8 +266,14 @@ void PlaneSolver::set_pose(const Lens &pinhole, const Pose &pose, double near, b
 }
 
 void PlaneSolver::solve_all() {
-    if (_is_certifying) certify();
-    else measure_all();
+    // The grid remembers what hides a face, and a face that is measured again finds it there: a
+    // pose whose scratch memory grew is done again, as one that had enough from the start.
+    do {
+        if (_has_grown) set_up();
+        _has_grown = false;
+        if (_is_certifying) certify();
+        else measure_all();
+    } while (_has_grown);
 }
 
 void PlaneSolver::measure_all() {
@@ -304,6 +317,7 @@ void PlaneSolver::run(Int32Array faces, const Projected &projected) {
                                     _marks.all(), _pieces);
         if (done == faces.rows()) break;
         if (!grow_kept()) make_pieces(2 * _piece_counts.size());
+        _has_grown = true;
     }
     limit_errors(faces);
 }
@@ -412,6 +426,7 @@ void PlaneSolver::find_crossings(Int32Array events) {
         if (n <= _crossings.edge.rows()) return;
         _last.fill(-1);
         make_crossings(2 * n);
+        _has_grown = true;
     }
 }
 

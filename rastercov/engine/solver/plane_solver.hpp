@@ -113,6 +113,7 @@ class PlaneSolver {
   private:
     void set_camera(const Lens &of);
     void set_parallel(const Pose &pose, double near);
+    void set_up();
     void make_scratch(bool keeps_pieces);
     void make_certificate();
     void make_pieces(int64_t n);
@@ -148,6 +149,8 @@ class PlaneSolver {
     bool _is_listed = false;
     bool _has_crossings = false;
     bool _leaves_out = false;
+    bool _front_only = false;
+    bool _has_grown = false; // memory, since the pose was begun
     Room<double> _own[3];
     Areas _areas;
     Image _image;
