@@ -25,6 +25,7 @@ from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import coordinates, distance
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
+from rastercov.core.area.stages import add_rows
 from rastercov.core.area.union import Covered, RegionUnion, with_rest
 from rastercov.core.area.zones import (
     MOST_LINES,
@@ -186,7 +187,7 @@ def _coverage_of(mesh: Mesh, rig: Placed, task: Task, step: Callable[[int], None
     """Area that cameras cover."""
     (camera, poses), areas = rig, AreaNetwork(mesh, task)
     with closing(RegionPass(mesh, camera, task)) as finder:
-        finder.add_to(areas, poses, step)
+        add_rows(finder, poses, areas, step)
     return areas.covered
 
 

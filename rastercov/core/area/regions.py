@@ -6,10 +6,10 @@ pixels per m^2 and along its worst direction. Each of these is decided point by 
 covered area does not depend on the triangles that the surface is cut into. See docs/area.md.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import field, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,17 +54,6 @@ OF_A_FACE = {
     "cap_resolution": "applies to faces; results by area have no grades",
 }
 """Thresholds of a task that depend on the triangles: by area they must have their defaults."""
-
-
-class GrowingUnion(Protocol):
-    """What regions are added to, such as a `RegionUnion`."""
-
-    @property
-    def closed(self) -> BoolArray:
-        """(F,) faces that need no further regions."""
-
-    def add(self, regions: Regions) -> None:
-        """Add the regions of further poses."""
 
 
 def _nothing_in(n_poses: int) -> tuple[Any, ...]:
@@ -237,23 +226,6 @@ class RegionPass(ExactPass):
         rows = rows_of_result(self.camera, poses)
         for part in in_batches(poses, self.mesh.n_faces, self.threads, rows):
             yield with_rule(self.find(part), self.camera, part)
-
-    def add_to(
-        self,
-        union: GrowingUnion,
-        poses: Poses,
-        did: Callable[[int], object] = lambda n_poses: None,
-        asked: BoolArray | None = None,
-    ) -> None:
-        """Add rows of the result to a union; `did` is called with the poses that are done.
-
-        With `asked`, (F,), faces that are False may be left out.
-        """
-        rows = rows_of_result(self.camera, poses)
-        for part in in_batches(poses, self.mesh.n_faces, self.threads, rows):
-            closed = union.closed if asked is None else union.closed | ~asked
-            union.add(with_rule(self.find(part, closed=closed), self.camera, part))
-            did(len(part))
 
     def _join(self, poses: Poses, values: tuple[Any, ...]) -> Regions:
         """Regions of all poses, of what the engine finds."""

@@ -26,7 +26,7 @@ them exactly.
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from itertools import combinations, groupby
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,8 +47,9 @@ from rastercov.core.area.features import FEATURES, conditions_at
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.polygons import Overlay, frames_of, sides_of
 from rastercov.core.area.regions import RegionPass, check_pointwise
-from rastercov.core.area.rows import rule_lists, rule_reasons
+from rastercov.core.area.rows import rule_lists, rule_reasons, with_rule
 from rastercov.core.area.spread import SpreadUnion, union_of
+from rastercov.core.area.table import Regions
 from rastercov.core.area.union import Covered, RegionUnion
 from rastercov.core.camera import (
     Cameras,
@@ -59,6 +60,7 @@ from rastercov.core.camera import (
     near_limits,
     rows_of_result,
 )
+from rastercov.core.coverage.coverage import in_batches
 from rastercov.core.coverage.task import (
     BITS,
     CRITERIA,
@@ -320,8 +322,38 @@ def unite_regions(
 ) -> Covered:
     """Area of faces, (F,), that rows of the result cover, added to a union; the pass is closed."""
     with closing(finder):
-        finder.add_to(union, poses, asked=asked)
+        add_rows(finder, poses, union, asked=asked)
     return union.covered()
+
+
+class GrowingUnion(Protocol):
+    """That to which regions are added, such as a `RegionUnion`."""
+
+    @property
+    def closed(self) -> BoolArray:
+        """(F,) faces that need no further regions."""
+
+    def add(self, regions: Regions) -> None:
+        """Add the regions of further poses."""
+
+
+def add_rows(
+    finder: RegionPass,
+    poses: Poses,
+    union: GrowingUnion,
+    did: Callable[[int], object] = lambda n_poses: None,
+    asked: BoolArray | None = None,
+) -> None:
+    """Add rows of the result to a union; `did` is called with the poses that are done.
+
+    With `asked`, (F,), faces that are False may be left out.
+    """
+    mesh, camera = finder.mesh, finder.camera
+    rows = rows_of_result(camera, poses)
+    for part in in_batches(poses, mesh.n_faces, finder.threads, rows):
+        closed = union.closed if asked is None else union.closed | ~asked
+        union.add(with_rule(finder.find(part, closed), camera, part))
+        did(len(part))
 
 
 def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:

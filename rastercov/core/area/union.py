@@ -135,13 +135,8 @@ class RegionUnion:
         """
         self.mesh._check_same(regions.mesh)
         pieces = regions.xy, regions.starts, regions.face, regions.pose
-        pairs = (
-            regions.pair_pose,
-            regions.pair_face,
-            regions.area,
-            regions.bound,
-            regions.excess,
-        )
+        figures = regions.area, regions.bound, regions.excess
+        pairs = regions.pair_pose, regions.pair_face, *figures
         self._overlay.add(pieces, pairs, progress=progress)
 
     @classmethod

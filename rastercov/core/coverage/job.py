@@ -296,8 +296,7 @@ def answer(
                     if table is not None:
                         table.add(batch.rows, batch.regions)
                     sums.add(batch)
-                    # The table has the area of every pair, figures of faces of rigs with a rule
-                    # are of their regions, and shards do not depend on one another.
+                    # Tables, faces of rigs with a rule, and shards, made apart, need all regions.
                     is_alone = table is None and shards is None and not is_joint(camera)
                     if sums.areas and is_alone and isinstance(observer, RegionObserver):
                         observer.closed = sums.per_camera.closed_by_camera(sums.areas.closed)

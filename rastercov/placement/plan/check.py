@@ -6,12 +6,12 @@ Shares are of the exact area where the plan counts that, and of whole faces othe
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict, field, replace
 from functools import cached_property, partial
 from itertools import takewhile
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,7 +55,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import TURN, Allowed
 from rastercov.core.area.rows import with_rule
-from rastercov.core.area.stages import failures_of_rows
+from rastercov.core.area.stages import add_rows, failures_of_rows
 from rastercov.core.area.table import Regions
 from rastercov.core.area.zones import ZONES, DeadZones, areas_by_reason
 from rastercov.core.camera import (
@@ -645,7 +645,10 @@ def check(
     asked = limits_of(plan.selection)
     shown = names_of_poses(rig, images)
     if kept is not None and kept.staff.part is not None:
-        _make_part(plan, mesh, goals, rig, views, step, kept)
+        for alike in AlikeGoals.of(goals):
+            with suppress(PartMadeError):
+                measure_rig(alike.plan, alike.mesh, rig, None, step, kept)
+        measure_rig(plan, mesh, rig, views, step, kept)
     apart = CheckedGoals(goals, rig, shown, step, kept)
     of_goals = [*apart.requirements.values()]
     permits = permits_of([(g, each.high) for g, each in zip(goals, of_goals, strict=True)])
@@ -677,27 +680,6 @@ def check(
     if baseline is None:
         return checked
     return replace(checked, against=compare(baseline, parse_json(json_bytes(record(checked)))))
-
-
-def _make_part(
-    plan: Plan,
-    mesh: Mesh,
-    goals: Sequence[OwnGoal],
-    rig: Poses,
-    views: int | None,
-    step: Step,
-    kept: Kept,
-) -> NoReturn:
-    """Make the shards of this part, of the task and of all goals; raises `PartMadeError`."""
-    made: PartMadeError | None = None
-    asked = [(each.plan, each.mesh, None) for each in AlikeGoals.of(goals)]
-    for own_plan, own_mesh, own_views in [*asked, (plan, mesh, views)]:
-        try:
-            measure_rig(own_plan, own_mesh, rig, own_views, step, kept)
-        except PartMadeError as error:
-            made = error
-    assert made is not None
-    raise made
 
 
 class CheckedGoals(Mapping[str, Checked]):
@@ -774,7 +756,7 @@ class PlacedCameras(NamedTuple):
         """Requirements of the task with other cameras."""
         areas = AreaNetwork(self.mesh, self.task)
         with closing(RegionPass(self.mesh, camera, self.task)) as finder:
-            finder.add_to(areas, poses)
+            add_rows(finder, poses, areas)
         return classify_areas(areas, {each.group: each.limit for each in required}, self.views)
 
     def lost_without(

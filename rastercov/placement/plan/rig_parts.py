@@ -1,4 +1,4 @@
-"""What cameras of a rig cover: a few measured at a time, or kept in shards until a report is whole.
+"""Parts of a rig: cameras measured a few at a time, or kept in shards until a report is whole.
 
 A file of a shard has sums of a network, the nearest camera of each face, masks of pairs, and
 regions where area counts. Frames of a motion have shards of their own.

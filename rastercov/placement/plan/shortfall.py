@@ -23,7 +23,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import points_on, spread_faces
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.remedies import Allowed, longer
-from rastercov.core.area.stages import failures_of_rows
+from rastercov.core.area.stages import add_rows, failures_of_rows
 from rastercov.core.area.zones import (
     LEAST_PERCENT,
     MOST_LINES,
@@ -106,7 +106,7 @@ def area_of_all(prepared: Prepared, finder: RegionPass, progress: Progress) -> A
     if not is_affordable or finder.task.min_angle_deg:  # of all pairs of candidates
         return None
     areas = AreaNetwork(prepared.mesh, finder.task)
-    finder.add_to(areas, poses, count_poses_of(len(poses), progress))
+    add_rows(finder, poses, areas, count_poses_of(len(poses), progress))
     return areas
 
 
@@ -300,7 +300,7 @@ def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> 
         near = zone["nearest"]
         own = kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
-        finder.add_to(shortfall.areas, placed)
+        add_rows(finder, placed, shortfall.areas)
         used.append(f"({coordinates(tried['position'], 2)}) m")
         words = f"candidates also at {first_of(used)}"
         if line := _line(prepared, shortfall, shortfall.areas, words):
