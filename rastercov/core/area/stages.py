@@ -327,7 +327,7 @@ def unite_regions(
 
 
 class GrowingUnion(Protocol):
-    """That to which regions are added, such as a `RegionUnion`."""
+    """A union that grows, such as a `RegionUnion`."""
 
     @property
     def closed(self) -> BoolArray:
