@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -15,7 +16,7 @@ from rastercov.cli import command
 from rastercov.core.coverage import shards
 from rastercov.core.mesh import shapes
 from rastercov.motion import over_time
-from rastercov.placement.plan import goals
+from rastercov.placement.plan import goals, rig_parts
 from rastercov.shards import Workers
 
 pytestmark = pytest.mark.slow
@@ -187,6 +188,25 @@ def test_parts_of_a_check_give_the_report_of_one_run(tmp_path, more, monkeypatch
         assert ours == theirs
 
 
+def poisoned(folder, number, chosen):
+    """A shard of which one pose kills its process."""
+    if 3 in chosen:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return rig_parts.make(folder, number, chosen)
+
+
+def test_a_check_refuses_a_camera_that_kills_its_worker(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(goals.RigShards, "function", "test_parts_of_arrays:poisoned")
+    monkeypatch.syspath_prepend(Path(__file__).parent)
+    plan, rig = tmp_path / "plan.toml", tmp_path / "rig.json"
+    plan.write_text(CHECK)
+    poses = rc.sphere_of_poses((0, 0, 1), 1.5, count=6).tolist()
+    rig.write_text(json.dumps({"world_from_camera": poses}))
+    words = ["check", str(plan), "--poses", str(rig), "--min-coverage", "0.2", "--workers", "1"]
+    assert command([*words, "--out", str(tmp_path / "out")]) == 2
+    assert "error: expected a result of pose 3, got none: its process" in capsys.readouterr().err
+
+
 def test_a_check_by_workers_is_that_of_this_process(tmp_path):
     plan, rig = tmp_path / "plan.toml", tmp_path / "rig.json"
     plan.write_text(CHECK + GOAL)
@@ -200,3 +220,5 @@ def test_a_check_by_workers_is_that_of_this_process(tmp_path):
     assert command([*words[:-1], "--workers", "2"]) == 2
     rig.write_text('{"world_from_camera": []}')
     assert command([*words, str(tmp_path / "none"), "--workers", "1"]) == 1
+    assert command([*words, str(tmp_path / "part"), "--only", "0/2"]) == 0
+    assert not (tmp_path / "part/check.json").exists()

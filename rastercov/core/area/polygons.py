@@ -47,8 +47,10 @@ FLOOR_REL = 1e-15
 """Least distance of two corners that do not coincide, relative to the diagonal of the mesh."""
 MOST_VIEWS = 10_000
 """Cameras up to which they may be counted."""
-MOST_PIECES, ALL_TOGETHER = solver_union.MOST_PIECES, solver_union.ALL_TOGETHER
+MOST_PIECES = solver_union.MOST_PIECES
 """Pieces of a part of a face up to which each is compared with all others."""
+ALL_TOGETHER = solver_union.ALL_TOGETHER
+"""Cameras that are added at once, where all are."""
 
 
 def starts_of(counts: ArrayLike) -> IntArray:

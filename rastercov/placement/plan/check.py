@@ -649,6 +649,7 @@ def check(
             with suppress(PartMadeError):
                 measure_rig(alike.plan, alike.mesh, rig, None, step, kept)
         measure_rig(plan, mesh, rig, views, step, kept)
+        raise PartMadeError("expected cameras, got none; run the command without --only")
     apart = CheckedGoals(goals, rig, shown, step, kept)
     of_goals = [*apart.requirements.values()]
     permits = permits_of([(g, each.high) for g, each in zip(goals, of_goals, strict=True)])
