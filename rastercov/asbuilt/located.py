@@ -39,6 +39,8 @@ LEAST_Z = 8.0
 """Deviations above chance that edges must agree."""
 LEAST_EXPLAINED = 0.4
 """Share of the predicted edges that the photograph must show."""
+MOST_APART = 4.0
+"""Most pixels by which poses of halves of the edges may lie off: halves err more than all do."""
 MOST_SPREAD_OF_POINTS = 0.01
 """Largest standard deviation of a pixel by points, as a share of the image's width."""
 LEAST_ERROR = 1e-3
@@ -392,8 +394,11 @@ def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float
         return f"its edges fix the pose to ± {best.spread:.2g} px only; {CLICK}"
     chance = aligner.chance(best.pose, distance)
     deviation = max(chance.std(), 1e-9)
-    if best.score - chance.mean() < LEAST_Z * deviation or best.score <= chance.max():
+    if best.score - chance.mean() < LEAST_Z * deviation:
         return f"its edges agree with the photograph hardly better than displaced ones; {CLICK}"
+    apart = aligner.by_halves(best.pose)
+    if not apart <= MOST_APART:
+        return f"poses by halves of its edges lie up to {apart:.2g} px off; {CLICK}"
     rivals = [
         each
         for each in optima[1:]
