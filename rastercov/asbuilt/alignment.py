@@ -215,7 +215,7 @@ class Aligner:
         """Pixels within which 95 % of the poses by random halves of the places lie of a pose."""
         level = self.levels[-1]
         points = self.points_at(level, pose)
-        places = Matches.of(level, points, pose, FINAL).group // 4
+        places = Matches.of(level, points, pose, FINAL).group // 4 % PLACES**2  # at borders, too
         rng = np.random.default_rng(2)
         moved = []
         for is_kept in rng.random((HALVES, PLACES**2)) < 0.5:
