@@ -39,7 +39,7 @@ LEAST_Z = 8.0
 """Deviations above chance that edges must agree."""
 LEAST_EXPLAINED = 0.4
 """Share of the predicted edges that the photograph must show."""
-MOST_APART = 3.0
+MOST_APART = 3.4
 """Most pixels by which poses of halves of the edges may lie off: halves err more than all do."""
 MOST_SPREAD_OF_POINTS = 0.01
 """Largest standard deviation of a pixel by points, as a share of the image's width."""
