@@ -212,10 +212,10 @@ class Aligner:
         return np.array([agreement(level, points, each) for each in displaced(pose, steps)])
 
     def by_halves(self, pose: FloatArray) -> float:
-        """Pixels within which 95 % of the poses by random halves of the places lie of a pose."""
+        """Pixels from a pose within which 95 % of those by random halves of the places lie."""
         level = self.levels[-1]
         points = self.points_at(level, pose)
-        places = Matches.of(level, points, pose, FINAL).group // 4 % PLACES**2  # at borders, too
+        places = Matches.of(level, points, pose, FINAL).group // 4 % PLACES**2  # of the border, too
         rng = np.random.default_rng(2)
         moved = []
         for is_kept in rng.random((HALVES, PLACES**2)) < 0.5:

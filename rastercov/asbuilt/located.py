@@ -40,7 +40,11 @@ LEAST_Z = 8.0
 LEAST_EXPLAINED = 0.4
 """Share of the predicted edges that the photograph must show."""
 MOST_APART = 3.4
-"""Most pixels by which poses of halves of the edges may lie off: halves err more than all do."""
+"""Pixels within which 95 % of the poses by halves of the edges must lie.
+
+Of rendered photographs, those of wrong poses that the other conditions let pass lay 3.5 px away or
+more.
+"""
 MOST_SPREAD_OF_POINTS = 0.01
 """Largest standard deviation of a pixel by points, as a share of the image's width."""
 LEAST_ERROR = 1e-3

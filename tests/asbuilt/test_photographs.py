@@ -75,7 +75,7 @@ def test_a_wrong_pose_that_halves_of_the_edges_contradict_is_undecided() -> None
         (0, 0, 0, 1),
     ]
     found = rc.locate(scene("part"), CAMERA, PHOTOS / "tempting.jpg", near)
-    assert found.why.startswith("poses by halves of its edges lie up to 3")
+    assert "halves of its edges" in found.why
 
 
 @pytest.mark.parametrize("name", ["room_3", pytest.param("aeroplane_0", marks=pytest.mark.slow)])
