@@ -287,8 +287,9 @@ class Flight(Product):
     @property
     def refused(self) -> list[str]:
         """Sentences on why nothing is written, and on limits of height and what keeps to them."""
-        each = [m.way_to(row) for m in self.flown for row in range(len(m.over))]
-        ways = np.concatenate(each)
+        ways = np.concatenate(
+            [each.way_to(row) for each in self.flown for row in range(len(each.over))]
+        )
         high = float(np.nanmax(ways[:, 2] - heights_at(self.mesh, ways[:, :2]), initial=0.0))
         over = [most for most in HIGHEST if high > most]
         if not over:
@@ -372,10 +373,10 @@ class Flight(Product):
             times = [in_decimals(each.seconds / 60, 1) for each in self.flown]
             text += f"; {plural(len(times), 'mission')} within {battery:g} min of a battery: "
             text += f"{first_of(times, MOST_TIMES)} min"
-        own = [words] if (words := overlap_words(figures)) else []
+        own = [overlap_words(figures)]
         if figures["gsd_per_px"] is not None:
             own.insert(0, f"GSD {sampling(figures['gsd_per_px'])} (median of the images)")
-        lines = [text, *([", ".join(own)] if own else []), *self.notes]
+        lines = [text, *filter(None, [", ".join(filter(None, own))]), *self.notes]
         if not self.unwritten and self.asked.place is None:
             lines.append("flight.csv is in local metres; give crs in [flight] for .plan and .kml")
         return lines
@@ -407,8 +408,11 @@ def flight_of(
         with errors_as(ConfigError, "flight"):
             place.check_scene(np.stack((stops.min(axis=0), stops.max(axis=0))))
     first, (rows, over) = rows[0], course_of(space, home, eyes, rows)
-    if asked.home is None and rows[0] != first:
-        home = _home(mesh, eyes[rows[0]])
+    for _ in eyes:
+        if asked.home is not None or rows[0] == first:
+            break
+        first = rows[0]
+        home = _home(mesh, eyes[first])
         rows, over = course_of(space, home, eyes, rows)
     flight = Flight(asked, mesh, mounts, mounted[rows], rows, home, over)
     if asked.battery is None or flight.seconds <= 60 * asked.battery:

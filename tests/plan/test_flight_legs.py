@@ -267,3 +267,13 @@ def test_home_is_below_the_waypoint_that_is_flown_first():
         assert np.array_equal(flight.home[:2], flight.places[0, :2])
         others += flight.rows[0] != 0
     assert others > 2
+
+
+def test_home_moves_on_until_its_own_course_begins_above_it():
+    """The course from the second home begins elsewhere again."""
+    tower = shapes.box((6, 17, 22)).moved(translation=(-11, 16, 11))
+    space = Airspace(Mesh.joined([shapes.box((120, 120, 1)), tower]), 0.5)
+    eyes = [(-2, -13, 17), (12, 12, 5), (-22, 21, 11), (4, 13, 8), (-2, -11, 12), (-21, -3, 3)]
+    eyes = np.array([*eyes, (22, -16, 11), (-17, -25, 36), (30, -2, 15)], np.float64)
+    flight = flight_of(Mounted(eyes), FlightSection(), space, None, np.arange(9))
+    assert flight.home[:2].tolist() == flight.places[0, :2].tolist() == [-21, -3]
