@@ -214,7 +214,7 @@ def test_reasons_figures_of_cameras_and_zones_are_those_of_rastercov(opened):
 def test_a_click_names_what_fails_of_the_rule_as_python_does(opened):
     session, page = opened
     heard = set()
-    for face in range(0, ROOM.n_faces, 7 if IS_NIGHTLY else 31):
+    for face in range(0, ROOM.n_faces, 7 if IS_NIGHTLY else 28):
         said = page.js("face => rastercov.session.server.why(face)", face)
         served = session.why(face)
         heard.add(said["words"].partition(": ")[2])

@@ -120,7 +120,7 @@ def advice_of(
         return GENERAL["too_coarse"]
     most = Short(1.0, "", "") if short is None else short
     return template.format(
-        wider=" or use a wider lens" if min(depth) > 0 else "",
+        wider=" or use a wider lens" if min(depth) > 1e-9 else "",
         depth=depth_in_words(depth, unit),
         in_focus=focus_in_words(focus, unit),
         found=most.found,
