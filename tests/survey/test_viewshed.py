@@ -70,7 +70,7 @@ def points_from(heights, spacing, eye, inverse_radius, target):
     return np.stack(parts, axis=2)
 
 
-@pytest.mark.parametrize("seed", range(amount(30, 400)))
+@pytest.mark.parametrize("seed", sorted({*range(amount(30, 400)), 119}))  # 119: eyes on the ground
 def test_shares_are_those_of_fractions(seed):
     rng = np.random.default_rng(seed)
     array = random_grid(rng)

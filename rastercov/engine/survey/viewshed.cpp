@@ -264,7 +264,8 @@ class Viewshed : View {
     }
 
     void add(const Line &line, const Edge &low, const Edge &top, double u0, double u1) {
-        const double error = line.error + low.seen.error + top.seen.error;
+        // Not 0, as of ground at the height of the eyes: pieces are put where the shift is.
+        const double error = line.error + low.seen.error + top.seen.error + 1e-300;
         const auto is_hidden = [&](double u) { return line.at(u) - error > top.seen.at(u); };
         if (is_hidden(u0) && is_hidden(u1)) return;
         const auto above = [&](double shift) {
