@@ -79,7 +79,8 @@ def test_pages_of_the_site_compute(context, tmp_path):
     for name in ("part", "room", "flight"):
         page = Tab(context, (tmp_path / f"{name}.html").as_uri())
         before = page.area_percent()
-        page.js("rastercov.session.act({do: 'delete', station: rastercov.state().stations[0].id})")
+        others = "rastercov.state().stations.slice(1)"  # of a flight one alone changes nothing
+        page.js(others + ".forEach(({id}) => rastercov.session.act({do: 'delete', station: id}))")
         page.idle()
         assert 0 < page.area_percent() < before
         assert {each.split(":")[0] for each in page.requests} <= {"file", "blob", "data"}
@@ -482,6 +483,22 @@ def random_plan(rng):
     return files
 
 
+def leaves_of(value):
+    """Keys and values of nested objects and lists, in the order of keys."""
+    if isinstance(value, dict | list):
+        for key, each in sorted(value.items()) if isinstance(value, dict) else enumerate(value):
+            yield key
+            yield from leaves_of(each)
+    else:
+        yield value
+
+
+def are_near(value, other):
+    """Equal but for the rounding of sums."""
+    both = zip(leaves_of(value), leaves_of(other), strict=True)
+    return all(one == each or abs(one - each) <= 1e-12 * abs(each) for one, each in both)
+
+
 @pytest.mark.parametrize("seed", range(amount(4, at_night=40)))
 def test_plans_open_with_their_meshes_and_figures_are_those_of_check(
     context, address, tmp_path, monkeypatch, seed
@@ -503,10 +520,12 @@ def test_plans_open_with_their_meshes_and_figures_are_those_of_check(
         # Python knows that bodies are closed, which can only make bounds smaller.
         assert 0 <= told["bound_m2"] <= 1.0001 * covered["bound_m2"], folder
         own = {key: each for key, each in covered.items() if "bound" not in key}
-        assert own == {key: told[key] for key in own}, folder
+        told = {key: told[key] for key in own}
+        # Saved faces are in another order, that of their roles, and so are sums.
+        assert told == own if folder == "given" else are_near(told, own)
     again = Opened(context, address, downloaded(page))
     found = again.js("rastercov.summary().covered_area")
-    assert {key: found[key] for key in own} == own
+    assert are_near({key: found[key] for key in own}, own)
     assert again.js("rastercov.summary().required.length") == len(required)
     assert page.faults == again.faults == []
 
