@@ -160,6 +160,13 @@ def test_a_lens_that_gives_no_rays_for_a_part_of_its_image_has_a_line():
     assert lines(mesh, around(mesh)[:2], disc) == []
 
 
+def test_a_fisheye_that_sees_behind_itself_is_judged_without_a_warning():
+    mesh = shapes.by_name("sphere")
+    size = {"width": 177, "height": 756, "fx": 139, "fy": 139}
+    lens = rc.Camera(**size, model="opencv_fisheye", distortion=(0.02, 0, 0, 0))
+    assert lines(mesh, around(mesh)[:1], lens) == []
+
+
 def test_a_lens_that_bends_more_than_lenses_do_has_a_line():
     mesh, size = shapes.by_name("sphere"), {"width": 1296, "height": 972, "fy": 1879.6}
     public = (-13.238113, -98.012135, 0.001444, 0.002849, 1357.782415, -13.050801, -102.363353)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rastercov.base import (
-    TINY,
     BoolArray,
     FloatArray,
     IntArray,
@@ -219,7 +218,7 @@ def _bending_line(name: str, camera: Camera) -> list[str]:
     scale = norm(dots(slopes, radial[:, None]))
     scale /= norm(on_axis)
     low = np.maximum(cosine, 0)
-    high = 1 / np.maximum(low, TINY) ** 2
+    high = np.maximum(low, 1e-100) ** -2.0  # of a rectilinear lens; large beyond 90 degrees
     factor = np.maximum(low / scale, scale / high)
     if not len(factor) or not factor.max() > MOST_BENDING:
         return []
