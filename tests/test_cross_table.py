@@ -294,7 +294,7 @@ def test_all_ways_to_a_figure_agree_with_points_and_with_each_other(rule, equipm
         for kind in () if IS_NIGHTLY else (AreaNetwork, TimeAreas):
             patch.setattr(kind, "dead_zones", lambda *network: {})
         if seed % 3 == 0:
-            patch.setitem(surface.OWN_CRITERIA, "uncertain", is_near_level)
+            patch.setitem(surface.OWN_CRITERIA, "out_of_focus", is_near_level)
         assert_regions_are_as_judged(case)
         assert_points_are_as_judged(case)
         assert_callers_agree(case, folder, is_placed=seed % PLACED == 0)
