@@ -70,8 +70,8 @@ class Viewshed(InOneLine):
     share, bound : (H - 1, W - 1) float64
         Visible part of the ground of each cell between four samples, on the map; of several
         observers the sum: the mean number of them that see a point of the cell. `bound` is that
-        of its error, up to 1 for a triangle that is seen edge-on to rounding, not from below: what
-        hides it differs by less. NaN without ground, and beyond the radius of all.
+        of its error, up to 1 for a triangle that is seen edge-on to rounding, such as the ground
+        below eyes at a height of 0. NaN without ground, and beyond the radius of all.
     seen : tuple of Seen
         Areas of each observer.
 
@@ -191,8 +191,9 @@ def viewshed(
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
     """(N, 3) map coordinates and heights above the ground."""
     check_room("observers", points)
-    given = check_array("observers", points, "iuf", "(N, 2)", ConfigError)
-    array = np.atleast_2d(given).astype(np.float64)
+    array = np.atleast_2d(
+        check_array("observers", points, "iuf", "(N, 2)", ConfigError).astype(np.float64)
+    )
     if array.shape[1:] == (2,):
         array = np.insert(array, 2, finite_number(height), axis=1)
     is_usable = array.size > 0 and array.shape[1:] == (3,) and np.isfinite(array).all()
@@ -244,7 +245,7 @@ def _solve(
     fall = 0.5 * raster.inverse_radius * (east**2 + north**2)
     above = raster.heights.T - eye
     points = np.empty((*above.shape, 4))
-    for k, part in enumerate((-north, east, above - fall, abs(above) + fall + target)):
+    for k, part in enumerate((-north, east, above - fall, abs(above) + fall + target + abs(eye))):
         points[..., k] = part
     both = np.full((2, len(x) - 1, len(y) - 1, 2), np.nan)
     n = kernels.viewshed((points, column, row, float(target), reach, *both, pieces))

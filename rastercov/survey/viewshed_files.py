@@ -76,8 +76,7 @@ def write_files(viewshed: Viewshed, out: Path) -> None:
     """Write viewshed.tif, with NaN without ground, viewshed.png and observers.csv."""
     name_folder(out)
     raster = viewshed.raster
-    code = int(raster.crs.removeprefix("EPSG:")) if raster.crs else None
-    crs = code, raster.crs or "local metres"
+    crs = int(raster.crs.removeprefix("EPSG:") or 0) or None, raster.crs or "local metres"
     tags = geotiff.tags_of(raster.origin, raster.spacing, *crs, raster.is_geographic)
     write_bytes(out / "viewshed.tif", geotiff.encode(viewshed.share.astype(np.float32), tags))
     write_bytes(out / "viewshed.png", picture_of(viewshed))

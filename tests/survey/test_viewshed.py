@@ -70,8 +70,8 @@ def points_from(heights, spacing, eye, inverse_radius, target):
     return np.stack(parts, axis=2)
 
 
-@pytest.mark.parametrize("seed", sorted({*range(amount(30, 400)), 119}))  # 119: eyes on the ground
-def test_shares_are_those_of_fractions(seed):
+def random_view(seed, eyes):
+    """Points of a random grid from above its ground, the cell below, and a height of targets."""
     rng = np.random.default_rng(seed)
     array = random_grid(rng)
     rows, columns = array.shape
@@ -85,19 +85,46 @@ def test_shares_are_those_of_fractions(seed):
     ground = ground_below(heights, exact_spacing, eye, inverse_radius)
     if ground is None:
         pytest.skip("the observer is over a hole")
-    z = float(ground + Fraction(float(rng.choice([0.25, 1.5, 3, 20]))))
+    z = float(ground + Fraction(float(rng.choice(eyes))))
     target = float(rng.choice([0, 0, 0.5, 2]))
     points = points_from(array, spacing, (*at, z), float(inverse_radius), target)
     cell = [min(int(at[k] / spacing[k]), n - 2) for k, n in ((1, rows), (0, columns))]
-    both = np.full((2, rows - 1, columns - 1, 2), np.nan)
+    return points, cell, target
+
+
+def seen_from(points, cell, target):
+    """Shares of triangles with their bounds, and the visible pieces."""
+    both = np.full((2, *np.subtract(points.shape[:2], 1), 2), np.nan)
     n = kernels.viewshed((points, *cell, target, np.inf, *both, np.empty((0, 4, 2))))
     pieces = np.zeros((n, 4, 2))
     kernels.viewshed((points, *cell, target, np.inf, *np.zeros(both.shape), pieces))
+    return both, pieces
+
+
+@pytest.mark.parametrize("seed", sorted({*range(amount(30, 400)), 119}))  # 119: ground level
+def test_shares_are_those_of_fractions(seed):
+    points, cell, target = random_view(seed, [0.25, 1.5, 3, 20])
+    both, pieces = seen_from(points, cell, target)
     check_shares(points, target, *both)
     assert np.nanmax(both[1], initial=0) < 1e-9
     share = np.nansum(both[0], axis=2) / 2
     area = shapely.area(shapely.make_valid(shapely.polygons(pieces))).sum()
     assert area == pytest.approx(share.sum(), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(amount(20, 400)))
+def test_ground_below_eyes_that_are_on_it_is_edge_on(seed):
+    points, cell, target = random_view(seed, [0.0])
+    both, _ = seen_from(points, cell, target)
+    check_shares(points, target, *both)
+
+
+def test_the_surface_is_not_seen_from_a_height_of_0():
+    flat = np.full((5, 5), 3000.1)
+    seen = viewshed.viewshed(flat, (1.3, -2.2), spacing=1.0, height=0, curvature=False)
+    assert (seen.share <= seen.bound).all()
+    seen = viewshed.viewshed(flat, (1.3, -2.2), spacing=1.0, height=0, target=1, curvature=False)
+    assert (seen.share >= 1 - 1e-12).all()
 
 
 def check_shares(points, target, share, bound):
@@ -135,15 +162,6 @@ def test_triangles_that_are_seen_edge_on_have_the_shares_of_fractions(seed):
     kernels.viewshed((points, row, column, target, np.inf, *both, np.empty((0, 4, 2))))
     check_shares(points, target, *both)
     assert (both[1] >= 0).all()
-    if target == 0:  # from below or exactly edge-on: hidden, by its sign
-        exact = [[tuple(map(Fraction, q)) for q in r] for r in points[..., :3].tolist()]
-        hidden = [
-            triangle
-            for triangle, corners in triangles(exact)
-            if not is_over(corners) and plane_below(corners) >= 0
-        ]
-        assert all(both[0][each] == 0 for each in hidden)
-        assert all(both[1][each] < 1e-6 for each in hidden)
 
 
 @pytest.mark.parametrize("seed", range(amount(5, 200)))

@@ -12,18 +12,17 @@
 //
 //     (u1 - u0) / 2 |1 / (w0 w1) at the top - 1 / (w0 w1) at the bottom|
 //
-// above the horizon. The ground below the observer starts at w = inf.
+// above the horizon. The ground below the observer starts at w = inf, if eyes are above its plane.
 //
 // An error of v is 16 units of rounding of the numbers that it is the sum of. The bound of an
 // area is its difference between horizons that are lower and higher by these errors, and, for the
 // triangle and for each visible part, 48 units of rounding of the distance times the sides of a
-// cell. The sign of a determinant says exactly whether a triangle seen edge-on hides itself.
+// cell.
 //
 // J. Wang, G. J. Robinson, K. White. Generating viewsheds without using sightlines. 2000, for the
 // horizon of what is nearer, here without its approximations. Twin:
 // tests/support/viewshed_by_fractions.py.
 #include "bind.hpp"
-#include "exact/orientation.hpp"
 #include "interrupt.hpp"
 #include <cmath>
 #include <list>
@@ -178,10 +177,10 @@ class Viewshed : View {
         const Corner nw = corner(i, j), se = corner(i + 1, j + 1);
         const double distance = 0.5 * std::hypot(nw[0] + se[0], nw[1] + se[1]);
         _width = std::hypot(nw[0] - se[0], nw[1] - se[1]);
-        _counts = distance <= reach;
         const int64_t first = cross(nw, se) >= 0 ? 0 : 1; // the side on which the observer is
         for (const int64_t half : {first, 1 - first}) {
             _place = {i, j, half};
+            _counts = distance <= reach;
             _share = &share(i, j, half);
             _bound = &bound(i, j, half);
             _corners = {nw, corner(i + 1 - half, j + half), se};
@@ -196,6 +195,15 @@ class Viewshed : View {
         _area = 0.5 * std::abs(cross(less(q, p), less(r, p)));
         if (_counts && std::isnan(*_share)) *_share = *_bound = 0.0;
         if (_counts) *_bound += rounding_at(std::abs(q[0]) + std::abs(q[1]) + _width);
+        const double sides[] = {cross(q, r), cross(r, p), cross(p, q)};
+        const bool is_beside = std::ranges::min(sides) < 0 && std::ranges::max(sides) > 0;
+        const double area = sides[0] + sides[1] + sides[2];
+        const double rise = (sides[0] * p[2] + sides[1] * q[2] + sides[2] * r[2]) / area;
+        // The eyes are on this ground, to rounding.
+        if (_counts && !is_beside && target == 0 && rise >= -16 * ROUNDING * (p[3] + q[3] + r[3])) {
+            *_bound += 1;
+            _counts = false;
+        }
         for (size_t quadrant = 0; quadrant < 4; quadrant++) {
             _signs = {quadrant % 2 ? 1.0 : -1.0, quadrant < 2 ? 1.0 : -1.0};
             _horizon = &_horizons[quadrant];
@@ -207,13 +215,11 @@ class Viewshed : View {
             }
             if (!(most[0] > 0 && most[1] > 0)) continue;
             std::array<Edge, 3> edges;
-            std::array<double, 3> sides;
             double top = -1e300; // of its seen sides, with the greatest error, and their u
             double error = 0.0;
             double low = 1.0;
             double high = 0.0;
             for (size_t k = 0; k < 3; k++) {
-                sides[k] = cross(own[k], own[(k + 1) % 3]);
                 edges[k] = edge_of(own[k], own[(k + 1) % 3], target);
                 const auto &[ground, seen, depth, u0, u1] = edges[k];
                 if (!(u0 < u1)) continue;
@@ -222,7 +228,6 @@ class Viewshed : View {
                 low = std::min(low, u0);
                 high = std::max(high, u1);
             }
-            const bool is_beside = std::ranges::min(sides) < 0 && std::ranges::max(sides) > 0;
             // Below the horizon by more than the errors of both: not seen, and changes nothing.
             bool is_below = is_beside && low < high;
             if (is_below)
@@ -245,18 +250,10 @@ class Viewshed : View {
         const bool is_low = one.seen.at(middle) < other.seen.at(middle);
         const Line &near = (is_near ? one : other).ground, &far = (is_near ? other : one).ground;
         const double error = near.error + far.error, rise = far.at(middle) - near.at(middle);
-        bool hides_itself = !(rise > error), may_be_seen = _counts;
-        if (std::abs(rise) <= error && target == 0) {
-            const auto &[p, q, r] = _corners;
-            const int8_t side = exact::exact_side(p, q, r, Corner{});
-            if (side != exact::SIDE_NOT_KNOWN) {
-                hides_itself = !(side * cross(less(q, p), less(r, p)) > 0);
-                may_be_seen = may_be_seen && !hides_itself;
-            }
-        }
+        const bool hides_itself = !(rise > error);
         if (hides_itself) _horizon->raise(near, first, last, [](double, double, const Line &) {});
         _horizon->raise(far, first, last, [&](double u0, double u1, const Line &old) {
-            if (!may_be_seen) return;
+            if (!_counts) return;
             Line line = &other == &OBSERVER ? BELOW_ALL : old;
             if (hides_itself) line.v += error;
             add(line, is_low ? one : other, is_low ? other : one, u0, u1);
