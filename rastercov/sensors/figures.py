@@ -409,16 +409,16 @@ class RigFigures(Figures):
                 for device, areas in without.items():
                     rest = _rule_without(gate, device)
                     other = -1 if device is None else max(device, -1)
+                    if not rest.k:
+                        continue
+                    image = through(some, rest, other, cuts)
+                    areas.add(image)
                     if device is None and gate.has_deviation:
-                        image = through(some, gate, other, cuts)
-                        areas.add(image)
                         worst, place = worst_deviations(image, some, gate)
                         before = self.worst.get(first, np.zeros_like(worst))
                         if worst[0].max(initial=0.0) > before[0].max(initial=0.0):
                             self.places[first] = place
                         self.worst[first] = np.maximum(before, worst)
-                    elif rest.k:
-                        areas.add(through(some, rest, other, cuts))
 
     def of_faces(self) -> dict[str, FloatArray]:
         """See `Figures`: the largest standard deviation of what rigs with a limit of it cover."""
@@ -496,9 +496,9 @@ class OfRules(Feature):
         if isinstance(camera, Rig) and any(gate.has_baseline for gate in gates):
             yield BASELINE, _without_limits(camera, least_deg=0.0, most_deg=180.0), task
 
-    def cut_rigs(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
+    def cut_rigs(self, regions: Regions, gate: Gate, devices: Regions) -> Regions:
         """See `Feature`."""
-        return within_limits(regions, gate, devices, without)
+        return within_limits(regions, gate, devices)
 
     def unmet(self, judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> list[str]:
         """See `Feature`."""

@@ -127,13 +127,11 @@ def worst_deviations(
     return values, place
 
 
-def within_limits(regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
-    """Parts that rigs cover within the limits of their rule; an uncertainty is by all devices."""
+def within_limits(regions: Regions, gate: Gate, devices: Regions) -> Regions:
+    """Parts that rigs cover within the limits of their rule, which are those of all devices."""
     for limits in limits_of([gate]):
         if limits.has_baseline:
-            some = [at for at in range(gate.n) if at != without]
-            eyes = devices.eyes.reshape(-1, gate.n, 3)[:, some]
-            regions = _within_baseline(regions, limits, eyes)
+            regions = _within_baseline(regions, limits, devices.eyes.reshape(-1, gate.n, 3))
         if limits.has_deviation and devices.columns is not None:
             regions = _within_deviation(regions, limits, devices)
     return regions

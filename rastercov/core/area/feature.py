@@ -147,11 +147,8 @@ class Feature:
     ) -> Condition | None:
         """Condition on the regions of cameras; `find` makes a finder of regions of others."""
 
-    def cut_rigs(self, regions: Regions, gate: Gate, devices: Regions, without: int) -> Regions:
-        """Part of what rigs cover where their gate holds beyond its count, by those of its devices.
-
-        Without one of these, the others count; see `rastercov.core.area.table.through`.
-        """
+    def cut_rigs(self, regions: Regions, gate: Gate, devices: Regions) -> Regions:
+        """Part of what rigs cover where their gate holds beyond its count."""
         return regions
 
     def stages(self, camera: Cameras, task: Task) -> Iterator[tuple[int, Cameras, Task]]:

@@ -43,7 +43,7 @@ def through(
         for cut in cuts:
             parts = cut(parts, is_rear)
         for each in hooks_of(Feature):
-            parts = each.cut_rigs(parts, gate, regions, without)
+            parts = each.cut_rigs(parts, gate, regions)
         return parts
 
     def count_part(part: Regions) -> Regions:
