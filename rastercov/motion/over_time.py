@@ -198,7 +198,8 @@ class OverTime(InOneLine):
 
         -1 for a face that is never covered.
         """
-        n_rows, n = len(self.regions.pose_ids) // len(self.motion), self.motion.mesh.n_faces
+        n = self.motion.mesh.n_faces
+        n_rows = max(len(self.regions.pose_ids) // len(self.motion), 1)  # none: one that sees none
         frame, row = np.divmod(self.regions.pair_pose.astype(np.int64), n_rows)
         weights = self.regions.area * self.motion.units[frame]
         worth = np.bincount(row * n + self.regions.pair_face, weights, n_rows * n)
@@ -247,8 +248,8 @@ class OverTime(InOneLine):
         begins = np.cumsum(motion.durations) - motion.durations
         items = []
         for row in range(len(motion)):
+            worst = leads[each[row].argsort(stable=True)[:1]]
             total = float(area[scored & motion.present[row][motion.body]].sum())
-            worst = int(each[row].argmin())
             items.append(
                 {
                     "frame": row,
@@ -257,8 +258,8 @@ class OverTime(InOneLine):
                     "covered_m2": float(own[row]),
                     "of_m2": total,
                     "percent": 100 * float(own[row]) / total if total > 0 else 0.0,
-                    "worst_pose": int(leads.ids[worst]),
-                    "worst_camera": names[leads.camera[worst]],
+                    "worst_pose": max(worst.ids.tolist(), default=None),
+                    "worst_camera": next((names[at] for at in worst.camera), None),
                     "hidden_by": self._judged[1].get(row),
                 }
             )

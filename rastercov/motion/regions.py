@@ -126,6 +126,8 @@ class MotionQuery(InOneLine):
 
     def _alone(self, regions: Regions) -> Regions:
         """Parts that each camera covers long enough by itself; rows of a frame."""
+        if not len(regions.pose_ids):
+            return regions
         n = _rows_a_frame(regions, self.motion)
         rows = np.arange(len(regions.pose_ids)).reshape(-1, n)
         parts = [for_long_enough(take_rows(regions, own), self) for own in rows.T]
@@ -448,7 +450,7 @@ def in_units(frames: Regions, motion: Motion) -> Regions:
 
 def _rows_a_frame(regions: Regions, motion: Motion) -> int:
     n_rows = len(regions.pose_ids)
-    if regions.mesh is not motion.mesh or n_rows % len(motion) or not n_rows:
+    if regions.mesh is not motion.mesh or n_rows % len(motion):
         raise ConfigError("expected regions of this motion, got those of another; give its own")
     return n_rows // len(motion)
 

@@ -389,3 +389,11 @@ def test_shares_of_the_coverable_area_leave_out_what_is_hidden_in_every_frame():
     (reached,) = rc.place(plan | {"selection": wanted}).requirements
     assert reached.of_m2 == pytest.approx(whole.of_m2)
     assert reached.share >= 0.4
+
+
+def test_a_plan_whose_cameras_see_nothing_has_its_page():
+    task = PLAN["task"] | {"min_pixel_density": "1000 px/mm"}
+    placed = rc.place(changed(task=task, outputs={"page": True}), out="placed")
+    assert placed.cameras.share == 0
+    assert {each["worst_pose"] for each in placed.cameras.areas.over_time.table()} == {None}
+    assert Path("placed/page.html").exists()
