@@ -121,6 +121,15 @@ def test_devices_on_both_sides_of_a_sheet_do_not_count_together():
         regions.at_least(2).at_least(2, [0])
 
 
+def test_advice_for_a_side_that_a_head_is_behind_has_no_angles_of_the_other_side():
+    rig = head(CAMERA, tasks={"right": rc.Task(max_incidence_deg=3)})
+    behind = rc.look_at((0.4, 0.5, -1), (0.4, 0.5, 0), up=(0, 1, 0))
+    found = rc.evaluate(sheet(two_sided=False), rig, rig.poses(behind), fields=()).summary()
+    (zone,) = found["dead_zones"]
+    assert (zone["reason"], zone["nearest"]) == ("back_facing", None)
+    assert "incidence" not in zone["advice"]
+
+
 def test_a_projector_in_a_closed_box_and_a_camera_outside_see_nothing_together():
     closed = box((-1, -1, -1), (1, 1, 1))
     poses = rc.look_at(eyes=[(0, 0, 0), (3, 0.1, 0.2)], targets=[(1, 0, 0), (0, 0, 0)])

@@ -270,7 +270,7 @@ class Remedies:
             row, facts = named.row, self._facts(named, hider)
             if is_alone and not facts:
                 facts = ["it sees half of the zone or more, but not its middle"]
-            elif winner == Reason.BACK_FACING and not facts:  # of a rig: it misses the side alone
+            elif winner == Reason.BACK_FACING:  # of a rig: angles would be those of the other side
                 named, facts = None, [NO_SIGHT]
         elif is_alone:
             eyes = self.poses.eyes
