@@ -17,6 +17,7 @@ from rastercov.cli.inputs import SceneOptions, check_targets
 from rastercov.cli.terminal import progress_bar
 from rastercov.core.camera import size_warnings
 from rastercov.core.camera.sun import NORTH_DEG, angle, sun_directions
+from rastercov.core.mesh.files import Site
 from rastercov.core.mesh.groups import names_of_groups
 from rastercov.core.mesh.mesh import Mesh, names_of
 
@@ -158,10 +159,10 @@ def sun(
     period.times(0.0, year)  # errors before the mesh is read
     least, level = _hours(surface.at_least, period)
     mesh = scene.read(meshes)
-    given = {"north_deg": period.north, **site._asdict()}
-    if year is not None:
-        given |= {"latitude": year.latitude, "longitude": year.longitude}
-    north, latitude, longitude = mesh.site.known_values(given, "--north")
+    place = Site(period.north, *(site if year is None else year[1:3]))
+    if year is not None and None in Site.common([place, mesh.site])[1:]:
+        warn(f"the place is that of {year.name}, far from that of the mesh file")
+    north, latitude, longitude = mesh.site.known_values(place._asdict(), "--north")
     if latitude is None or longitude is None:
         raise ConfigError(
             "expected --latitude and --longitude, got one or none, and none that all files share; "

@@ -10,6 +10,7 @@ from commands import call, refusal
 
 import rastercov as rc
 from rastercov.base import ConfigError
+from rastercov.core.mesh.files import Site
 from rastercov.sun.weather import HOURS, read_weather, sky_factors
 
 PLACE = (49.1, 8.44)
@@ -118,7 +119,7 @@ def test_energy_and_shade_factors_of_a_command(tmp_path, monkeypatch, capsys):
         + "".join("3 {} {} {}\n".format(*face) for face in screen.faces.tolist())
     )
     line = "sun roof.obj --weather a.epw --shade-factors loss.csv --json"
-    code, text, _ = call(capsys, f"{line} -o alone")
+    code, text, err = call(capsys, f"{line} -o alone")
     assert code == 0
     told = json.loads(text)
     height = rc.sun_directions(*PLACE, read_weather(tmp_path / "a.epw").times)[:, 2]
@@ -129,6 +130,15 @@ def test_energy_and_shade_factors_of_a_command(tmp_path, monkeypatch, capsys):
     assert json.loads((tmp_path / "alone" / "sun.json").read_text())["diffuse"] == [entry]
     rows = list(csv.reader((tmp_path / "loss.csv").read_text().splitlines()))
     assert (len(rows), set(map(tuple, rows[1:]))) == (HOURS + 1, {("0.0",)})
+    assert "the place is" not in err
+    page = (tmp_path / "alone" / "sun.html").read_text()
+    assert "nergy is for the direct normal irradiance of a.epw" in page
+    assert "sky view factor" in page
+    monkeypatch.setattr(rc.Mesh, "site", Site(90.0, PLACE[0], PLACE[1] + 90))
+    err = call(capsys, f"{line} -o far")[2]
+    assert "warning: the place is that of a.epw, far from that of the mesh file" in err
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
     more = "--occluder screen.off"
     code, text, _ = call(capsys, line.replace("roof.obj", f"roof.obj {more}") + " -o shaded")
     assert code == 0
