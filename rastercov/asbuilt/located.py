@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -39,6 +39,8 @@ LEAST_Z = 8.0
 """Deviations above chance that edges must agree."""
 LEAST_EXPLAINED = 0.4
 """Share of the predicted edges that the photograph must show."""
+MOST_TURNED_DEG = 8.0
+"""Turn from the plan up to which a pose by edges is believed: twice the range that is searched."""
 MOST_APART = 3.4
 """Pixels within which 95 % of the poses by halves of the edges must lie.
 
@@ -374,7 +376,7 @@ def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
         return _nothing(0, near, f"the plan's pose shows too few edges of the model; {CLICK}")
     best = optima[0]
     why = _doubt_of_edges(aligner, optima, distance)
-    return Located(
+    found = Located(
         best.pose,
         best.covariance,
         np.empty((0, 2)),
@@ -387,6 +389,9 @@ def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
         near,
         distance,
     )
+    if found.turned_deg > MOST_TURNED_DEG:
+        return replace(found, accepted=False, why=f"edges do not tell so large a turn; {CLICK}")
+    return found
 
 
 def _doubt_of_edges(aligner: Aligner, optima: Sequence[Optimum], distance: float) -> str:

@@ -50,8 +50,13 @@ def _rows(mesh: Mesh, level: int | None) -> list[ByName]:
     for name, own in numbers.items():
         faces = np.isin(mesh.face_group, own)
         roles = sorted({mesh.groups[row].role for row in own})
-        entry: ByName = {"name": name, "role": " and ".join(roles), "groups": len(own)}
-        entry |= {"faces": int(faces.sum()), "area_m2": float(mesh.areas[faces].sum())}
+        entry: ByName = {
+            "name": name,
+            "role": " and ".join(roles),
+            "groups": len(own),
+            "faces": int(faces.sum()),
+            "area_m2": float(mesh.areas[faces].sum()),
+        }
         entries.append(entry | _box(mesh.vertices[mesh.faces[faces]].reshape(-1, 3)))
     return entries
 

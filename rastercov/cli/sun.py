@@ -192,9 +192,14 @@ def sun(
             diffuse = None if year is None else weather.diffuse_of(ways["middle"], year)
             return Study(ways, chosen, starts, words, step, least, level, north, is_fine, diffuse)
 
-        given = {"latitude": latitude, "longitude": longitude, **period.entries()}
-        given |= {"north": north, **surface._asdict()}
-        given["scene"] = scene.entries(out, meshes)
+        given = {
+            "latitude": latitude,
+            "longitude": longitude,
+            **period.entries(),
+            "north": north,
+            **surface._asdict(),
+            "scene": scene.entries(out, meshes),
+        }
         study, summary = write(make_study, out, given, pdf=pdf)
     if period.shade_factors is not None:
         weather.write_shade_factors(study.ways["middle"], is_up, period.shade_factors)

@@ -98,8 +98,14 @@ class Judging:
         strategy.fill_counters(scene, n_poses, tiles, drawn=True, backs=False)
         size = 4 * n_poses * (self._n_words + TOTALS)
         resources.zero(self._results, size)
-        buffers = {COUNTS: strategy.counters, FACES: self._faces, VERTICES: self._vertices}
-        buffers |= {POSES: strategy.records, RESULTS: self._results, SEEN: self._seen}
+        buffers = {
+            COUNTS: strategy.counters,
+            FACES: self._faces,
+            VERTICES: self._vertices,
+            POSES: strategy.records,
+            RESULTS: self._results,
+            SEEN: self._seen,
+        }
         for binding, buffer in buffers.items():
             buffer.bind_to_storage_buffer(binding)
         set_uniforms(self._program, first_drawn=n_poses * (n_faces + 1))

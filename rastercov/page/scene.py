@@ -498,9 +498,15 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
     phases = phases_of(plan, mesh)
     task_mesh, goals = separate_goals(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by
-    of_plan: ByName = {"task_mesh": task_mesh, "goals": goals, "by": by}
-    of_plan |= {"sheet": plan.sheet, "constraints": plan.constraints, "plan_file": plan.name}
-    of_plan["required"] = required_of(plan)
+    of_plan: ByName = {
+        "task_mesh": task_mesh,
+        "goals": goals,
+        "by": by,
+        "sheet": plan.sheet,
+        "constraints": plan.constraints,
+        "plan_file": plan.name,
+        "required": required_of(plan),
+    }
     return Scene(plan.name, mesh, start, plan, pool, notes=notes, phases=phases, **of_plan)
 
 

@@ -440,9 +440,16 @@ def playground() -> str:
         for name, title, words in PLAY_SCENES
         for mesh in (shapes.by_name(name),)
     ]
-    data: ByName = {"mesh": None, "lenses": {}, "candidates": {}, "samples": samples}
-    data |= {"readers": _deflate_module(READERS), **_of_files()}
-    return with_live_data(_share_entries(scene, state) | data | {"leastSite": LEAST_SITE})
+    data: ByName = {
+        "mesh": None,
+        "lenses": {},
+        "candidates": {},
+        "samples": samples,
+        "readers": _deflate_module(READERS),
+        **_of_files(),
+        "leastSite": LEAST_SITE,
+    }
+    return with_live_data(_share_entries(scene, state) | data)
 
 
 def _share_entries(scene: ReadByName, state: ReadByName) -> ByName:

@@ -305,8 +305,13 @@ def _faces(page: NetworkPage) -> ByName:
 
     mesh, network, faces = page.mesh, page.network, np.flatnonzero(page.mesh.task_mask)
     why = reasons_of(network, page.covered)[faces].astype(np.int32)
-    columns = {"area_m2": mesh.areas, "covered": page.covered, "views": network.views}
-    columns |= {"best_coverage": network.best, "best_pose": network.best_pose}
+    columns = {
+        "area_m2": mesh.areas,
+        "covered": page.covered,
+        "views": network.views,
+        "best_coverage": network.best,
+        "best_pose": network.best_pose,
+    }
     if page.areas is not None:
         is_covered = page.areas.covered
         columns["covered_m2"] = is_covered.area[page.need - 1, np.arange(mesh.n_faces)]

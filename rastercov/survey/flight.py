@@ -209,7 +209,7 @@ class Flight(Product):
 
     def table(self) -> list[ByName]:
         """Each mission: waypoints, photographs, length, time, heights, and its straight lines."""
-        entries, n_images = [], len(self.footprints.names) // max(len(self.rows), 1)
+        entries, n_images = list[ByName](), len(self.footprints.names) // max(len(self.rows), 1)
         for each in self.flown:
             ends, ground = [each.first + 1, each.first + len(each.rows)], self._above(each)
             lines = [
@@ -221,10 +221,17 @@ class Flight(Product):
                 }
                 for a, b in each.lines_flown
             ]
-            entry: ByName = {"waypoints": ends, "images": n_images * len(each.rows)}
-            entry |= {"length_m": each.length, "duration_s": each.seconds, "lines": lines}
-            entry["z_m"] = [float(pick(each.places[:, 2])) for pick in (np.min, np.max)]
-            entries.append(entry | {"above_ground_m": ground})
+            entries.append(
+                {
+                    "waypoints": ends,
+                    "images": n_images * len(each.rows),
+                    "length_m": each.length,
+                    "duration_s": each.seconds,
+                    "lines": lines,
+                    "z_m": [float(pick(each.places[:, 2])) for pick in (np.min, np.max)],
+                    "above_ground_m": ground,
+                }
+            )
         return entries
 
     def _above(self, flight: "Flight") -> list[float] | None:

@@ -80,6 +80,18 @@ def test_a_pose_is_found_or_undecided(seed: int) -> None:
     assert found.explained > 0.6
 
 
+def test_a_pose_beyond_the_range_that_is_searched_is_undecided(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of a mirrored photograph, whose best pose lies there."""
+    true = pose_of(0)
+    monkeypatch.setattr(alignment, "BASIN", alignment.BASIN * (3, 3, 3, 1, 1, 1))
+    found = rc.locate(MESH, CAMERA, photograph(MESH, true, 0), off(true, 50, 9.0, 0.0))
+    assert found.turned_deg == pytest.approx(9, abs=0.1)
+    assert not found.accepted
+    assert "so large a turn" in found.why
+
+
 def test_another_scene_is_undecided() -> None:
     true = pose_of(0)
     other = photograph(

@@ -389,8 +389,13 @@ def classify_areas(
         counts = int(faces.sum()), int((faces & ~is_whole).sum())
         status, is_partial = status_of(low, high, limit), reachable is not None
         common = (group, limit, low, share, high, status, *counts, is_partial)
-        others: ByName = {"m2": area, "bound_m2": bound, "of_m2": total}
-        others |= {"n_groups": len(rows[group]), "of_seeable": seeable is not None}
+        others: ByName = {
+            "m2": area,
+            "bound_m2": bound,
+            "of_m2": total,
+            "n_groups": len(rows[group]),
+            "of_seeable": seeable is not None,
+        }
         items.append(AreaRequirement(*common, **others))
     return tuple(items)
 

@@ -46,8 +46,14 @@ class Items:
         self, command: int, frame: int, params: list[Any], more: ByName | None = None
     ) -> None:
         number = len(self.list) + 1
-        own: ByName = {"autoContinue": True, "command": command, "doJumpId": number}
-        own |= {"frame": frame, "params": params, "type": "SimpleItem"}
+        own: ByName = {
+            "autoContinue": True,
+            "command": command,
+            "doJumpId": number,
+            "frame": frame,
+            "params": params,
+            "type": "SimpleItem",
+        }
         self.list.append((more or {}) | own)
 
 
