@@ -81,6 +81,7 @@ CLAIMS = {
         "**Time limit.**": "attack matrix",
         "**Sampled figures.**": "test_observer the_bound_holds_for_nearly_all_partly_hidden",
         "Small and thin faces": "test_coverage reason",
+        "By face, one": "test_coverage a_face_far_smaller_than_a_pixel",
         "**Coincident surfaces.**": "raster/test_raster_laws of_coincident_faces_the_lowest",
         "If another face comes": "exact/test_nearly_coincident copies_are_within_their_bounds",
         "Sampled depths are": "raster/test_raster_laws surfaces_1e_5_apart_are_told_apart",

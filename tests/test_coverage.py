@@ -257,3 +257,17 @@ def test_only_what_is_asked_for_is_computed(how):
 def test_an_unknown_figure_is_refused(fields):
     with pytest.raises(ConfigError, match="expected arrays of Coverage, got "):
         evaluate(TEAPOT, SMALL, POSES, fields=fields, by="face")
+
+
+def test_a_face_far_smaller_than_a_pixel_counts_as_covered_if_it_contains_a_sample():
+    camera = Camera(width=8, height=8, fx=8, fy=8)
+    places = np.stack(np.meshgrid(*[np.arange(0, 1, 0.05)] * 2), axis=2).reshape(-1, 1, 2)
+    corners = places + 0.02 * np.array([(-1, -1), (1, -1), (0, 1)])  # px
+    points = np.concatenate((corners.reshape(-1, 2) / 8, np.ones((3 * len(places), 1))), axis=1)
+    mesh = Mesh(points, np.arange(len(points)).reshape(-1, 3)[:, [0, 2, 1]])
+    given = mesh, camera, np.eye(4)[None]
+    sampled = evaluate(*given, by="face", method="sampled")
+    is_covered = sampled.coverage[0] >= 0.5
+    assert 0 < is_covered.sum() < 10
+    assert (sampled.reason[0, ~is_covered] == Reason.UNSAMPLED).all()
+    assert evaluate(*given, by="face").coverage.max() < 0.01
