@@ -7,7 +7,7 @@ import typer
 from typer import Argument, Option
 
 from rastercov.base import ConfigError, check_choice, check_place, json_text
-from rastercov.cli.console import out_option, print_lines, say
+from rastercov.cli.console import out_option, print_lines, say, warn
 from rastercov.cli.options import AsJson, expand_options
 from rastercov.cli.terminal import progress_bar
 
@@ -87,6 +87,8 @@ def viewshed(
             beside=Mesh.joined(meshes) if meshes else None,
             progress=progress,
         )
+    if (out or outlines) and not result.raster.crs:
+        warn("the raster has no EPSG code: files have its coordinates without a CRS")
     if out is not None:
         files.write_files(result, out)
     if outlines is not None:

@@ -135,13 +135,17 @@ def placed(plan):
     [
         (scene, BASE.replace("[camera]", 'role = "occluder"\n[camera]'), "meshes: expected"),
         (scene, SHEET.replace("room", "flor") + "height = 1", "meshes[0].built_in: expected one"),
-        (scene, TARGET + 'above = "flor"\nheight = 1', "targets[0].above: expected a mesh file"),
-        (scene, TARGET + 'file = "bad.obj"', "targets[0].file: bad.obj"),
-        (scene, GRID + "spacing = 0.001", "targets[0].box: "),
-        (scene, GRID + "size = 2.0", "targets[0].box: "),
+        (scene, TARGET + 'above = "flor"\nheight = 1', "targets[0]: expected a mesh file"),
+        (
+            scene, SHEET + 'height = 1\nnear = ["flor"]\nwithin = 1',
+            "targets[0]: expected a mesh file or a group, got 'flor'",
+        ),
+        (scene, TARGET + 'file = "bad.obj"', "targets[0]: bad.obj"),
+        (scene, GRID + "spacing = 0.001", "targets[0]: "),
+        (scene, GRID + "size = 2.0", "targets[0]: "),
         (
             scene, SHEET + 'height = 1\nname = "eyes"\n[[targets]]\nabove = "eyes"\nheight = 1',
-            "targets[1].above: expected a mesh file or a group, got ",
+            "targets[1]: expected a mesh file or a group, got ",
         ),
         (pool, FAR, "candidates[0]: expected a stand-off"),
         (cells, FLAT.format(1e-5), "task.resolution_of_result: expected at most "),
@@ -177,4 +181,4 @@ def test_a_target_that_failed_gives_one_line_only(failing, name, tmp_path, monke
     with pytest.raises(PlanError) as caught:
         scene(plan_of(text))
     (line,) = caught.value.lines
-    assert "targets[0]." in line
+    assert "targets[0]: " in line

@@ -627,8 +627,8 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
     place = (ORIGIN[0] + 600.0, ORIGIN[1] - 400.0)
     line = ["viewshed", str(path), "--from", "{},{}".format(*place), "--height", "3"]
     out = ["--out", str(tmp_path / "out"), "--outlines", str(tmp_path / "a.geojson"), "--json"]
-    code, text, _ = call(capsys, [*line, *out])
-    assert code == 0
+    code, text, err = call(capsys, [*line, *out])
+    assert (code, "EPSG" in err) == (0, False)
     told = json.loads(text)["observers"][0]
     seen = rc.viewshed(path, (*place, 3.0))
     assert told["area_m2"] == seen.seen[0].area
@@ -643,6 +643,9 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
     assert 0 < area < told["area_m2"]
     assert shapely.geometry.shape(outline).area == pytest.approx(area, rel=1e-6)
     assert call(capsys, [*line, "--at-least", "100"])[0] == 1
+    (tmp_path / "a.asc").write_text("ncols 2\nnrows 2\ncellsize 1\n1 2\n3 4\n")
+    local = ["viewshed", str(tmp_path / "a.asc"), "--from", "1,1", "--out", str(tmp_path / "local")]
+    assert "warning: the raster has no EPSG code: files have its" in call(capsys, local)[2]
     (tmp_path / "o.csv").write_text("x,y,height\n{},{},3\n{},{},9\n".format(*place, *place))
     code, text, _ = call(capsys, ["viewshed", str(path), "--observers", str(tmp_path / "o.csv")])
     assert code == 0

@@ -205,13 +205,12 @@ def _with_targets(
     failed, scene_of_meshes = dict[str, str](), mesh
     names = Names((group.name for group in mesh.groups), files)
     for row, entry in enumerate(plan.targets):
-        field = next(name for name in ("above", "box", "file") if getattr(entry, name) is not None)
         taken = [*(group.name for group in mesh.groups), *failed]
         name = unique_names([*taken, _name_of(entry)], "target")[-1]
         try:
             target = _target(plan, entry, scene_of_meshes, names)
         except RastercovError as error:
-            failed[name] = f"targets[{row}].{field}: {error}"
+            failed[name] = f"targets[{row}]: {error}"
             continue
         both = entry.box is not None if entry.two_sided is None else entry.two_sided
         mesh = with_target(mesh, target, name, two_sided=both)
