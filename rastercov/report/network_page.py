@@ -601,6 +601,8 @@ class NetworkPage:
         if self.part is not None:
             return []
         poses, names = self._placed
+        if sensors := self.sensors:
+            names = [" ".join(row[:2]) for row in sensors[1]]
         scene = self.mesh, self.camera, poses, self.network.task
         return feature_rows(*scene, names, self.figures)
 

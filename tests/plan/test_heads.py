@@ -665,6 +665,10 @@ def test_heads_that_are_placed_are_counted_and_named_as_heads():
     assert len(shown.seen_m2) == len(shown.lost_m2) == n
     assert max(shown.seen_m2) <= sum(shown.seen_m2) <= n * shown.task_m2
     assert shown._used == [1, 2]  # not the type of which no camera is placed by itself
+    sensors = {f"{at} {name}" for at in shown.labels for name in ("fringe/cam", "fringe/proj")}
+    best = {each.camera for each in shown._features()} - {""}
+    assert best <= sensors, best
+    assert best
     page = placement_page.pages_of(result, plan_report.summary(result), [], silent)["page.html"]
     assert f"{n} heads cover " in page
     assert f"{len(result.cameras.placed)} cameras" not in page
