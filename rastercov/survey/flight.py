@@ -46,6 +46,8 @@ STRAIGHT = 1e-6
 """Sine of the angle to the vertical below which a view has no heading of its own."""
 LEAST_OF_LINE, SAME_STEP_REL, SAME_ANGLE_DEG = 3, 1e-3, 0.1
 """Waypoints of a straight line at least; its steps and headings differ by less."""
+MOST_ABOVE = 1.0
+"""Height of home above the surface, or below it, from which on a line says so, metres."""
 HIGHEST = {
     120.0: "the 120 m of the open category in the EU",
     121.92: "the 400 ft of FAA part 107",
@@ -322,10 +324,12 @@ class Flight(Product):
             else "no battery is given: neither its limit nor a reserve is checked",
             "airspace and a failsafe return are not checked",
         ]
-        if np.isnan(heights_at(self.mesh, self.home[None, :2])).any():
+        above = float(self.home[2] - heights_at(self.mesh, self.home[None, :2])[0])
+        if not abs(above) <= MOST_ABOVE:
             how = "the lowest of the surface: check it; from higher ground all is as much higher"
+            where = "has no surface" if math.isnan(above) else f"is {above:.3g} m above the surface"
             notes.append(
-                "home, for take-off and landing, has no surface below; its height is "
+                f"home, for take-off and landing, {where} below; its height is "
                 f"{'as in [flight]' if self.asked.home else how}"
             )
         if n := self.n_beside:

@@ -295,6 +295,13 @@ def test_home_may_be_given():
     )
     assert given.home.tolist() == [0, -30, -5]
     assert given.blocked == []
+    for above in (30.0, 0.5, -30.0):
+        own = {"mesh": rc.shapes.box((300, 300, 2)), "home": np.array((0.0, -30, 1 + above))}
+        moved = replace(given, **own)
+        told = (
+            f"home, for take-off and landing, is {above:.3g} m above the surface below; its height"
+        )
+        assert any(each.startswith(told) for each in moved.notes) == (abs(above) > 1)
 
 
 def test_the_result_says_at_which_ground_a_gsd_holds():
