@@ -258,8 +258,8 @@ class OverTime(InOneLine):
                     "covered_m2": float(own[row]),
                     "of_m2": total,
                     "percent": 100 * float(own[row]) / total if total > 0 else 0.0,
-                    "worst_pose": max(worst.ids.tolist(), default=None),
-                    "worst_camera": next((names[at] for at in worst.camera), None),
+                    "worst_pose": max(worst.ids.tolist(), default=-1),
+                    "worst_camera": next((names[at] for at in worst.camera), ""),
                     "hidden_by": self._judged[1].get(row),
                 }
             )

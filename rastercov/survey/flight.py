@@ -324,7 +324,7 @@ class Flight(Product):
             else "no battery is given: neither its limit nor a reserve is checked",
             "airspace and a failsafe return are not checked",
         ]
-        above = float(self.home[2] - heights_at(self.mesh, self.home[None, :2])[0])
+        above = self.home[2] - heights_at(self.mesh, self.home[None, :2])[0]
         if not abs(above) <= MOST_ABOVE:
             how = "the lowest of the surface: check it; from higher ground all is as much higher"
             where = "has no surface" if math.isnan(above) else f"is {above:.3g} m above the surface"
