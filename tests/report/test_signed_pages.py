@@ -313,3 +313,19 @@ def test_a_page_names_the_sensors_that_have_no_depth_of_field(sharp):
     wanted = [f"{name} must be in focus" for name in ("left", "right")]
     wanted = ["It must be in focus"] if not sharp else wanted
     assert [each in rules for each in wanted] == [row not in sharp for row in range(len(wanted))]
+
+
+def test_a_proved_number_of_cameras_is_of_the_candidates_on_patches(tmp_path):
+    plan = {
+        "meshes": [{"built_in": "icosahedron"}],
+        "camera": CAMERA,
+        "candidates": [{"generator": "on_sphere", "count": 30, "distances": [4.0]}],
+        "selection": {"goal": "fewest_cameras", "coverage": 0.9},
+    }
+    rc.place(plan, out=tmp_path / "out")
+    page = (tmp_path / "out" / "page.html").read_text()
+    assert re.search(
+        r"At least \d+ cameras? (is|are) needed of these candidates, on patches of the surface "
+        r"\(proved\), for 90.0 % of the area[^<]*; other poses may do with fewer\.",
+        page,
+    )
