@@ -31,9 +31,8 @@ export async function readMesh(name, bytes, module) {
     }
     return finish(await readPlain(extension, bytes, await Engine.of(await module())), stem);
   } catch (error) {
-    const shown = printable(name).slice(0, 60);
     const words = error.status ? error.message.replace("split it, or raise memory_budget", "or use rastercov view") : `expected a file that follows its format, got inconsistent data (${error.message}); export it again`;
-    refuse(`${shown}: ${words}`.slice(0, 500));
+    refuse(printable(`${printable(name).slice(0, 60)}: ${words}`, 500));
   }
 }
 
@@ -64,7 +63,7 @@ function finish({ vertices, faces, groupOf, names, notes }, stem) {
   return { vertices, faces, groupOf: Uint16Array.from(groupOf, (row) => rowOf.get(row)), groups, notes };
 }
 
-const printable = (text) => [...text.replace(/(?! )[\p{C}\p{Z}]/gu, "").trim()].slice(0, LONGEST_NAME).join("");
+const printable = (text, most = LONGEST_NAME) => [...text.replace(/(?! )[\p{C}\p{Z}]/gu, "").trim()].slice(0, most).join("");
 
 /** A name that no group before it has. */
 export function free(taken, name) {
