@@ -161,7 +161,7 @@ class ClosedParts(NamedTuple):
 
 
 def closed_parts(mesh: Mesh) -> ClosedParts:
-    """Components where every edge has two faces that traverse it in opposite senses."""
+    """Components of `closed_faces`."""
     rows = np.flatnonzero(closed_faces(mesh))
     _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
     rows = rows[sort_order(part)]
@@ -213,14 +213,12 @@ class Winding:
 
 
 def closed_faces(mesh: Mesh) -> BoolArray:
-    """(F,) faces of components where every edge has two faces that traverse it in opposite senses.
+    """(F,) faces of components where as many faces traverse every edge in one sense as in the other.
 
     Faces with a repeated vertex do not count.
     """
     table = edge_table(mesh.welded_faces, mesh.n_vertices)
-    is_forward, first = table.is_forward, table.first
-    is_closed = table.n_uses == 2
-    is_closed[is_closed] = is_forward[first[is_closed]] != is_forward[first[is_closed] + 1]
+    is_closed = np.add.reduceat(np.where(table.is_forward, 1, -1), table.first) == 0
     part = mesh.topology.components()
     is_open_part = np.zeros(int(part.max()) + 1, dtype=bool)
     is_open_part[part[table.faces[np.repeat(~is_closed, table.n_uses)]]] = True
