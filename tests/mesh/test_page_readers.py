@@ -87,6 +87,12 @@ def scenes():
     paths = list(places(whole().header))
     for path, value in product(paths, WRONG):
         yield whole().put(path, value)
+    for *path, name in [*paths, ("asset", "version")]:
+        if isinstance(name, str):
+            glb = whole()
+            glb.header.setdefault("asset", {"version": "2.0"})
+            glb.put((*path, name), ...)
+            yield glb.put((*path, name[:2] + name[2:3].swapcase() + name[3:]), 1)
 
 
 def files():

@@ -22,6 +22,7 @@ const NAMES = {
   accessor: "bufferView byteOffset componentType count type normalized sparse max min name extras extensions",
   bufferView: "buffer byteOffset byteLength byteStride target name extras extensions",
   scene: "nodes name extras extensions",
+  asset: "version minVersion generator copyright extras extensions",
   file: "accessors animations asset buffers bufferViews cameras extensions extensionsRequired extensionsUsed images materials meshes nodes samplers scene scenes skins textures extras",
 };
 
@@ -30,6 +31,7 @@ export function readGlb(bytes, most) {
   const made = { points: [], corners: [], groupOf: [], notes: [], most };
   const { header, buffer } = chunksOf(bytes);
   checkNames("file", header);
+  checkNames("asset", header.asset ?? {});
   const required = json_list(header, "extensionsRequired").map(String);
   const foreign = required.filter((name) => !READ.includes(name) && !HARMLESS.some((each) => name.startsWith(each)));
   if (foreign.length) expected("supported extensions", foreign[0], "export without them");
@@ -81,7 +83,7 @@ function numbersOf(owner, key, otherwise) {
 function checkNames(kind, owner) {
   const known = NAMES[kind].split(" ");
   const other = Object.keys(owner).find((name) => !known.includes(name));
-  if (other !== undefined) expected(`names of glTF 2.0 in a ${kind}`, other);
+  if (other !== undefined) expected(`names of glTF 2.0 in '${kind}'`, other);
 }
 
 const EYE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
