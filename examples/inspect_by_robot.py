@@ -59,7 +59,7 @@ def main() -> None:
     print("tour, joint angles in degrees, clearance in mm:")
     for row in arm.order:
         joints = " ".join(f"{angle:6.1f}" for angle in np.degrees(arm.joints[row]))
-        print(f"  pose {row}: {joints}   {1e3 * arm.clearance[row]:.0f}")
+        print(f"  pose {row}: {joints}   {1e3 * arm.near['scene'][row].distance:.0f}")
 
 
 if __name__ == "__main__":

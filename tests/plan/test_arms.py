@@ -642,15 +642,22 @@ def test_a_robot_that_moves_by_a_path_is_in_front_of_cameras():
 
 
 @pytest.mark.slow
-def test_the_example_reaches_what_it_asks_for(monkeypatch):
+def test_the_example_reaches_what_it_asks_for_and_tells_its_tour(monkeypatch, capsys):
     monkeypatch.syspath_prepend(ARM.parent)
-    from inspect_by_robot import PLAN
+    from inspect_by_robot import main
 
-    placed = rc.place(PLAN)
+    place, results = rc.place, []
+    monkeypatch.setattr(rc, "place", lambda plan: results.append(place(plan)) or results[0])
+    main()
+    placed = results[0]
     of = placed.prepared.reachable.summary()["percent"] / 100
     assert placed.cameras.share >= 0.9 * of > 0.5
     assert not placed.carried.is_hidden.any()
     assert placed.is_met
+    told = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in told[-len(placed.carried.order) :]] == [
+        f"  pose {row}" for row in placed.carried.order
+    ]
 
 
 def test_a_camera_rides_on_a_link_of_a_robot_that_moves():
