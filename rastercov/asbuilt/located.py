@@ -26,7 +26,7 @@ from rastercov.base import (
     plural,
     shown,
 )
-from rastercov.base.files import reason_of
+from rastercov.base.files import file_text
 from rastercov.base.typed import typed
 from rastercov.core.camera import Camera, check_scene, valid_poses
 from rastercov.core.mesh import Mesh
@@ -291,16 +291,13 @@ def read_points(points: Path | ArrayLike) -> FloatArray:
 def _read_csv(path: Path) -> FloatArray:
     """Pairs of a CSV file."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.DictReader(file_text(path).splitlines()))
+    except (ValueError, csv.Error) as error:
         wanted = f"expected points in {shown(str(path))}"
-        raise ConfigError(f"{wanted}, got: {reason_of(error)}") from error
-    missing = [name for name in POINTS if rows and name not in rows[0]]
-    if missing or not rows:
-        raise ConfigError(
-            f"{path}: expected columns {', '.join(POINTS)} (px, m), got no {missing or 'rows'}"
-        )
+        raise ConfigError(f"{wanted}, got: {error}") from error
+    missing = [name for name in POINTS if not rows or name not in rows[0]]
+    if missing:
+        raise ConfigError(f"{path}: expected columns {', '.join(POINTS)} (px, m), got no {missing}")
     try:
         return np.array([[float(row[name]) for name in POINTS] for row in rows])
     except (TypeError, ValueError) as error:

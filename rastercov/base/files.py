@@ -150,6 +150,11 @@ def file_bytes(path: StrPath, most: int, advice: str = "check the path") -> byte
     return data
 
 
+def file_text(path: StrPath) -> str:
+    """Text of a regular file in UTF-8, such as a table; a ValueError says what is wrong."""
+    return file_bytes(path, LARGEST_TEXT).decode("utf-8-sig")
+
+
 @contextmanager
 def write_file(path: StrPath) -> Iterator[BinaryIO]:
     """File to write to; UnwritableError where it cannot be opened, or the disk fails or is full."""

@@ -24,7 +24,6 @@ from rastercov.base import (
     check_choice,
     check_seed,
     errors_as,
-    file_bytes,
     finite_number,
     finite_points,
     first_of,
@@ -33,7 +32,7 @@ from rastercov.base import (
     printable,
     shown,
 )
-from rastercov.base.files import LARGEST_TEXT
+from rastercov.base.files import file_text
 from rastercov.base.typed import check_type
 from rastercov.core.mesh.arrays import apply_pose, check_poses, frozen, inverse, unit
 from rastercov.core.mesh.bodies import JointPath
@@ -307,7 +306,7 @@ class Robot(InOneLine):
         shown_path = printable(str(path))
         try:
             ignored = LABELS - set(self.joint_names)
-            columns = columns_of(file_bytes(path, LARGEST_TEXT).decode("utf-8-sig"), ignored)
+            columns = columns_of(file_text(path), ignored)
             durations = durations_of({f"{n}s": columns[n] for n in TIMES if n in columns})
         except UnicodeDecodeError:
             raise ConfigError(

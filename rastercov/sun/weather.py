@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rastercov.base import BoolArray, ByName, ConfigError, FloatArray, check_place, write_text
+from rastercov.base.files import LARGEST_TEXT, file_bytes
 from rastercov.base.output import csv_text
 from rastercov.core.camera.viewpoints import fibonacci_sphere
 from rastercov.core.mesh import Mesh
@@ -70,9 +71,9 @@ def read_weather(path: Path) -> Weather:
         For another file, and one without the 8,760 hours of a year.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+        lines = file_bytes(path, LARGEST_TEXT).decode("utf-8-sig", "replace").splitlines()
         weather = _weather(path.name, list(csv.reader(lines, skipinitialspace=True)))
-    except (OSError, ValueError, LookupError, StopIteration, csv.Error) as error:
+    except (ValueError, LookupError, StopIteration, csv.Error) as error:
         raise ConfigError(
             f"--weather: expected an EPW, TMY3 or PVGIS file, got: {error or 'its end'}; download "
             "one of these"

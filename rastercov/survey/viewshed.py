@@ -20,7 +20,7 @@ from rastercov.base import (
     frozen_record,
     shown,
 )
-from rastercov.base.arguments import check_room
+from rastercov.base.arguments import own_array
 from rastercov.core.camera.conventions import panorama
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.job import evaluate
@@ -32,6 +32,8 @@ from rastercov.engine import survey_viewshed as kernels
 from rastercov.shards import Progress, silent
 
 NO_PIECES = np.empty((0, 4, 2))
+FARTHEST = 1e9
+"""Coordinates and heights of observers, m, are smaller."""
 MOST_PIECES = 200_000
 """Visible pieces whose outlines are joined: about a minute."""
 
@@ -190,17 +192,15 @@ def viewshed(
 
 def observers_of(points: ArrayLike, height: float) -> FloatArray:
     """(N, 3) map coordinates and heights above the ground."""
-    check_room("observers", points)
-    array = np.atleast_2d(
-        check_array("observers", points, "iuf", "(N, 2)", ConfigError).astype(np.float64)
-    )
+    given = check_array("observers", points, "iuf", "(N, 2)", ConfigError)
+    array = np.atleast_2d(own_array("observers", given, np.float64))
     if array.shape[1:] == (2,):
         array = np.insert(array, 2, finite_number(height), axis=1)
-    is_usable = array.size > 0 and array.shape[1:] == (3,) and np.isfinite(array).all()
+    is_usable = array.size > 0 and array.shape[1:] == (3,) and (abs(array) < FARTHEST).all()
     if not (is_usable and array[:, 2].min() >= 0):
         raise ConfigError(
-            "expected finite observers (N, 2) or (N, 3) with a height of 0 or more above the "
-            f"ground, got {shown(array.tolist())}; correct them"
+            f"expected observers (N, 2) or (N, 3) within {FARTHEST:g} m, of a height of 0 or more "
+            f"above the ground, got {shown(array.tolist())}; correct them"
         )
     return array
 

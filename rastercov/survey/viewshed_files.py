@@ -12,6 +12,7 @@ from rastercov.base import (
     write_bytes,
     write_text,
 )
+from rastercov.base.files import file_text
 from rastercov.base.format import text_with_bound
 from rastercov.base.output import csv_text, name_folder
 from rastercov.core.mesh.columns import columns_of
@@ -33,12 +34,12 @@ def read_observers(place: str | None, file: Path | None) -> FloatArray:
         given = "neither" if file is None else "both"
         raise ConfigError(f"expected --from or --observers, got {given}; give one")
     try:
-        text = f"x,y\n{place}" if file is None else file.read_text(encoding="utf-8-sig")
+        text = f"x,y\n{place}" if file is None else file_text(file)
         columns = columns_of(text, each="observer", first=1)
         if not {"x", "y"} <= set(columns):
             raise ConfigError(f"expected columns x and y, got {', '.join(columns)}")
         return np.column_stack([columns[k] for k in ("x", "y", "height") if k in columns])
-    except (OSError, UnicodeDecodeError, ConfigError) as error:
+    except ValueError as error:
         wanted = "--from X,Y" if file is None else "--observers with a CSV file of x,y,height"
         raise ConfigError(f"expected {wanted}, got: {error}") from None
 

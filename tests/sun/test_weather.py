@@ -3,6 +3,7 @@
 import csv
 import json
 from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,6 +88,11 @@ def test_another_file_is_refused_in_one_line(tmp_path, name, change, words):
     with pytest.raises(ConfigError, match=words) as caught:
         read_weather(tmp_path / name)
     assert "\n" not in str(caught.value)
+
+
+def test_a_device_is_not_read():
+    with pytest.raises(ConfigError, match="a regular file, got a device"):
+        read_weather(Path("/dev/zero"))
 
 
 def test_sky_factors_of_planes_and_a_pit():

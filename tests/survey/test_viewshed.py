@@ -32,6 +32,30 @@ def test_more_observers_than_memory_holds_are_refused_before_any_is_read():
         viewshed.observers_of(np.broadcast_to(np.int8(0), (2**40, 3)), 1.7)
 
 
+@pytest.mark.parametrize("observers", [[[np.longdouble("1e4000"), 0]], (1e308, 0), (0, 1e10)])
+def test_observers_out_of_this_world_are_refused(observers):
+    with pytest.raises(rc.ConfigError, match=r"within 1e\+09 m"):
+        rc.viewshed(np.zeros((3, 3)), observers, spacing=1.0)
+    with pytest.raises(rc.ConfigError, match=r"within 1e\+09 m"):
+        rc.viewshed(np.zeros((3, 3)), (1, -1), height=1e308, spacing=1.0)
+
+
+@pytest.mark.parametrize("spacing", [5e-324, 1e-10, 0.0, -1.0, np.nan, 1e7])
+def test_a_spacing_of_nothing_or_of_everything_is_refused(spacing):
+    with pytest.raises(rc.MeshError, match="expected a spacing from"):
+        rc.viewshed(np.zeros((3, 3)), (0, 0), spacing=spacing)
+
+
+@pytest.mark.parametrize("none", [1e160, -1e160, 3.4e38, -3.4e38, np.inf, 1e20, -99999.9e1])
+def test_what_is_no_height_is_a_hole(none):
+    heights = np.zeros((4, 4))
+    heights[0, 0] = none
+    seen = rc.viewshed(heights, (2, -2), spacing=1.0)
+    assert np.isnan(seen.raster.heights[0, 0])
+    assert seen.seen[0].of_area == 8  # of two triangles of the corner none has all its samples
+    assert seen.seen[0].area == 8
+
+
 def random_grid(rng):
     """Heights in quarters, many of them equal, some missing."""
     shape = rng.integers(2, 5, 2)
@@ -572,7 +596,7 @@ def test_a_mask_of_holes_is_refused(tmp_path):
 WRONG = {
     "geocentric": ({34735: (3, (1, 1, 0, 1, 1024, 0, 1, 3))}, "metres, feet or degrees"),
     "latitudes": ({34735: (3, (1, 1, 0, 1, 1024, 0, 1, 2))}, "latitudes within 89 degrees"),
-    "no scale": ({33550: (12, (0.0, 0.0, 0.0))}, "expected a spacing above 0"),
+    "no scale": ({33550: (12, (0.0, 0.0, 0.0))}, "expected a spacing from"),
     "rotated": ({34264: (12, (1.0,) * 16)}, "a rotated grid"),
     "unit": ({34735: (3, (1, 1, 0, 1, 3076, 0, 1, 9999))}, "got unit 9999"),
     "feet alone": ({34735: (3, FEET)}, "expected the unit of heights of a map in feet"),
@@ -598,7 +622,7 @@ def test_a_raster_of_another_kind_is_refused(tmp_path, name):
         ("ncols 3\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "got (a word|2 numbers)"),
         ("ncols x\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "could not convert string to float: .*x"),
         ("ncols 3\nnrows 1\ncellsize 1\n1 2 3", "2 x 2 heights"),
-        ("ncols 2\nnrows 2\n1 2 3 4", "a spacing above 0"),
+        ("ncols 2\nnrows 2\n1 2 3 4", "a spacing from"),
     ],
 )
 def test_a_broken_grid_is_refused(tmp_path, content, words):
@@ -666,6 +690,7 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
         (["--from", "500100,5299900", "--refraction", "1"], "a number from -10 to below 1"),
         (["--from", "500100,5299900", "--outlines", "a.shp"], "to be .geojson or .json"),
         (["--observers", "nothing.csv"], "with a CSV file"),
+        (["--observers", "/dev/zero"], "a regular file, got a device"),
         (["--from", "1,2", "--outlines", "a.json", "--beside", "a.obj"], "--outlines or --beside"),
     ],
 )

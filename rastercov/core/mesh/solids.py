@@ -213,14 +213,14 @@ class Winding:
 
 
 def closed_faces(mesh: Mesh) -> BoolArray:
-    """(F,) faces of components where as many faces traverse every edge in one sense as in the other.
+    """(F,) faces of components of which as many faces traverse every edge one way as the other.
 
     Faces with a repeated vertex do not count.
     """
     table = edge_table(mesh.welded_faces, mesh.n_vertices)
     is_closed = np.add.reduceat(np.where(table.is_forward, 1, -1), table.first) == 0
     part = mesh.topology.components()
-    is_open_part = np.zeros(int(part.max()) + 1, dtype=bool)
+    is_open_part = np.zeros(mesh.n_faces, dtype=bool)
     is_open_part[part[table.faces[np.repeat(~is_closed, table.n_uses)]]] = True
     closed = np.zeros(mesh.n_faces, dtype=bool)
     closed[table.faces] = True

@@ -34,6 +34,7 @@ from rastercov.base import (
     shown,
     sin,
 )
+from rastercov.base.arguments import own_array
 
 EARTH_RADIUS = 6371000.0
 """Mean radius of the earth, m."""
@@ -41,8 +42,8 @@ EQUATOR, ECCENTRICITY_2 = 6378137.0, 0.0066943799901413165
 """Largest radius of WGS 84, m, and the square of its eccentricity."""
 REFRACTION = 0.13
 """Usual coefficient of terrestrial refraction."""
-LOWEST = -1e5
-"""Heights below it are values for no data, m."""
+LARGEST_HEIGHT = 1e5
+"""Larger ones, and their negatives, are values for no data, m."""
 
 
 @frozen_record
@@ -76,9 +77,9 @@ class Raster:
         rows, columns = self.heights.shape
         if min(rows, columns) < 2:
             raise MeshError(f"expected 2 x 2 heights or more, got {rows} x {columns}; add some")
-        if not all(0 < finite_number(each) < 1e6 for each in self.spacing):
+        if not all(1e-9 < finite_number(each) < 1e6 for each in self.spacing):
             raise MeshError(
-                f"expected a spacing above 0, metres, got {shown(self.spacing)}; correct it"
+                f"expected a spacing from 1e-9 to 1e6, got {shown(self.spacing)}; correct it"
             )
         if not all(abs(finite_number(each)) < 1e9 for each in self.origin):
             raise MeshError(f"expected an origin (x, y), metres, got {shown(self.origin)}")
@@ -194,13 +195,13 @@ def raster_of_array(
     is_geographic: bool = False,
 ) -> Raster:
     """Raster of an array (H, W), north up, with NaN where there are no heights."""
-    with np.errstate(all="ignore"):  # what overflows is no height
-        array = check_array("heights", heights, "iuf", "(H, W)", MeshError).astype(np.float64)
+    given = check_array("heights", heights, "iuf", "(H, W)", MeshError)
+    array = own_array("heights", given, np.float64)
     if array.ndim != 2:
         raise MeshError(f"expected heights (H, W), got shape {array.shape}; reshape it")
     if spacing is None:
         raise MeshError("expected spacing with an array, got none; give it in metres")
-    array[~(np.isfinite(array) & (array > LOWEST))] = np.nan
+    array[~(abs(array) < LARGEST_HEIGHT)] = np.nan
     pairs = _pair("spacing", spacing), _pair("origin", origin)
     return Raster(array, *pairs, crs, is_geographic)
 
