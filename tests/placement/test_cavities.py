@@ -14,6 +14,7 @@ from visible_fractions import visibility
 import rastercov as rc
 from rastercov.core.coverage.task import Reason
 from rastercov.core.mesh import Group, Mesh, shapes
+from rastercov.placement import in_solid
 from rastercov.placement.candidates.cavities import Access, Hemicube, openings
 from rastercov.placement.candidates.pool import Framing, per_face
 from rastercov.placement.candidates.rooms import KeepOutBox, KeepOutSphere, filter_candidates
@@ -190,6 +191,64 @@ def test_no_camera_within_the_limits_sees_a_face_that_is_proved_out_of_reach(see
     seen = visibility(mesh, CAMERA, rc.look_at(eyes, targets)).visibility
     away = np.linalg.norm(eyes[:, None] - mesh.centroids[None], axis=2) >= least
     assert not (seen[:, shut][away[:, shut]] > 0).any()
+
+
+def test_what_is_within_an_open_body_is_not_proved_to_be_out_of_reach():
+    """Most directions from there meet backs, so no camera may be there; others look in."""
+    cup = shapes.box((4, 4, 4))
+    cup = Mesh(cup.vertices, cup.faces[cup.centroids[:, 2] > -1.9])
+    mesh = joined(cup, shapes.box((1, 1, 1), centre=(0, 0, 0.5)))
+    inside = np.arange(cup.n_faces, mesh.n_faces)
+    above = mesh.centroids[inside] + 0.01 * mesh.normals[inside]
+    assert in_solid(mesh, above).any()
+    result = openings(mesh, CAMERA, Framing(stand_off=(1, 20)), faces=inside)
+    assert (result.access != Access.ENCLOSED).all()
+    eyes = np.random.default_rng(0).uniform((-3, -3, -8), (3, 3, -2.05), (200, 3))
+    assert not in_solid(mesh, eyes).any()
+    seen = visibility(mesh, CAMERA, rc.look_at(eyes, (0, 0, 0.5))).visibility[:, inside]
+    assert (seen.max(axis=0) > 0.9).sum() == 10  # all but the two on top
+
+
+@pytest.mark.slow
+@given(seed=st.integers(0, 100_000), kind=st.integers(0, 6))
+@examples(30, 500)
+def test_nothing_is_proved_of_faces_that_a_place_outside_matter_sees(seed, kind):
+    """Of cells as they come: twice, turned, missing, inside out, moved by rounding, two-sided."""
+    rng = np.random.default_rng(seed)
+    side = int(rng.integers(3, 6))
+    solid = rng.random((side, side, side)) < rng.uniform(0.3, 0.95)
+    if kind % 2:
+        for axis in range(3):
+            np.moveaxis(solid, axis, 0)[[0, -1]] = True
+    solid[0, 0, 0] = True
+    mesh = scenes.of_cubes(solid)
+    vertices, faces = mesh.vertices, mesh.faces.copy()
+    some = rng.choice(len(faces), 3, replace=False)
+    match kind:
+        case 1:
+            faces = np.concatenate((faces, faces[some]))
+        case 2:
+            faces = np.delete(faces, some, axis=0)
+        case 3:
+            faces = faces[:, ::-1].copy()
+        case 4:
+            faces[some] = faces[some, ::-1]
+        case 5:
+            faces = np.concatenate((faces, faces[some, ::-1]))
+        case 6:
+            vertices = vertices + rng.normal(0, 1e-9, vertices.shape)
+    groups = (Group("sheet", is_two_sided=bool(rng.random() < 0.2)), Group("block"))
+    mesh = Mesh(vertices, faces, groups, rng.integers(0, 2, len(faces)))
+    least = float(rng.choice([0.05, 0.5, 1.5, 3]))
+    asked = rng.choice(mesh.n_faces, min(20, mesh.n_faces), replace=False)
+    result = openings(mesh, CAMERA, Framing(stand_off=(least, 20)), faces=asked, finest=32)
+    shut = result.face[result.access == Access.ENCLOSED]
+    if len(shut):
+        eyes = rng.uniform(np.repeat([0, -5], [120, 30])[:, None], (side,) * 3, (150, 3))
+        poses = rc.look_at(eyes, mesh.centroids[rng.choice(shut, len(eyes))])
+        seen = visibility(mesh, CAMERA, poses).visibility[:, shut]
+        away = np.linalg.norm(eyes[:, None] - mesh.centroids[shut], axis=2) >= least
+        assert not (seen[away & ~in_solid(mesh, eyes)[:, None]] > 0).any()
 
 
 @pytest.mark.slow

@@ -68,15 +68,18 @@ class Matter:
         mesh = mesh.opaque
         solid = closed_parts(mesh)
         self._winding = Winding(mesh, solid.faces) if len(solid.faces) else None
-        self._outside = -1 if self._winding is not None and _is_room(mesh, solid) else 0
+        self._outside = -int(self._winding is not None and _is_room(mesh, solid))
         self._backs = Backs(mesh, solid.faces)
 
     def holds(self, points: FloatArray) -> BoolArray:
         """(N,) True for each of (N, 3) points in matter."""
-        is_held = self._backs.hold(points)
-        if self._winding is not None and len(points):
-            is_held |= self._winding.numbers(points) > self._outside
-        return is_held
+        return self._backs.hold(points) | self.encloses(points)
+
+    def encloses(self, points: FloatArray) -> BoolArray:
+        """(N,) True for each of (N, 3) points in solid material of closed components."""
+        if self._winding is None:
+            return np.zeros(len(points), bool)
+        return self._winding.numbers(points) > self._outside
 
 
 class Hiders(NamedTuple):
@@ -131,7 +134,7 @@ class Backs:
         low, high = self._box
         is_held = np.asarray(((low < points) & (points < high)).all(axis=1))
         near = np.flatnonzero(is_held)
-        if len(near) and self._hiders.tree is not None:
+        if self._hiders.tree is not None:
             placed = self._hiders.place(points[near])
             is_held[near] = self._hiders.tree.behind(placed, self._counts)
         return is_held
@@ -165,7 +168,7 @@ def closed_parts(mesh: Mesh) -> ClosedParts:
     rows = np.flatnonzero(closed_faces(mesh))
     _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
     rows = rows[sort_order(part)]
-    starts = np.concatenate(([0], np.cumsum(np.bincount(part))))
+    starts = np.insert(np.cumsum(np.bincount(part)), 0, 0)
     corners = mesh.vertices[mesh.faces[rows]]
     low = np.minimum.reduceat(corners.min(axis=1), starts[:-1])
     high = np.maximum.reduceat(corners.max(axis=1), starts[:-1])
@@ -177,7 +180,7 @@ def _is_room(mesh: Mesh, solid: ClosedParts) -> bool:
 
     A component in a two-sided group does not count: its winding is undefined.
     """
-    low, high = solid.boxes[:, 0], solid.boxes[:, 1]
+    low, high = solid.boxes.swapaxes(0, 1)
     slack = ROOM_TOLERANCE_REL * mesh.diagonal
     holds = (np.maximum(low - mesh.bounds[0], mesh.bounds[1] - high) <= slack).all(axis=1)
     part = np.repeat(np.arange(len(low)), np.diff(solid.starts))
@@ -218,11 +221,10 @@ def closed_faces(mesh: Mesh) -> BoolArray:
     Faces with a repeated vertex do not count.
     """
     table = edge_table(mesh.welded_faces, mesh.n_vertices)
-    is_closed = np.add.reduceat(np.where(table.is_forward, 1, -1), table.first) == 0
+    turns = np.add.reduceat(np.where(table.is_forward, 1, -1), table.first)
     part = mesh.topology.components()
-    is_open_part = np.zeros(mesh.n_faces, dtype=bool)
-    is_open_part[part[table.faces[np.repeat(~is_closed, table.n_uses)]]] = True
-    closed = np.zeros(mesh.n_faces, dtype=bool)
+    is_open_part = np.zeros(mesh.n_faces, bool)
+    is_open_part[part[table.faces[np.repeat(turns != 0, table.n_uses)]]] = True
+    closed = np.zeros(mesh.n_faces, bool)
     closed[table.faces] = True
-    closed &= ~is_open_part[part]
-    return closed
+    return closed & ~is_open_part[part]

@@ -63,7 +63,7 @@ from rastercov.core.camera.viewpoints import half_angles
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen, matrices_of
 from rastercov.core.mesh.contacts import TriangleTree
-from rastercov.core.mesh.solids import Winding, closed_parts, in_solid
+from rastercov.core.mesh.solids import Winding, closed_parts, matter_of
 from rastercov.core.raster.cpu import CPURasterizer
 from rastercov.engine import base_rounded, mesh_clearance
 from rastercov.placement.candidates.pool import (
@@ -326,7 +326,7 @@ class Enclosure:
         raised = centres[:, None] + (1 - RIM_WIDTH_REL) * (corners - centres[:, None])
         raised += self._lift * normals[:, None]
         points = raised.mean(axis=1)
-        for row in np.flatnonzero(in_solid(self.mesh, points + self._middle)):
+        for row in np.flatnonzero(matter_of(self.mesh).encloses(points + self._middle)):
             result[row] = "solid material covers it"
         for part, box in enumerate(self._boxes):
             beyond = np.maximum(box[0] - points, points - box[1]).max(axis=1)
