@@ -19,7 +19,7 @@ from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm, once_eac
 from rastercov.core.mesh.arrays import frozen
 from rastercov.core.mesh.contacts import TriangleTree, touching_faces
 from rastercov.core.mesh.mesh import Mesh
-from rastercov.core.mesh.topology import edge_table
+from rastercov.core.mesh.solids import closed_faces
 
 GAP_REL = 1e-6
 """Width of a gap, in diagonals of the bounding box, in which there is no camera. Files in float32
@@ -125,19 +125,14 @@ def _has_room(mesh: Mesh, points: FloatArray, bodies: IntArray) -> bool:
 
 
 def _bodies(mesh: Mesh) -> IntArray:
-    """Faces of closed opaque components: as many run along each edge in one direction as the other.
+    """Faces of closed opaque components without two-sided faces.
 
     None of a single component with two faces per edge, which encloses none of its own faces unless
     it cuts itself; that is not looked into.
     """
-    opaque = np.flatnonzero(~mesh.target_mask)
-    part = mesh.topology.components()
-    edges = edge_table(mesh.welded_faces[opaque], mesh.n_vertices)
-    if not len(edges.first) or (part.max() == 0 and (edges.n_uses <= 2).all()):
-        return opaque[:0]
-    is_open = 2 * np.add.reduceat(edges.is_forward.astype(np.int64), edges.first) != edges.n_uses
-    open_faces = opaque[edges.faces[np.repeat(is_open, edges.n_uses)]]
-    is_body = np.ones(int(part.max()) + 1, bool)
-    is_body[part[open_faces]] = False
-    is_body[part[opaque[mesh.two_sided_mask[opaque]]]] = False
-    return opaque[is_body[part[opaque]]]
+    if not (mesh.topology.components().any() or mesh.topology.n_nonmanifold_edges):
+        return np.empty(0, np.int64)
+    whole = mesh.opaque
+    part = whole.topology.components()
+    is_body = closed_faces(whole) & ~np.isin(part, part[whole.two_sided_mask])
+    return np.flatnonzero(~mesh.target_mask)[np.flatnonzero(is_body)]
