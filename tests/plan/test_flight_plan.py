@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from nightly import amount
+from plans import write_obj
 from pydantic import ValidationError
 from short_search import short_search  # noqa: F401 # a fixture for every test
 
@@ -71,6 +72,51 @@ def waypoints(flight, mission):
     return np.stack((x - x0, y - y0, height + flight.home[2]), axis=1)
 
 
+def flown(flight, mission):
+    """Place and pitch of each picture that a vehicle takes, which measures steps on the map."""
+    at, images = waypoints(flight, mission), []
+    n, step, pitch, left = -1, None, None, 0.0
+    for item in mission["items"]:
+        if item["command"] == 205:
+            pitch = item["params"][0]
+            assert item["params"][6] == 2
+        elif item["command"] == 16:
+            n += 1
+            way, done = at[n] - at[n - 1], 0.0
+            length = np.linalg.norm(way[:2])
+            while step and length - done >= left:
+                done += left
+                left = step
+                images.append((at[n - 1] + way * done / length, pitch))
+            left -= length - done
+        elif item["command"] == 2000:
+            images.append((at[n], pitch))
+        elif item["command"] == 206:
+            step = left = item["params"][0]
+            images += [(at[n], pitch)] if step else []
+    return images
+
+
+@pytest.mark.parametrize("heading", [0.0, 31.0, 90.0])
+def test_the_plan_of_qgroundcontrol_follows_the_ground(tmp_path, heading):
+    """Over a ridge lines on the map are none through the air."""
+    ridge = 400 + 50 * np.exp(-(((np.arange(0.0, 121, 4) - 60) / 20) ** 2))
+    mesh = Mesh.terrain(np.broadcast_to(ridge, (21, 31)), 4.0, curvature=False)
+    write_obj("ridge.obj", mesh)
+    follow = {"generator": "strips", "height": 30.0, "follow": True, "heading_deg": heading}
+    own = [[10, -70], [110, -70], [110, -10], [10, -10]]
+    placement = placed(
+        tmp_path / "out",
+        meshes=[{"path": "ridge.obj"}],
+        candidates=[follow | {"polygon": own}],
+    )
+    flight = placement.product("flight")
+    assert np.ptp(flight.places[:, 2]) > 30
+    images = flown(flight, json.loads((tmp_path / "out/flight.plan").read_text())["mission"])
+    assert len(images) == len(flight.places)
+    np.testing.assert_allclose([eye for eye, _ in images], flight.places, atol=0.1)
+
+
 def test_waypoints_beside_the_surface_are_counted():
     wide = STRIPS | {"front": 0.4, "side": 0.2}
     wide |= {"polygon": [[-30, -5], [30, -5], [30, 5], [-30, 5]]}
@@ -113,27 +159,9 @@ def test_the_plan_of_qgroundcontrol_has_its_fields_and_flies_the_poses(tmp_path,
             assert (item["AltitudeMode"], item["params"][6]) == (1, item["Altitude"])
     commands = [item["command"] for item in mission["items"]]
     assert (commands[0], commands[-1]) == (22, 21)
-    at, images = waypoints(flight, mission), []
-    # What the vehicle does: a picture at a stop, or at equal steps between two waypoints.
-    rows = iter(mission["items"])
-    n, step, pitch = -1, None, None
-    for item in rows:
-        if item["command"] == 205:
-            pitch = item["params"][0]
-            assert item["params"][6] == 2
-        elif item["command"] == 16:
-            n += 1
-            if step:
-                way = at[n] - at[n - 1]
-                count = round(np.linalg.norm(way) / step)
-                images += [(at[n - 1] + way * k / count, pitch) for k in range(1, count + 1)]
-        elif item["command"] == 2000:
-            images.append((at[n], pitch))
-        elif item["command"] == 206:
-            step = item["params"][0]
-            images += [(at[n], pitch)] if step else []
+    images = flown(flight, mission)
     assert len(images) == len(flight.rows) == len(placement.cameras.mounted)
-    np.testing.assert_allclose([eye for eye, _ in images], flight.places, atol=0.01)
+    np.testing.assert_allclose([eye for eye, _ in images], flight.places, atol=0.03)
     np.testing.assert_allclose([pitch for _, pitch in images], flight.views[1], atol=0.01)
     assert (206 in commands) == (hover == 0)
     assert {item["params"][0] for item in mission["items"] if item["command"] == 16} >= {hover}

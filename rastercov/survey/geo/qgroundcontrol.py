@@ -6,14 +6,17 @@ the settings of the vehicle. Sources: QGroundControl, "Plan File Format"; MAVLin
 set, MAV_CMD.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from pyproj import Geod
 
 from rastercov.base import ByName, FloatArray, json_bytes
 from rastercov.survey.flight import Flight
 
+GEOD = Geod(ellps="WGS84")
 WAYPOINT, LAND, TAKE_OFF, SPEED = 16, 21, 22, 178
 GIMBAL, TRIGGER_DISTANCE, CAPTURE = 205, 206, 2000
 """MAV_CMD_NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF, DO_CHANGE_SPEED, DO_MOUNT_CONTROL,
@@ -22,6 +25,8 @@ OF_MISSION, RELATIVE = 2, 3
 """MAV_FRAME_MISSION, and MAV_FRAME_GLOBAL_RELATIVE_ALT."""
 FIRMWARE = {"ardupilot": 3, "px4": 12}
 """MAV_AUTOPILOT_ARDUPILOTMEGA and MAV_AUTOPILOT_PX4."""
+STRAIGHT = 0.1
+"""Metres by which the heights of a line that is written by its ends alone may differ."""
 MULTIROTOR, TARGETING = 2, 2
 """MAV_TYPE_QUADROTOR, and MAV_MOUNT_MODE_MAVLINK_TARGETING."""
 
@@ -111,9 +116,13 @@ def _items(flight: Flight) -> list[ByName]:
         if end - first == 1:
             items.add(CAPTURE, 0, 0, 1, 0)
             continue
-        step = float(np.mean(flight.legs[first + 1 : end]))
-        items.add(TRIGGER_DISTANCE, round(step, 3), 0, 1)
-        items.go(WAYPOINT, stops[end - 1], 0, yaw[end - 1])
+        length = GEOD.inv(*stops[first][1::-1], *stops[end - 1][1::-1])[2]
+        # Level, as vehicles measure it; shorter, so that the last image is taken.
+        step = math.floor(1000 * length / (end - 1 - first) - 0.5) / 1000
+        items.add(TRIGGER_DISTANCE, step, 0, 1)
+        is_level = np.ptp(flight.places[first:end, 2]) < STRAIGHT
+        for row in range(end - 1 if is_level else first + 1, end):
+            items.go(WAYPOINT, stops[row], 0, yaw[row])
         items.add(TRIGGER_DISTANCE, 0)
     for point in over[-1]:
         items.go(WAYPOINT, point, 0, None)
