@@ -118,7 +118,7 @@ def self_occluding(
     """
     matrix = np.asarray(pose, dtype=np.float64)
     if test is None:
-        return np.zeros(mesh.n_faces, dtype=bool)
+        return np.zeros(mesh.n_faces, bool)
     if test == "definition3":
         towards = mesh.normals @ matrix[:3, 2]
     elif test == "perspective":

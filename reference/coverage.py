@@ -93,7 +93,7 @@ def measure_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeomet
     none = np.zeros((1, mesh.n_faces))
     kind = np.full(none.shape, BoundKind.EXACT, np.uint8)
     table = {name: np.empty(none.shape, FIGURES[name]) for name in MEASURED}
-    seen = Observation(none, none, kind, none, np.zeros(1, np.bool_))
+    seen = Observation(none, none, kind, none, np.zeros(1, bool))
     FacePass(mesh, camera, 1).fill(seen, Poses.of(pose), table)
     figures: ByName = {name: values[0] for name, values in table.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
@@ -461,7 +461,7 @@ def is_uncertain(
 
 def surely_unseen(mesh: Mesh, pose: FloatArray, is_edge_on: BoolArray) -> BoolArray:
     """(F,) of faces that are edge-on to rounding those that the camera is not before, exactly."""
-    mask = np.zeros(mesh.n_faces, np.bool_)
+    mask = np.zeros(mesh.n_faces, bool)
     eye = [Fraction(x) for x in pose[:3, 3].tolist()]
     for face in np.flatnonzero(is_edge_on):  # few, 20 us each
         a, b, c = (
@@ -553,10 +553,10 @@ def rows_of(coverage: Coverage, choice: str) -> PairRows:
     """Rows of the pairs of a table, of the choices of `rastercov.core.coverage.network`."""
     is_seen = (coverage.in_view_fraction > 0) & (coverage.reason > Reason.BACK_FACING)
     chosen = {
-        "none": np.zeros(is_seen.shape, np.bool_),
+        "none": np.zeros(is_seen.shape, bool),
         "covered": coverage.reason == Reason.COVERED,
         "seen": is_seen,
-        "all": np.ones(is_seen.shape, np.bool_),
+        "all": np.ones(is_seen.shape, bool),
     }[choice]
     pose, face = np.nonzero(chosen)
     figures = {name: getattr(coverage, name)[chosen] for name in FIGURES}

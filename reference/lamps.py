@@ -18,7 +18,7 @@ def light_points(
     A lamp that rides does so on the rig at (4, 4) `world_from_rig`. One lamp lights a point that
     enough of its own points see.
     """
-    lit, lamps = np.zeros((2, len(points)), np.bool_), lamps._around(mesh.bounds)
+    lit, lamps = np.zeros((2, len(points)), bool), lamps._around(mesh.bounds)
     for lamp, place, rides in zip(lamps.lamps, lamps.places, lamps.rides, strict=True):
         matrices = (world_from_rig @ place if rides else place) @ lamp.lamp_from_point
         sees = covers_points(mesh, lamp.eye, matrices, Task(), points, face)

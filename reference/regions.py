@@ -192,7 +192,7 @@ def rig_covers_points(
     the equipment of the rig on that side. A row is a pose of a rig with a rule, or of each camera.
     """
     placed, n = rig.poses(world_from_rig), len(rig)
-    sees = np.empty((n, len(placed) // n, len(points)), np.bool_)
+    sees = np.empty((n, len(placed) // n, len(points)), bool)
     tasks = tasks_of(rig, task)
     for row, (camera, own) in enumerate(zip(rig.cameras, tasks, strict=True)):
         matrices = placed.world_from_camera[row::n]
@@ -216,7 +216,7 @@ def _of_rig(
     gate, placed = rig.gates.get(0), rig.poses(world_from_rig)
     eyes = eyes_of(rig, placed).reshape(-1, n, 1, 3).transpose(1, 0, 2, 3)
     front = np.einsum("nrpi,pi->nrp", eyes - points, mesh.normals[face]) > 0
-    allowed = np.ones((2, *sees.shape[1:]), np.bool_)
+    allowed = np.ones((2, *sees.shape[1:]), bool)
     for twin in point_twins():
         equipment = rig.equipment.get(twin.word)
         if equipment is not None and NAMES.index(twin.reason) not in left:
@@ -225,7 +225,7 @@ def _of_rig(
     if gate is None:
         alone = np.asarray(sees & np.where(front, *allowed), np.bool_)
         return alone.swapaxes(0, 1).reshape(-1, len(points))
-    of_rig = np.zeros(sees.shape[1:], np.bool_)
+    of_rig = np.zeros(sees.shape[1:], bool)
     for side, is_allowed in zip((front, ~front), allowed, strict=True):
         counts = (sees & side).sum(axis=0) >= gate.k
         for row in gate.needs:
@@ -300,7 +300,7 @@ def reasons_by(
     reasons[passes(None)] = Reason.OUTSIDE
     twins = {NAMES.index(each.reason) for each in point_twins()}
     every = [row for row in reversed(CRITERIA) if row < Reason.COVERED or row in twins]
-    is_open = np.ones(len(own), np.bool_)
+    is_open = np.ones(len(own), bool)
     for left in (each for k in range(len(every) + 1) for each in combinations(every, k)):
         at = is_open & passes(left)
         is_open &= ~at
@@ -348,7 +348,7 @@ def meets_criteria(
             front &= ~surely_unseen(mesh, pose, is_near)[face]
         cosine = math.cos(math.radians(task.max_incidence_deg))
         is_flat = (task.max_incidence_deg >= 90) | (facing >= distance * cosine)
-        is_fine = np.ones(len(local), np.bool_)
+        is_fine = np.ones(len(local), bool)
         if task.min_pixels_per_m2 > 0:
             is_fine &= per_m2 >= task.min_pixels_per_m2
         if task.min_facing_density > 0:

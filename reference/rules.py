@@ -16,7 +16,7 @@ class AngleAtPoints(PointTwin):
     def holds_together(self, gate: Gate, rays: FloatArray) -> BoolArray:
         """See `PointTwin`."""
         if not isinstance(gate, Limited) or not gate.has_baseline:
-            return np.ones(rays.shape[1:3], np.bool_)
+            return np.ones(rays.shape[1:3], bool)
         u = rays / np.linalg.norm(rays, axis=3, keepdims=True)
         cosines = [(u[a] * u[b]).sum(axis=2) for b in range(len(u)) for a in range(b)]
         angle = np.degrees(np.arccos(np.clip(cosines, -1, 1))).max(axis=0)

@@ -29,7 +29,7 @@ def covered_faces(
     rays = eyes[:, None] - centroids
     lengths = np.linalg.norm(rays, axis=-1)
     rays /= np.maximum(lengths[..., None], TINY)
-    is_spread = np.zeros(covers.shape[1], np.bool_)
+    is_spread = np.zeros(covers.shape[1], bool)
     for one, other in combinations(range(len(covers)), 2):
         cosine = np.einsum("fi,fi->f", rays[one], rays[other])
         is_spread |= (

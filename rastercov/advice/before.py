@@ -62,7 +62,7 @@ def lost_zones(
     # What is covered now, and what was not covered before, overlap: the rest is lost.
     union.add_parts(before, before.views < wanted[before.face])
     union.add_parts(now, now.views >= wanted[now.face])
-    ones, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, np.bool_)
+    ones, never = np.ones(mesh.n_faces, np.int64), np.zeros(mesh.n_faces, bool)
     return zones_of(union.covered(), ones, never, divide, left)
 
 

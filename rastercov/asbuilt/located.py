@@ -377,7 +377,7 @@ def _by_edges(aligner: Aligner, near: FloatArray) -> Located:
         best.pose,
         best.covariance,
         np.empty((0, 2)),
-        np.empty(0, dtype=bool),
+        np.empty(0, bool),
         not why,
         why,
         np.array([each.pose for each in optima]),

@@ -150,7 +150,7 @@ def _fit_from(
     points: FloatArray, pixels: FloatArray, camera: Camera, start: FloatArray, sigma: float
 ) -> Fit | None:
     """Optimum of all pairs, and then of those that are not wrong; None where it has no pixels."""
-    is_inlier = np.ones(len(points), dtype=bool)
+    is_inlier = np.ones(len(points), bool)
     pose = start
     for _ in range(4):
         kept = np.flatnonzero(is_inlier)

@@ -166,7 +166,7 @@ def _verify(opened: Callable[[Mesh, Camera], Rasterizer]) -> None:
             counts = rasterizer.count(POSES)
             background = [(rasterizer.render(pose).face < 0).sum() for pose in POSES]
             rules = Task().rules(CAMERA)._asdict()
-            criteria = Criteria(rules, np.ones(mesh.n_faces, np.bool_))
+            criteria = Criteria(rules, np.ones(mesh.n_faces, bool))
             covered = counts.visible > 0
             if not rasterizer._why_not_judged(criteria):
                 covered = rasterizer._judge(POSES, criteria)[0].dense()

@@ -59,7 +59,7 @@ class Judging:
         """Pairs of all poses; `note` takes the number of some of them, when these are drawn."""
         n_poses, n_faces = len(poses), self._scene.mesh.n_faces
         result = no_bits(self._scene.mesh, n_poses)
-        clipped = np.empty(n_poses, np.bool_)
+        clipped = np.empty(n_poses, bool)
         self._take_criteria(criteria)
         self._resources.zero(self._seen, 4 * n_faces)
         waiting: list[tuple[Staging, slice]] = []

@@ -366,7 +366,7 @@ class Lighting:
 
     def _on_cells(self, regions: Regions) -> BoolArray:
         """Cells that the network covers, by `task.min_coverage` of each."""
-        on_cells = np.zeros(len(self.cells), np.bool_)
+        on_cells = np.zeros(len(self.cells), bool)
         of_cells = self.cells.share(self._enough(regions))
         on_cells[of_cells.cell[of_cells.share >= self.task.min_coverage]] = True
         return on_cells
@@ -387,7 +387,7 @@ class Lighting:
         n, least = len(self.pool.candidates), self.task.min_illuminance
         part = (least - self._every.ambient) / together + self._every.ambient
         task = replace(self.task, min_illuminance=min(part, least))
-        covers, elements = np.zeros((n, len(self.cells)), np.bool_), self.cells.elements
+        covers, elements = np.zeros((n, len(self.cells)), bool), self.cells.elements
         for row in range(n):
             regions = self.regions(self.lamps((row,)), task)
             covers[row] = self._on_cells(regions)

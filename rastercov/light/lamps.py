@@ -705,7 +705,7 @@ class Lamps(InOneLine):
 
         CameraError for a lamp on an unknown camera.
         """
-        mask = np.zeros((len(self), len(cameras)), np.bool_)
+        mask = np.zeros((len(self), len(cameras)), bool)
         for lamp, own in enumerate(self.rides):
             if own is True:
                 mask[lamp] = True

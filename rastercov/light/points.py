@@ -251,7 +251,7 @@ class LightOfPoints:
         on, task, eyes = (self._points, self._normals), self.task, eyes_of(self.lamps.eyes, poses)
         sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
         on_side = np.full(len(self._points), Reason.COVERED, np.uint8)
-        dazzled = np.zeros((len(own), len(self._points)), np.bool_)
+        dazzled = np.zeros((len(own), len(self._points)), bool)
         for row, (centre, index) in enumerate(
             zip(eyes_of(self._rig, own), own.camera, strict=True)
         ):
@@ -275,7 +275,7 @@ class LightOfPoints:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
         to_camera = centre - self._points
         to_camera /= np.maximum(norm(to_camera), TINY)[:, None]
-        mask = np.zeros(len(self._points), np.bool_)
+        mask = np.zeros(len(self._points), bool)
         for eye, own in zip(eyes, sees, strict=True):
             half = eye - self._points
             half /= np.maximum(norm(half), TINY)[:, None]

@@ -353,7 +353,7 @@ class Light(Condition):
             for side in regions._sides()
         ]
         if len(sides) == 1:
-            sides.append(_only(sides[0], np.zeros(len(sides[0]), np.bool_)))
+            sides.append(_only(sides[0], np.zeros(len(sides[0]), bool)))
         positions = eyes_of(self.lamps.eyes, poses).reshape(n_rows, -1, 3)
         return Lit((sides[0], sides[1]), np.arange(n_rows), positions)
 
@@ -492,12 +492,12 @@ def _by_sets(lit: Regions) -> tuple[IntArray, Regions]:
 def _find_keys(keys: IntArray, wanted: IntArray) -> tuple[IntArray, BoolArray]:
     """Rows of ascending keys that are wanted, and whether they are there."""
     at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
-    return at, keys[at] == wanted if len(keys) else np.zeros(len(wanted), np.bool_)
+    return at, keys[at] == wanted if len(keys) else np.zeros(len(wanted), bool)
 
 
 def _is_first(keys: IntArray) -> BoolArray:
     """(N,) True at the first of equal keys."""
-    is_first = np.zeros(len(keys), np.bool_)
+    is_first = np.zeros(len(keys), bool)
     is_first[np.unique(keys, return_index=True)[1]] = True
     return is_first
 

@@ -147,7 +147,7 @@ def _local(
     """parent_from_node in each frame, and whether the node is there."""
     own = {path for path in REST if (index, path) in channels}
     check(not own or "matrix" not in node, f"expected no matrix of animated node {index}, got one")
-    is_there = np.ones(len(times), np.bool_)
+    is_there = np.ones(len(times), bool)
     if "matrix" in node:
         matrix = json_numbers(node, "matrix", (0,) * 16).reshape(4, 4).T
         return np.broadcast_to(matrix, (len(times), 4, 4)), is_there

@@ -141,7 +141,7 @@ class Motion(InOneLine):
             )
         still = np.broadcast_to(np.eye(4), (n, 4, 4))
         poses = np.stack([still, *(np.broadcast_to(each, (n, 4, 4)) for each in tables)], axis=1)
-        is_there = np.ones((n, len(tables) + 1), np.bool_)
+        is_there = np.ones((n, len(tables) + 1), bool)
         weights = np.ones(n) if durations is None else _durations(durations, n)
         for name, given in (present or {}).items():
             if name not in bodies:
@@ -266,7 +266,7 @@ class Motion(InOneLine):
     @cached_property
     def boxes(self) -> FloatArray:
         """(B, 8, 3) corners of the box of each body at rest; NaN for one without faces."""
-        return frozen(self._rest_of(np.ones(len(self.names), np.bool_)).boxes)
+        return frozen(self._rest_of(np.ones(len(self.names), bool)).boxes)
 
     @cached_property
     def _diagonal(self) -> float:

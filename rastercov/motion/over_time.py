@@ -298,7 +298,7 @@ class OverTime(InOneLine):
             moved, kept = self.motion._at(row, of_occluders=False)
             own = own_reasons(moved, tasks_of(*scene)[0])
             of_surface[kept] = np.maximum(of_surface[kept], own)
-        ends = self._in_front(self.camera, np.ones(mesh.n_faces, np.bool_)), of_surface
+        ends = self._in_front(self.camera, np.ones(mesh.n_faces, bool)), of_surface
         return divide_by_reason(mesh, rest, iter(stages), self._passes, ends)
 
     def _passes(self, stage: Stage, asked: BoolArray) -> Covered:

@@ -220,7 +220,7 @@ class MovingFrames(NamedTuple):
         """Regions of each pose in some frames, (K,), to the bit those of a run over all."""
         motion, camera, placed, source = self.motion, self.camera, self.placed, self.source
         has_rules = is_joint(camera)
-        conditions, is_found = OfConditions(motion), np.zeros(source.shape, np.bool_)
+        conditions, is_found = OfConditions(motion), np.zeros(source.shape, bool)
         is_found[source[rows], np.arange(len(placed))] = True
         is_used = np.asarray(is_found.any(axis=1))
         is_used[rows if has_rules else rows[:1]] = True

@@ -328,7 +328,7 @@ def draw_lines(
     # The index -1 of the background finds the last face, which changes nothing of its outline.
     is_large = count_pixels(face, mesh.n_faces) >= LEAST_WITH_LINES
     normals = mesh.normals.astype(np.float32)
-    is_drawn = np.zeros(flat.size, np.bool_)
+    is_drawn = np.zeros(flat.size, bool)
     for step in (1, width):
         at = np.flatnonzero(flat[:-step] != flat[step:])
         if step == 1:
@@ -582,7 +582,7 @@ def hatch_over(pixels: Pixels, targets: Int32Array, own: OwnColours, width: int)
 
 def outlines(rows: WholeArray) -> BoolArray:
     """(H, W) pixels with a row, (H, W), beside one of another row or of none, -1."""
-    is_border = np.zeros(rows.shape, np.bool_)
+    is_border = np.zeros(rows.shape, bool)
     for row, border in ((rows, is_border), (rows.T, is_border.T)):
         differs = row[1:] != row[:-1]
         border[1:] |= differs

@@ -615,7 +615,7 @@ def zone_close_up(
         number_cameras(summary),
         device_hatches(summary["dead_zones"]),
     )
-    faces = np.zeros(mesh.n_faces, np.bool_)
+    faces = np.zeros(mesh.n_faces, bool)
     faces[zones.face[zones.zone == row]] = True
 
     def is_own(scene: DrawnScene, face: FaceImage) -> BoolArray:

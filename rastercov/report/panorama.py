@@ -363,18 +363,18 @@ def _without_outliers(mesh: Mesh, _eyes: ArrayLike) -> tuple[FloatArray, FloatAr
     Beyond each side of a box is at most `BEYOND` of the area; outliers are faces farther beyond it
     than `AROUND` of its length.
     """
-    task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, np.bool_)
+    task = mesh.task_mask if mesh.task_mask.any() else np.ones(mesh.n_faces, bool)
     items = []
     for rows in (np.flatnonzero(task), np.flatnonzero(~mesh.target_mask | mesh.target_mask.all())):
         corners, areas = mesh.vertices[mesh.faces[rows]], mesh.areas[rows]
         ends = np.concatenate((corners.min(axis=1), -corners.max(axis=1)), axis=1)
         some = slice(None, None, 1 + len(rows) // SOME)
         weights = np.maximum(areas[some], 1e-300)
-        every = np.ones(len(weights), np.bool_)
+        every = np.ones(len(weights), bool)
         box = np.array([quantile(column, weights, every, BEYOND) for column in ends[some].T])
         slack = AROUND * -(box[:3] + box[3:]).min()
         kept = (ends >= box - slack).all(axis=1)
-        is_used = np.zeros(mesh.n_vertices, np.bool_)
+        is_used = np.zeros(mesh.n_vertices, bool)
         is_used[mesh.faces[rows[kept]]] = True
         items.append(mesh.vertices[is_used])
     return items[0], np.stack((items[1].min(axis=0), items[1].max(axis=0)))
@@ -731,7 +731,7 @@ def back_faces(mesh: Mesh, viewer: ArrayLike, eyes: ArrayLike = ()) -> BoolArray
     if len(two_sided) and len(points):
         normals, middles = mesh.normals[two_sided], mesh.centroids[two_sided]
         own = dots(normals, pose[:3, 3] - middles)
-        is_other = np.ones(len(two_sided), np.bool_)
+        is_other = np.ones(len(two_sided), bool)
         for eye in points:
             is_other &= dots(normals, eye - middles) * own < 0
         away[two_sided] = is_other

@@ -200,7 +200,7 @@ class Arm:
     def _classify(self, joints: FloatArray) -> tuple[FloatArray, BoolArray]:
         """(N,) clearance and (N,) True where a configuration is free."""
         if not len(joints):
-            return np.zeros(0), np.zeros(0, np.bool_)
+            return np.zeros(0), np.zeros(0, bool)
         clearance = self.clear(joints)
         free = (clearance > 0) & (clearance >= self.clearance)
         if len(rows := np.flatnonzero(free)):

@@ -262,7 +262,7 @@ class Collisions(InOneLine):
 
     def _swallows(self, link: str, points: FloatArray, poses: FloatArray) -> BoolArray:
         """(N,) True where one of some points, (K, 3), is in a link under N poses."""
-        swallows = np.zeros(len(poses), np.bool_)
+        swallows = np.zeros(len(poses), bool)
         low, high = self.robot.shapes[link].bounds
         for some in np.array_split(points, 1 + len(points) * len(poses) // MOST_PAIRS):
             own = (some[:, None] - poses[:, :3, 3])[:, :, None] @ poses[:, :3, :3]

@@ -164,7 +164,7 @@ class Kinematics:
     @cached_property
     def is_turning(self) -> BoolArray:
         """(J,) True for joints that a turn brings back to where they are."""
-        mask = np.ones(len(self.limits), np.bool_)
+        mask = np.ones(len(self.limits), bool)
         for each in self.joints:
             if each.column >= 0:
                 is_whole = float(each.factor).is_integer()
@@ -177,7 +177,7 @@ class Kinematics:
         """(N,) False for poses whose distance from the first joint is longer than all links."""
         moving = [row for row, each in enumerate(chain) if each.column >= 0]
         if not moving:
-            return np.ones(len(poses), np.bool_)
+            return np.ones(len(poses), bool)
         before = self.base
         for each in chain[: moving[0] + 1]:
             before = before @ each.origin
@@ -223,7 +223,7 @@ class Kinematics:
         """
         joints = np.tile(seeds, (len(poses), 1))
         goals, live = np.repeat(poses, len(seeds), axis=0), np.arange(len(joints))
-        is_met = np.zeros(len(joints), np.bool_)
+        is_met = np.zeros(len(joints), bool)
         identity = np.eye(6)
         for _ in range(MOST_STEPS):
             tip, slope = self.jacobian(joints[live], chain, link_from_tip)

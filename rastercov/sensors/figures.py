@@ -104,7 +104,7 @@ def unmet_lines(judge: Judge, regions: Regions, scene: Scene, poses: Poses) -> l
     for gate, own, _ in by_gate(camera, poses) if are_central(camera) else ():
         if not isinstance(gate, Limited) or not (gate.has_baseline or gate.has_deviation):
             continue
-        is_own = np.zeros(len(poses), np.bool_)
+        is_own = np.zeros(len(poses), bool)
         is_own[own.ravel()] = True
         seen = through(regions.of_poses(is_own), Gate(gate.n, gate.k, gate.needs))
         counts = np.diff(seen.starts)

@@ -119,7 +119,7 @@ def worst_deviations(
         np.maximum.at(values[0], face, here)
         most = deviation(value[:, 0] + linear.min(axis=1) - value[:, 3])
         is_open = most > 1.001 * values[0, face]
-        ends = ~is_open if halving < MOST_HALVINGS else np.ones(len(face), np.bool_)
+        ends = ~is_open if halving < MOST_HALVINGS else np.ones(len(face), bool)
         np.maximum.at(values[1], face[ends], most[ends])
         row, face = (np.repeat(each[is_open], 4) for each in (row, face))
         triangles = np.einsum("qij,njk->nqik", QUARTERS, triangles[is_open]).reshape(-1, 3, 2)

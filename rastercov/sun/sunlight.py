@@ -232,7 +232,7 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
-    step, is_first = float(_each("step", step, 1)[0]), np.zeros(n, np.bool_)
+    step, is_first = float(_each("step", step, 1)[0]), np.zeros(n, bool)
     if starts is not None:
         wanted = f"{n} of True or False"
         is_first = check_array("starts", starts, "b", wanted, ConfigError)

@@ -364,7 +364,7 @@ class TolerancePass:
         """The regions, of lenses those within the border of all errors; lenses with none, (P,)."""
         index = poses.camera
         curved = [at for at in range(len(poses)) if self.nominal.cameras[index[at]].is_curved]
-        is_blind = np.zeros(len(poses), np.bool_)
+        is_blind = np.zeros(len(poses), bool)
         if not curved:
             return nominal, is_blind
         rows, nearest, images = np.array(curved), nearest_of(nominal), []

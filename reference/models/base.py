@@ -70,7 +70,7 @@ class ModelView:
     def find_hidden(self, wanted: BoolArray) -> BoolArray:
         """(F, 3) corners at hidden vertices; only those of wanted corners, (F,) or (F, 3)."""
         vertices = np.unique(self.mesh.faces[wanted])
-        hidden = np.zeros(self.mesh.n_vertices, dtype=bool)
+        hidden = np.zeros(self.mesh.n_vertices, bool)
         hidden[vertices] = self.hide_points(self.mesh.vertices[vertices])
         return hidden[self.mesh.faces]
 

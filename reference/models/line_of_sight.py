@@ -59,7 +59,7 @@ class LineOfSight:
         (N,) bool
         """
         if not len(self._faces) or not len(points):
-            return np.zeros(len(points), dtype=bool)
+            return np.zeros(len(points), bool)
         to_eye = pose[:3, 3] - points
         length = np.linalg.norm(to_eye, axis=1)
         depth = depth_from_near(-to_eye @ pose[:3, :3], camera)

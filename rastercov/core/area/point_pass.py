@@ -80,7 +80,7 @@ class PointPass:
         """(P, N) points that each of a few poses covers."""
         judge = self.worker(poses, near_limits(self.cameras, self._bounds, poses), is_nearest=False)
         n = len(self._points.points)
-        mask = np.zeros((len(poses), n), np.bool_)
+        mask = np.zeros((len(poses), n), bool)
         for row in range(len(poses)):
             reason, hider = np.empty(n, np.uint8), np.empty(n, np.int64)
             judge(row, reason, hider)

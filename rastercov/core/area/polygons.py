@@ -259,7 +259,7 @@ class Overlay:
     @property
     def closed(self) -> BoolArray:
         """(N,) faces that k cameras cover as a whole."""
-        mask = np.empty(self._n, np.bool_)
+        mask = np.empty(self._n, bool)
         self.united.write_closed(mask)
         return mask
 
@@ -458,7 +458,7 @@ def rows_at(
     `row`, one of each polygon, is below `n_rows`.
     """
     mesh, faces = polygons.mesh, np.asarray(face, np.int64)
-    is_inside = np.zeros((len(faces), n_rows), np.bool_)
+    is_inside = np.zeros((len(faces), n_rows), bool)
     area_point.find_covering(
         read_only(to_plane(mesh, faces, points), np.float64),
         read_only(faces, np.int32),

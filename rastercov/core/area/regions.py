@@ -325,7 +325,7 @@ class RegionObserver(ExactObserver):
         self._finder = RegionPass(mesh, camera, task, method=engine, only_task=only_task)
         super().__init__(self._finder)
         self.conditions = self._finder.conditions
-        self.closed: BoolArray = np.zeros(mesh.n_faces, np.bool_)
+        self.closed: BoolArray = np.zeros(mesh.n_faces, bool)
 
     def _measure(self, poses: Poses) -> RegionObservation:
         seen = room_for(len(poses), self.mesh.n_faces)

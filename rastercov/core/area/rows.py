@@ -68,7 +68,7 @@ def with_rule(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
         return regions
     parts, rows = [], []
     for gate, own, row in by_gate(camera, poses):
-        chosen = np.zeros(len(poses), np.bool_)
+        chosen = np.zeros(len(poses), bool)
         chosen[own.ravel()] = True
         part, some, leads = regions.of_poses(chosen), poses[chosen], poses[own[:, 0]]
         for each in conditions:

@@ -359,7 +359,7 @@ def add_rows(
 def any_in_front(mesh: Mesh, camera: Cameras, poses: Poses, asked: BoolArray) -> BoolArray:
     """(F,) faces of which enough cameras of a row of the result are in front, not edge-on."""
     frames, eyes = frames_of(mesh), eyes_of(camera, poses)
-    mask = np.zeros(mesh.n_faces, np.bool_)
+    mask = np.zeros(mesh.n_faces, bool)
     for gate, own, _ in by_gate(camera, poses):
         for rows in own:
             left = np.flatnonzero(asked & ~mask)
@@ -495,7 +495,7 @@ class CentrePass:
         if self._conditions:
             rows = rows_of_result(self._camera, placed)
             for row, own in enumerate(gated):
-                sees = np.zeros((int((rows == row).sum()), self._n_cells), np.bool_)
+                sees = np.zeros((int((rows == row).sum()), self._n_cells), bool)
                 for camera, pose in enumerate(np.flatnonzero(rows == row)):
                     sees[camera, values[pose]] = True
                 every = [each.reasons(placed[rows == row], sees) for each in self._conditions]

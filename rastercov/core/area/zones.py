@@ -301,7 +301,7 @@ def division(mesh: Mesh, camera: Cameras, task: Task, poses: Poses) -> Divide | 
     """The division by the stages of a task; None without cameras."""
     if not len(poses):
         return None
-    make, asked = partial(passes, mesh, poses), np.ones(mesh.n_faces, np.bool_)
+    make, asked = partial(passes, mesh, poses), np.ones(mesh.n_faces, bool)
     own = own_reasons(mesh, tasks_of(camera, task)[0])
 
     def divide(rest: ReasonPieces) -> Divided:

@@ -297,7 +297,7 @@ def limits(
     together that they count as one from where the camera is. Unless `asks_cut`, which takes longer,
     the last is not known of all cameras inside the bounding box.
     """
-    mesh, clipped = mesh.opaque, np.empty(len(poses), np.bool_)
+    mesh, clipped = mesh.opaque, np.empty(len(poses), bool)
     near, away = np.empty((2, len(poses)))
     solver_visibility.find_limits(
         (read_only(mesh.vertices, np.float64), read_only(mesh.faces, np.int64)),

@@ -119,7 +119,7 @@ class Rasterizers:
 
     def judge(self, poses: Poses, criteria: Sequence[Criteria]) -> Judged:
         """Faces that each pose covers, by the criteria of its camera; see `Rasterizer.judge`."""
-        whole, clipped = no_bits(self._mesh, len(poses)), np.zeros(len(poses), np.bool_)
+        whole, clipped = no_bits(self._mesh, len(poses)), np.zeros(len(poses), bool)
         for index, rows in poses.by_camera():
             matrices = poses.world_from_camera[rows]
             bits, clipped[rows] = self._of(index)._judge(matrices, criteria[index])

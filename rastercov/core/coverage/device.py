@@ -65,7 +65,7 @@ class Carried(Equipment):
 
     def carried_by(self, cameras: Sequence[str]) -> BoolArray:
         """See `Equipment`."""
-        return np.ones((1, len(cameras)), np.bool_)
+        return np.ones((1, len(cameras)), bool)
 
     def to_json(self) -> ByName:
         """See `Equipment`."""

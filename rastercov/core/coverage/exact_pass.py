@@ -25,13 +25,13 @@ def room_for(n_poses: int, n_faces: int) -> Observation:
     take a tenth of the time of a large pose.
     """
     shape = n_poses, n_faces
-    kind, clipped = np.empty(shape, np.uint8), np.empty(n_poses, np.bool_)
+    kind, clipped = np.empty(shape, np.uint8), np.empty(n_poses, bool)
     return Observation(np.empty(shape), np.empty(shape), kind, np.empty(shape), clipped)
 
 
 NOTHING = (
     *(np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0), np.uint8), np.empty((0, 0))),
-    np.empty(0, np.bool_),
+    np.empty(0, bool),
 )
 """Figures where none are asked for."""
 
@@ -128,7 +128,7 @@ class ExactPass:
         self._solvers.close()
 
 
-NO_MASK = np.empty(0, np.bool_)
+NO_MASK = np.empty(0, bool)
 
 
 def mask_of(faces: BoolArray | None) -> BoolArray:

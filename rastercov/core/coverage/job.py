@@ -182,7 +182,7 @@ class QuerySums:
         self.counts = KeptCounts(names if is_sampled else [])
         self.figures: ByName = arrays_for([] if is_sampled else names, (len(poses), mesh.n_faces))
         self.bits = no_bits(mesh, len(poses)) if COVERED in fields else None
-        self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, np.bool_)]
+        self.ids, self.clipped = [poses.ids[:0]], [np.zeros(0, bool)]
         self.eyes = [np.empty((0, 3))]
 
     def add(self, batch: JudgedPoses) -> None:

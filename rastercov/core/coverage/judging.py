@@ -101,7 +101,7 @@ def leads_of(camera: Cameras, poses: Poses) -> BoolArray | None:
     """`JudgedPoses.leads` of some poses; None where each camera counts alone."""
     if not is_joint(camera):
         return None
-    leads = np.zeros(len(poses), np.bool_)
+    leads = np.zeros(len(poses), bool)
     leads[led_by(camera, poses)] = True
     return leads
 

@@ -96,7 +96,7 @@ class ViewSpread:
             return
         self._centroids = np.array(centroids, np.float64)
         self._first, self._last = np.full((2, n), -1, np.int64)
-        self._is_near = np.ones(n, np.bool_)
+        self._is_near = np.ones(n, bool)
         self._before: AnyArray = np.empty(0, np.int64)
         self._camera: AnyArray = np.empty(0, np.int64)
         self._eyes: AnyArray = np.empty((0, 3))

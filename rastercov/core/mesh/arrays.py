@@ -91,7 +91,7 @@ def _check_rows(name: str, letter: str, rows: AnyArray, advice: str) -> None:
 
 def bounds_of(vertices: FloatArray, faces: AnyArray) -> FloatArray:
     """(2, 3) lowest and highest coordinates of the vertices that faces use."""
-    is_used = np.zeros(len(vertices), dtype=bool)
+    is_used = np.zeros(len(vertices), bool)
     is_used[faces] = True
     used = vertices if is_used.all() else vertices[is_used]
     return np.stack([used.min(axis=0), used.max(axis=0)])

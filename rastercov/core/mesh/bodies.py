@@ -233,7 +233,7 @@ class Rest:
     @cached_property
     def _has_task(self) -> BoolArray:
         """(B,) bodies with an evaluated face."""
-        has_task = np.zeros(self.n_bodies, np.bool_)
+        has_task = np.zeros(self.n_bodies, bool)
         has_task[self.body[self.mesh.task_mask]] = True
         return has_task
 
@@ -414,7 +414,7 @@ class Within:
         points = apply_pose(other_tree.points, relative)
         boxes, nodes = np.empty_like(other_tree.boxes), np.empty_like(other_tree.nodes)
         mesh_tree.grow_boxes(points, other_tree.faces, 0.0, boxes, nodes)
-        marks, other_marks = np.zeros(len(face), np.bool_), np.zeros(len(other_face), np.bool_)
+        marks, other_marks = np.zeros(len(face), bool), np.zeros(len(other_face), bool)
         pairs = np.empty((LEAST_ROOM + PAIRS_A_FACE * min(len(face), len(other_face)), 2), np.int32)
         scale = 1 / max(diagonal, 1e-300)
         n = mesh_contacts.list_between(
@@ -516,7 +516,7 @@ def place_bodies(mesh: Mesh, poses: Mapping[str, FloatArray]) -> tuple[Mesh, Int
     rows = {name: row for row, name in enumerate(poses, start=1)}
     body = np.array([rows.get(group.name, 0) for group in mesh.groups])[mesh.face_group]
     tables = np.stack([np.eye(4), *poses.values()])
-    rest = Rest.of(mesh, body, np.ones(len(tables), np.bool_))
+    rest = Rest.of(mesh, body, np.ones(len(tables), bool))
     return rest.at(tables, diagonal_of(rest.boxes, tables), of_occluders=False), rest.kept
 
 

@@ -130,7 +130,7 @@ class TriangleTree:
         Only the backs of triangles of `counts`, (T,) by rows before sorting, are such, but all
         triangles block. In a scene of diagonal 1 about the origin.
         """
-        mask = np.empty(len(points), np.bool_)
+        mask = np.empty(len(points), bool)
         own = np.ascontiguousarray(counts[self.order])
         points = np.ascontiguousarray(points)
         mesh_tree.behind(points, own, self.corners, self.nodes, mask)
@@ -276,7 +276,7 @@ def touching_faces(
     (F,) bool
         Time grows with F log F and the number of pairs whose boxes overlap.
     """
-    touching = np.zeros(len(faces), dtype=bool)
+    touching = np.zeros(len(faces), bool)
     if degenerate_mask is None:
         degenerate_mask = ~np.any(normals_and_areas(vertices, faces)[0], axis=1)
     names = np.empty(0, np.int32) if labels is None else labels

@@ -174,7 +174,7 @@ class Raster:
             on_map = np.meshgrid(x + self.origin[0], y + self.origin[1])
             points[:, 0], points[:, 1] = (each.ravel() for each in on_map)
         is_known = np.isfinite(points[both, 2]).all(axis=1)
-        faces, used = both[is_known], np.zeros(len(points), np.bool_)
+        faces, used = both[is_known], np.zeros(len(points), bool)
         used[faces] = True
         holes = len(both) - len(faces)
         notes = [f"{holes} triangles without heights are holes, which hide nothing"] * (holes > 0)

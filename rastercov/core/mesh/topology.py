@@ -21,7 +21,7 @@ def first_equal_row(rows: NDArray[np.uint64]) -> IntArray:
 
     The rows may have any bits; floats viewed as integers, for example.
     """
-    first = np.empty(len(rows), dtype=np.int64)
+    first = np.empty(len(rows), np.int64)
     solver_surface.find_first_equal(np.ascontiguousarray(rows), first)
     return first
 
@@ -97,7 +97,7 @@ def edge_table(faces: WholeArray, n_vertices: int) -> EdgeTable:
         key, code = key[order], code[order]
     is_forward = np.bitwise_and(code, 1, out=np.empty(n, bool), casting="unsafe")
     code >>= 1
-    is_first = np.ones(n, dtype=bool)
+    is_first = np.ones(n, bool)
     is_first[1:] = key[1:] != key[:-1]
     first = np.flatnonzero(is_first)
     n_uses = np.diff(first, append=n)
@@ -137,7 +137,7 @@ class Topology:
         table = edge_table(faces, n_vertices)
         n_uses = table.n_uses
         shared = table.first[n_uses == 2]
-        is_later = np.ones(len(table.uses), dtype=bool)
+        is_later = np.ones(len(table.uses), bool)
         is_later[table.first] = False
         later = np.flatnonzero(is_later)
         neighbours = np.empty((len(later), 2), np.int64)

@@ -565,7 +565,7 @@ class _Shapes:
     ) -> _Shape:
         """Shape of a mesh with these weights. Its primitives may share their vertices."""
         points, triangles = [np.empty((0, 3))], [np.empty((0, 3), np.int64)]
-        cad_faces, mirrored = [np.empty(0, np.int64)], [np.empty(0, np.bool_)]
+        cad_faces, mirrored = [np.empty(0, np.int64)], [np.empty(0, bool)]
         first_of: dict[tuple[Any, ...], int] = {}
         n_points = n_triangles = 0
         active = [(target, weight) for target, weight in enumerate(weights) if weight]
@@ -591,7 +591,7 @@ class _Shapes:
                 first_of[key] = n_points
                 n_points += n_new
                 own = self._points(position, deltas)
-                is_mirrored = np.zeros(n_new, np.bool_)
+                is_mirrored = np.zeros(n_new, bool)
                 if skin is not None:
                     own, is_mirrored = self._pose_shape(skin, attributes, own)
                 points.append(own)

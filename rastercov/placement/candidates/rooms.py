@@ -609,7 +609,7 @@ class _Space:
 
     def _flood(self, front: IntArray) -> BoolArray:
         """Free places that are reached from some, step by step along the axes, up to the border."""
-        border = np.ones(self.shape, np.bool_)
+        border = np.ones(self.shape, bool)
         border[1:-1, 1:-1, 1:-1] = False
         reached = border.flatten()
         across = self.shape[1] * self.shape[2], self.shape[2], 1

@@ -196,7 +196,7 @@ class Objective:
 
     def dense(self, lists: Lists) -> BoolArray:
         """(N, F) mask of the faces of N lists."""
-        covers = np.zeros((lists.n, len(self.integer_weights)), np.bool_)
+        covers = np.zeros((lists.n, len(self.integer_weights)), bool)
         covers[np.repeat(np.arange(lists.n), np.diff(lists.starts)), lists.items] = True
         return covers
 

@@ -416,7 +416,7 @@ def _moves(
     shifts = matmul(step * moves[:, :3], pose[:3, :3].T)
     directions = forward + matmul(tangent * moves[:, 3:5], pose[:3, :2].T)
     # Some shifts are compensated by a turn: at this depth the image stays.
-    is_held = np.zeros(len(moves), np.bool_)
+    is_held = np.zeros(len(moves), bool)
     is_held[len(ALONG) : len(ALONG) + len(SIDEWAYS)] = True
     is_held[len(moves) - RANDOM_MOVES :: 2] = True
     directions[is_held] = step / tangent * directions[is_held] - shifts[is_held]

@@ -540,7 +540,7 @@ def with_goals(
     notes: list[str] = []
     shares: dict[str, FloatArray] = {}
     parts: list[tuple[str, float, Problem]] = []
-    barred = np.zeros(len(placed), np.bool_)
+    barred = np.zeros(len(placed), bool)
     to_cover = problems_of([each for each in goals if not each.goal.is_most], placed, step)
     for alike in AlikeGoals.of([each.goal for each in goals if each.goal.is_most]):
         with alike.step(step) as progress:

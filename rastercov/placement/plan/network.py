@@ -366,7 +366,7 @@ def classify_areas(
     rows = rows or _rows(mesh, limits)
     items = []
     for group, limit in limits.items():
-        faces, sums, doubtful = np.zeros(mesh.n_faces, np.bool_), np.zeros((2, 2)), 0.0
+        faces, sums, doubtful = np.zeros(mesh.n_faces, bool), np.zeros((2, 2)), 0.0
         for row in rows[group]:
             if (each := mesh.groups[row]).is_occluder:
                 continue
@@ -417,7 +417,7 @@ class PlanNetwork(Network):
 
     def __init__(self, mesh: Mesh, task: Task) -> None:
         super().__init__(mesh, task)
-        self.is_covered: BoolArray = np.zeros(mesh.n_faces, np.bool_)
+        self.is_covered: BoolArray = np.zeros(mesh.n_faces, bool)
 
     @property
     def covered(self) -> BoolArray:
@@ -547,7 +547,7 @@ class RigAreas:
         """Add the regions of some cameras."""
         together = with_rule(regions, self._rig, some)
         # With a curve or without, the same figures.
-        for own in np.eye(len(together.pose_ids), dtype=np.bool_):
+        for own in np.eye(len(together.pose_ids), dtype=bool):
             self.areas.add(together.of_poses(own))
         self._apart.add(regions, some)
 
@@ -655,7 +655,7 @@ def measure_network(
     mesh, mounted = objective.observer.mesh, renumber(poses)
     placed, owner = objective.cameras(mounted)
     network, nearest = PlanNetwork(mesh, objective.task), NearestCameras(mesh.n_faces)
-    masks = np.zeros((3, len(placed), mesh.n_faces), np.bool_)
+    masks = np.zeros((3, len(placed), mesh.n_faces), bool)
     eyes = eyes_of(objective.observer.camera, placed)
     own = parts_of(objective.observer, placed, objective.task) if parts is None else parts
     for part in own:

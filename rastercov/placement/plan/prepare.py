@@ -585,7 +585,7 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     """(F,) faces with one of some elements: cells, or faces."""
     if cells is None:
         return elements
-    faces = np.zeros(cells.mesh.n_faces, np.bool_)
+    faces = np.zeros(cells.mesh.n_faces, bool)
     faces[cells.source_face[elements]] = True
     return faces
 
@@ -704,6 +704,6 @@ def _forget(folder: Path, used: list[Path]) -> None:
 
 def without(candidates: Candidates, quarantined: Mapping[int, str]) -> Poses:
     """Poses of candidates without some."""
-    is_left = np.ones(len(candidates), np.bool_)
+    is_left = np.ones(len(candidates), bool)
     is_left[list(quarantined)] = False
     return renumber(candidates.take(is_left).placed)

@@ -152,7 +152,7 @@ def certain_and_possible(batch: Coverage) -> BoolArray:
         (covered, np.maximum(batch.visibility - batch.visibility_bound, 0.0)),
         (covered | open_ones, np.minimum(batch.visibility + batch.visibility_bound, 1.0)),
     )
-    mask = np.empty((2, *batch.reason.shape), np.bool_)
+    mask = np.empty((2, *batch.reason.shape), bool)
     for row, (asked, visibility) in enumerate(ends):
         product = np.where(visibility >= task.min_visibility, visibility, 0.0) * enough
         mask[row] = asked & (product >= task.min_coverage) & (product > 0)

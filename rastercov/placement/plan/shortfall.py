@@ -330,7 +330,7 @@ def views_for_zones(
     poses, owner = mounts.cameras(Poses.of(np.array([e.pose for e in chosen]), camera=camera))
     points, piece = points_of(zones, n, POINTS)
     zone, face = zones.zone[piece], zones.face[piece].astype(np.int64)
-    covers = np.zeros((len(chosen), len(points)), np.bool_)
+    covers = np.zeros((len(chosen), len(points)), bool)
     judged = failures_of_rows(mesh, mounts.rig, task, poses, points, face)
     for row, (_, reason, _) in zip(owner[led_by(mounts.rig, poses)], judged, strict=True):
         covers[row] |= reason == Reason.COVERED

@@ -159,7 +159,7 @@ class CoverState(Cover):
         self._records = (lists, faces, (self.count, self.gain, self.done, self._total))
         self._has_angle = reduced.is_spread
         self._seen = np.empty((reduced.n_faces if self._has_angle else 0, 8), np.int32)
-        self._is_spread = np.zeros(reduced.n_faces if self._has_angle else 0, np.bool_)
+        self._is_spread = np.zeros(reduced.n_faces if self._has_angle else 0, bool)
         self.work = len(reduced.face)
 
     @property

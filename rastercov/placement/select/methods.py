@@ -721,7 +721,7 @@ class _Program:
 def _merge_pairs(reduced: ReducedProblem) -> tuple[IntArray, Int32Array, FloatArray]:
     """Candidates of each face: their number, (F,), each once, (N,), and its cameras, (N,)."""
     starts, covering = reduced.starts, reduced.owner[reduced.covering]
-    is_first = np.ones(len(covering), np.bool_)
+    is_first = np.ones(len(covering), bool)
     is_first[1:] = covering[1:] != covering[:-1]
     is_first[starts[:-1][starts[:-1] < len(is_first)]] = True
     rows = np.flatnonzero(is_first)

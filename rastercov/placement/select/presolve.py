@@ -86,7 +86,7 @@ class Presolved(Reduced):
     @cached_property
     def remains(self) -> BoolArray:
         """(F,) remaining faces."""
-        remains = np.zeros(self.problem.n_faces, np.bool_)
+        remains = np.zeros(self.problem.n_faces, bool)
         remains[self.kept] = True
         return remains
 

@@ -389,7 +389,7 @@ def group_goal(problem: Problem, goal: Goal) -> Problem:
     if isinstance(goal, BestCoverage):
         return replace(problem, goal=goal)
     most = problem.by_group(problem.reachable)
-    whole = most if goal.of_reachable else problem.by_group(np.ones(problem.n_faces, np.bool_))
+    whole = most if goal.of_reachable else problem.by_group(np.ones(problem.n_faces, bool))
     owner = np.array(problem.groups, object)
     rows = {place: rows_of(problem.groups, place) for place in sorted(goal.groups, key=len)}
     for place, own in rows.items():  # the outer ones first

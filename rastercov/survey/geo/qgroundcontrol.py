@@ -88,7 +88,7 @@ def content(flight: Flight) -> bytes:
     return json_bytes(whole, indent=2) + b"\n"
 
 
-def _relative(flight: Flight, points: FloatArray) -> list[tuple[float, ...]]:
+def _relative(flight: Flight, points: FloatArray) -> list[tuple[float, float, float]]:
     """Latitude, longitude and height above home of (N, 3) points."""
     assert flight.asked.place is not None
     degrees = flight.asked.place.geodetic(points)
@@ -116,7 +116,8 @@ def _items(flight: Flight) -> list[ByName]:
         if end - first == 1:
             items.add(CAPTURE, 0, 0, 1, 0)
             continue
-        length = GEOD.inv(*stops[first][1::-1], *stops[end - 1][1::-1])[2]
+        (y0, x0, _), (y1, x1, _) = stops[first], stops[end - 1]
+        length = GEOD.inv(x0, y0, x1, y1)[2]
         # Level, as vehicles measure it; shorter, so that the last image is taken.
         step = math.floor(1000 * length / (end - 1 - first) - 0.5) / 1000
         items.add(TRIGGER_DISTANCE, step, 0, 1)

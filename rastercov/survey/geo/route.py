@@ -34,7 +34,7 @@ def route_of(flight: Flight) -> ByName:
         for each in flight.flown
         for row in range(len(each.rows) + 1)
     ]
-    edges = edges_between(mesh, np.ones(mesh.n_faces, np.bool_), -np.inf, np.inf)
+    edges = edges_between(mesh, np.ones(mesh.n_faces, bool), -np.inf, np.inf)
     lines = {
         "edges": edges if len(edges) <= MOST_EDGES else [],
         "legs": [way for is_home, is_blocked, way in ways if not (is_home or is_blocked)],

@@ -77,7 +77,7 @@ class PlaneRecord(NamedTuple):
 
     def meets(self, x: FloatArray, y: FloatArray, half: tuple[float, float]) -> BoolArray:
         """True for cells that may have a point of the region, by centres and half their sides."""
-        mask = np.empty(len(x), np.bool_)
+        mask = np.empty(len(x), bool)
         x, y = (np.ascontiguousarray(each) for each in (x, y))
         solver_lens.find_met(self.region, self.hole, x, y, np.array(half), mask)
         return mask
