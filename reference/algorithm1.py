@@ -87,7 +87,7 @@ def occlusion(
     """
     if mesh.has_targets:
         raise ValueError("expected a mesh without targets, got some; pass mesh.opaque")
-    matrix = np.asarray(pose, dtype=np.float64)
+    matrix = np.asarray(pose, np.float64)
     triangles = image_triangles(mesh, camera, matrix, clip=clip)
     is_back = self_occluding(mesh, matrix, self_occlusion)
     depths = to_camera(mesh.vertices, matrix)[mesh.faces][..., 2].mean(axis=1)
@@ -116,7 +116,7 @@ def self_occluding(
     ValueError
         For a test that does not exist.
     """
-    matrix = np.asarray(pose, dtype=np.float64)
+    matrix = np.asarray(pose, np.float64)
     if test is None:
         return np.zeros(mesh.n_faces, bool)
     if test == "definition3":
@@ -135,7 +135,7 @@ def image_triangles(mesh: Mesh, camera: Camera, pose: ArrayLike, *, clip: bool =
     printed: vertices behind the camera come out mirrored, and those at depth 0 void their face.
     """
     camera.check_pinhole("expected a pinhole for a reference")
-    matrix = np.asarray(pose, dtype=np.float64)
+    matrix = np.asarray(pose, np.float64)
     corners = to_camera(mesh.vertices, matrix)[mesh.faces]
     counts = np.full(mesh.n_faces, 3)
     if clip:

@@ -92,7 +92,7 @@ def visible_area(
         A Boolean failed; the message names the faces.
     """
     polygons = visible_polygons(mesh, camera, pose, faces, cull=cull, near=near)
-    return np.asarray(shapely.area(polygons), dtype=np.float64)
+    return np.asarray(shapely.area(polygons), np.float64)
 
 
 def image_area(
@@ -106,9 +106,7 @@ def image_area(
 ) -> FloatArray:
     """Area of each face that would be visible were it alone, (N,) px^2; see `visible_area`."""
     images = images_of(mesh, camera, pose, cull=cull, near=near)
-    return np.asarray(
-        shapely.area(images.polygons[_faces_to_evaluate(faces, mesh)]), dtype=np.float64
-    )
+    return np.asarray(shapely.area(images.polygons[_faces_to_evaluate(faces, mesh)]), np.float64)
 
 
 def visible_polygons(
@@ -191,7 +189,7 @@ def visible_from(
         camera.check_pinhole(
             "expected a pinhole for a reference", "use rastercov.reference.rational"
         )
-    matrix = np.asarray(pose, dtype=np.float64)
+    matrix = np.asarray(pose, np.float64)
     if near is None:
         near = float(near_limit(camera, mesh.opaque.bounds, matrix[None])[0])
     if not near > 0:
@@ -282,7 +280,7 @@ def _convex(shapes: Geometries) -> Geometries:
 
     What has no area becomes an empty polygon.
     """
-    hulls = np.asarray(shapely.convex_hull(shapes), dtype=object)
+    hulls = np.asarray(shapely.convex_hull(shapes), object)
     return np.where(shapely.area(hulls) > 0, hulls, shapely.Polygon())
 
 
@@ -347,12 +345,12 @@ def _intersection(images: Images, one: IntArray, other: IntArray) -> Geometries:
         either = shapely.union(polygons[one], polygons[other], grid_size=images.grid)
     except shapely.GEOSException:
         common = [_intersection_of_pair(images, i, j) for i, j in pairs]
-        return np.asarray(common, dtype=object)
+        return np.asarray(common, object)
     both = shapely.area(polygons[one]) + shapely.area(polygons[other])
     excess = shapely.area(common) + shapely.area(either) - both
     for pair in np.flatnonzero(~(np.abs(excess) <= images.tolerance)):
         common[pair] = _intersection_of_pair(images, int(one[pair]), int(other[pair]))
-    return np.asarray(common, dtype=object)
+    return np.asarray(common, object)
 
 
 def _intersection_of_pair(images: Images, i: int, j: int) -> BaseGeometry:
@@ -465,7 +463,7 @@ def _faces_to_evaluate(faces: ArrayLike | None, mesh: Mesh) -> IntArray:
     """Face indices as an array; IndexError for one that is not there."""
     if faces is None:
         return np.arange(mesh.n_faces)
-    indices = np.asarray(faces, dtype=np.int64).ravel()
+    indices = np.asarray(faces, np.int64).ravel()
     if ((indices < 0) | (indices >= mesh.n_faces)).any():
         raise IndexError(f"expected faces of 0 to {mesh.n_faces - 1}, got {indices}; correct them")
     return indices

@@ -113,8 +113,8 @@ def image_area(
 
 def _array(areas: Iterable[Any], exact: bool) -> AnyArray:
     if exact:
-        return np.array([_fraction(area) for area in areas], dtype=object)
-    return np.array([float(area) for area in areas], dtype=np.float64)
+        return np.array([_fraction(area) for area in areas], object)
+    return np.array([float(area) for area in areas], np.float64)
 
 
 def _fraction(area: Fraction) -> Fraction:

@@ -133,7 +133,7 @@ def at_points(
 ) -> SampledView:
     """Nearest face at points (..., 2) of the image, in pixels; other arguments as for `render`."""
     camera.check_pinhole("expected a pinhole for a reference")
-    matrix = np.asarray(pose, dtype=np.float64)
+    matrix = np.asarray(pose, np.float64)
     eye, rotation = matrix[:3, 3], matrix[:3, :3]
     if near is None:
         farthest = np.linalg.norm(np.abs(mesh.opaque.bounds - eye).max(axis=0))

@@ -276,7 +276,7 @@ def read_points(points: Path | ArrayLike) -> FloatArray:
     if isinstance(points, (str, Path)):
         pairs = _read_csv(Path(points))
     else:
-        pairs = np.asarray(points, dtype=np.float64)
+        pairs = np.asarray(points, np.float64)
     if pairs.ndim != 2 or pairs.shape[1] != len(POINTS) or not np.isfinite(pairs).all():
         raise ConfigError(
             f"expected points as (N, 5) finite numbers u, v, x, y, z, got {pairs.shape}"

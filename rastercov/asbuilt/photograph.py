@@ -40,7 +40,7 @@ def read_photograph(path: StrPath, camera: Camera) -> Float32Array:
 
 def brightness(photo: ArrayLike, camera: Camera) -> Float32Array:
     """Brightness (H, W), 0 to 1, of an array (H, W) or (H, W, 3) of the size of its camera."""
-    image = np.asarray(photo, dtype=np.float64)
+    image = np.asarray(photo, np.float64)
     most = np.abs(image).max(initial=0)
     if image.ndim not in (2, 3) or not most <= np.finfo(np.float32).max:
         raise ConfigError(

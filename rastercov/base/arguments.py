@@ -225,7 +225,7 @@ def coefficients_of(distortion: Any) -> tuple[Any, ...]:
     try:
         size = np.size(distortion)
         if size <= MOST_COEFFICIENTS:
-            return tuple(np.ravel(np.asarray(distortion, dtype=object)))
+            return tuple(np.ravel(np.asarray(distortion, object)))
     except Exception:  # whatever conversion an object brings
         raise CameraError(f"expected distortion to be numbers, got {shown(distortion)}") from None
     raise CameraError(f"expected at most {MOST_COEFFICIENTS} distortion coefficients, got {size}")

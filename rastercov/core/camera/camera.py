@@ -947,7 +947,7 @@ class Camera:
 
         f/s_u and f/s_v are on the diagonal; the top-left pixel centre is at (0.5, 0.5).
         """
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], dtype=np.float64)
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], np.float64)
 
     @property
     def opencv_K(self) -> FloatArray:  # noqa: N802 - the same

@@ -273,7 +273,7 @@ class Border:
             Metres in the file's unit; None where the file does not say, and `pose_unit`
             is asked.
         """
-        matrices = np.asarray(world_from_camera, dtype=np.float64).reshape(-1, 4, 4)
+        matrices = np.asarray(world_from_camera, np.float64).reshape(-1, 4, 4)
         has_lengths = len(matrices) > 0 or rig_from_camera is not None
         if metres is None and has_lengths:
             metres = self.metres()
@@ -288,7 +288,7 @@ class Border:
             raise PoseError(f"image {name}: {error}", error.pose_ids) from None
         rig, places = None, None
         if rig_from_camera is not None:
-            given = np.asarray(rig_from_camera, dtype=np.float64).reshape(-1, 4, 4)
+            given = np.asarray(rig_from_camera, np.float64).reshape(-1, 4, 4)
             places = self._rigid(given, factor)
         if cameras is not None:
             known = unique_names(names or [""] * len(cameras))
@@ -441,7 +441,7 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
     A rotation R of a quaternion of length l further than `DRIFT_TOLERANCE` from 1 has
     R^T R = l I, so that it is made orthonormal or refused as other rotations are; NaN for 0.
     """
-    q = np.asarray(wxyz, dtype=np.float64).reshape(-1, 4)
+    q = np.asarray(wxyz, np.float64).reshape(-1, 4)
     with np.errstate(all="ignore"):
         largest = np.abs(q).max(axis=1, keepdims=True)  # no square overflows
         length = norm(q / largest)[..., None]
@@ -453,7 +453,7 @@ def from_quaternions(wxyz: ArrayLike, translation: ArrayLike) -> FloatArray:
 
 def from_vectors(vectors: ArrayLike, translation: ArrayLike) -> FloatArray:
     """(N, 4, 4) motions of rotation vectors (N, 3), radians about their direction, and (N, 3)."""
-    v = np.asarray(vectors, dtype=np.float64).reshape(-1, 3)
+    v = np.asarray(vectors, np.float64).reshape(-1, 3)
     with np.errstate(over="ignore", invalid="ignore"):
         angle = norm(v)[..., None]
         half = angle / 2
@@ -464,8 +464,8 @@ def from_vectors(vectors: ArrayLike, translation: ArrayLike) -> FloatArray:
 
 def motions(rotations: ArrayLike, translation: ArrayLike) -> FloatArray:
     """(N, 4, 4) of rotations (N, 3, 3) and translations (N, 3)."""
-    r = np.asarray(rotations, dtype=np.float64).reshape(-1, 3, 3)
-    return matrices_of(r, np.asarray(translation, dtype=np.float64).reshape(-1, 3))
+    r = np.asarray(rotations, np.float64).reshape(-1, 3, 3)
+    return matrices_of(r, np.asarray(translation, np.float64).reshape(-1, 3))
 
 
 def lens_camera(ours: str, size: Sequence[int], p: Mapping[str, float]) -> Camera:

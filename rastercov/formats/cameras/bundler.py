@@ -97,7 +97,7 @@ def read_bal(source: Source, border: Border) -> Views:
 def _matrix(rows: list[list[str]], columns: int) -> FloatArray:
     """(N, columns) float64; (0, columns) where a word is no number, or one is missing."""
     try:
-        return np.array(rows, dtype=np.float64).reshape(-1, columns)
+        return np.array(rows, np.float64).reshape(-1, columns)
     except ValueError:
         return np.empty((0, columns))
 

@@ -243,7 +243,7 @@ def check_array_of(value: object, what: str, *shapes: tuple[int, ...]) -> FloatA
         where, colon, name = what.rpartition(": ")
         expected = f"expected {name} to be {words} finite numbers"
         raise CameraError(f"{where}{colon}{expected}, got {shown(value)}")
-    return np.array(value, dtype=np.float64).reshape(shape)
+    return np.array(value, np.float64).reshape(shape)
 
 
 def _fits(value: object, shape: tuple[int, ...]) -> bool:

@@ -364,7 +364,7 @@ class _Scene:
         elif kind == "polylist":
             counts = _numbers_of(primitive, "vcount")
         else:
-            counts = np.array([len(row) for row in rows], dtype=np.int64)
+            counts = np.array([len(row) for row in rows], np.int64)
         promised = int(primitive.attrib["count"])
         check(
             promised == len(counts) and counts.sum() == len(indices),

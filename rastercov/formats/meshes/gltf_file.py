@@ -165,7 +165,7 @@ def json_numbers(owner: ByName, key: str, default: tuple[float, ...]) -> FloatAr
         raise ValueError(
             f"expected {key!r} to be {len(default)} finite numbers, got {str(values)[:60]}"
         )
-    return np.array(values, dtype=np.float64)
+    return np.array(values, np.float64)
 
 
 def component_of(accessor: ByName, where: str, wanted: str) -> str:

@@ -220,7 +220,7 @@ def fan_polygons(
     n_corners = np.asarray(n_corners, np.int64)
     n_triangles = n_corners - 2
     check_budget(int(n_triangles.sum()), budget, np.size(vertices) // 3)
-    points = np.array(vertices, dtype=np.float64).reshape(-1, 3)
+    points = np.array(vertices, np.float64).reshape(-1, 3)
     corners = np.asarray(corners, np.int64)
     polygon = np.repeat(np.arange(len(n_corners)), n_triangles)
     first = (np.cumsum(n_corners) - n_corners)[polygon]

@@ -197,7 +197,7 @@ def _numbers(words: list[str], dtype: type[np.float64] | type[np.int64]) -> AnyA
 
     try:
         if not any("_" in word for word in words):
-            return np.array(words, dtype=dtype)
+            return np.array(words, dtype)
     except (ValueError, OverflowError):
         pass
     wrong = next((word for word in words if not is_number(word)), "others")

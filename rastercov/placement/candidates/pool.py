@@ -429,7 +429,7 @@ class Candidates:
     @property
     def source(self) -> NDArray[np.str_]:
         """(C,) name of the generator of each pose."""
-        return np.array(self.sources, dtype=np.str_)[self.source_code]
+        return np.array(self.sources, np.str_)[self.source_code]
 
     def take(self, chosen: ArrayLike) -> "Candidates":
         """Candidates that a mask, (C,), or rows, (N,), choose, in that order."""
