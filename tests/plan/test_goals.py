@@ -145,6 +145,66 @@ def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed)
         assert checked.reasons(result)[0].startswith("seen by camera ")
 
 
+LIMITED = {
+    "rule": {"rule": "all"},
+    "own thresholds": {"task": {"max_incidence_deg": 5.0}},
+    "focus": {"focus_range": [0.1, 0.2]},
+    "lamps": {
+        "lamps": {
+            "key": {
+                "kind": "spot",
+                "intensity_cd": 900,
+                "half_angle_deg": 20,
+                "position": [3, 1, 2],
+                "aim": [3, 1, 0],
+            }
+        }
+    },
+    "faces": {"of_task": {"min_pixels": 10**6}},
+    "frames": {
+        "of_task": {"over": "all"},
+        "motion": {
+            "conveyor": {"body": "west", "steps": 2, "direction": [1, 0, 0], "distance": 2.0}
+        },
+    },
+    "unit": {"of_task": {"max_incidence_deg": 5.0, "weight_by": "area"}},
+    "views": {"of_task": {"views": 2, "min_angle_deg": 20.0}},
+}
+
+
+@pytest.mark.parametrize("limit", LIMITED)
+@pytest.mark.parametrize("is_seen", [True, False])
+def test_what_must_not_be_seen_is_what_any_camera_sees(room, limit, is_seen):
+    """Alone, blurred, in the dark, and whatever its own thresholds: none proves that it is not."""
+    own = dict(LIMITED[limit])
+    camera = {"width": 960, "height": 540, "hfov_deg": 60.0}
+    camera |= {key: own.pop(key) for key in ("focus_range",) if key in own}
+    sensors = [
+        {"camera": "one", "name": "left"} | ({"task": own.pop("task")} if "task" in own else {}),
+        {"camera": "one", "name": "right", "angle_deg": 70.0},
+    ]
+    rigs = {"pair": {"cameras": sensors} | ({"rule": own.pop("rule")} if "rule" in own else {})}
+    if limit == "own thresholds":
+        sensors[1]["task"] = sensors[0]["task"]
+    task = {"max_incidence_deg": 80.0} | own.pop("of_task", {})
+    asked = plan(room, goals={"window": {"groups": ["window"], "at_most": 0.0}}, task=task)
+    del asked["camera"], asked["candidates"]
+    asked |= {"cameras": {"one": camera}} | own
+    asked |= {"rigs": rigs} if limit not in ("faces", "frames", "views") else {}
+    eye, to = (2.5, 1.0, 1.5), (1.5, 4.0, 1.5) if is_seen else (4.5, 0.0, 1.5)
+    poses = rc.look_at([eye], [to])
+    if "rigs" in asked:
+        mounts = plan_of(asked).rig
+        matrices = np.concatenate([poses @ each for each in mounts.rig_from_camera[-2:]])
+        poses = rc.Poses.of(matrices, camera=np.arange(len(mounts) - 2, len(mounts)))
+    checked = rc.check(asked, poses, min_coverage=0.01)
+    result = of(checked, "window")
+    (told,) = explain_goals([result], checked.goals)
+    assert (result.status, told["is_unseen"]) == (("fails", False) if is_seen else ("holds", True))
+    assert result.share == pytest.approx(float(is_seen), abs=0.02)
+    assert ("no camera sees any of it (proved)" in told["lines"]) != is_seen
+
+
 def test_what_must_not_be_seen_counts_from_either_side(room):
     """A window that is wound the other way is seen as well."""
     lines = room.read_text().splitlines()
@@ -462,8 +522,8 @@ def test_a_goal_is_explained_by_the_cameras_that_cover_it(room, seed):
             assert own["m2"] == pytest.approx(alone.m2, abs=1e-9)
             assert own["lost_m2"] == pytest.approx(result.m2 - rest.m2, abs=1e-7)
         if told["goal"] == "window":
-            assert told["is_unseen"] == (not table)
-            assert bool(table) != ("no camera sees any of it (proved)" in told["lines"])
+            assert not told["is_unseen"]  # by its density a camera may see it from far away
+            assert bool(table) != ("no camera covers any of it (proved)" in told["lines"])
             continue
         is_short = result.status != "holds"
         assert any("dead zone " in line for line in told["lines"]) == is_short
@@ -532,7 +592,7 @@ def test_the_goal_that_lacks_most_has_its_zone_in_the_first_lines_and_on_the_pag
     assert page.index("<h2>Goals</h2>") < page.index("Seen by camera 1 (")
     assert "doors: lost without it" in page
     away = rc.check(asked, rc.look_at([(2.0, 3.0, 1.5)], [(2.0, 0.0, 1.0)]), min_coverage=0.01)
-    assert "  no camera sees any of it (proved)" in away.other_lines()
+    assert "  no camera covers any of it (proved)" in away.other_lines()
 
 
 def test_a_page_says_first_that_kept_cameras_fail_a_goal_whatever_is_chosen(room, tmp_path):

@@ -441,22 +441,29 @@ class Checked(InOneLine, InNotebook):
         """The worst dead zone of a goal, and advice; of what must not be seen, who sees it."""
         if not requirement.is_most:
             return first_lines(self.summary(), level=level)[1:] if requirement.lack else []
-        if not self._seeing:
+        if requirement.share <= SHARE_TOLERANCE:
             most = f"at most {percent(requirement.high)}, by the error bound"
             is_proved = requirement.high <= SHARE_TOLERANCE
-            return [f"no camera sees any of it ({'proved' if is_proved else most})"]
+            sees = "sees" if self.counts_all else "covers"
+            return [f"no camera {sees} any of it ({'proved' if is_proved else most})"]
         lines = [f"seen by {first_of([said for _, said in self._seeing])}"]
         if requirement.status == HOLDS:
             return lines
         _, _, words, left = self._turned(requirement)
         return [*lines, f"advice: {words}: {percent(left) if left else 'none'} of it would be seen"]
 
+    @property
+    def counts_all(self) -> bool:
+        """True where all that a camera sees counts as covered."""
+        return self.task == Task()
+
     @cached_property
     def _seeing(self) -> list[tuple[str, str]]:
         """Names of cameras that see any of the task, and the same with the area of each."""
         if self.by_camera is None:
             rows = np.flatnonzero((self.cameras.covers & self.mesh.task_mask).any(axis=1))
-            return [(self.names[row],) * 2 for row in rows.tolist()]
+            names = [self.names[row] for row in rows.tolist()]
+            return [(name,) * 2 for name in names or ("a camera in some frame",)]
         pairs = zip(self.heads[1], self.by_camera[0].tolist(), strict=True)
         return [(name, f"{name} ({area(m2)})") for name, m2 in pairs if m2]
 
@@ -763,14 +770,18 @@ class PlacedCameras(NamedTuple):
     def lost_without(
         self, rows: list[int], mask: Mask, required: Sequence[AreaRequirement]
     ) -> dict[str, float]:
-        """Shares of requirements of the task that are lost without rows of the result, by name.
+        """Shares of requirements of the task that are lost without rows of poses, by name.
 
         With a mask of the one row, without what it has there: no other part of its image sees that.
+        At most those of the row where others measure with it.
         """
-        left = self.poses[~np.isin(rows_of_result(self.camera, self.poses), rows)]
-        before, after = required, self._shares(self.camera, left, required)
-        if mask is not None:
-            cameras = cameras_of(self.camera)
+        result, rig = rows_of_result(self.camera, self.poses), self.camera
+        left = self.poses[~np.isin(result, result[rows])]
+        before, after, least = required, self._shares(rig, left, required), ""
+        if mask and isinstance(rig, Rig) and (rig.gates or rig.tasks or rig.equipment):
+            least = "at least "
+        elif mask:
+            cameras = cameras_of(rig)
             behind = masked(cameras[self.poses.camera[rows[0]]], mask)
             matrices = *left.world_from_camera, *self.poses.world_from_camera[rows]
             index = np.append(left.camera, len(cameras))
@@ -780,7 +791,7 @@ class PlacedCameras(NamedTuple):
         for own, one, other in zip(required, before, after, strict=True):
             share = (one.m2 - other.m2) / own.of_m2
             rest = f"{percent(own.share - share)}, {percent(own.limit)} required"
-            lost[f"{own.called}, which then has {rest}"] = share
+            lost[f"{own.called}, which then has {least}{rest}"] = share
         return _losses(lost)
 
 
@@ -894,7 +905,7 @@ def explain_goals(
                 {"goal": each.goal, "status": each.status, "lines": own.explain(each)}
                 | {name: told[name] for name in ("not_covered_because", *ZONES) if name in told}
                 | {
-                    "is_unseen": each.is_most and each.high <= SHARE_TOLERANCE,
+                    "is_unseen": each.is_most and each.high <= SHARE_TOLERANCE and own.counts_all,
                     "cameras": own.cameras_of_goal(),
                 }
             )

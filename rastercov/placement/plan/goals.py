@@ -21,13 +21,14 @@ from rastercov.base import (
     IntArray,
     first_of,
     frozen_record,
+    hooks_of,
     plural,
 )
 from rastercov.base.format import verb
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.regions import RegionObserver, RegionPass
-from rastercov.core.camera import Cameras, Poses, renumber
+from rastercov.core.camera import Cameras, Poses, Rig, renumber
 from rastercov.core.coverage.shards import Wanted, open_for
 from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh
@@ -36,7 +37,7 @@ from rastercov.placement.improve.objective import CellObjective, Objective, Toge
 from rastercov.placement.matrix import build_matrix, matrices_of_cells
 from rastercov.placement.mounts import Mounts
 from rastercov.placement.plan.entries import extend_entry
-from rastercov.placement.plan.file import Plan, PlanError
+from rastercov.placement.plan.file import Plan, PlanError, PlanFeature
 from rastercov.placement.plan.network import (
     Measured,
     Requirement,
@@ -199,16 +200,33 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
     """The plan with the task of a goal.
 
     A goal to cover replaces thresholds of the task; one of what may be covered has its own alone,
-    so that all that is seen counts unless it says otherwise.
+    so that all that a camera sees counts unless it says otherwise: dark, blurred, in some frame,
+    or without the others of a rule.
     """
     own = {name: getattr(goal, name) for name in Task.__dataclass_fields__ if hasattr(goal, name)}
     changes: ByName = {name: value for name, value in own.items() if value is not None}
     if goal.at_most is not None:
-        changes = dict.fromkeys(extend_entry("task").model_fields) | changes
-        changes = {name: getattr(Task, name) for name in own} | changes
+        entries = extend_entry("counting", extend_entry("task")).model_fields
+        usual = {name: each.default for name, each in entries.items()}
+        usual |= {name: getattr(Task, name) for name in Task.__dataclass_fields__}
+        changes = usual | changes
+        plan = _with_all_sight(plan)
     elif isinstance(plan.task.views, dict):
         changes = {"views": 1} | changes
     return plan.model_copy(update={"task": plan.task.model_copy(update=changes), "goals": {}})
+
+
+def _with_all_sight(plan: Plan) -> Plan:
+    """The plan without lamps, with cameras that need no other, no focus, and no own thresholds."""
+    if not plan.has_cameras:
+        return plan
+    for each in hooks_of(PlanFeature):
+        plan = each.add_choice(plan, None)
+    rig, other = plan.rig, plan.model_copy()
+    cameras = [each._without_focus() for each in rig.cameras]
+    alone = Rig(cameras, rig.names, rig.rig_from_camera, fixed=rig.fixed)
+    other._mounts = replace(plan.mounts, rig=alone._with(equipment=rig.equipment))
+    return other
 
 
 def keep_scored(mesh: Mesh, names: Collection[str], *, is_most: bool = False) -> Mesh:
