@@ -138,8 +138,8 @@ class LightFigures(Figures):
             lux = light["illuminance"]
             low, middle, high = (number(lux[name]) for name in ("least", "median", "most"))
             lines.append(
-                f"{quantity(lux['unit'])} by fixed lamps and any ambient light: {low} to "
-                f"{high} {lux['unit']}, median {middle}"
+                f"{quantity(lux['unit'])} by fixed lamps and any ambient light, at 1024 points: "
+                f"{low} to {high} {lux['unit']}, median {middle}"
             )
         shares = [
             f"{percent(lamp['lit_percent'] / 100)} by {lamp['lamp']}" for lamp in light["lamps"]
