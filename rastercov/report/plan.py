@@ -352,9 +352,9 @@ def cameras_table(placement: Placement) -> Table:
     for name in ("position, m", "direction", "adds", "total"):
         table.add_column(name, justify="right", no_wrap=True)
     before, poses = 0.0, placement.cameras.poses
-    # Three digits for the coordinate that is furthest from 0.
+    # Three digits for the coordinate that is furthest from 0, or of the scene where it is far off.
     far = float(np.abs(poses[:, :3, 3]).max(initial=1e-9))
-    digits = decimals_of(far)
+    digits = decimals_of(min(far, placement.cameras.network.mesh.diagonal))
     for row, entry in enumerate(entries):
         share, name = entry["share_so_far"], entry.get("camera", "")
         name = name.rpartition("/")[0] or name if noun == "head" else name

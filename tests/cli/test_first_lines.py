@@ -133,15 +133,18 @@ def test_cameras_that_add_under_one_percent_are_named(here, capsys):
 
 
 @pytest.mark.parametrize("far", [1.0, 99.96, 12_345.6, 5e6])
+@pytest.mark.parametrize("size", [np.inf, 12.0])
 @pytest.mark.parametrize("several", [False, True])
-def test_coordinates_of_cameras_fit_80_columns(far, several):
+def test_coordinates_of_cameras_fit_80_columns(far, several, size):
+    """In three digits of the furthest, or of the scene, which may be far from the origin."""
     rng = np.random.default_rng(3)
     n = 40
     poses = rc.look_at(far * rng.uniform(-1, 1, (n, 3)), np.zeros(3))
     names = ["pair/left", "a very long name of a camera", "long"]
     cameras = SimpleNamespace(
         poses=poses, placed=rc.Poses.of(poses, camera=np.arange(n) % 3), owner=np.arange(n),
-        curve=np.linspace(0.1, 1, n), network=SimpleNamespace(covered_faces=np.arange(n)),
+        curve=np.linspace(0.1, 1, n),
+        network=SimpleNamespace(covered_faces=np.arange(n), mesh=SimpleNamespace(diagonal=size)),
     )  # fmt: skip
     prepared = SimpleNamespace(
         noun="camera", plan=SimpleNamespace(chooses_cameras=False),
@@ -158,7 +161,8 @@ def test_coordinates_of_cameras_fit_80_columns(far, several):
     text = console.file.getvalue()
     assert all(len(line) <= 80 for line in text.splitlines())
     assert "…" not in text
-    digits = max(0, 2 - int(np.floor(np.log10(np.abs(poses[:, :3, 3]).max()))))
+    furthest = min(np.abs(poses[:, :3, 3]).max(), size)
+    digits = max(0, 2 - int(np.floor(np.log10(furthest))))
     for pose in poses[:30]:
         assert " ".join(f"{value:.{digits}f}" for value in pose[:3, 3]) in text
 
