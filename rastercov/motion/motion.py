@@ -246,7 +246,7 @@ class Motion(InOneLine):
     ) -> tuple[Mesh, IntArray]:
         """See `frame`, by poses (B, 4, 4) of bodies, of which (B,) are there."""
         if not is_there[self.body].any():
-            raise ConfigError("expected a frame with a body, got none; show another frame")
+            raise ConfigError("expected a body in each frame, got none; add one that stays")
         rest = self._rest_of(is_there)
         return rest.at(poses, self._diagonal, of_occluders=of_occluders), rest.kept
 
