@@ -345,12 +345,16 @@ def test_advised_places_are_outside_open_bodies_and_clear_of_surfaces(seed):
         assert NearestSurface(mesh).query(eye).distance >= 0.05
 
 
-def test_a_camera_is_tried_where_a_zone_is_in_focus():
-    camera = replace(CAMERA, focus_range=(0.495, 0.505))
+@pytest.mark.parametrize(
+    ("limit", "reason"),
+    [({"focus_range": (0.495, 0.505)}, "out_of_focus"), ({"near": 0.5}, "outside")],
+)
+def test_a_camera_is_tried_where_a_zone_is_in_focus_and_not_too_near(limit, reason):
+    camera = replace(CAMERA, **limit)
     plate = rc.Mesh([(0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0, 0.1, 0)], [(0, 1, 2), (0, 2, 3)])
     pose = rc.look_at((0.05, 0.05, 0.2), (0.05, 0.05, 0))
     (zone,) = named(plate, camera, pose, rc.Task())["dead_zones"]
-    assert zone["reason"] == "out_of_focus"
+    assert zone["reason"] == reason
     tried = zone["tried"]
     placed = rc.look_at(tried["position"], tried["looking_at"])
     assert rc.regions(plate, camera, placed).area.sum() >= 0.5 * zone["area_m2"]

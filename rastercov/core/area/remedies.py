@@ -533,6 +533,7 @@ class Remedies:
         if camera.is_parallel:
             reaches.add(depth_of_targets(camera, away))
         near, far = camera.depth_of_field(tasks_of(self.camera, self.task)[index].max_blur)
+        near = max(near, camera.near)
         if not any(near <= each <= far for each in reaches):
             reaches.add(camera.focus_distance or (near + min(far, 3 * near)) / 2)
         places, eyes = self._places(spot, reaches, origin), self.poses.eyes
