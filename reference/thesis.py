@@ -32,7 +32,6 @@ def select_thesis(problem: Problem, mean_coverage: ArrayLike) -> Selection:
     goal, reduced = problem.goal, presolve(problem).list_rows()
     chosen: list[int] = []
     cost = 0.0
-    _, least, total = problem.required
     for camera in np.argsort(-mean, kind="stable"):
         if isinstance(goal, BestCoverage):
             if len(chosen) == goal.cameras:
@@ -40,8 +39,8 @@ def select_thesis(problem: Problem, mean_coverage: ArrayLike) -> Selection:
             if goal.budget is not None and cost + problem.costs[camera] > goal.budget:
                 continue
         else:
-            reached = problem.by_group(problem.covered_by(chosen)[1])
-            if (reached >= least).all() and reached.sum() >= total:
+            reached = problem.by_requirement(problem.covered_by(chosen)[1])
+            if (reached >= problem.required[1]).all():
                 break
         chosen.append(int(camera))
         cost += float(problem.costs[camera])

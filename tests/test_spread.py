@@ -81,4 +81,4 @@ def test_a_report_counts_faces_with_views_from_two_sides(tmp_path):
 def test_of_equal_gains_that_of_the_least_rank_is_chosen():
     gain, rank = np.full((3, 1), 5), np.array([2, 0, 1])
     free = np.ones(3), rank, np.zeros(3, np.uint8), np.inf, False
-    assert next_camera(gain, np.array([9]), 0, *free) == 1
+    assert next_camera(gain, np.array([1]), np.array([9]), *free) == 1

@@ -68,7 +68,6 @@ from rastercov.placement.select.problem import (
     FewestCameras,
     Problem,
     finish,
-    group_goal,
     views_of,
     weights_of,
 )
@@ -410,11 +409,11 @@ class Lighting:
         """
         goal = goal_of(self.selection, "lamps")
         if isinstance(goal, BestCoverage):
-            return group_goal(problem, goal)
+            return replace(problem, goal=goal)
         try:
-            return group_goal(problem, replace(goal, of_reachable=False))
+            return replace(problem, goal=replace(goal, of_reachable=False))
         except ConfigError:
-            return group_goal(problem, FewestCameras(FALLBACK_SHARE, of_reachable=True))
+            return replace(problem, goal=FewestCameras(FALLBACK_SHARE, of_reachable=True))
 
     def _start(self, problem: Problem, seconds: float) -> Rows:
         """Lamps chosen on cells, as many as are allowed."""

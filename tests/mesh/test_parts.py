@@ -18,9 +18,7 @@ from rastercov.placement.parts import PartRow, part_rows
 from rastercov.placement.plan.network import classify_network
 from rastercov.placement.select.methods import select_greedy
 from rastercov.placement.select.problem import (
-    BestCoverage,
     FewestCameras,
-    group_goal,
     problem_of_matrix,
 )
 from rastercov.report.plan import lines
@@ -210,9 +208,9 @@ def test_place_and_check_agree_on_each_goal(tmp_path, ends, groups, share, by, v
 
 def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():
     covers, shares = np.eye(4), {"arm": 0.5, "arm/tool": 1.0}
-    problem = problem_of_matrix(covers, BestCoverage(4), groups=NAMES, face_group=range(4))
     goal = FewestCameras(0.0, shares)
-    selection = select_greedy(group_goal(problem, goal))
+    problem = problem_of_matrix(covers, goal, groups=NAMES, face_group=range(4))
+    selection = select_greedy(problem)
     assert sorted(selection.chosen.tolist()) == [1, 2]  # and arm lacks nothing then
     names = Names(NAMES)
     assert names.places_of("arm") == ["arm"]

@@ -1,11 +1,14 @@
 """What prices prove: fractional knapsacks of candidates and faces, beside one item at a time."""
 
+import highspy
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rastercov.placement.select.bounds import cheapest, most_earned
+from rastercov.placement.select.presolve import presolve
+from rastercov.placement.select.problem import FewestCameras, problem_of_matrix
 
 
 @given(st.integers(0, 10**6), st.sampled_from([np.inf, 0.0, 1.0, 2.2, 100.0]))
@@ -28,18 +31,31 @@ def test_candidates_earn_most_within_a_number_and_a_budget(seed, budget):
 
 @given(st.integers(0, 10**6))
 def test_faces_give_the_required_weights_at_the_least_price(seed):
+    """As the linear program says, where requirements are in others."""
     rng = np.random.default_rng(seed)
-    n, g = int(rng.integers(1, 12)), int(rng.integers(1, 4))
+    n, g = int(rng.integers(1, 12)), int(rng.integers(1, 6))
+    outer = [int(rng.integers(0, row)) for row in range(1, g)]
+    places = ["all"]
+    for row, parent in enumerate(outer, 1):
+        places.append(f"{places[parent]}/{row}")
+    shares = dict(zip(places, rng.choice([0.2, 0.5, 0.9, 1.0], g).tolist(), strict=True))
     price, weights = rng.random(n).round(1), rng.integers(1, 5, n).astype(np.float64)
-    kind = rng.integers(0, g, n).astype(np.int32)
-    least, total = np.append(0, rng.integers(0, 8, g - 1)), int(rng.integers(0, 20))
-    share, missing, order = np.zeros(n), least.astype(np.float64), np.argsort(price, kind="stable")
-    for f in order:
-        share[f] = min(weights[f], max(0.0, missing[kind[f]])) / weights[f]
-        missing[kind[f]] -= share[f] * weights[f]
-    left = total - share @ weights
-    for f in order:
-        more = min(weights[f] * (1 - share[f]), max(0.0, left))
-        share[f] += more / weights[f]
-        left -= more
-    np.testing.assert_allclose(cheapest(price, weights, kind, least, total), share, atol=1e-12)
+    problem = problem_of_matrix(
+        np.ones((1, n)), FewestCameras(0.3, shares), weights=weights, groups=places,
+        face_group=rng.integers(0, g, n),
+    )  # fmt: skip
+    reduced = presolve(problem).list_rows()
+    share = cheapest(price, weights, reduced.kind, reduced.least, reduced.levels)
+    assert ((share >= 0) & (share <= 1 + 1e-12)).all()
+    model = highspy.Highs()
+    model.setOptionValue("output_flag", False)
+    columns = [model.addVariable(0.0, 1.0, cost) for cost in price * weights]
+    for place, least in zip((None, *shares), (0.3, *shares.values()), strict=True):
+        rows = [place is None or f"{name}/".startswith(f"{place}/") for name in places]
+        own = np.flatnonzero(np.array(rows)[problem.face_group])
+        wanted = np.ceil((least - 1e-9) * weights[own].sum())
+        assert share[own] @ weights[own] >= wanted - 1e-9
+        if len(own):
+            model.addConstr(sum(columns[f] * weights[f] for f in own.tolist()) >= wanted)
+    model.run()
+    assert share @ (price * weights) == pytest.approx(model.getObjectiveValue(), abs=1e-6)

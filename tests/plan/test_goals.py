@@ -52,7 +52,6 @@ from rastercov.placement.select.methods import select_integer
 from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
-    group_goal,
     problem_of,
     problem_of_matrix,
 )
@@ -428,12 +427,78 @@ def test_a_problem_with_goals_has_the_optimum_of_all_subsets(seed):
     problem = _stack_goals(own[0], [("a", own[1]), ("b", own[2])])
     if not reached(range(n)):
         with pytest.raises(ConfigError, match="reach"):
-            group_goal(problem, FewestCameras(0.0, asked))
+            replace(problem, goal=FewestCameras(0.0, asked))
         return
-    selection = select_integer(group_goal(problem, FewestCameras(0.0, asked)), time_limit=10)
+    selection = select_integer(replace(problem, goal=FewestCameras(0.0, asked)), time_limit=10)
     least = next(k for k in range(n + 1) if any(map(reached, combinations(range(n), k))))
     assert reached(selection.chosen)
     assert len(selection.chosen) == least == round(selection.bound)
+
+
+@examples(6, at_night=60)
+@given(
+    st.integers(0, 10**6), st.sampled_from(["face", "face", "area"]),
+    st.sampled_from(["greedy", "integer"]),
+)  # fmt: skip
+def test_goals_in_goals_have_the_bound_and_the_optimum_of_all_subsets(
+    tmp_path_factory, seed, by, method
+):
+    """Squares in a row, of which each candidate sees some in sequence."""
+    rng, folder = np.random.default_rng(seed), tmp_path_factory.mktemp("row")
+    n, leaves = 20, ["a/b/c", "a/b/d", "a/e", "f", "door"]
+    group = np.concatenate((np.arange(5), rng.integers(0, 5, n - 5)))
+    lines = []
+    for row in range(n):
+        corners = ((0, 0), (1, 0), (1, 1), (0, 1))
+        lines += [f"g {leaves[group[row]]}", *(f"v {2 * row + x} {y} 0" for x, y in corners)]
+        lines.append(f"f {' '.join(str(4 * row + k) for k in range(1, 5))}")
+    (folder / "row.obj").write_text("\n".join(lines))
+    ends = np.sort(rng.integers(0, n, (int(rng.integers(3, 7)), 2)), axis=1)
+    costs, candidates = rng.integers(1, 4, len(ends)) * rng.choice([1.0, 1.1]), []
+    for row, (first, last) in enumerate(ends.tolist()):
+        eye = (first + last + 0.5, 0.5, last - first + 0.6)
+        rc.write_poses(folder / f"{row}.json", rc.look_at(eye, (eye[0], 0.5, 0), up=(0, 1, 0)))
+        entry = {"generator": "poses", "file": str(folder / f"{row}.json")}
+        candidates.append(entry | {"cost": costs[row]})
+    sees = (np.arange(n) >= ends[:, :1]) & (np.arange(n) <= ends[:, 1:])
+    is_of = {
+        place: np.array([f"{leaves[k]}/".startswith(f"{place}/") for k in group])
+        for place in (*leaves, "a", "a/b")
+        if rng.random() < 0.7
+    }
+    is_of = {place: own for place, own in is_of.items() if sees[:, own].any()}
+    is_of[None] = group < 4 if "door" in is_of else group < 5
+    shares = {
+        place: float(rng.choice([0.3, 0.6, 0.9, 1.0])) * sees[:, own].any(axis=0).mean()
+        for place, own in is_of.items()
+    }
+    if not shares[None]:
+        return
+
+    def is_met(rows):
+        seen = sees[list(rows)].any(axis=0)
+        return all(seen[is_of[place]].mean() >= share - 1e-9 for place, share in shares.items())
+
+    subsets = [rows for k in range(len(ends) + 1) for rows in combinations(range(len(ends)), k)]
+    least = min(costs[list(rows)].sum() for rows in subsets if is_met(rows))
+    door = shares.pop("door", 0.0)
+    asked = {
+        "meshes": [{"path": str(folder / "row.obj")}],
+        "camera": {"width": 400, "height": 400, "hfov_deg": 90.0}, "task": {"by": by},
+        "candidates": candidates,
+        "goals": {"door": {"groups": ["door"], "coverage": door}} if door else {},
+        "selection": {
+            "goal": "fewest_cameras", "coverage": shares.pop(None), "groups": shares,
+            "method": method,
+        },
+    }  # fmt: skip
+    placed = rc.place(asked)
+    assert placed.is_met
+    selection = placed.selection
+    assert selection.bound <= least + 1e-9
+    assert selection.cost >= least - 1e-9
+    if selection.status == "optimal" or method == "integer":
+        assert selection.cost == pytest.approx(least)
 
 
 @pytest.mark.parametrize(

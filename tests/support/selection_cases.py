@@ -57,7 +57,8 @@ def is_met(problem, covered):
     counted = reachable if goal.of_reachable else np.ones(len(covered), bool)
     met = share(problem, covered, counted) >= goal.coverage - 1e-6
     for name, least in goal.groups.items():
-        members = problem.face_group == problem.groups.index(name)
+        rows = [f"{group}/".startswith(f"{name}/") for group in problem.groups]
+        members = np.array(rows)[problem.face_group]
         met &= share(problem, covered, counted & members) >= least - 1e-6
     return met
 
@@ -92,13 +93,13 @@ def problems(
     n, m = draw(st.sampled_from(sizes)), draw(st.sampled_from(faces))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     covers = rng.random((n, m)) < draw(st.sampled_from([0.2, 0.5, 0.8]))
-    groups = ("left", "right")
+    groups = ("left", "right/far", "right/near", "right/near/top")
     options = {
         "weights": draw(st.sampled_from([None, rng.integers(0, 4, m), rng.random(m)])),
         "views": rng.integers(1, max_views + 1, m),
         "costs": draw(st.sampled_from([None, rng.integers(1, 4, n), rng.random(n)])),
         "groups": groups,
-        "face_group": rng.integers(0, 2, m),
+        "face_group": rng.integers(0, len(groups), m),
         "min_angle_deg": draw(st.sampled_from(angles)),
         "eyes": rng.normal(size=(n, 3)) * 4,
         "centroids": rng.normal(size=(m, 3)),
@@ -110,7 +111,8 @@ def problems(
         cameras = draw(st.sampled_from([None, n - 1]))
         goal = BestCoverage(cameras, budget=float(rng.uniform(0, 1.2 * n)))
     else:
-        named = {name: float(rng.choice([0.5, 1.0])) for name in groups if rng.random() < 0.5}
+        places = (*groups, "right")
+        named = {name: float(rng.choice([0.3, 0.6, 1])) for name in places if rng.random() < 0.4}
         goal = FewestCameras(float(rng.choice([1e-9, 0.5, 0.9, 1])), named, of_reachable=True)
     return problem_of_matrix(covers, goal, **options)
 

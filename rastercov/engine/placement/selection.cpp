@@ -30,7 +30,7 @@ using coverage::Rays;
 using Limits = IntArray;
 using Indices = Int32Array;
 using Weights = IntArray;
-using Gains = Array<const int64_t, Any, Any>; // of each candidate, by requirement
+using Gains = Array<const int64_t, Any, Any>; // of each candidate, by kind of face
 
 // Worth of progress; unsigned, so that a sum or difference beyond 64 bits wraps.
 using Worth = uint64_t;
@@ -46,7 +46,7 @@ struct Lists {
     int64_t n_faces() const { return starts.rows() - 1; }
 };
 
-struct Faces { // what each face asks for, and the requirement that it counts towards
+struct Faces { // what each face asks for, and its kind: the innermost requirement it counts towards
     Indices views, need;
     Weights step, bonus;
     Indices kind;
@@ -61,8 +61,8 @@ struct Faces { // what each face asks for, and the requirement that it counts to
 
 struct State {                     // of a selection
     Column<int32_t> count;         // chosen cameras that cover each face
-    Array<int64_t, Any, Any> gain; // of each candidate, by requirement
-    Column<int64_t> done;          // weight of the covered faces, by requirement
+    Array<int64_t, Any, Any> gain; // of each candidate, by kind of face
+    Column<int64_t> done;          // weight of the covered faces, by kind
     Array<int64_t, 1> total;       // worth of the progress of all faces
 };
 
@@ -309,16 +309,19 @@ int64_t change_spread(int64_t row, int64_t sign, const Lists &lists, const Faces
 
 struct Choice {
     Gains gain;
-    Weights room;       // upper limit of the gain that counts, by requirement
-    int64_t total_room; // and in total
+    Weights ends; // requirement g is of kinds g ... ends[g] - 1
+    Weights room; // upper limit of the gain that counts, by requirement
     FloatArray costs;
     Column<const uint8_t> barred;
     double most_cost;
     bool by_cost;
 
     void check() const {
-        require(have_rows(gain.rows(), costs, barred) && room.rows() == gain.extent(1),
-                "costs and barred must have one row for each candidate, room for each requirement");
+        const int64_t n = gain.extent(1);
+        require(have_rows(gain.rows(), costs, barred) && have_rows(n, ends, room),
+                "costs and barred must have one row for each candidate, ends and room for each "
+                "column of gain");
+        for (const int64_t end : ends) require(end <= n, "ends must be within the columns of gain");
     }
 
     // Gain of a candidate that counts, or gain by cost; 0 where it cannot be chosen.
@@ -326,28 +329,27 @@ struct Choice {
         constexpr double LEAST_COST = 1e-12;
         if (barred[c] || costs[c] > most_cost) return 0.0;
         Worth worth = 0;
-        Worth total = 0;
         for (int64_t g = 0; g < room.rows(); g++) {
-            worth += Worth(std::min(gain(c, g), room[g]));
-            total += Worth(gain(c, g));
+            Worth own = 0;
+            for (int64_t kind = g; kind < ends[g]; kind++) own += Worth(gain(c, kind));
+            worth += Worth(std::min(int64_t(own), room[g]));
         }
-        worth += Worth(std::min(int64_t(total), total_room));
         if (int64_t(worth) <= 0) return 0.0;
         return double(int64_t(worth)) / (by_cost ? std::max(costs[c], LEAST_COST) : 1.0);
     }
 };
 
-void scores(Gains gain, Weights room, int64_t total_room, FloatArray costs,
-            Column<const uint8_t> barred, double most_cost, bool by_cost, Column<double> found) {
-    const Choice choice = {gain, room, total_room, costs, barred, most_cost, by_cost};
+void scores(Gains gain, Weights ends, Weights room, FloatArray costs, Column<const uint8_t> barred,
+            double most_cost, bool by_cost, Column<double> found) {
+    const Choice choice = {gain, ends, room, costs, barred, most_cost, by_cost};
     choice.check();
     require(found.rows() == gain.rows(), "found must have one row for each candidate");
     for (int64_t c = 0; c < gain.rows(); c++) found[c] = choice.score(c);
 }
 
-int64_t next_camera(Gains gain, Weights room, int64_t total_room, FloatArray costs, Weights rank,
+int64_t next_camera(Gains gain, Weights ends, Weights room, FloatArray costs, Weights rank,
                     Column<const uint8_t> barred, double most_cost, bool by_cost) {
-    const Choice choice = {gain, room, total_room, costs, barred, most_cost, by_cost};
+    const Choice choice = {gain, ends, room, costs, barred, most_cost, by_cost};
     choice.check();
     require(rank.rows() == gain.rows(), "rank must have one row for each candidate");
     int64_t best = -1;
@@ -424,12 +426,12 @@ void register_placement_selection(nanobind::module_ &m) {
         "row", "sign", "lists", "faces", "state", "rays", "seen");
     def(m, "scores", scores,
         "Set `found`, (C,), to the gain of each candidate that counts, or gain by cost.\n\n"
-        "`room`, (G,), and `total_room` are the greatest gain that counts, by requirement and in\n"
-        "total. Barred candidates, and those that cost more than `most_cost`, have 0.",
-        "gain", "room", "total_room", "costs", "barred", "most_cost", "by_cost", "found");
+        "`room`, (G,), is the greatest gain that counts, by requirement; requirement g is of the\n"
+        "columns g ... `ends[g]` - 1. Barred candidates, and those above `most_cost`, have 0.",
+        "gain", "ends", "room", "costs", "barred", "most_cost", "by_cost", "found");
     def(m, "next_camera", next_camera,
-        "Candidate with the greatest of `scores`; ties by rank, (C,); -1 for none.", "gain", "room",
-        "total_room", "costs", "rank", "barred", "most_cost", "by_cost");
+        "Candidate with the greatest of `scores`; ties by rank, (C,); -1 for none.", "gain", "ends",
+        "room", "costs", "rank", "barred", "most_cost", "by_cost");
     def(m, "missing_directions", missing_directions,
         "Set candidates of which a face needs one, where the chosen see it from one direction.\n\n"
         "`ends`, (F + 1,), are row limits by face, `found` all candidates that cover it, except a\n"

@@ -85,7 +85,6 @@ from rastercov.placement.select.problem import (
     BestCoverage,
     FewestCameras,
     Problem,
-    group_goal,
     problem_of,
 )
 from rastercov.placement.uncovered import CandidateBounds
@@ -535,7 +534,7 @@ def _for_goal(
     all_of = with_goals(problem, wanted, objectives.goals, placed, given, job.clock)
     notes = list(all_of.notes)
     try:
-        problem = group_goal(all_of.problem, all_of.wanted)
+        problem = replace(all_of.problem, goal=all_of.wanted)
     except ConfigError as error:
         on = "" if cells is None else f" (on patches up to {distance(cells.size)} long)"
         said = (

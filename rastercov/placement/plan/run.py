@@ -45,7 +45,7 @@ from rastercov.core.camera import (
 from rastercov.core.coverage.task import Engine
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.arrays import frozen
-from rastercov.core.mesh.groups import list_names, rows_of
+from rastercov.core.mesh.groups import list_names
 from rastercov.formats.cameras import read_views
 from rastercov.placement.candidates.pool import Refusal
 from rastercov.placement.improve.objective import Objective
@@ -839,27 +839,20 @@ def _raise_goals(placement: Placement) -> Prepared:
     if is_lowered(prepared):
         goal = replace(problem.goal, coverage=1.0)
         return replace(prepared, problem=replace(problem, goal=goal))
-    whole, *_ = problem.required
-    now = problem.by_group(problem.covered_by(placement.selection.chosen)[1])
-    most = problem.by_group(problem.reachable)
+    whole = problem.required[0].clip(1)
+    now = problem.by_requirement(problem.covered_by(placement.selection.chosen)[1]) / whole
+    most = problem.by_requirement(problem.reachable) / whole
     short = {
         place_of(each, problem): 1.05 * each.lack
         for each in placement.requirements
         if not each.is_most
     }
-
-    def raise_share(share: float, rows: slice | list[int], lack: float) -> float:
-        of = max(1, whole[rows].sum())
-        reached, limit = now[rows].sum() / of, most[rows].sum() / of
-        return max(share, float(min(reached + lack, limit))) if lack else share
-
-    shares, names = dict(problem.goal.groups), list(problem.groups)
-    for place, lack in short.items():  # of a part all groups, which may have goals of their own
-        for row in [] if place is None else rows_of(names, place):
-            more = raise_share(shares.get(names[row], 0.0), [row], lack)
-            shares |= {names[row]: more} if more else {}
-    share = raise_share(problem.goal.coverage, slice(None), short.get(None, 0.0))
-    goal = replace(problem.goal, coverage=share, groups=shares)
+    shares = [
+        max(share, float(min(reached + lack, limit))) if (lack := short.get(place)) else share
+        for (place, share), reached, limit in zip(problem.wanted.items(), now, most, strict=True)
+    ]
+    groups = dict(zip(problem.places, shares[1:], strict=True))
+    goal = replace(problem.goal, coverage=shares[0], groups=groups)
     return replace(prepared, problem=replace(problem, goal=goal))
 
 

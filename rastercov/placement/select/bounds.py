@@ -25,6 +25,7 @@ P. Wentges. Weighted Dantzig-Wolfe decomposition for linear mixed-integer progra
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -130,7 +131,7 @@ def _asks_for_any(reduced: ReducedProblem) -> bool:
     """True where the goal asks for any weight."""
     if isinstance(reduced.problem.goal, BestCoverage):
         return bool(reduced.integer_weights.any()) and limits_of(reduced)[0] > 0
-    return reduced.least_total > 0 or bool((reduced.least > 0).any())
+    return bool(reduced.least.any())
 
 
 def _proved_bound(among: Reduced, value: float) -> float:
@@ -217,8 +218,8 @@ class Relaxed:
         fewest cameras  L(u) = min_x sum_c x_c (cost_c - sum_{f in c} u_f)
                                + min_z sum_f views_f u_f z_f
 
-    with z in [0, 1] covering the required weights: the faces of least price by weight first, kind
-    by kind, then from all remaining faces.
+    with z in [0, 1] covering the required weights: the faces of least price by weight first, for
+    the inner requirements, then for those that they are in, from the faces that remain.
 
     Attributes
     ----------
@@ -263,10 +264,10 @@ class Relaxed:
             income, amounts = most_earned(earned, among.costs, *limits_of(among))
             spare = self.weights - self.views * price
             return income + float(np.maximum(spare, 0.0).sum()), amounts, spare > 0
-        share, total = np.ones(len(price)), among.least_total
-        if total < self.weights.sum():
+        share = np.ones(len(price))
+        if among.least[0] < self.weights.sum():
             by_weight = self.views * price / self.weights
-            share = cheapest(by_weight, self.weights, self.kind, among.least, total)
+            share = cheapest(by_weight, self.weights, self.kind, among.least, among.levels)
         saved = float(np.minimum(among.costs - earned, 0.0).sum())
         bound = saved + float((self.views * price * share).sum())
         return bound, (earned > among.costs).astype(np.float64), share
@@ -302,22 +303,26 @@ def _first(amounts: FloatArray, total: AnyArray | float) -> FloatArray:
 
 
 def cheapest(
-    price: FloatArray, weights: FloatArray, kind: Int32Array, least: IntArray, total: int
+    price: FloatArray,
+    weights: FloatArray,
+    kind: Int32Array,
+    least: IntArray,
+    levels: Sequence[IntArray],
 ) -> FloatArray:
     """(F,) fractions of faces that give the required weights at the least price.
 
-    `least`, (G,), is the weight wanted of each kind, `total` that of all faces.
+    `least`, (G,), is the weight wanted by each requirement; `levels` as of `Reduced`.
     """
-    order = np.lexsort((price, kind))
-    own, of_kind = weights[order], kind[order]
-    before = np.concatenate(([0.0], np.cumsum(own)))[
-        np.searchsorted(of_kind, np.arange(len(least)))
-    ]
-    share = np.empty(len(price))
-    share[order] = _first(own, (least + before)[of_kind]) / own
-    order = sort_order(price)
-    rest = (weights * (1 - share))[order]
-    share[order] += _first(rest, total - float((share * weights).sum())) / weights[order]
+    share = np.zeros(len(price))
+    for level in levels:
+        rows = np.flatnonzero(level[kind] >= 0)
+        rows = rows[np.lexsort((price[rows], level[kind[rows]]))]
+        own, of = weights[rows], level[kind[rows]]
+        rest = own * (1 - share[rows])
+        first = np.searchsorted(of, np.arange(len(least)))
+        before = np.concatenate(([0.0], np.cumsum(rest)))[first]
+        lack = least - np.bincount(of, own * share[rows], len(least))
+        share[rows] += _first(rest, (lack + before)[of]) / own
     return share
 
 

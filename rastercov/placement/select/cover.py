@@ -51,7 +51,7 @@ class Cover(ABC):
     ----------
     chosen : set of int
     done : (G,) int64
-        Weight of the covered faces, by requirement.
+        Weight of the covered faces, by kind.
     barred : (C,) uint8
         1 for candidates that are chosen, or excluded for a while.
     """
@@ -61,7 +61,8 @@ class Cover(ABC):
         self.chosen: set[int] = set()
         self.done = np.zeros(len(among.least), np.int64)
         self.barred = np.zeros(among.n_candidates, np.uint8)
-        self._no_room = np.zeros(len(among.least), np.int64)
+        self._any_room = np.zeros(len(among.least), np.int64)
+        self._any_room[0] = NO_LIMIT
 
     @property
     def covered(self) -> int:
@@ -74,11 +75,15 @@ class Cover(ABC):
         return float(self.among.costs[self.rank()].sum())
 
     @property
+    def lack(self) -> IntArray:
+        """(G,) weight that each requirement of `FewestCameras` lacks, 0 where it holds."""
+        done: IntArray = self.among.is_of @ self.done
+        return np.maximum(self.among.least - done, 0)
+
+    @property
     def is_met(self) -> bool:
         """True where the requirements of `FewestCameras` hold."""
-        return bool((self.done >= self.among.least).all()) and (
-            self.covered >= self.among.least_total
-        )
+        return not self.lack.any()
 
     def rank(self) -> list[int]:
         """Chosen cameras in an order that does not depend on their numbers."""
@@ -106,20 +111,18 @@ class Cover(ABC):
 
     def next_best(self, most_cost: float = np.inf, *, by_cost: bool = False) -> int:
         """Candidate with the greatest gain, -1 where no gain is positive."""
-        return self._next(self._no_room, NO_LIMIT, most_cost, by_cost)
+        return self._next(self._any_room, most_cost, by_cost)
 
     def next_face(self) -> int:
         """Candidate with the greatest gain by cost towards the unmet requirements, -1 for none."""
-        room = np.maximum(self.among.least - self.done, 0) << PROGRESS_BITS
-        total = max(0, self.among.least_total - self.covered) << PROGRESS_BITS
-        return self._next(room, total, np.inf, True)
+        return self._next(self.lack << PROGRESS_BITS, np.inf, True)
 
     def next_first_half(self, most_cost: float = np.inf) -> int:
         """Candidate without a gain of its own that may have one with a second; -1 for none."""
         return -1
 
     @abstractmethod
-    def _next(self, room: IntArray, total: int, most_cost: float, by_cost: bool) -> int:
+    def _next(self, room: IntArray, most_cost: float, by_cost: bool) -> int:
         """Candidate of `kernels.next_camera`."""
 
     @abstractmethod
@@ -183,26 +186,25 @@ class CoverState(Cover):
         reduced = self.reduced
         if not reduced.is_spread:
             return -1
-        kind_waits = self.done < reduced.least
-        if self.covered < reduced.least_total or not (reduced.least_total or reduced.least.any()):
-            kind_waits[:] = True
+        lacks = self.lack > 0
+        lacks[0] |= not reduced.least.any()
+        kind_waits = lacks @ reduced.is_of
         is_open = ~self.covered_faces & kind_waits[reduced.kind]
         of_pair = np.where(is_open, reduced.integer_weights, 0)[reduced.face]
         sums = np.concatenate(([0], np.cumsum(of_pair)))[reduced.indptr]
-        weight = np.diff(sums)[:, None]
+        weight = np.zeros_like(self.gain)
+        weight[:, 0] = np.diff(sums)
         self.work += len(reduced.face)
-        return self._best(weight, np.zeros(1, np.int64), NO_LIMIT, most_cost, True)
+        return self._best(weight, self._any_room, most_cost, True)
 
-    def _next(self, room: IntArray, total: int, most_cost: float, by_cost: bool) -> int:
-        return self._best(self.gain, room, total, most_cost, by_cost)
+    def _next(self, room: IntArray, most_cost: float, by_cost: bool) -> int:
+        return self._best(self.gain, room, most_cost, by_cost)
 
-    def _best(
-        self, gain: IntArray, room: IntArray, total: int, most_cost: float, by_cost: bool
-    ) -> int:
+    def _best(self, gain: IntArray, room: IntArray, most_cost: float, by_cost: bool) -> int:
         self.work += gain.size
-        reduced = self.reduced
+        reduced, costs = self.reduced, self.reduced.costs
         return kernels.next_camera(
-            gain, room, total, reduced.costs, reduced.rank, self.barred, most_cost, by_cost
+            gain, reduced.ends, room, costs, reduced.rank, self.barred, most_cost, by_cost
         )
 
     def _change(self, camera: int, sign: int) -> None:
@@ -248,13 +250,13 @@ class LazyCover(Cover):
         now = self._step + np.where(missing == 1, self._bonus, 0)
         return self.large.sums(now, missing > 0, rows)
 
-    def _next(self, room: IntArray, total: int, most_cost: float, by_cost: bool) -> int:
-        costs, rank = self.large.costs, self.large.rank
+    def _next(self, room: IntArray, most_cost: float, by_cost: bool) -> int:
+        costs, rank, ends = self.large.costs, self.large.rank, self.large.ends
 
         def scores(gains: IntArray, rows: IntArray | slice) -> FloatArray:
             result = np.empty(len(gains))
             kernels.scores(
-                gains, room, total, costs[rows], self.barred[rows], most_cost, by_cost, result
+                gains, ends, room, costs[rows], self.barred[rows], most_cost, by_cost, result
             )
             return result
 

@@ -333,9 +333,8 @@ def has_equal_cameras(state: CoverState) -> bool:
         return False
     if reduced.is_spread or reduced.problem.has_rigs or np.ptp(reduced.costs) > 0:
         return False
-    return bool((state.count >= reduced.views)[reduced.integer_weights > 0].all()) and (
-        max(reduced.least_total, int(reduced.least.sum())) >= int(reduced.integer_weights.sum())
-    )
+    is_covered = (state.count >= reduced.views)[reduced.integer_weights > 0].all()
+    return bool(is_covered and reduced.is_mandatory.all())
 
 
 def search_by_weights(
@@ -707,8 +706,8 @@ class _Program:
                 self._add_row(cameras, -reduced.costs, -goal.budget)
             return
         scale = n_faces / max(1, int(reduced.integer_weights.sum()))
-        for kind, least in enumerate((reduced.least_total, *reduced.least[1:].tolist())):
-            rows = (reduced.kind == kind) | (kind == 0)  # in total: those of all kinds
+        for least, is_of in zip(reduced.least.tolist(), reduced.is_of, strict=True):
+            rows = is_of[reduced.kind]
             if least > 0:
                 self._add_row(self.columns[rows], self.weights[rows], least * scale)
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rastercov.base import BoolArray, FloatArray, Int32Array, IntArray, frozen_record
 from rastercov.engine import placement_bits
 from rastercov.placement.bits import CoveredBits, by_face, pack_bits, spread_out
-from rastercov.placement.select.problem import FewestCameras, Problem
+from rastercov.placement.select.problem import Problem
 
 
 @frozen_record(kw_only=True)
@@ -37,9 +37,10 @@ class Reduced:
     costs, rank : (C,) float64, int64
         `rank` is the order of the candidates, which depends only on the faces they cover.
     integer_weights, kind : (F,) int64, int32
-        Of each face: its weight, and the requirement that it counts towards, 0 for the total only.
-    least, least_total : (G,) int64, int
-        Weight to cover of each kind, 0 for kind 0, and in total.
+        Of each face: its weight, and the innermost requirement that it counts towards.
+    least, ends : (G,) int64
+        Weight to cover of each requirement, 0 for all faces. Requirement g is of kinds g ...
+        `ends[g]` - 1: its own, and those of the requirements in it.
     """
 
     problem: Problem
@@ -49,7 +50,7 @@ class Reduced:
     integer_weights: IntArray
     kind: Int32Array
     least: IntArray
-    least_total: int
+    ends: IntArray
 
     @property
     def n_candidates(self) -> int:
@@ -60,6 +61,23 @@ class Reduced:
     def is_spread(self) -> bool:
         """True where the rays to two cameras of a face must differ by an angle."""
         return self.problem.is_spread
+
+    @cached_property
+    def is_of(self) -> BoolArray:
+        """(G, G) whether each requirement, by row, is of each kind."""
+        kinds = np.arange(len(self.ends))
+        return (kinds[:, None] <= kinds) & (kinds < self.ends[:, None])
+
+    @cached_property
+    def levels(self) -> list[IntArray]:
+        """(G,) requirement that each kind counts towards, or -1, for each depth; inner ones first.
+
+        Requirements of equal depth have no face in common.
+        """
+        depth = self.is_of.sum(axis=0)
+        own = np.where(depth == np.arange(1, depth.max() + 1)[:, None], np.arange(len(depth)), 0)
+        outer = np.maximum.accumulate(own, axis=1)
+        return [*np.where(depth > np.arange(len(outer))[:, None], outer, -1)[::-1]]
 
 
 @frozen_record(kw_only=True)
@@ -138,7 +156,7 @@ class Presolved(Reduced):
             need=views + np.int32(problem.is_spread),
             kind=self.kind[kept],
             least=self.least,
-            least_total=self.least_total,
+            ends=self.ends,
             costs=self.costs[rows],
             rank=self.rank[rows],
             eyes=eyes,
@@ -192,8 +210,8 @@ class ReducedProblem(Reduced):
         """(F,) faces without which the requirements cannot be met."""
         whole = np.zeros(len(self.least), np.int64)
         np.add.at(whole, self.kind, self.integer_weights)
-        wanted = (self.least >= whole) & (self.least > 0)
-        return wanted[self.kind] | (self.least_total >= whole.sum() > 0)
+        wanted = (self.least >= self.is_of @ whole) & (self.least > 0)
+        return (wanted @ self.is_of)[self.kind]
 
 
 def presolve(problem: Problem) -> Presolved:
@@ -206,7 +224,7 @@ def presolve(problem: Problem) -> Presolved:
     is_plain_rig = problem.has_rigs and not problem.is_spread
     bits = _without_needless_pairs(problem) if is_plain_rig else problem.bits
     counted = problem.reachable & (problem.integer_weights > 0)
-    kind, least, least_total = kinds_of(problem)
+    kind, ends = kinds_of(problem)
     keys = _hashes_of(np.arange(n_faces, dtype=np.uint64)).view(np.int64).T
     values = spread_out(np.concatenate((keys, np.ones((1, n_faces), np.int64))))
     sums = bits.sums(values, np.stack([pack_bits(counted)] * len(values)))
@@ -231,8 +249,8 @@ def presolve(problem: Problem) -> Presolved:
         kept=np.flatnonzero(counted),
         integer_weights=np.where(counted, problem.integer_weights, 0),
         kind=kind,
-        least=least,
-        least_total=least_total,
+        least=problem.required[1],
+        ends=ends,
     )
 
 
@@ -275,15 +293,13 @@ def _hashes_of_eyes(problem: Problem) -> NDArray[np.uint64]:
     return _hashes_of(keys.ravel()).reshape(-1, 3, 2).sum(axis=1)
 
 
-def kinds_of(problem: Problem) -> tuple[Int32Array, IntArray, int]:
-    """(F,) kind of each face, (G,) weight to cover of each kind, and the total to cover."""
-    _, least, total = problem.required
-    named = np.flatnonzero(least > 0)
+def kinds_of(problem: Problem) -> tuple[Int32Array, IntArray]:
+    """(F,) kind of each face, and (G,) end of the kinds of each requirement."""
     kind_of_group = np.zeros(len(problem.groups), np.int32)
-    if isinstance(problem.goal, FewestCameras):
-        kind_of_group[named] = 1 + np.arange(len(named))
-    kind: Int32Array = kind_of_group[problem.face_group]
-    return kind, np.concatenate(([0], least[named])), total
+    for kind, rows in enumerate(problem.members):  # the inner ones last
+        kind_of_group[rows] = kind
+    ends = [1 + kind_of_group[rows].max(initial=0) for rows in problem.members]
+    return kind_of_group[problem.face_group], np.array(ends, np.int64)
 
 
 def rank_faces(

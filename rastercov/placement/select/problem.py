@@ -48,8 +48,6 @@ from rastercov.placement.required import SHARE_TOLERANCE
 
 TOTAL_WEIGHT = 1 << 40
 """Total of `Problem.integer_weights`, unless the weights are integers with a smaller sum."""
-LEVELS = 1001
-"""Levels that are tried for goals in a goal whose rest cannot make up for them."""
 
 Shares = Mapping[str, Annotated[float, Ge(0), Le(1)]]
 
@@ -75,8 +73,7 @@ class FewestCameras:
     coverage : float
         Share of the weight of all faces to cover, [0, 1].
     groups : mapping of str to float
-        Share to cover of the weight of single groups by name, [0, 1]; for `problem_of`, also of
-        parts.
+        Share to cover of the weight of single groups and parts by name, [0, 1].
     of_reachable : bool
         True if shares are of the weight that all candidates together cover, not of the total.
 
@@ -210,17 +207,15 @@ class Problem:
         goal = self.goal
         if isinstance(goal, BestCoverage):
             return
-        if unknown := sorted(set(goal.groups) - set(self.groups)):
+        if unknown := sorted(name for name in goal.groups if not rows_of(self.groups, name)):
             raise ConfigError(
                 f"expected a group, got {unknown[0]!r}; groups are {list_names(self.groups)}"
             )
-        whole, least, total = self.required
-        reached = self.by_group(self.reachable)
-        if not reached.sum() >= total:
-            raise _unreachable("", self.share(self.reachable), goal.coverage, self)
-        for row in np.flatnonzero(reached < least):
-            name = self.groups[row]
-            raise _unreachable(name, reached[row] / whole[row], goal.groups[name], self)
+        reached = self.by_requirement(self.reachable)
+        shares = zip(self.wanted.items(), reached, *self.required, strict=True)
+        for (name, share), most, whole, least in shares:
+            if most < least:
+                raise _unreachable(name or "", most / whole, share, self)
 
     @property
     def n_candidates(self) -> int:
@@ -265,26 +260,44 @@ class Problem:
         return self.bits.counts_up_to(int(self.views.max(initial=1))) >= self.views
 
     @cached_property
-    def required(self) -> tuple[IntArray, IntArray, int]:
-        """Integer weight of each group, (G,), required weight of each group, (G,), and in total.
+    def places(self) -> list[str]:
+        """Groups and parts of `FewestCameras`, each part directly before those in it."""
+        return sorted(getattr(self.goal, "groups", ()), key="{}/".format)
 
-        The required weights are 0 for `BestCoverage`.
+    @cached_property
+    def wanted(self) -> dict[str | None, float]:
+        """Share that each of R requirements asks for: of all, None, and of each of `places`.
+
+        0 for `BestCoverage`.
         """
-        goal = self.goal
-        nothing = np.zeros(len(self.groups), np.int64)
-        if isinstance(goal, BestCoverage):
-            return self.by_group(np.ones(self.n_faces, bool)), nothing, 0
-        counted = self.reachable if goal.of_reachable else np.ones(self.n_faces, bool)
-        whole = self.by_group(counted)
-        shares = np.array([goal.groups.get(name, 0.0) for name in self.groups])
-        least = np.ceil((shares - SHARE_TOLERANCE).clip(0) * whole).astype(np.int64)
-        return whole, least, math.ceil(max(0.0, goal.coverage - SHARE_TOLERANCE) * int(whole.sum()))
+        if isinstance(self.goal, BestCoverage):
+            return {None: 0.0}
+        return {None: self.goal.coverage} | {name: self.goal.groups[name] for name in self.places}
+
+    @cached_property
+    def members(self) -> list[Sequence[int]]:
+        """Rows in `groups` of each requirement."""
+        return [range(len(self.groups)), *(rows_of(self.groups, name) for name in self.places)]
+
+    @cached_property
+    def required(self) -> tuple[IntArray, IntArray]:
+        """(R,) integer weight of all that each requirement is of, and (R,) what it asks for."""
+        counted = np.ones(self.n_faces, bool)
+        if isinstance(self.goal, FewestCameras) and self.goal.of_reachable:
+            counted = self.reachable
+        whole, shares = self.by_requirement(counted), np.array([*self.wanted.values()])
+        return whole, np.ceil((shares - SHARE_TOLERANCE).clip(0) * whole).astype(np.int64)
 
     def by_group(self, faces: BoolArray) -> IntArray:
         """(G,) integer weight of the given faces of each group."""
         # Sums of up to 2^40 are exact as float64.
         weights, n_groups = self.integer_weights[faces], len(self.groups)
         return np.bincount(self.face_group[faces], weights, n_groups).astype(np.int64)
+
+    def by_requirement(self, faces: BoolArray) -> IntArray:
+        """(R,) integer weight of the given faces that count towards each requirement."""
+        of_group = self.by_group(faces)
+        return np.array([of_group[rows].sum() for rows in self.members])
 
     def share(self, faces: BoolArray) -> float:
         """Share of the total weight, [0, 1]; 1 where there is no weight."""
@@ -379,51 +392,6 @@ def _check(problem: Problem) -> None:
         )
 
 
-def group_goal(problem: Problem, goal: Goal) -> Problem:
-    """The problem with another goal, of groups or of parts, which are its groups then.
-
-    Of a part with goals in it, the rest is a group, which has to reach what the part lacks where
-    these are just reached, and they more where it cannot: enough for all goals, and at times more
-    than they ask.
-    """
-    if isinstance(goal, BestCoverage):
-        return replace(problem, goal=goal)
-    most = problem.by_group(problem.reachable)
-    whole = most if goal.of_reachable else problem.by_group(np.ones(problem.n_faces, bool))
-    owner = np.array(problem.groups, object)
-    rows = {place: rows_of(problem.groups, place) for place in sorted(goal.groups, key=len)}
-    for place, own in rows.items():  # the outer ones first
-        owner[own] = place
-    shares = dict[str, float]()
-    for place, own in reversed(rows.items()):
-        share, inner = goal.groups[place], [row for row in own if owner[row] != place]
-        wanted = share * whole[own].sum()
-        if not most[own].sum() >= (share - SHARE_TOLERANCE) * whole[own].sum():
-            raise _unreachable(place, most[own].sum() / whole[own].sum(), share, problem)
-        shares[place] = share
-        if not inner:
-            continue
-        rest = np.setdiff1d(own, inner).astype(np.int64)
-        for level in np.linspace(0, 1, LEVELS):
-            for each in set(owner[inner]):
-                rows_of_it = owner == each
-                reach = most[rows_of_it].sum() / max(1, whole[rows_of_it].sum())
-                shares[each] = max(shares[each], min(level, reach))
-            lack = wanted - sum(shares[owner[row]] * whole[row] for row in inner)
-            if lack <= most[rest].sum():  # else the inner goals have to be more
-                break
-        shares[place] = float(min(max(lack / max(1, whole[rest].sum()), 0.0), 1.0))
-    known = dict.fromkeys([*owner, *(place for place, own in rows.items() if own)])
-    row_of = {name: row for row, name in enumerate(known)}
-    of_group = np.array([row_of[name] for name in owner], np.int32)
-    return replace(
-        problem,
-        goal=replace(goal, groups={place: share for place, share in shares.items() if share > 0}),
-        groups=tuple(known),
-        face_group=of_group[problem.face_group],
-    )
-
-
 @typed
 def problem_of(
     matrix: VisibilityMatrix,
@@ -509,7 +477,7 @@ def problem_of(
         eyes=eyes,
         centroids=elements.centroids,
     )
-    return group_goal(problem, goal)
+    return replace(problem, goal=goal)
 
 
 def _elements_of(matrix: VisibilityMatrix, mesh: Mesh | Cells) -> Mesh:
