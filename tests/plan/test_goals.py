@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from nightly import amount, examples
 
@@ -18,10 +18,12 @@ from rastercov.base.errors import ConfigError
 from rastercov.base.format import points
 from rastercov.core.area.cells import LEAST_CELLS, TOGETHER, USUAL_CELLS
 from rastercov.core.area.remedies import ANY
+from rastercov.core.area.stages import add_rows
 from rastercov.core.camera import Poses
 from rastercov.core.coverage.exact_pass import ExactPass
 from rastercov.core.raster import open_rasterizer
 from rastercov.placement.matrix import build_matrix
+from rastercov.placement.plan import shortfall
 from rastercov.placement.plan.baseline import compare
 from rastercov.placement.plan.check import (
     MOST_GOALS,
@@ -317,6 +319,77 @@ def test_no_candidate_that_sees_what_must_not_be_seen_is_chosen_and_none_else_is
     assert (shares[placed.chosen] == 0).all()
     left = np.diff(placed.prepared.problem.bits.pairs()[0]) > 0
     assert (left == (shares == 0)).all()
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+@pytest.mark.parametrize("is_partial", [True, False], ids=["of reachable", "of all"])
+@examples(4, at_night=40)
+@given(seed=st.integers(0, 10**6))
+def test_all_candidates_are_those_that_goals_permit(room, by, is_partial, seed):
+    """A plan answers as one without the candidates that see what must not be seen."""
+    rng = np.random.default_rng(seed)
+    low, high = (0.3, 0.3, 0.3), (3.7, 2.0, 2.7)
+    clear = rc.look_at(
+        rng.uniform(low, high, (3, 3)), rng.uniform((0, 0, 0), (4, 0.5, 0.1), (3, 3))
+    )
+    seeing = rc.look_at(rng.uniform(low, high, (2, 3)), (1.5, 4.0, 1.5))
+    files = [room.parent / f"{name}{by}{is_partial}.json" for name in ("every", "permitted")]
+    rc.write_poses(files[0], np.concatenate((seeing, clear)))
+    seen = np.array([seen_of_window(room, pose[None]) > 0 for pose in clear])
+    assume(not seen.all())
+    rc.write_poses(files[1], clear[~seen])
+    selection = {"goal": "fewest_cameras", "coverage": 0.98, "of_reachable": is_partial}
+    task = {"by": by} | ({"min_pixels": 1e4, "min_coverage": 0.3} if by == "face" else {})
+    asked = plan(room, goals={"window": PRIVATE}, selection=selection, task=task)
+    every, permitted = (
+        rc.place(asked | {"candidates": [{"generator": "poses", "file": str(file)}]})
+        for file in files
+    )
+    assert len(every.prepared.barred) == 2 + seen.sum()
+    assert every.requirements == permitted.requirements
+    assert every.leftover.summary() == permitted.leftover.summary()
+    rows = np.setdiff1d(np.arange(5), every.prepared.barred)
+    # Cameras may move to the places of all candidates.
+    ends = r"advice: (candidate (\d+) comes closest)?.*"
+    notes = [
+        re.sub(ends, lambda found: f"{found[2] and rows[int(found[2]) - 1] + 1}", line)
+        for line in permitted.prepared.notes
+    ]
+    own = [line for line in every.prepared.notes if "left out" not in line]
+    assert [re.sub(ends, lambda found: f"{found[2]}", line) for line in own] == notes
+
+
+@pytest.mark.parametrize("width", [1920, 480], ids=["all see it", "finer ones would see it"])
+def test_no_goal_is_within_reach_by_what_sees_what_must_not_be_seen(room, monkeypatch, width):
+    """Neither by candidates, nor by other places and cameras."""
+    rng = np.random.default_rng(5)
+    seeing = rc.look_at(rng.uniform((0.3, 0.3, 1.0), (3.7, 1.0, 2.7), (6, 3)), (1.5, 4.0, 1.5))
+    rc.write_poses(room.parent / "seeing.json", seeing)
+    counted = []
+
+    def add(finder, poses, *others):
+        counted.extend((finder.camera, pose) for pose in poses.world_from_camera)
+        add_rows(finder, poses, *others)
+
+    monkeypatch.setattr(shortfall, "add_rows", add)
+    camera = {"width": width, "height": width * 9 // 16, "hfov_deg": 90.0}
+    placed = rc.place(
+        plan(
+            room,
+            camera=camera,
+            candidates=[{"generator": "poses", "file": str(room.parent / "seeing.json")}],
+            goals={"window": PRIVATE},
+            task={"min_facing_density": 100.0},
+            selection={"goal": "fewest_cameras", "coverage": 0.6},
+        )
+    )
+    assert len(placed.prepared.barred) == (6 if width == 1920 else 0)
+    assert any("whole task out of reach" in note for note in placed.prepared.notes)
+    assert counted
+    goal = {"goals": {"window": PRIVATE}}
+    for own, pose in counted:
+        used = camera | {"width": own.cameras[0].width, "height": own.cameras[0].height}
+        assert of(rc.check(plan(room, camera=used, **goal), pose[None]), "window").high == 0
 
 
 def test_cameras_that_together_cover_too_much_are_replaced(room):

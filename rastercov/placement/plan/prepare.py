@@ -42,7 +42,7 @@ from rastercov.core.area.remedies import Allowed
 from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.union import RegionUnion
 from rastercov.core.area.zones import areas_by_reason, dead_zones
-from rastercov.core.camera import Poses, Rig, gates_of, renumber, unit_warnings
+from rastercov.core.camera import Cameras, Poses, Rig, gates_of, renumber, unit_warnings
 from rastercov.core.coverage.coverage import Observer, evaluate_batches, open_observer
 from rastercov.core.coverage.network import engine_for
 from rastercov.core.coverage.shards import INPUTS
@@ -50,7 +50,6 @@ from rastercov.core.coverage.task import NAMES, REASONS, Reason, Task, density_t
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings
-from rastercov.placement.candidates.pool import Candidates
 from rastercov.placement.candidates.segments import Segmentation
 from rastercov.placement.matrix import VisibilityMatrix, build_matrix
 from rastercov.placement.matrix_folder import MatrixFolder, can_pack, describe, read_header
@@ -63,6 +62,7 @@ from rastercov.placement.plan.goals import (
     OF_TASK,
     Objectives,
     WithGoals,
+    permits_of,
     with_goals,
     without_candidates,
 )
@@ -186,6 +186,12 @@ class Prepared:
         That of a static scene, where it is small.
     scene : Mesh or None
         The mesh with the groups of goals.
+    eligible : Poses
+        Places of all candidates but those that kill the process that measures them and those that
+        cover more than a goal permits. None where the candidates are of something else than
+        cameras.
+    permits : callable or None
+        True for a camera and its pose that cover alone no more of goals than they permit.
     """
 
     plan: Plan
@@ -213,6 +219,8 @@ class Prepared:
     barred: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     matrix: VisibilityMatrix | None = None
     scene: Mesh | None = None
+    eligible: Poses = Poses.of(np.zeros((0, 4, 4)))
+    permits: Callable[[Cameras, Poses], bool] | None = None
 
     def without(self, rows: IntArray) -> "Prepared":
         """The same without some candidates; ConfigError where the rest does not reach the goal."""
@@ -227,13 +235,8 @@ class Prepared:
 
     @property
     def measured(self) -> Poses:
-        """Cameras of all candidates, without those that kill the process that measures them.
-
-        None of existing ones, where the candidates are of something else.
-        """
-        if not self.plan.chooses_cameras:
-            return Poses.of(np.zeros((0, 4, 4)))
-        return self.mounts.cameras(without(self.pool.candidates, self.quarantined))[0]
+        """Cameras of the eligible candidates: of "all candidates" in words."""
+        return self.mounts.cameras(self.eligible)[0]
 
     @property
     def allowed(self) -> Allowed:
@@ -242,9 +245,10 @@ class Prepared:
         kind = int(self.mounts.starts[candidates.placed.camera[0]])
         places = places_of_candidates(candidates.poses[:, :3, 3])
         free = partial(free_places, self.plan)
+        own = Allowed(places, kind, permits=self.permits, free=free)
         if self.carrier is not None:
-            return Allowed(places, kind, self.carrier.reaches, free=free)
-        return Allowed(places, kind, free=free, further=places_of(self.plan, self.mesh))
+            return own._replace(reaches=self.carrier.reaches)
+        return own._replace(further=places_of(self.plan, self.mesh))
 
     @property
     def camera(self) -> Rig:
@@ -326,11 +330,13 @@ def prepare(job: PlanJob, objectives: Objectives) -> Prepared:
     notes += _notes_on(plan, matrix)
     n_notes = len(notes)
     together = _for_goal(job, objectives, problem, with_cavities)
-    if problem.goal != together.problem.goal or not problem.reachable.any():
-        left = without(with_cavities.candidates, matrix.quarantined)
-        notes += _of_rules(objectives, plan.mounts, left)
-        if len(notes) == n_notes and not problem.reachable.any():
-            notes.append(_why_nothing(job, objectives, observer, left, task))
+    excluded = [*matrix.quarantined, *together.barred]
+    rows = np.setdiff1d(np.arange(len(with_cavities.candidates)), excluded)
+    left = with_cavities.candidates.placed[rows]
+    notes += _of_rules(objectives, plan.mounts, left)
+    is_none = not together.problem.reachable[: problem.n_faces].any()  # of the task
+    if is_none and len(left) and len(notes) == n_notes:
+        notes.append(_why_nothing(job, objectives, observer, left, task))
     # The lists of a large matrix are freed here: the problem has their bits.
     is_kept = cells and job.phases is None and matrix.n_poses * matrix.n_faces <= MOST_VALUES
     return Prepared(
@@ -358,6 +364,8 @@ def prepare(job: PlanJob, objectives: Objectives) -> Prepared:
         permitted=together.shares,
         barred=together.barred,
         matrix=matrix if is_kept else None,
+        eligible=left,
+        permits=permits_of([(each.goal, 0.0) for each in objectives.goals]),
     )
 
 
@@ -591,7 +599,8 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
 
 def _sample(poses: Poses, most: int = N_DIAGNOSED) -> Poses:
     """Some of the poses, evenly spread."""
-    return poses[np.unique(np.linspace(0, len(poses) - 1, most).astype(np.int64))]
+    n = len(poses)
+    return poses[np.linspace(0, n - 1, min(n, most)).astype(np.int64)]
 
 
 def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:
@@ -699,10 +708,3 @@ def _forget(folder: Path, used: list[Path]) -> None:
                 remove(old, OF_A_MATRIX)
         except (ConfigError, OSError):  # not a matrix, in use, or write-protected
             continue
-
-
-def without(candidates: Candidates, quarantined: Mapping[int, str]) -> Poses:
-    """Poses of candidates without some."""
-    is_left = np.ones(len(candidates), bool)
-    is_left[list(quarantined)] = False
-    return renumber(candidates.take(is_left).placed)

@@ -97,7 +97,6 @@ from rastercov.placement.plan.prepare import (
     prepare,
     quiet,
     sample_candidates,
-    without,
 )
 from rastercov.placement.plan.scene import CandidatePool, name_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection
@@ -583,9 +582,8 @@ def _by_area(
     cameras.areas.allowed = prepared.allowed._replace(
         permits=permits_of(list(goals)), adds_only=bool(plan.goals)
     )
-    candidates = without(prepared.pool.candidates, prepared.quarantined)
-    if not prepared.problem.reachable.any() and not len(cameras.placed) and len(candidates):
-        cameras.areas.instead = sample_candidates(plan, candidates)
+    if not prepared.problem.reachable.any() and not len(cameras.placed):
+        cameras.areas.instead = sample_candidates(plan, prepared.eligible)
     required: tuple[Requirement, ...]
     if _is_of_reachable(prepared) and prepared.reachable is None:
         problem, covers = prepared.problem, on_cells.covers(cameras.mounted)
@@ -973,7 +971,8 @@ def _explain_uncovered(
     placement: Placement, objectives: Objectives, progress: Progress
 ) -> Placement:
     prepared, observer = placement.prepared, objectives.faces.observer
-    wanted = progress, prepared.measured, prepared.bounds, prepared.plan.task.views
+    bounds = None if len(prepared.barred) else prepared.bounds
+    wanted = progress, prepared.measured, bounds, prepared.plan.task.views
     rest = find_uncovered(observer, placement.cameras, *wanted)
     if prepared.cells is not None and is_joint(prepared.mounts.rig):
         # Not faces that single cameras of a rig with a rule cover.

@@ -183,7 +183,10 @@ def ways(prepared: Prepared, shortfall: Shortfall, finder: RegionPass, clock: Cl
     Where none of those that are tried does, on the one that comes nearest.
     """
     is_free = prepared.carrier is None and not prepared.mounts.has_rigs
-    kinds = [*_kinds(prepared.camera, finder.task, shortfall.reasons)]
+    reasons = shortfall.reasons
+    if prepared.permitted:  # another camera may cover more of what a goal limits
+        reasons = reasons & {"too_oblique"}
+    kinds = [*_kinds(prepared.camera, finder.task, reasons)]
     total, tried, lines = 1 + sum(map(len, kinds)), list[tuple[float, str]](), list[str]()
     with clock("changes that reach the goal") as progress:
         lack_of = _estimate(prepared, shortfall)
@@ -252,7 +255,7 @@ def _finer(camera: Camera, times: float) -> Camera:
 def _estimate(prepared: Prepared, shortfall: Shortfall) -> Callable[[PlanChange], float]:
     """Largest share that a requirement lacks after a change, by points evenly over its area."""
     mesh, poses = prepared.mesh, prepared.measured
-    n, faces = int(np.clip(POINT_PAIRS // len(poses), FEW_POINTS, MANY_POINTS)), []
+    n, faces = int(np.clip(POINT_PAIRS // max(1, len(poses)), FEW_POINTS, MANY_POINTS)), []
     for each in shortfall.required:
         members = np.isin(mesh.face_group, _rows(mesh, each)) & mesh.task_mask
         faces.append(spread_faces(np.where(members, mesh.areas, 0.0), n))
@@ -291,7 +294,8 @@ def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> 
     """Line on further candidates, at places that a plan leaves out, that reach the goal."""
     plan, poses, camera = prepared.plan, prepared.measured, finder.camera
     kind = prepared.allowed.kind
-    allowed = Allowed(places_of(plan, prepared.mesh, is_anywhere=True), kind)
+    places = places_of(plan, prepared.mesh, is_anywhere=True)
+    allowed = Allowed(places, kind, permits=prepared.permits)
     used = list[str]()
     for zone in summary_of(shortfall.zones, camera, finder.task, poses, allowed)["dead_zones"]:
         tried = zone["tried"]
