@@ -173,13 +173,16 @@ def sun(
     towards = sun_directions(latitude, longitude, times, north)
     mesh = _select_targets(mesh, surface.of, surface.resolution)
     lowest = max(angle("min_elevation", period.min_elevation, 90.0), 0.0)
-    is_up = towards[:, 2] > np.sin(np.radians(lowest))
+    sine = np.sin(np.radians(lowest))
+    is_up = towards[:, 2] > sine
     if not is_up.any():
         warn(f"the sun stays below {lowest:g} degrees of elevation ({words}): 0 h")
-    towards, chosen = towards[is_up], [times[row] for row in np.flatnonzero(is_up)]
-    hours, at = np.full(len(towards), step / 60), np.array([time.timestamp() for time in chosen])
-    starts = abs(np.diff(at, prepend=-np.inf)) > 90 * step  # after a night, or another year
-    power = period.irradiance if year is None else year.beam[is_up]
+    is_before = ~is_up & np.roll(is_up, -1)
+    kept = np.flatnonzero(is_up | is_before | np.roll(is_up, 1))  # with the ends of nights
+    towards, chosen = towards[kept], [times[row] for row in kept]
+    towards[:, 2] = np.maximum(towards[:, 2], sine)
+    hours, starts = is_up[kept] * (step / 60), is_before[kept]
+    power = period.irradiance if year is None else year.beam[kept]
     how: ByName = {"irradiance": power, "step": step / 60, "starts": starts}
     with progress_bar("sunlight", then="report") as progress:
 

@@ -159,6 +159,7 @@ class Study(NamedTuple):
         errors, names = self._errors(every), openings.names(rooms)
         faces = compass(normals, self.north)
         is_before = (sunlit.directions @ normals.T > 0) | ~normals.any(axis=1)
+        is_before &= sunlit.weights[:, None] > 0
         shading, points = self._shading(openings, normals, is_before), openings.prescribed(rooms)
         entries = list[ByName]()
         for row in sort_order(sunlit.pieces.hours).tolist():
@@ -189,20 +190,21 @@ class Study(NamedTuple):
         """
         if len({time.date() for time in self.times}) != 1:
             return [""] * (2 + len(rows))
-        half, pieces = timedelta(minutes=self.step / 2), self.ways["middle"].pieces
-        is_lit = (pieces.share > pieces.share_bound).T
-        every = [[self.times[at] for at in np.flatnonzero(is_lit[row]).tolist()] for row in rows]
+        half, sunlit = timedelta(minutes=self.step / 2), self.ways["middle"]
+        is_lit = (sunlit.pieces.share > sunlit.pieces.share_bound).T[list(rows)]
+        is_lit = np.insert(is_lit, 0, True, axis=0) & (sunlit.weights > 0)
+        every = [[self.times[at] for at in np.flatnonzero(each).tolist()] for each in is_lit]
         return [f"{self.times[0]:%Z}"] + [
-            f"{lit[0] - half:%H:%M} to {lit[-1] + half:%H:%M}" if lit else "-"
-            for lit in [[*self.times], *every]
+            f"{lit[0] - half:%H:%M} to {lit[-1] + half:%H:%M}" if lit else "-" for lit in every
         ]
 
     def _of_union(self, sunlit: Sunlight, rows: list[int]) -> FloatArray:
         """Hours, and their bound, of the piece of the largest lit share at each time."""
-        share = sunlit.pieces.share[:, rows].max(axis=1, keepdims=True)
-        bound = sunlit.weights @ sunlit.pieces.share_bound[:, rows].max(axis=1)
-        error = step_error(share, self.step / 60, self.starts)[0]
-        return np.array((sunlit.weights @ share[:, 0], bound + error))
+        share, bound, turned = (
+            each[:, rows].max(axis=1, keepdims=True) for each in sunlit.pieces[5:8]
+        )
+        error = step_error(share[None], self.step / 60, self.starts, turned)[0]
+        return np.array((sunlit.weights @ share, sunlit.weights @ bound + error))[:, 0]
 
     def _shading(
         self, openings: Openings, normals: FloatArray, is_before: BoolArray
@@ -269,7 +271,7 @@ class Study(NamedTuple):
             "answer": f"{answer} {'on' if '-' in self.period else 'in'} {self.period}",
             "period": self.period,
             "step_min": self.step,
-            "directions": len(sunlit.directions),
+            "directions": np.count_nonzero(sunlit.weights),
             "sun_hours": float(sunlit.weights.sum()),
             "least_hours": self.least,
             "level": self.level,

@@ -65,6 +65,8 @@ MOST_PIECES, MOST_COMPONENTS = 100, 1000
 """Pieces, and connected components, of a group beyond which it is taken as one."""
 TOUCHING = 1e-6
 """Distance of bounding boxes of one piece, relative to the diagonal of the mesh."""
+MOST = np.array([[[1.0]], [[0.0]]])
+"""Largest share, and energy, of what is nearly edge-on."""
 LIT_BY = "middle", "all", "some"
 """Parts of the disc that light a point."""
 
@@ -91,6 +93,8 @@ class SunlitPieces(NamedTuple):
         Energy on each piece, Wh, and the bound of its error.
     share, share_bound : (N, M) float64
         Lit share of the silhouette of each piece from the sun, and the bound of its error.
+    turned : (N, M) bool
+        True where the silhouette of a piece was edge-on since the direction before; for times.
     at : (M, 3) float64
         Middle of the bounding box of each piece, metres.
     """
@@ -102,6 +106,7 @@ class SunlitPieces(NamedTuple):
     energy_bound: FloatArray
     share: FloatArray
     share_bound: FloatArray
+    turned: BoolArray
     at: FloatArray
 
 
@@ -205,7 +210,7 @@ def sunlit(
     step : float
         Hours from each direction to the next where these are of times: bounds are then those of
         integrals over time. Between two times values rise or fall, and an integral is off by half a
-        step of the change.
+        step of the change; where a face or piece turns to or from the sun, its share may be any.
     starts : (N,) array_like of bool, optional
         True for directions that do not follow the one before, such as those of sunrise.
     threads : int, optional
@@ -232,7 +237,7 @@ def sunlit(
     hours = _each("weights", 1.0 if weights is None else weights, n)
     power = _each("irradiance", irradiance, n)
     check_choice("lit_by", lit_by, list(LIT_BY))
-    step, is_first = float(_each("step", step, 1)[0]), np.zeros(n, bool)
+    step, is_first = float(_each("step", step, 1)[0]), np.arange(n) == 0
     if starts is not None:
         wanted = f"{n} of True or False"
         is_first = check_array("starts", starts, "b", wanted, ConfigError)
@@ -243,10 +248,12 @@ def sunlit(
     parts = parts_of(mesh, piece)
     single = [(row,) for row in range(int(piece.max()) + 1)]
     units = {own: row for row, own in enumerate(dict.fromkeys([*parts.values(), *single]))}
-    rates, total = np.stack((hours, hours, hours * power, hours * power)), n * (1 + len(units))
+    factors, total = np.stack((np.ones(n), power)), n * (1 + len(units))
+    rates = np.repeat(hours * factors, 2, axis=0)
     sums, alone = np.zeros((4, mesh.n_faces)), np.zeros((2, n))
-    last, change = np.zeros((2, 2, mesh.n_faces))
-    of_piece = np.zeros((2, n, max(len(single), 1)))
+    rate, changes = np.zeros((2, 1, mesh.n_faces)), 0.0
+    of_piece, sides = np.zeros((3, n, max(len(single), 1))), np.zeros((1, mesh.n_faces))
+    edge_on = np.zeros((n, len(units)), bool)
     left_out = None if mesh.task_mask.all() else ~mesh.task_mask
     observation = _observe_sun(mesh, towards, left_out, threads)
     if lit_by != "middle":
@@ -260,13 +267,19 @@ def sunlit(
         lit, whole, bound = _facing(mesh, towards[rows], some)
         each = np.stack((_over(lit, whole), _over(2 * bound, whole), lit, bound))
         if step:
-            rate = each[::2] * np.stack((np.ones(len(rows)), power[rows]))[..., None]
-            change = _changes(rate, is_first[rows], last, change)
-            last = rate[:, -1]
+            rate = np.append(rate[:, -1:], each[::2] * factors[:, rows, None], axis=1)
+            sides = np.append(sides[-1:], np.sign(towards[rows] @ mesh.normals.T) * (whole > 0), 0)
+            turned = sides[1:] != sides[:-1]
+            change = _changes(rate, is_first[rows], turned)
+            change[:, 0] += changes
+            changes = change.sum(axis=1)  # as below
+            of_piece[2, rows] = _totals(
+                np.where(turned, 1.0, -mesh.n_faces * abs(sides[1:])), piece
+            )
         each *= rates[:, rows, None]
         each[:, 0] += sums
         sums = each.sum(axis=1)  # one row after the other, whatever their number
-        of_piece[:, rows] = _totals(lit, piece), _totals(bound, piece)
+        of_piece[:2, rows] = _totals(lit, piece), _totals(bound, piece)
         row += len(rows)
         progress(row, total)
     every = np.zeros((4, n, len(units)))
@@ -274,43 +287,40 @@ def sunlit(
         faces = np.isin(piece, own)
         known = alone if faces.all() and lit_by == "middle" and not mesh.has_targets else None
         lit = of_piece[:, :, own].sum(axis=2)
-        every[:, :, row] = *lit, *_shares(mesh, towards, faces, lit, known, threads)
+        edge_on[:, row] = lit[2] > 0
+        every[:, :, row] = *lit[:2], *_shares(mesh, towards, faces, lit, known, threads)
         progress(n * (2 + row), total)
-    integrals = hours @ every[2:], rates[2] @ every[:2]
-    for sums_of, each in zip(integrals, (every[2], every[0] * power[:, None]), strict=True):
-        sums_of[1] += step_error(each, step, is_first)
-    sums[1::2] += step / 2 * (change + last)
+    integrals = np.stack((hours @ every[2:], rates[2] @ every[:2]))
+    integrals[:, 1] += step_error(every[2::-2] * factors[..., None], step, is_first, edge_on)
+    sums[1::2] += step / 2 * (changes + rate[:, -1])
     rows_of = [[units[own] for own in some] for some in (parts.values(), single)]
     sizes = [np.concatenate([each[:, rows] for each in integrals]) for rows in rows_of]
     least = [min(each, key=sizes[1][0].tolist().__getitem__) for each in parts.values()]
     low, high = boxes_of(piece[mesh.task_mask], mesh.vertices[mesh.faces[mesh.task_mask]])
-    figures = piece, *sizes[1], *every[2:].take(rows_of[1], axis=2)
+    figures = piece, *sizes[1], *every[2:].take(rows_of[1], axis=2), edge_on[:, rows_of[1]]
     pieces = SunlitPieces._make((*figures, (low + high) / 2))
     totals = *every.take(rows_of[0], axis=2), *sizes[0], tuple(parts.values()), pieces
     names = tuple(parts)
     return Sunlight(*(mesh, towards, hours, power, *sums, names, *totals, np.array(least, int)))
 
 
-def step_error(values: FloatArray, step: float, is_first: BoolArray) -> FloatArray:
-    """(K,) bound of the error of integrals of values at times, (n, K), a step apart."""
-    none = np.zeros(values.shape[1])
-    if not len(values):
-        return none
-    return step / 2 * (_changes(values, is_first, none, none) + values[-1])
-
-
-def _changes(
-    values: FloatArray, is_first: BoolArray, last: FloatArray, before: FloatArray
+def step_error(
+    values: FloatArray, step: float, is_first: BoolArray, turned: BoolArray
 ) -> FloatArray:
-    """Sum of the changes of values of n directions, (..., n, K), added to that before, (..., K).
+    """(2, K) bound of the error of integrals of shares and energies at times, (2, n, K)."""
+    change = _changes(np.pad(values, ((0, 0), (1, 0), (0, 0))), is_first, turned)
+    return step / 2 * (change.sum(axis=1) + values[:, -1:].sum(axis=1))
 
-    The first changes from the `last` before; the first of an arc from 0, after the one before it
-    has changed to 0.
+
+def _changes(values: FloatArray, is_first: BoolArray, turned: BoolArray) -> FloatArray:
+    """(2, n, K) changes of n + 1 shares and energies, that of the first of an arc from and to 0.
+
+    What turned, (n, K), was edge-on meanwhile: its energy was 0, its share anything.
     """
-    earlier = np.concatenate((last[..., None, :], values[..., :-1, :]), axis=-2)
-    result = np.where(is_first[:, None], values + earlier, np.abs(values - earlier))
-    result[..., 0, :] += before
-    return result.sum(axis=-2)
+    before, after = values[:, :-1], values[:, 1:]
+    both = before + after
+    change = np.where(turned, np.maximum(both, 2 * MOST - both), abs(after - before))
+    return np.where(is_first[:, None], both, change)
 
 
 def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:

@@ -145,7 +145,7 @@ def write_shade_factors(result: Sunlight, is_up: BoolArray, path: Path) -> None:
     A column a group, a row an hour of the year; 0 while the sun is down.
     """
     losses = np.zeros((HOURS, len(result.names)))
-    losses[is_up] = 100 * (1 - np.clip(result.share, 0, 1))
+    losses[is_up] = 100 * (1 - np.clip(result.share[result.weights > 0], 0, 1))
     rows = [dict(zip(result.names, each, strict=True)) for each in losses.round(4).tolist()]
     write_text(path, csv_text(result.names, rows))
 

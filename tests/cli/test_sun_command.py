@@ -172,7 +172,7 @@ def test_each_window_of_a_group_must_get_enough(folder, capsys):
     (folder / "two.obj").write_text("\n".join(text))
     screen = rc.shapes.box((1.2, 0.1, 3), centre=(3, -0.2, 1.5))
     screen.to_trimesh().export(folder / "screen.stl")
-    line = f"sun two.obj screen.stl --of windows {PLACE} --day 2026-03-21 --step 60 -o two"
+    line = f"sun two.obj screen.stl --of windows {PLACE} --day 2026-03-21 --step 10 -o two"
     code, out, _ = call(capsys, f"{line} --at-least 4h")
     assert code == 1
     assert re.search(r"h, [\d.]+ kWh: windows, piece 2; no. 1", out)
@@ -299,6 +299,40 @@ def test_errors_hold_the_disc_and_the_step(folder, capsys):
         assert abs(one["hours"] - true["hours"]) <= one["error_hours"] + true["error_hours"]
         assert one["error_hours"] > true["error_hours"] > 0
         assert wide["error_hours"] >= 0.5 * one["error_hours"]
+
+
+@pytest.mark.parametrize("step", [10, 60])
+@pytest.mark.parametrize(
+    ("day", "latitude", "east"),
+    [("2026-03-21", 48, 0), ("2026-09-22", 48, 0), ("2026-03-21", -20, 0), ("2026-06-21", 60, 1)],
+)
+def test_errors_hold_what_is_between_sunrise_and_the_first_sample(
+    day, latitude, east, step, folder, capsys
+):
+    """Of panes to all sides, some a tower hides at sunrise: hours and energy of each minute."""
+    pane = np.array([(0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1)], float)
+    sides = [
+        rc.Mesh(pane, [(0, 1, 2), (0, 2, 3)]).moved(angle_deg=angle, translation=(9 * n, 0, 0))
+        for n, angle in enumerate((0, 90, 180, 270))
+    ]
+    tower = rc.shapes.box((1, 4, 9), centre=(3, 0.5, 0))
+    names = ["east", "north", "west", "south"]
+    for name, each in zip(["tower", *names], [tower, *sides], strict=True):
+        text = ["v {} {} {}".format(*point) for point in each.vertices.tolist()]
+        text += ["f {} {} {}".format(*(face + 1)) for face in each.faces]
+        (folder / f"{name}.obj").write_text("\n".join([f"g {name}", *text]))
+    line = f"sun {' '.join(f'{name}.obj' for name in ['tower', *names])} --occluder tower --json"
+    line += f" --latitude {latitude} --longitude {8 + east} --day {day} -o sides"
+    fine, coarse = (
+        json.loads(call(capsys, f"{line} --step {each}")[1])["pieces"] for each in (1, step)
+    )
+    for one in coarse:
+        (true,) = (each for each in fine if each["name"] == one["name"])
+        for key, error in (("hours", "error_hours"), ("energy_kwh", "bound_kwh")):
+            assert abs(one[key] - true[key]) <= one[error]
+        assert one["error_hours"] < 6 * step / 60
+    faces = [dict(np.load(folder / "sides" / "sun.npz"))]
+    assert (faces[0]["hours_bound"] < 6 * step / 60).all()
 
 
 def test_a_year_has_months_and_a_finer_map_the_same_hours(capsys):

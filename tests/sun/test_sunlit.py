@@ -295,7 +295,10 @@ def test_no_directions_give_no_hours(lit_by):
 
 @pytest.mark.parametrize("rows", [1, 3, 100])
 def test_bounds_of_times_hold_half_a_step_of_all_changes(rows, monkeypatch):
-    """Of faces as of groups, by arcs, whatever the number of directions summed together."""
+    """Of faces as of groups, by arcs, whatever the number of directions summed together.
+
+    The share of a face that turned to or from the sun was anything meanwhile.
+    """
     rng = np.random.default_rng(6)
     boxes = [rc.shapes.box((1, 1, 1)), rc.shapes.box((2, 0.1, 2), centre=(0.2, 1, 0.5))]
     scene = rc.Mesh.joined(boxes, ["part", "wall"])
@@ -306,11 +309,18 @@ def test_bounds_of_times_hold_half_a_step_of_all_changes(rows, monkeypatch):
     plain = rc.sunlit(scene, towards, **how)
     sunlit = rc.sunlit(scene, towards, **how, step=step, starts=starts)
     each = [rc.sunlit(scene, towards[[row]], irradiance=float(row)) for row in range(20)]
+    is_before = np.pad(towards @ scene.normals.T > 0, ((1, 1), (0, 0)))
     for name in ("hours", "energy", "part_hours", "part_energy"):
         values = np.array([getattr(one, name) for one in each])
         whole = 0.0
-        for arc in np.split(values, np.flatnonzero(starts)[1:]):
-            whole += np.abs(np.diff(np.pad(arc, ((1, 1), (0, 0))), axis=0)).sum(axis=0)
+        for rows in np.split(np.arange(20), np.flatnonzero(starts)[1:]):
+            arc = np.pad(values[rows], ((1, 1), (0, 0)))
+            change = np.abs(np.diff(arc, axis=0))
+            if name == "hours":
+                turned = np.diff(is_before[rows[0] : rows[-1] + 3], axis=0)
+                turned[[0, -1]] = False
+                change = np.where(turned, 2 - (arc[1:] + arc[:-1]), change)
+            whole += change.sum(axis=0)
         more = getattr(sunlit, f"{name}_bound") - getattr(plain, f"{name}_bound")
         np.testing.assert_allclose(more, step / 2 * whole, rtol=0, atol=1e-8)
         np.testing.assert_array_equal(getattr(sunlit, name), getattr(plain, name))
