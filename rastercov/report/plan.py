@@ -544,7 +544,7 @@ def _status_of(placement: Placement) -> str:
         return f"{what} for {share} of what the candidates can cover: the goal is out of reach"
     if has_goals(prepared.problem) or asked.groups:
         return f"{what} for the goals"
-    share = percent((asked if placement.is_least else goal).coverage)
+    share = percent(asked.coverage)
     of = OF[prepared.plan.task.weight_by] if placement.is_least else _of(prepared)
     return f"{what} for {share} of {of}{' that candidates can cover' * goal.of_reachable}"
 

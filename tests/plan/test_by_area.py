@@ -128,6 +128,34 @@ def test_a_goal_that_can_be_reached_is_met_by_exact_area(share, size):
     assert is_raised == ("so that the exact area reaches" in text_of(placement))
 
 
+@pytest.mark.parametrize("method", ["greedy", "integer"])
+@pytest.mark.parametrize(
+    "goal", [{"coverage": 0.6}, {"coverage": 0.1, "groups": {"strip": 0.6}}], ids=["all", "group"]
+)
+def test_the_bound_of_a_goal_that_was_raised_is_of_the_goal_of_the_plan(goal, method):
+    """The first of two cameras covers 55 % of the area, and more than 60 % on patches."""
+    corners = ((0, 0), (10, 0), (10, 1), (0, 1))
+    lines = ["g strip", *(f"v {x} {y} 0" for x, y in corners), "f 1 2 3 4"]
+    Path("strip.obj").write_text("\n".join(lines))
+    candidates = []
+    for row, (x, height, cost) in enumerate([(2.0, 3.5, 1.0), (8.0, 3.0, 1.5)]):
+        write_poses(f"{row}.json", rc.look_at((x, 0.5, height), (x, 0.5, 0), up=(0, 1, 0)))
+        candidates.append({"generator": "poses", "file": f"{row}.json", "cost": cost})
+    placement = placed(
+        meshes=[{"path": "strip.obj"}],
+        camera={"width": 400, "height": 400, "hfov_deg": 90.0},
+        task={"resolution_of_result": 10.0},
+        candidates=candidates,
+        selection={"goal": "fewest_cameras", "method": method} | goal,
+    )
+    problem, selection = placement.prepared.problem, placement.selection
+    assert placement.is_met
+    assert selection.cost == 2.5
+    assert max(problem.wanted.values()) > problem.share(problem.covered_by([0])[1]) >= 0.6
+    assert selection.bound <= 1.0 + 1e-9
+    assert selection.status == "feasible"
+
+
 @pytest.mark.parametrize(("margin", "count"), [(-1e-4, 2), (1e-4, 3)])
 @pytest.mark.parametrize("method", ["greedy", "integer"])
 def test_the_fewest_candidates_are_those_of_all_sets_by_exact_area(margin, count, method):

@@ -699,7 +699,7 @@ def _select_anew(placement: Placement, objectives: Objectives, progress: Progres
     """The placement with cameras selected anew until its exact area meets the goal.
 
     Each time as much more of the cells is wanted as the area falls short. Where that does not help,
-    it is the placement that lacks least.
+    it is the placement that lacks least. The bound is of the goal of the plan, as it was at first.
     """
     areas = best = placement
     until = time.perf_counter() + placement.prepared.selection.time_limit
@@ -709,6 +709,14 @@ def _select_anew(placement: Placement, objectives: Objectives, progress: Progres
             break
         left = max(until - time.perf_counter(), 1.0)
         chosen = _select(tighter, left)
+        chosen = finish(
+            chosen.method,
+            tighter.problem,
+            chosen.chosen,
+            placement.selection.bound,
+            chosen.seconds,
+            "feasible" if chosen.status == "optimal" else chosen.status,
+        )
         areas = _by_area(_make_placement(tighter, chosen, objectives, placement.steps), objectives)
         best = max(best, areas, key=lambda each: each.worth)
         if not _is_short(areas):
