@@ -21,6 +21,7 @@ from rastercov.base import (
     shown,
 )
 from rastercov.base.arguments import own_array
+from rastercov.core.camera import near_limit
 from rastercov.core.camera.conventions import panorama
 from rastercov.core.camera.viewpoints import look_at
 from rastercov.core.coverage.job import evaluate
@@ -162,11 +163,8 @@ def viewshed(
     reach = np.inf if radius is None else finite_number(radius)
     if not reach > 0:
         raise ConfigError(f"expected a radius above 0 m, got {shown(radius)}; increase it")
-    if beside is not None and raster.is_geographic:
-        raise ConfigError(
-            "expected a raster in metres with a mesh beside it, got one in degrees; reproject it, "
-            "such as gdalwarp -t_srs EPSG:32632"
-        )
+    if beside is not None:
+        beside = _over(raster, beside)
     places = [_place(raster, eye) for eye in eyes]  # errors before the work
     on_map, slopes = raster.areas()
     areas, seen = (on_map, np.nan_to_num(slopes)), []
@@ -177,7 +175,7 @@ def viewshed(
         if not ground.any():
             raise ConfigError(f"expected ground within {reach:g} m, got none; increase the radius")
         if beside is not None:
-            both = _solve_beside(raster, place, target, beside)
+            both = _solve_beside(raster, place, eyes[n - 1, 2], target, beside)
         both[:, ~ground] = 0.0
         parts = (*both, ground)
         seen.append(Seen(*(float((part * area).sum()) for area in areas for part in parts)))
@@ -252,7 +250,25 @@ def _solve(
     return both.transpose(0, 2, 1, 3)[..., ::-1], n
 
 
-def _solve_beside(raster: Raster, place: Place, target: float, beside: Mesh) -> FloatArray:
+def _over(raster: Raster, beside: Mesh) -> Mesh:
+    """Faces whose box on the map meets that of the raster; only these hide its ground."""
+    if raster.is_geographic:
+        raise ConfigError(
+            "expected a raster in metres with a mesh beside it, got one in degrees; reproject it, "
+            "such as gdalwarp -t_srs EPSG:32632"
+        )
+    corners = beside.vertices[beside.faces, :2] - raster.origin
+    x, y = raster.xy
+    is_over = (corners.max(axis=1) >= (0, y[-1])) & (corners.min(axis=1) <= (x[-1], 0))
+    used, faces = np.unique(beside.faces[is_over.all(axis=1)], return_inverse=True)
+    if not len(used):
+        raise ConfigError("expected a mesh over the raster, got one beside it; move it")
+    return Mesh(beside.vertices[used], faces.reshape(-1, 3))
+
+
+def _solve_beside(
+    raster: Raster, place: Place, height: float, target: float, beside: Mesh
+) -> FloatArray:
     """Visible parts of triangles, and bounds, where a mesh hides ground, too."""
     points, faces, cells, _ = raster.surface(place)
     ground = Mesh(points, faces)
@@ -263,7 +279,14 @@ def _solve_beside(raster: Raster, place: Place, target: float, beside: Mesh) -> 
     raised = names[:1] if target else []
     scene = Mesh.joined(parts[: len(names)], names).with_groups(names[1:], raised, raised)
     pose = look_at([(0.0, 0.0, place[4])], [(1.0, 0.0, place[4])])
-    covered = evaluate(scene, panorama(2000, 1000), pose).covered
+    camera = panorama(2000, 1000)
+    near = near_limit(camera, scene.bounds, pose)[0]
+    if 0 < height <= near:
+        raise ConfigError(
+            f"expected eyes more than {near:.3g} m above the ground, 1e-6 of the distance to the "
+            f"farthest corner of the mesh, got {height:g} m; cut the mesh"
+        )
+    covered = evaluate(scene, camera, pose).covered
     both = np.zeros((2, *raster.heights[1:, 1:].shape, 2))
     seen = np.stack((covered.area[0], covered.bound))[:, : len(faces)] / ground.areas
     both.reshape(2, -1)[:, cells] = seen

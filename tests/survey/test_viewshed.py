@@ -341,6 +341,25 @@ def test_a_mesh_beside_hides_ground(target):
     np.testing.assert_allclose(hidden.share[:, :6], beside.share[:, :6], atol=1e-6)
 
 
+def test_faces_off_the_raster_hide_nothing_and_clip_no_ground():
+    """Of a mesh with parts far away, which would move the nearest depth above the ground."""
+    heights = np.zeros((12, 14))
+    given = {"spacing": 10.0, "height": 1.7, "curvature": False}
+    wall = rc.shapes.box((0.5, 30, 9), centre=(71.0, -61.0, 0.0))
+    for away in ((5e6, 0, 0), (-3e7, 8e6, 0), (0, 2e6, 9e5)):
+        far = rc.shapes.box((9, 9, 9), centre=away)
+        both = rc.Mesh.joined([wall, far], ["wall", "far"])
+        one, other = (
+            rc.viewshed(heights, (43.0, -61.0), **given, beside=each) for each in (wall, both)
+        )
+        np.testing.assert_allclose(one.share, other.share, rtol=0, atol=1e-7)
+        with pytest.raises(rc.ConfigError, match="a mesh over the raster, got one beside it"):
+            rc.viewshed(heights, (43.0, -61.0), **given, beside=far)
+    sheet = rc.Mesh([(0, 0, 90), (5e6, 0, 90), (5e6, -9, 90)], [(0, 1, 2)])
+    with pytest.raises(rc.ConfigError, match=r"more than 5 m above the ground.*, got 1.7 m; cut"):
+        rc.viewshed(heights, (43.0, -61.0), **given, beside=sheet)
+
+
 DEGREES = (1 / 1200, 1 / 1500)
 """Spacing of longitudes and latitudes."""
 
