@@ -37,6 +37,8 @@ EPW_COLUMNS = [14, 15]
 """Direct normal and diffuse radiation."""
 TMY3_NAMES = "Date (MM/DD/YYYY)", "Time (HH:MM)", "DNI (W/m^2)", "DHI (W/m^2)"
 PVGIS_PLACE = "Latitude", "Longitude"
+PVGIS_OFFSET = "Irradiance Time Offset (h)"
+"""Time of the sun after the stamp of a row."""
 PVGIS_NAMES = ["time(UTC)", "Gb(n)", "Gd(h)"]
 
 
@@ -73,7 +75,7 @@ def read_weather(path: Path) -> Weather:
     try:
         lines = file_bytes(path, LARGEST_TEXT).decode("utf-8-sig", "replace").splitlines()
         weather = _weather(path.name, list(csv.reader(lines, skipinitialspace=True)))
-    except (ValueError, LookupError, StopIteration, csv.Error) as error:
+    except (ValueError, LookupError, OverflowError, StopIteration, csv.Error) as error:
         raise ConfigError(
             f"--weather: expected an EPW, TMY3 or PVGIS file, got: {error or 'its end'}; download "
             "one of these"
@@ -88,6 +90,7 @@ def read_weather(path: Path) -> Weather:
 
 
 def _weather(name: str, rows: list[list[str]]) -> Weather:
+    late = timedelta()
     if rows[0][0] == "LOCATION":
         latitude, longitude, zone = rows[0][6:9]
         body, columns, form = [row for row in rows[8:] if row], EPW_COLUMNS, "%Y/%m/%d"
@@ -100,6 +103,7 @@ def _weather(name: str, rows: list[list[str]]) -> Weather:
     else:
         head = next(n for n, row in enumerate(rows) if row[:1] == PVGIS_NAMES[:1])
         place = dict("".join(row).split(":", 1) for row in rows[:head] if ":" in "".join(row))
+        late = timedelta(hours=float(place.get(PVGIS_OFFSET, 0)))
         latitude, longitude = (place[f"{each} (decimal degrees)"] for each in PVGIS_PLACE)
         columns = [rows[head].index(each) for each in PVGIS_NAMES[1:]]
         zone, body, form = "0", list(itertools.takewhile(bool, rows[head + 1 :])), "%Y%m%d:%H%M"
@@ -112,7 +116,8 @@ def _weather(name: str, rows: list[list[str]]) -> Weather:
     values = np.array([[float(row[k]) for k in columns] for row in body])
     kept = [n for n, time in enumerate(times) if (time.month, time.day) != (2, 29)]
     beam, diffuse = values[kept].T
-    return Weather(name, float(latitude), float(longitude), [times[n] for n in kept], beam, diffuse)
+    sun_times = [times[n] + late for n in kept]
+    return Weather(name, float(latitude), float(longitude), sun_times, beam, diffuse)
 
 
 def sky_factors(mesh: Mesh) -> tuple[FloatArray, FloatArray]:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
@@ -71,9 +72,22 @@ def test_each_format_is_the_same_year(tmp_path, name):
     assert np.array_equal(weather.diffuse, DIFFUSE)
 
 
+@pytest.mark.parametrize("offset", [0.1761, -0.5, 0.75, 0.0])
+def test_the_sun_of_pvgis_is_by_its_offset_from_the_stamp(tmp_path, offset):
+    """Also past midnight of 28 February of a leap year."""
+    text = pvgis().replace("Elevation", f"Irradiance Time Offset (h): {offset}\nElevation")
+    (tmp_path / "a.csv").write_text(re.sub("202102", "202002", text))
+    times = read_weather(tmp_path / "a.csv").times
+    for hour in (0, 31 * 24 + 5, HOURS // 2, HOURS - 1):
+        time = (START + timedelta(hours=hour + 0.5 + offset)).astimezone(UTC)
+        assert times[hour].replace(year=time.year) == time
+    assert len(times) == HOURS
+
+
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
+        ("pvgis.csv", lambda text: f"Irradiance Time Offset (h): inf\n{text}", "TMY3 or PVGIS"),
         ("a.epw", lambda text: text[: len(text) // 2], "EPW, TMY3 or PVGIS|8760 hours"),
         ("a.epw", lambda text: text.replace("LOCATION", "PLACE"), "an EPW, TMY3 or PVGIS"),
         ("a.epw", lambda text: "", "an EPW, TMY3 or PVGIS"),
