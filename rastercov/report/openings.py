@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from rastercov.base import BoolArray, ByName, FloatArray, IntArray, sort_order
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, norm, sort_order
 from rastercov.core.area.polygons import points_on, spread_faces
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.bodies import boxes_of
@@ -24,6 +24,8 @@ RAYS = np.array([(0, 0, 1)] + [(r * np.cos(x), r * np.sin(x), z) for r, z in RIN
 """Directions to one side of an opening, whose axis is the last one."""
 ENCLOSED = len(RAYS) * 2 / 3
 """Directions in which there is something from an opening into a room, at least."""
+FLAT = 1 - 1e-6
+"""Part of the area of one-sided faces that looks one way where they are in a plane, at least."""
 STOREY = 1.5
 """Difference in height from which openings are on different plans, m."""
 COMPASS = "N", "NE", "E", "SE", "S", "SW", "W", "NW"
@@ -45,13 +47,16 @@ class Openings(NamedTuple):
     def sides(self) -> tuple[FloatArray, list[str]]:
         """(M, 3) unit vectors outwards, and the label of the room of each part, "" for none.
 
-        Outwards is away from a room on one side alone, else from a side that is enclosed; a part
-        where neither is known has 0.
+        Outwards is away from a room on one side alone, else from a side that is enclosed, else as
+        the front of one-sided faces in a plane; a part where none is known has 0.
         """
         matrices, own = np.zeros((len(self.at), 3, 3)), self.piece >= 0
         normals = self.mesh.normals[own]
-        weighted = self.mesh.areas[own, None, None] * normals[:, :, None] * normals[:, None]
+        areas, fronts = self.mesh.areas[own, None], np.zeros((len(self.at), 3))
+        weighted = areas[..., None] * normals[:, :, None] * normals[:, None]
         np.add.at(matrices, self.piece[own], weighted)
+        np.add.at(fronts, self.piece[own], areas * normals * ~self.mesh.two_sided_mask[own, None])
+        fronts *= norm(fronts)[:, None] > FLAT * np.trace(matrices, axis1=1, axis2=2)[:, None]
         axes = np.linalg.eigh(matrices)[1]
         before, behind = (self._rooms(side * axes[:, :, 2]) for side in (1, -1))
         n_met, n_behind = (self._n_met(axes * (1, 1, side)) for side in (1, -1))
@@ -59,7 +64,7 @@ class Openings(NamedTuple):
         for row, (one, other) in enumerate(zip(before, behind, strict=True)):
             order = bool(one) - bool(other) or n_met[row] - n_behind[row]
             is_known = bool(one) != bool(other) or max(n_met[row], n_behind[row]) >= ENCLOSED
-            normals[row] *= -np.sign(order) * is_known
+            normals[row] *= -np.sign(order if is_known else -fronts[row] @ normals[row])
             rooms.append(other or one)
         return normals, rooms
 

@@ -301,6 +301,33 @@ def test_errors_hold_the_disc_and_the_step(folder, capsys):
         assert wide["error_hours"] >= 0.5 * one["error_hours"]
 
 
+@pytest.mark.parametrize("angle", [0, 90, 200])
+@pytest.mark.parametrize("is_two_sided", [False, True])
+def test_hours_in_front_of_a_pane_without_a_room_are_by_its_one_side(
+    angle, is_two_sided, folder, capsys
+):
+    """Of both sides, or of a body, those of the sun."""
+    pane = rc.Mesh([(0, 0, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1)], [(0, 1, 2), (0, 2, 3)])
+    pane = pane.moved(angle_deg=angle)
+    text = ["v {} {} {}".format(*point) for point in pane.vertices.tolist()]
+    text += ["f {} {} {}".format(*(face + 1)) for face in pane.faces]
+    (folder / "pane.obj").write_text("\n".join([*text, ""]))
+    day = "2026-06-21"
+    side = " --two-sided *" * is_two_sided
+    line = f"sun pane.obj {PLACE} --day {day} --json -o pane{side}"
+    code, out, _ = call(capsys, line)
+    assert code == 0
+    summary = json.loads(out)
+    (piece,) = summary["pieces"]
+    if is_two_sided:
+        assert piece["hours_in_front"] == pytest.approx(summary["sun_hours"])
+        assert piece["faces"] == ""
+        return
+    assert piece["hours_in_front"] == pytest.approx(piece["hours"])
+    assert 4 < piece["hours"] < 12 < summary["sun_hours"]
+    assert piece["faces"] == {0: "E", 90: "N", 200: "W"}[angle]
+
+
 @pytest.mark.parametrize("step", [10, 60])
 @pytest.mark.parametrize(
     ("day", "latitude", "east"),
