@@ -207,6 +207,8 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     >>> len(result), result.sources
     (33, ('strips',))
     """
+    import shapely
+
     away = distance_for(camera, survey.height, survey.gsd, "height")
     area = outline(mesh) if survey.polygon is None else _polygon(survey.polygon)
     level, least = _ground(mesh, area)
@@ -232,7 +234,10 @@ def strips(mesh: Mesh, camera: Camera, framing: Framing = DEFAULT, *, survey: Su
     z = np.full(len(xy), level)
     if survey.follow:
         below = heights_at(mesh, xy)
-        z = np.where(np.isnan(below), level, below)
+        known = np.isfinite(below)
+        if known.any():
+            tree = shapely.STRtree(shapely.points(xy[known]))
+            z = below[known][tree.nearest(shapely.points(xy))]
     eyes = np.column_stack((xy, z + away))
     ahead = np.append(forward, 0.0)
     view = sin(tilt) * ahead - cos(tilt) * np.array((0.0, 0.0, 1.0))

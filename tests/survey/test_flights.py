@@ -109,6 +109,25 @@ def test_images_follow_the_ground():
     assert np.ptp(eyes[:, 2]) > 2
 
 
+def test_images_beside_the_ground_are_above_the_nearest_of_the_others():
+    """Of a slope that ends within the polygon, whose mean is far above its foot."""
+    slope = rc.Mesh(
+        [(-20, -30, 0), (20, -30, 0), (20, 30, 60), (-20, 30, 60)], [(0, 1, 2), (0, 2, 3)]
+    )
+    square = [(-45, -45), (45, -45), (45, 45), (-45, 45)]
+    eyes = strips(slope, CAMERAS[0], height=15, follow=True, polygon=square).poses[:, :3, 3]
+    below = heights_at(slope, eyes[:, :2])
+    known = np.isfinite(below)
+    assert 0 < known.sum() < len(eyes)
+    for eye in eyes:
+        nearest = np.square(eyes[known, :2] - eye[:2]).sum(axis=1)
+        heights = below[known][nearest <= nearest.min() + 1e-9]
+        assert np.isclose(eye[2] - 15, heights).any()
+    away = np.add(square, (500, 0))
+    level = strips(slope, CAMERAS[0], height=15, follow=True, polygon=away).poses[:, 2, 3]
+    assert np.ptp(level) == 0
+
+
 def test_views_are_tilted_forward_with_the_horizon_level():
     result = strips(ground(3, 50, 0.0), CAMERAS[0], height=20, heading_deg=30, tilt_deg=40)
     view, right = result.poses[0, :3, 2], result.poses[0, :3, 0]
