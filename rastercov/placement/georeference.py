@@ -197,16 +197,16 @@ class GeoReference:
                 f"expected a scene of up to {MOST_EXTENT_M / 1e3:,g} km on a map, got "
                 f"{extent / 1e3:,.6g} km; correct its unit"
             )
-        area = self._crs.area_of_use
-        has_area = area is not None and self._is_projected
-        if has_area and not any(self.origin[:2]) and not norm(middle[:2]) >= LOCAL_M:
+        area = self._crs.area_of_use if self._is_projected else None
+        is_whole = self._is_projected and (area is None or norm(middle[:2]) >= LOCAL_M)
+        if not any(self.origin[:2]) and not is_whole:
             raise ConfigError(
                 f"expected an origin with {self.words} for coordinates near 0, got none; give "
-                "origin, the easting and northing of 0, 0"
+                "origin, the place of 0, 0 in it"
             )
         corners = np.array(np.meshgrid(*bounds.T)).reshape(3, -1).T
         longitude, latitude, _ = self.geodetic(corners).T
-        if area is None or not has_area:
+        if area is None:
             return
         width = (area.east - area.west) % 360 or 360.0
         east = np.abs((longitude - area.west - width / 2 + 180) % 360 - 180) - width / 2

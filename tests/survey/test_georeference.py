@@ -82,8 +82,17 @@ def test_scenes_beside_the_antimeridian_and_in_a_crs_of_their_own_are_not_refuse
     bounds = np.array([(-200.0, -200, 0), (200, 200, 10)])
     for zone in (32601, 32660):
         GeoReference(f"EPSG:{zone}", (5e5, 5.3e6, 0.0)).check_scene(bounds)
-    for crs in ("EPSG:4326", "+proj=tmerc +lat_0=48 +lon_0=11 +units=m"):
+    GeoReference("+proj=tmerc +lat_0=48 +lon_0=11 +units=m").check_scene(bounds)
+    GeoReference("EPSG:4326", (0.0, 11.0, 0.0)).check_scene(bounds)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:4326", "EPSG:4979", "EPSG:4258", "+proj=longlat"])
+@pytest.mark.parametrize("away", [0.0, 5e5])
+def test_a_geographic_crs_needs_an_origin_wherever_the_scene_is(crs, away):
+    bounds = np.add([(-200.0, -200, 0), (200, 200, 10)], (away, 0, 0))
+    with pytest.raises(ConfigError, match="expected an origin with"):
         GeoReference(crs).check_scene(bounds)
+    GeoReference(crs, (48.0, 11.0, 0.0)).check_scene(bounds)
 
 
 def test_the_zone_of_a_map_is_that_of_the_origin():
