@@ -176,10 +176,15 @@ def test_energy_and_shade_factors_of_a_command(tmp_path, monkeypatch, capsys):
         ("--day 2026-03-21 --weather a.epw", "got 2 of them"),
         ("--day 2026-03-21 --shade-factors b.csv", "expected --weather with it"),
         ("--weather nothing.epw", "an EPW, TMY3 or PVGIS file"),
+        ("--weather a.epw --latitude 50", "expected --weather or --latitude, got both; leave one"),
+        ("--weather a.epw --longitude 0", "expected --weather or --longitude, got both"),
+        ("--weather a.epw --step 60", "expected --weather or --step, got both"),
+        ("--weather a.epw --irradiance 800", "expected --weather or --irradiance, got both"),
         ("--weather a.epw --shade-factors no/b.csv", "a file in an existing folder"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path, monkeypatch, capsys, options, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.epw").write_text(epw())
-    assert words in refusal(capsys, f"sun teapot --latitude 49 --longitude 8 {options}")
+    place = "" if "a.epw" in options else "--latitude 49 --longitude 8"
+    assert words in refusal(capsys, f"sun teapot {place} {options}")
