@@ -643,12 +643,26 @@ def test_a_raster_of_another_kind_is_refused(tmp_path, name):
         ("ncols x\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "could not convert string to float: .*x"),
         ("ncols 3\nnrows 1\ncellsize 1\n1 2 3", "2 x 2 heights"),
         ("ncols 2\nnrows 2\n1 2 3 4", "a spacing from"),
+        (
+            "ncols 2\nnrows 2\nxllcorner 11\nyllcorner 48\ncellsize 0.000277777\n1 2 3 4",
+            r"expected metres, got cellsize 0\.0002\d* as of degrees; convert it: gdal_translate",
+        ),
+        ("ncols 2\nnrows 2\nyllcorner -90\ndx 0.005\ndy 0.004\n1 2 3 4", "as of degrees"),
     ],
 )
 def test_a_broken_grid_is_refused(tmp_path, content, words):
     (tmp_path / "a.asc").write_text(content)
     with pytest.raises(rc.MeshError, match=words):
         rc.Mesh.load(tmp_path / "a.asc")
+
+
+@pytest.mark.parametrize(
+    ("corner", "cell"), [((11, 48), 0.5), ((5e5, 5.3e6), 0.001), ((400, 0), 0.001)]
+)
+def test_a_small_grid_in_metres_is_read(tmp_path, corner, cell):
+    head = "ncols 2\nnrows 2\nxllcorner {}\nyllcorner {}\n".format(*corner)
+    (tmp_path / "a.asc").write_text(f"{head}cellsize {cell}\n1 2 3 4\n")
+    assert rc.Mesh.load(tmp_path / "a.asc").n_faces == 2
 
 
 def test_no_other_error_comes_of_a_damaged_raster(tmp_path):

@@ -39,6 +39,8 @@ UNITS: dict[object, float] = {
 VERTICAL_FEET = {5702: 9003, 6360: 9003, 8228: 9002}
 """Units of vertical CRSs in feet."""
 CONVERT = "convert it: gdalwarp -ot Float32 -dstnodata -1e9 -co COMPRESS=DEFLATE"
+LEAST_CELL = 0.01
+"""Cells of an ASCII grid on places of degrees that are smaller are in degrees."""
 LEAST_BUDGET = 2 << 30
 """Bytes that a surface may need, however well its file is compressed."""
 
@@ -168,4 +170,10 @@ def _of_ascii(data: bytes) -> Raster:
     heights[heights == header.get("nodata_value", -9999.0)] = np.nan
     x = header.get("xllcenter", header.get("xllcorner", 0.0) + dx / 2)
     y = header.get("yllcenter", header.get("yllcorner", 0.0) + dy / 2)
+    is_on_globe = max(-x, x + columns * dx) <= 361 and max(-y, y + rows * dy) <= 91
+    check(
+        not (0 < max(dx, dy) < LEAST_CELL and is_on_globe),
+        f"expected metres, got cellsize {dx:g} as of degrees",
+        "convert it: gdal_translate -a_srs EPSG:4326 to a GeoTIFF",
+    )
     return raster_of_array(heights, (dx, dy), (x, y + (rows - 1) * dy))
