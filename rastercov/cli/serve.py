@@ -26,6 +26,7 @@ from rastercov.formats.cameras import own
 from rastercov.page.actions import Action, check_entries
 from rastercov.placement.plan.check import plan_of_cameras, to_json
 from rastercov.placement.plan.file import Plan, plan_of, read_plan
+from rastercov.placement.plan.goals import separate_goals
 from rastercov.placement.plan.scene import name_scene
 
 
@@ -43,7 +44,10 @@ class Request(Action):
 
 
 class Service:
-    """Open scenes by number: the plan as given, its mesh, and the plan in terms of the mesh."""
+    """Open scenes by number: the plan as given, its mesh, and the plan in terms of the mesh.
+
+    Groups of goals are not evaluated in the mesh, as they are not part of the task.
+    """
 
     def __init__(self) -> None:
         self._opened = 0
@@ -73,7 +77,8 @@ class Service:
 
     def _open(self, asked: Request) -> ByName:
         given = read_plan(asked.plan) if isinstance(asked.plan, str) else plan_of(asked.plan)
-        mesh, plan, _ = name_scene(given)
+        whole, plan, _ = name_scene(given)
+        mesh, _ = separate_goals(plan, whole)
         self._opened += 1
         self._scenes[self._opened] = given, mesh, plan
         return {

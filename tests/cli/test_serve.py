@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import ENTRY, call
+from goals_to_view import PLAN as VIEWED
+from goals_to_view import plan_in
 from hypothesis import given
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
@@ -131,6 +133,32 @@ def test_results_by_face_have_their_summary_and_views(service, tmp_path):
     found = ask(service, {"do": "evaluate", **entries})["result"]
     assert found["by"] == "face"
     assert np.load(tmp_path / "views.npy").shape == (12,)
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+def test_groups_of_goals_are_not_of_the_task(service, tmp_path, by):
+    target = '[[targets]]\nabove = "floor"\nheight = 1.6\nname = "heads"\n[goals.heads]\n'
+    target += f'groups = ["heads"]\ncoverage = 0.1\n[task]\nby = "{by}"'
+    path = plan_in(tmp_path, VIEWED.replace("[task]", target))
+    poses = rc.look_at([(2.0, 1.5, 1.5), (3.5, 0.5, 2.5)], [(1.5, 4, 1.5), (0.0, 2.0, 1.5)])
+    opened = ask(service, {"do": "open", "plan": str(path)})["result"]
+    asked = {"scene": 2, "poses": poses.tolist()}
+    written = {"arrays": str(tmp_path), "summary": True, **asked}
+    found = ask(service, {"do": "evaluate", **written})["result"]
+    checked = ask(service, {"do": "check", **asked})["result"]
+    assert found["covered"] == checked["network"]["covered"]
+    name = "views" if by == "face" else "area"
+    assert np.load(tmp_path / f"{name}.npy").shape[-1] == opened["faces"]
+    own = [each["name"] for each in found["groups"] if each["role"] != "occluder"]
+    assert own == ["floor", "north"]
+    if by == "area":
+        both = found["covered_area"], checked["covered_area"]
+        assert both[0]["m2"] == pytest.approx(both[1]["m2"])
+        assert both[0]["of_m2"] == both[1]["of_m2"]
+        bare = ask(service, {"do": "evaluate", **asked})["result"]["covered_area"]
+        assert bare == both[0]
+        single = ask(service, {"do": "regions", **asked})["result"]
+        assert sum(single["m2"]) >= bare["m2"] >= max(single["m2"])
 
 
 def test_scenes_have_numbers_of_their_own_and_close(service):
