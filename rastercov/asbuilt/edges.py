@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rastercov.asbuilt.resection import pixels_in_axes
-from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm
+from rastercov.base import BoolArray, FloatArray, IntArray, dots, norm, owners_of
 from rastercov.core.camera import Camera
 from rastercov.core.camera.lenses.of_camera import planes_of
 from rastercov.core.camera.projection import to_camera
@@ -106,7 +106,7 @@ def visible_points(
     local = to_camera(np.stack((edges.start[rows], edges.end[rows])), pose)
     low, high = _part_in_front(local, camera)
     count, starts = _counts(local, low, high, camera, step)
-    owner = np.repeat(np.arange(len(rows)), count)
+    owner = owners_of(count)
     place = np.arange(len(owner)) - starts[owner] + 0.5
     share = low[owner] + (high - low)[owner] * place / count[owner]
     start, end = edges.start[rows[owner]], edges.end[rows[owner]]

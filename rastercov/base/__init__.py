@@ -56,6 +56,8 @@ if TYPE_CHECKING:
         image_side,
         is_one_of,
         members,
+        offsets_of,
+        owners_of,
         read_only,
     )
     from rastercov.base.files import (

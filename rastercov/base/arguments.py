@@ -109,6 +109,16 @@ def free_memory() -> int:
     return free
 
 
+def offsets_of(counts: ArrayLike) -> NDArray[np.int64]:
+    """(N + 1,) sums of the counts before each of N, and of all."""
+    return np.concatenate((np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)))
+
+
+def owners_of(counts: Sequence[int] | NDArray[np.integer]) -> NDArray[np.int64]:
+    """(M,) which of N each of M items belongs to, the counts of N one after the other."""
+    return np.repeat(np.arange(len(counts)), counts)
+
+
 class Lists(NamedTuple):
     """N lists: list i is `items[starts[i]:starts[i + 1]]`.
 
@@ -124,7 +134,7 @@ class Lists(NamedTuple):
     @classmethod
     def of(cls, rows: Sequence[NDArray[np.integer]]) -> "Lists":
         """Lists of arrays."""
-        starts = np.cumsum([0, *map(len, rows)])
+        starts = offsets_of([*map(len, rows)])
         items = np.concatenate(rows) if len(rows) else np.empty(0)
         return cls(starts, items.astype(np.int32))
 

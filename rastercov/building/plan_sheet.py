@@ -33,6 +33,7 @@ from rastercov.base import (
     check_choice,
     check_place,
     norm,
+    owners_of,
     percent,
     plural,
     shorten,
@@ -450,7 +451,7 @@ def _goal_mark(own: Checked) -> shapely.Geometry:
     if (areas := own.cameras.areas) is None:
         return shapely.GeometryCollection()
     parts = areas.covered if own.requirements[0].is_most else own.zones
-    corner_of = np.repeat(np.arange(len(parts.face)), np.diff(parts.starts))
+    corner_of = owners_of(np.diff(parts.starts))
     return _outlines(
         to_world(own.mesh, parts.face[corner_of].astype(np.int64), parts.xy), corner_of
     )
@@ -602,7 +603,7 @@ def _dead_zone(evaluation: Evaluation, frame: SheetFrame, views: Mapping[str, in
         is_left = mesh.task_mask & ~network.covered
         zones = face_zones(mesh, is_left - 1, network.views, network.views)
     face, first = zones.face.astype(np.int64), zones.starts[:-1]
-    corner_of = np.repeat(np.arange(len(face)), np.diff(zones.starts))
+    corner_of = owners_of(np.diff(zones.starts))
     corners = to_world(mesh, face[corner_of], zones.xy)
     height = corners[:, 2]
     up = np.where(mesh.two_sided_mask[face], abs(mesh.normals[face, 2]), mesh.normals[face, 2])

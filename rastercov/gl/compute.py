@@ -22,7 +22,7 @@ from typing import Any
 import moderngl
 import numpy as np
 
-from rastercov.base import Float32Array, FloatArray, Int32Array, ResourceError
+from rastercov.base import Float32Array, FloatArray, Int32Array, ResourceError, offsets_of
 from rastercov.core.camera import Camera
 from rastercov.core.camera.pose import limits
 from rastercov.core.mesh import Mesh
@@ -67,7 +67,7 @@ class ComputeScene:
         order = faces[: starts[-1]][used]
         clusters = np.zeros(len(starts) - 1, CLUSTER)
         clusters["bounds"] = bounds.T[: len(clusters)]
-        ends = np.append(0, np.cumsum(used))[starts]
+        ends = offsets_of(used)[starts]
         clusters["slots"] = np.stack((ends[:-1], ends[1:]), axis=1)
         rows = np.column_stack((in_one_order(mesh)[order], order)).astype(np.uint32)
         self.n_clusters = len(clusters)

@@ -36,6 +36,7 @@ from rastercov.base import (
     is_one_of,
     members,
     norm,
+    owners_of,
     shown,
 )
 from rastercov.base.arguments import distinct, number, positive, two
@@ -659,7 +660,7 @@ class Lamps(InOneLine):
     @property
     def lamp_of_point(self) -> IntArray:
         """(K,) index of the lamp of each of the K points of all lamps."""
-        return np.repeat(np.arange(len(self)), [lamp.points for lamp in self.lamps])
+        return owners_of([lamp.points for lamp in self.lamps])
 
     @property
     def point_places(self) -> FloatArray:

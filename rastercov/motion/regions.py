@@ -24,6 +24,7 @@ from rastercov.base import (
     check_choice,
     frozen_record,
     norm,
+    owners_of,
     shown,
 )
 from rastercov.core.area.features import FEATURES
@@ -445,7 +446,7 @@ def by_time(regions: Regions, motion: Motion, views: int = 1) -> Regions:
 
 def in_units(frames: Regions, motion: Motion) -> Regions:
     """Rows of `by_time`, one for each unit of time."""
-    return take_rows(frames, np.repeat(np.arange(len(motion)), motion.units))
+    return take_rows(frames, owners_of(motion.units))
 
 
 def _rows_a_frame(regions: Regions, motion: Motion) -> int:

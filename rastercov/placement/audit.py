@@ -31,6 +31,8 @@ from rastercov.base import (
     IntArray,
     frozen_record,
     members,
+    offsets_of,
+    owners_of,
     sort_order,
 )
 from rastercov.base.limits import limit_time
@@ -200,7 +202,7 @@ def _choice(problem: Problem, of_pose: IntArray, n_groups: int) -> Problem:
     return replace(
         problem,
         bits=problem.bits.take(order),
-        starts=np.concatenate(([0], np.cumsum(counts))),
+        starts=offsets_of(counts),
         eyes=problem.eyes[order],
         costs=np.ones(n_groups),
     )
@@ -469,7 +471,7 @@ def _measure_cameras(
             else:
                 areas.add(batch.regions)
                 shares = elements.share(batch.regions)
-                row = np.repeat(np.arange(len(batch.poses)), np.diff(shares.starts))
+                row = owners_of(np.diff(shares.starts))
                 enough = shorten_coverage(shares.share, task.min_coverage)[1]
                 row, own = row[enough], shares.cell[enough]
             rows_of.append(n_measured + row)

@@ -18,6 +18,7 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     frozen_record,
+    offsets_of,
     share_poses,
     thread_count,
 )
@@ -107,7 +108,7 @@ class CoveredBits:
     @cached_property
     def starts(self) -> IntArray:
         """Number of the first row of each part, and at the end that of all rows."""
-        return np.concatenate(([0], np.cumsum([len(part) for part in self.parts], dtype=np.int64)))
+        return offsets_of([len(part) for part in self.parts])
 
     def row(self, number: int) -> Words:
         """(W,) bits of a row."""
@@ -176,7 +177,7 @@ class CoveredBits:
         column : (64 W,) int32
             Column of each face.
         """
-        indptr = np.concatenate(([0], np.cumsum(self.counts(mask, rows))))
+        indptr = offsets_of(self.counts(mask, rows))
         face = np.empty(int(indptr[-1]), np.int32)
         for words, own, at in self.runs(rows):
             out = face[indptr[at.start] : indptr[at.stop]]

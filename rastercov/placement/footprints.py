@@ -33,6 +33,8 @@ from rastercov.base import (
     frozen_record,
     matmul,
     norm,
+    offsets_of,
+    owners_of,
     percent,
     read_only,
 )
@@ -354,8 +356,8 @@ def _unite(regions: Regions, n: int, grid: float) -> NDArray[np.object_]:
     corners = regions.points()[:, :2]
     counts = np.diff(regions.starts)
     # A ring is closed: its first corner once more at its end.
-    ring = np.repeat(np.arange(len(counts)), counts + 1)
-    ends = polygons.starts_of(counts + 1)
+    ring = owners_of(counts + 1)
+    ends = offsets_of(counts + 1)
     index = np.arange(ends[-1]) - np.repeat(ends[:-1], counts + 1)
     index = np.repeat(regions.starts[:-1], counts + 1) + index % np.repeat(counts, counts + 1)
     snapped = np.rint(corners[index] / grid) * grid

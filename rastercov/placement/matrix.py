@@ -38,6 +38,7 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     frozen_record,
+    offsets_of,
 )
 from rastercov.base.locks import lock
 from rastercov.base.typed import typed
@@ -152,7 +153,7 @@ class VisibilityMatrix:
     @property
     def indptr(self) -> IntArray:
         """(C + 1,) row limits of the pairs of each pose."""
-        return np.concatenate(([0], np.cumsum(self.pairs.counts)))
+        return offsets_of(self.pairs.counts)
 
     @property
     def face(self) -> Int32Array:

@@ -42,6 +42,7 @@ from rastercov.base import (
     IntArray,
     ResourceError,
     frozen_record,
+    owners_of,
     share_poses,
     thread_count,
 )
@@ -137,7 +138,7 @@ class Pairs(NamedTuple):
         """Each face of a pose once, with the greatest coverage of those that follow one another."""
         if not len(self.on_rig):
             return self
-        pose = np.repeat(np.arange(self.n_poses), self.counts)
+        pose = owners_of(self.counts)
         rows = np.flatnonzero(np.diff(pose, prepend=-1) | np.diff(self.face, prepend=-1))
         best = np.maximum.reduceat(self.coverage, rows) if len(rows) else self.coverage
         counts = np.bincount(pose[rows], minlength=self.n_poses)
@@ -146,7 +147,7 @@ class Pairs(NamedTuple):
     def rows_and_areas(self, least: float, n_faces: int) -> tuple[CoveredBits, FloatArray]:
         """Pairs with coverage of at least `least`, and (C,) total coverage of each pose."""
         counts, face, coverage, _ = self.unite()
-        row, enough = np.repeat(np.arange(len(counts)), counts), coverage >= np.float64(least)
+        row, enough = owners_of(counts), coverage >= np.float64(least)
         bits = CoveredBits.from_pairs(row[enough], face[enough], len(counts), n_faces)
         return bits, np.bincount(row, coverage, len(counts)).astype(np.float64)
 
@@ -239,7 +240,7 @@ def pairs_of_mounts(pairs: Pairs, owner: IntArray, n_poses: int, mounts: Mounts 
     """Pairs of poses of mounts, from those of their cameras."""
     if mounts is None or not mounts.has_rigs:
         return pairs
-    camera = np.repeat(np.arange(len(owner)), pairs.counts)
+    camera = owners_of(pairs.counts)
     on_rig = places_on_rigs(owner)[camera].astype(np.uint16)
     order = np.lexsort((pairs.face, owner[camera]))
     counts = np.bincount(owner[camera], minlength=n_poses)

@@ -11,7 +11,16 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base import FloatArray, IntArray, Lists, PoseError, first_of, frozen_record
+from rastercov.base import (
+    FloatArray,
+    IntArray,
+    Lists,
+    PoseError,
+    first_of,
+    frozen_record,
+    offsets_of,
+    owners_of,
+)
 from rastercov.core.camera import Camera, Poses, Rig, Views, eyes_of, led_by
 from rastercov.core.camera.rig import MOST_NAMES, with_places
 
@@ -49,7 +58,7 @@ class Mounts:
             own = Rig([mount], [name]) if isinstance(mount, Camera) else mount
             names += [name] if own is not mount else [f"{name}/{each}" for each in own.names]
             rigs.append(own)
-        starts = np.concatenate(([0], np.cumsum([len(each) for each in rigs])))
+        starts = offsets_of([len(each) for each in rigs])
         return cls(tuple(mounts), Rig.of_several(rigs, names), starts.astype(np.int64))
 
     @classmethod
@@ -88,7 +97,7 @@ class Mounts:
             return placed, np.arange(len(placed))
         placed.check_cameras(len(self))
         counts = np.diff(self.starts)[placed.camera]
-        owner = np.repeat(np.arange(len(placed)), counts)
+        owner = owners_of(counts)
         camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
         matrices = self.rig._place(placed.world_from_camera[owner], camera)
         return Poses.of(matrices, camera=camera), owner

@@ -41,6 +41,7 @@ from rastercov.base import (
     frozen_record,
     matmul,
     norm,
+    owners_of,
     percent,
     plural,
     sampling,
@@ -655,7 +656,7 @@ def suggest(
     sharp = max(task.min_pixel_density, coarse_density(audit))
     limits, face = problem.bits.pairs()
     kept = zones.kind[face] != KINDS.index("coarse")
-    counted = np.repeat(np.arange(n), np.diff(limits))[kept], face[kept]
+    counted = owners_of(np.diff(limits))[kept], face[kept]
     camera = int(np.bincount(audit.poses.camera).argmax())
     candidates = _around(audit, zones, unit).of_camera(camera)
     with open_observer(audit.mesh, audit.camera, method) as observer:

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from rastercov.base import AnyArray, ByName, FloatArray, IntArray, write_bytes, write_json
+from rastercov.base import (
+    AnyArray,
+    ByName,
+    FloatArray,
+    IntArray,
+    owners_of,
+    write_bytes,
+    write_json,
+)
 from rastercov.core.area.union import Covered, with_rest
 from rastercov.core.camera import Cameras, Poses, Rig, Views, cameras_of, names_of_poses
 from rastercov.core.mesh import Mesh
@@ -104,7 +112,7 @@ def write_covered_mesh(
     mesh, parts = covered.mesh, with_rest(covered)
     counts = np.diff(parts.starts)
     # A fan of triangles from the first corner of each piece.
-    of_piece = np.repeat(np.arange(len(parts)), counts - 2)
+    of_piece = owners_of(counts - 2)
     step = np.arange(len(of_piece)) - np.repeat((counts - 2).cumsum() - (counts - 2), counts - 2)
     first = parts.starts[:-1][of_piece]
     triangles = parts.points()[np.stack((first, first + step + 1, first + step + 2), axis=1)]

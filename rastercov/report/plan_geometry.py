@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rastercov.base import BoolArray, FloatArray, dots, norm, sort_order
+from rastercov.base import BoolArray, FloatArray, dots, norm, owners_of, sort_order
 from rastercov.core.area.polygons import to_world
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import Camera, Poses
@@ -68,7 +68,7 @@ def views_on_plan(
     task = Task(min_facing_density=density)
     with closing(RegionPass(scene, sharp, task, only_task=True)) as finder:
         result = finder.find(Poses.of(placed, camera=poses.camera))
-    corner_of = np.repeat(np.arange(len(result.face)), np.diff(result.starts))
+    corner_of = owners_of(np.diff(result.starts))
     corners = to_world(scene, result.face[corner_of].astype(np.int64), result.xy)[:, :2]
     pieces = shapely.make_valid(shapely.polygons(shapely.linearrings(corners, indices=corner_of)))
     rows = range(len(poses))

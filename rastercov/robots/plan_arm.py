@@ -22,6 +22,7 @@ from rastercov.base import (
     StrPath,
     frozen_record,
     norm,
+    owners_of,
     plural,
     sort_order,
 )
@@ -361,7 +362,7 @@ class PlanArm:
         most = int(np.clip(MOST_NODES // max(len(options), 1), 1, MOST_OPTIONS))
         nodes = [self._repeat(own, most) for own in options]
         joints = np.concatenate([self.arm.robot.rest[None], *(each for each, _ in nodes)])
-        stop = np.repeat(np.arange(len(nodes)), [len(rows) for _, rows in nodes])
+        stop = owners_of([len(rows) for _, rows in nodes])
         costs = np.abs(self._ways(joints[:, None] - joints[None])).max(axis=2, initial=0.0)
         best = tour(costs, stop)
         at = best[sort_order(stop[best])]

@@ -25,6 +25,7 @@ from rastercov.base import (
     PoseError,
     dots,
     frozen_record,
+    offsets_of,
     shown,
     sort_order,
 )
@@ -251,7 +252,7 @@ def _within(regions: Regions, sheets: FloatArray, n: int) -> Regions:
         counts.append(np.diff(starts))
         piece.append(kept[own])
     order = sort_order(np.concatenate(piece))
-    ends = polygons.starts_of(np.concatenate(counts))
+    ends = offsets_of(np.concatenate(counts))
     ordered, ends = polygons.choose_polygons(np.concatenate(xy), ends, order)
     with_few_corners, ends, part = polygons.with_few_corners(ordered, ends)
     areas, rows = polygons.polygon_areas(with_few_corners, ends), np.concatenate(piece)[order][part]

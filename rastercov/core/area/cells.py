@@ -20,10 +20,11 @@ from rastercov.base import (
     finite_number,
     frozen_record,
     norm,
+    offsets_of,
     read_only,
     shown,
 )
-from rastercov.core.area.polygons import frames_of, starts_of, to_world
+from rastercov.core.area.polygons import frames_of, to_world
 from rastercov.core.area.table import Regions
 from rastercov.core.mesh import Mesh
 from rastercov.engine import area_cell
@@ -220,7 +221,7 @@ def cells(mesh: Mesh, size: float) -> Cells:
         )
     counts, corners = counter.counts, counter.corners
     n_cells = int(counts.sum())
-    first_cell, first_node = starts_of(counts), starts_of(np.maximum(2 * counts - 1, 0))
+    first_cell, first_node = offsets_of(counts), offsets_of(np.maximum(2 * counts - 1, 0))
     leaves, areas = np.empty(first_node[-1], np.int32), np.empty(n_cells)
     triangles = np.empty((n_cells, 3, 2))
     trees = Trees(corners, first_cell, first_node, leaves, areas)

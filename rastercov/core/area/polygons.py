@@ -32,7 +32,9 @@ from rastercov.base import (
     frozen_record,
     matmul,
     norm,
+    offsets_of,
     once_each,
+    owners_of,
     read_only,
     shown,
     sort_order,
@@ -53,17 +55,12 @@ ALL_TOGETHER = solver_union.ALL_TOGETHER
 """Cameras that are added at once, where all are."""
 
 
-def starts_of(counts: ArrayLike) -> IntArray:
-    """(N + 1,) sums of the counts before each polygon, and of all."""
-    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
-
-
 def choose_polygons(
     xy: FloatArray, starts: IntArray, rows: IntArray
 ) -> tuple[FloatArray, IntArray]:
     """Corners and starts of some of the polygons, in this order."""
     counts = np.diff(starts)[rows]
-    ends = starts_of(counts)
+    ends = offsets_of(counts)
     corners = np.repeat(starts[rows] - ends[:-1], counts) + np.arange(ends[-1])
     return xy[corners], ends
 
@@ -103,7 +100,7 @@ def centroids(xy: FloatArray, starts: IntArray, areas: FloatArray) -> FloatArray
 def fans(starts: IntArray) -> tuple[IntArray, IntArray]:
     """(T, 3) corners of the triangles that convex polygons are fans of, (T,) polygon of each."""
     counts = np.maximum(np.diff(starts) - 2, 0)
-    ends, polygon = starts_of(counts), np.repeat(np.arange(len(counts)), counts)
+    ends, polygon = offsets_of(counts), owners_of(counts)
     first, side = starts[polygon], np.arange(ends[-1]) - ends[polygon] + 1
     return np.stack((first, first + side, first + side + 1), axis=1), polygon
 
@@ -162,8 +159,8 @@ def clip_polygons(
     # Each corner that is kept, then where the side behind it is crossed.
     both = np.stack([xy, xy + share[:, None] * (xy[after] - xy)], axis=1).reshape(-1, 2)
     mask = np.stack([is_kept, is_crossed], axis=1)
-    counts = np.bincount(np.repeat(np.arange(n), np.diff(starts)), mask.sum(axis=1), n)
-    result, ends = both[mask.ravel()], starts_of(counts.astype(np.int64))
+    counts = np.bincount(owners_of(np.diff(starts)), mask.sum(axis=1), n)
+    result, ends = both[mask.ravel()], offsets_of(counts.astype(np.int64))
     rows = np.flatnonzero(counts >= 3)
     return (*choose_polygons(result, ends, rows), rows)
 
@@ -188,7 +185,7 @@ def with_few_corners(xy: FloatArray, starts: IntArray) -> tuple[FloatArray, IntA
             own = np.arange(at, min(at + MOST_CORNERS - 1, count))
             parts.append(first + np.append(0, own))
     corners = np.concatenate([*parts, np.zeros(0, np.int64)])
-    ends = starts_of([len(each) for each in parts])
+    ends = offsets_of([len(each) for each in parts])
     polygon = np.searchsorted(starts, corners[ends[:-1]], side="right") - 1
     return xy[corners], ends, polygon
 

@@ -14,8 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import BoolArray, ConfigError, check_memory, frozen_record, read_only
-from rastercov.core.area import polygons
+from rastercov.base import (
+    BoolArray,
+    ConfigError,
+    check_memory,
+    frozen_record,
+    offsets_of,
+    read_only,
+)
 from rastercov.core.area.criteria import PixelDensity
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.polygons import frames_of, rows_at
@@ -234,7 +240,7 @@ class RegionPass(ExactPass):
         regions = Regions(
             self.mesh,
             xy,
-            polygons.starts_of(counts),
+            offsets_of(counts),
             face,
             self.camera,
             self.task,

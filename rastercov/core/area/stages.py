@@ -38,6 +38,7 @@ from rastercov.base import (
     Int32Array,
     IntArray,
     Lists,
+    offsets_of,
     share_poses,
     thread_count,
 )
@@ -109,7 +110,7 @@ class ReasonPieces(NamedTuple):
         own = {
             name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in COLUMNS
         }
-        return ReasonPieces(starts=polygons.starts_of(counts), **own)
+        return ReasonPieces(starts=offsets_of(counts), **own)
 
 
 class Stage(NamedTuple):

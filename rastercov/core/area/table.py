@@ -24,6 +24,7 @@ from rastercov.base import (
     finite_number,
     frozen_record,
     members,
+    offsets_of,
     shown,
 )
 from rastercov.core.area import polygons
@@ -505,7 +506,7 @@ def join(parts: Sequence[Regions]) -> Regions:
     columns["columns"] = np.concatenate(axes) if len(axes) == len(parts) else None
     columns["cut_short"] = float(sum(each.cut_short for each in parts))
     counts = np.concatenate([np.diff(each.starts) for each in parts])
-    return replace(parts[0], starts=polygons.starts_of(counts), **columns)
+    return replace(parts[0], starts=offsets_of(counts), **columns)
 
 
 def any_of(parts: Sequence[Regions], *, one_side: bool = True) -> Regions:
@@ -523,7 +524,7 @@ def take_rows(regions: Regions, rows: IntArray) -> Regions:
     def gather(pose: Int32Array) -> tuple[IntArray, Int32Array]:
         ends = np.searchsorted(pose, every)
         counts = np.diff(ends)[rows]
-        first = np.repeat(ends[rows] - polygons.starts_of(counts)[:-1], counts)
+        first = np.repeat(ends[rows] - offsets_of(counts)[:-1], counts)
         return first + np.arange(len(first)), np.repeat(
             np.arange(len(rows), dtype=np.int32), counts
         )

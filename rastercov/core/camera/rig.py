@@ -39,6 +39,7 @@ from rastercov.base import (
     image_side,
     matmul,
     members,
+    owners_of,
     shown,
 )
 from rastercov.base.arguments import distinct, number, positive, two
@@ -611,7 +612,7 @@ def rows_of_result(cameras: Cameras, poses: Poses) -> IntArray:
             f"{shown(name)} out of order; use Rig.poses",
             (int(poses.ids[row]),),
         )
-    return np.repeat(np.arange(len(leads)), size[leads])
+    return owners_of(size[leads])
 
 
 def led_by(cameras: Cameras, poses: Poses) -> IntArray:

@@ -30,6 +30,8 @@ from rastercov.base import (
     frozen_record,
     matmul,
     norm,
+    offsets_of,
+    owners_of,
     read_only,
     sort_order,
 )
@@ -357,7 +359,7 @@ class Within:
             )
         pairs = np.concatenate(lists)
         order = sort_order(pairs[:, 0])
-        starts = np.concatenate(([0], np.cumsum(counts)))
+        starts = offsets_of(counts)
         return Partners(starts.astype(np.int64), pairs[order, 1].astype(np.int32))
 
     def part(self, index: int) -> Body:
@@ -480,7 +482,7 @@ class BodyContacts(Contacts):
             return own
         n = len(self.faces)
         is_whole = ~(self.within.touching(tolerance) & (np.diff(own.starts) == 0))
-        lists = [np.stack((np.repeat(np.arange(n), np.diff(own.starts)), own.faces), axis=1)]
+        lists = [np.stack((owners_of(np.diff(own.starts)), own.faces), axis=1)]
         for each in between:
             if each.pairs is None:
                 is_whole[each.touching] = False
@@ -492,7 +494,7 @@ class BodyContacts(Contacts):
         both = both[is_whole[both[:, 0]]]
         both = both[np.lexsort(both.T[::-1])]
         counts[~is_whole] = 0
-        starts = np.concatenate(([0], np.cumsum(counts)))
+        starts = offsets_of(counts)
         return Partners(starts.astype(np.int64), np.ascontiguousarray(both[:, 1], np.int32))
 
     def _between(self, tolerance: float) -> list[Between]:

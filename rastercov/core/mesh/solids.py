@@ -15,7 +15,9 @@ from rastercov.base import (
     IntArray,
     finite_points,
     matmul,
+    offsets_of,
     once_each,
+    owners_of,
     sort_order,
 )
 from rastercov.base.typed import typed
@@ -168,7 +170,7 @@ def closed_parts(mesh: Mesh) -> ClosedParts:
     rows = np.flatnonzero(closed_faces(mesh))
     _, part = np.unique(mesh.topology.components()[rows], return_inverse=True)
     rows = rows[sort_order(part)]
-    starts = np.insert(np.cumsum(np.bincount(part)), 0, 0)
+    starts = offsets_of(np.bincount(part))
     corners = mesh.vertices[mesh.faces[rows]]
     low = np.minimum.reduceat(corners.min(axis=1), starts[:-1])
     high = np.maximum.reduceat(corners.max(axis=1), starts[:-1])
@@ -183,7 +185,7 @@ def _is_room(mesh: Mesh, solid: ClosedParts) -> bool:
     low, high = solid.boxes.swapaxes(0, 1)
     slack = ROOM_TOLERANCE_REL * mesh.diagonal
     holds = (np.maximum(low - mesh.bounds[0], mesh.bounds[1] - high) <= slack).all(axis=1)
-    part = np.repeat(np.arange(len(low)), np.diff(solid.starts))
+    part = owners_of(np.diff(solid.starts))
     inward = encloses_volume(mesh.vertices, mesh.faces[solid.faces, ::-1], part)
     two_sided = np.logical_or.reduceat(mesh.two_sided_mask[solid.faces], solid.starts[:-1])
     return bool((holds & inward & ~two_sided).any())

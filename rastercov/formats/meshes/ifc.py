@@ -26,6 +26,7 @@ from rastercov.base import (
     MeshError,
     arctan2,
     dots,
+    owners_of,
     plural,
     thread_count,
 )
@@ -112,7 +113,7 @@ def read(data: bytes, budget: int) -> Polygons:
         vertices=vertices,
         faces=np.concatenate(faces),
         source_face=np.arange(sum(map(len, faces))),
-        face_group=np.repeat(np.arange(len(faces)), list(map(len, faces))),
+        face_group=owners_of(list(map(len, faces))),
         group_names=["/".join(n.replace("/", SLASH) for n in each if n) for each in levels],
         notes=notes,
         is_in_metres=True,

@@ -34,6 +34,7 @@ from rastercov.base import (
     ResourceError,
     WholeArray,
     matmul,
+    owners_of,
     shorten,
 )
 from rastercov.base.arguments import free_memory
@@ -222,7 +223,7 @@ def fan_polygons(
     check_budget(int(n_triangles.sum()), budget, np.size(vertices) // 3)
     points = np.array(vertices, np.float64).reshape(-1, 3)
     corners = np.asarray(corners, np.int64)
-    polygon = np.repeat(np.arange(len(n_corners)), n_triangles)
+    polygon = owners_of(n_triangles)
     first = (np.cumsum(n_corners) - n_corners)[polygon]
     step = np.arange(len(polygon)) - (np.cumsum(n_triangles) - n_triangles)[polygon]
     faces = np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
@@ -409,7 +410,7 @@ class Assembly:
 
 def reverse_rows(n_corners: IntArray) -> IntArray:
     """Indices that reverse the corners of each polygon but its first one."""
-    polygon = np.repeat(np.arange(len(n_corners)), n_corners)
+    polygon = owners_of(n_corners)
     first = (np.cumsum(n_corners) - n_corners)[polygon]
     place = np.arange(len(polygon)) - first
     return first + (n_corners[polygon] - place) % n_corners[polygon]

@@ -22,6 +22,8 @@ from rastercov.base import (
     IntArray,
     Lists,
     frozen_record,
+    offsets_of,
+    owners_of,
 )
 from rastercov.core.area.cells import Cells
 from rastercov.core.area.regions import RegionPass
@@ -175,7 +177,7 @@ class Objective:
         if (width := self.width) > 1:
             counts = np.zeros(len(poses) * width, np.int64)
             counts[owner * width + places_on_rigs(owner)] = np.diff(result.starts)
-            return Lists(np.concatenate(([0], np.cumsum(counts))), result.items)
+            return Lists(offsets_of(counts), result.items)
         return result if self.mounts is None else self.mounts.unite(result, owner, len(poses))
 
     def _list(self, poses: Poses) -> Lists:
@@ -197,7 +199,7 @@ class Objective:
     def dense(self, lists: Lists) -> BoolArray:
         """(N, F) mask of the faces of N lists."""
         covers = np.zeros((lists.n, len(self.integer_weights)), bool)
-        covers[np.repeat(np.arange(lists.n), np.diff(lists.starts)), lists.items] = True
+        covers[owners_of(np.diff(lists.starts)), lists.items] = True
         return covers
 
     def networks(self, poses: FloatArray, camera: ArrayLike) -> tuple[BoolArray, FloatArray]:

@@ -10,7 +10,7 @@ Branch and bound: each further candidate adds at most what it adds to fewer.
 
 import numpy as np
 
-from rastercov.base import Float32Array, FloatArray, matmul
+from rastercov.base import Float32Array, FloatArray, matmul, owners_of
 from rastercov.placement.plan.network import limits_of
 from rastercov.placement.plan.prepare import Prepared
 
@@ -29,7 +29,7 @@ def sets_in_reach(prepared: Prepared, count: int) -> list[tuple[int, ...]] | Non
     assert on is not None
     assert matrix is not None
     shares = np.zeros((matrix.n_poses, len(on)), np.float32)
-    row = np.repeat(np.arange(matrix.n_poses), matrix.pairs.counts)
+    row = owners_of(matrix.pairs.counts)
     shares[row, matrix.face] = matrix.coverage
     shares /= prepared.problem.views.astype(np.float32)[None]
     n_given = len(prepared.plan.given)

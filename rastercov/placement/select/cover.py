@@ -15,7 +15,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from rastercov.base import BoolArray, FloatArray, IntArray, sort_order
+from rastercov.base import BoolArray, FloatArray, IntArray, offsets_of, sort_order
 from rastercov.engine import placement_selection as kernels
 from rastercov.placement.select.presolve import Presolved, Reduced, ReducedProblem
 from rastercov.placement.select.problem import PROGRESS_BITS
@@ -191,7 +191,7 @@ class CoverState(Cover):
         kind_waits = lacks @ reduced.is_of
         is_open = ~self.covered_faces & kind_waits[reduced.kind]
         of_pair = np.where(is_open, reduced.integer_weights, 0)[reduced.face]
-        sums = np.concatenate(([0], np.cumsum(of_pair)))[reduced.indptr]
+        sums = offsets_of(of_pair)[reduced.indptr]
         weight = np.zeros_like(self.gain)
         weight[:, 0] = np.diff(sums)
         self.work += len(reduced.face)

@@ -55,6 +55,7 @@ from rastercov.base import (
     IntArray,
     ResourceError,
     check_seed,
+    offsets_of,
 )
 from rastercov.base.limits import limit_time
 from rastercov.base.streams import no_printing
@@ -725,5 +726,5 @@ def _merge_pairs(reduced: ReducedProblem) -> tuple[IntArray, Int32Array, FloatAr
     is_first[starts[:-1][starts[:-1] < len(is_first)]] = True
     rows = np.flatnonzero(is_first)
     times = np.diff(np.append(rows, len(covering))).astype(np.float64)
-    counts = np.diff(np.concatenate(([0], np.cumsum(is_first)))[starts])
+    counts = np.diff(offsets_of(is_first)[starts])
     return counts, covering[rows], times

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rastercov.base import BoolArray, FloatArray, Int32Array, IntArray, frozen_record
+from rastercov.base import BoolArray, FloatArray, Int32Array, IntArray, frozen_record, offsets_of
 from rastercov.engine import placement_bits
 from rastercov.placement.bits import CoveredBits, by_face, pack_bits, spread_out
 from rastercov.placement.select.problem import Problem
@@ -128,7 +128,7 @@ class Presolved(Reduced):
         candidates = self.candidates[rows]
         starts = problem.rows
         counts = starts[candidates + 1] - starts[candidates]
-        limits = np.concatenate(([0], np.cumsum(counts)))
+        limits = offsets_of(counts)
         owner = np.repeat(np.arange(len(candidates), dtype=np.int32), counts)
         cameras = np.arange(limits[-1]) + (starts[candidates] - limits[:-1])[owner]
         column = np.full(problem.n_faces, -1, np.int32)

@@ -19,6 +19,7 @@ from rastercov.base import (
     IntArray,
     check_choice,
     check_place,
+    owners_of,
     write_bytes,
     write_text,
 )
@@ -95,7 +96,7 @@ def _add(count: IntArray, polygon: shapely.MultiPolygon, corner: FloatArray, cel
     top, bottom = np.minimum(start[:, 1], end[:, 1]), np.maximum(start[:, 1], end[:, 1])
     first = np.ceil(top - 0.5).astype(np.int64)
     n = np.maximum(np.ceil(bottom - 0.5).astype(np.int64) - first, 0)
-    side = np.repeat(np.arange(len(n)), n)
+    side = owners_of(n)
     row = first[side] + np.arange(len(side)) - np.repeat(np.cumsum(n) - n, n)
     rise = end[side] - start[side]
     share = (row + 0.5 - start[side, 1]) / np.where(rise[:, 1] == 0, 1.0, rise[:, 1])
