@@ -271,7 +271,7 @@ class Study(NamedTuple):
             "answer": f"{answer} {'on' if '-' in self.period else 'in'} {self.period}",
             "period": self.period,
             "step_min": self.step,
-            "directions": np.count_nonzero(sunlit.weights),
+            "directions": len(np.flatnonzero(sunlit.weights)),
             "sun_hours": float(sunlit.weights.sum()),
             "least_hours": self.least,
             "level": self.level,
