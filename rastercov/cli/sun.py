@@ -24,8 +24,6 @@ from rastercov.core.mesh.mesh import Mesh, names_of
 if TYPE_CHECKING:
     from rastercov.sun.weather import Weather
 
-IRRADIANCE = 1000.0
-"""Unless given, W/m2."""
 MOST_LINES = 12
 """Pieces that are printed."""
 
@@ -58,7 +56,7 @@ class PeriodOptions(NamedTuple):
         ),
     ] = None
     min_elevation: Annotated[float, Option(help="Minimum elevation of the sun, deg.")] = 0.0
-    irradiance: Annotated[float, Option(help="Direct normal irradiance, W/m2.")] = IRRADIANCE
+    irradiance: Annotated[float, Option(help="Direct normal irradiance, W/m2.")] = 1000.0
     penumbra: Annotated[
         bool,
         Option(help="Also compute hours lit by all of the solar disc, and by at least part."),
@@ -158,8 +156,8 @@ def sun(
 
     weather.check_options(period.weather, period.shade_factors)
     year = None if period.weather is None else weather.read_weather(period.weather)
-    given = {**site._asdict(), "step": period.step, "irradiance": period.irradiance}
-    more = [name for name, value in given.items() if value not in (None, IRRADIANCE)]
+    given = {**site._asdict(), "step": period.step}
+    more = [name for name, value in given.items() if value is not None]
     if year is not None and more:
         raise ConfigError(f"expected --weather or --{more[0]}, got both; leave one out")
     period.times(0.0, year)  # errors before the mesh is read

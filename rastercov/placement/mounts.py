@@ -59,7 +59,7 @@ class Mounts:
             names += [name] if own is not mount else [f"{name}/{each}" for each in own.names]
             rigs.append(own)
         starts = offsets_of([len(each) for each in rigs])
-        return cls(tuple(mounts), Rig.of_several(rigs, names), starts.astype(np.int64))
+        return cls(tuple(mounts), Rig.of_several(rigs, names), starts)
 
     @classmethod
     def of_cameras(cls, rig: Rig) -> Self:

@@ -260,10 +260,10 @@ def _over(raster: Raster, beside: Mesh) -> Mesh:
     corners = beside.vertices[beside.faces, :2] - raster.origin
     x, y = raster.xy
     is_over = (corners.max(axis=1) >= (0, y[-1])) & (corners.min(axis=1) <= (x[-1], 0))
-    used, faces = np.unique(beside.faces[is_over.all(axis=1)], return_inverse=True)
-    if not len(used):
+    chosen = is_over.all(axis=1)
+    if not chosen.any():
         raise ConfigError("expected a mesh over the raster, got one beside it; move it")
-    return Mesh(beside.vertices[used], faces.reshape(-1, 3))
+    return beside._of_faces(chosen)
 
 
 def _solve_beside(

@@ -170,9 +170,8 @@ def _of_ascii(data: bytes) -> Raster:
     heights[heights == header.get("nodata_value", -9999.0)] = np.nan
     x = header.get("xllcenter", header.get("xllcorner", 0.0) + dx / 2)
     y = header.get("yllcenter", header.get("yllcorner", 0.0) + dy / 2)
-    is_on_globe = max(-x, x + columns * dx) <= 361 and max(-y, y + rows * dy) <= 91
     check(
-        not (0 < max(dx, dy) < LEAST_CELL and is_on_globe),
+        not (0 < dx < LEAST_CELL and abs(x) <= 361 and abs(y) <= 91),
         f"expected metres, got cellsize {dx:g} as of degrees",
         "convert it: gdal_translate -a_srs EPSG:4326 to a GeoTIFF",
     )
