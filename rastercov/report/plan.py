@@ -386,7 +386,7 @@ def head_lines(placement: Placement, level: int | None = None) -> list[str]:
     elif not goal and isinstance(asked, BestCoverage):
         most = []
         if asked.cameras is not None:
-            what = f"{'more ' * (len(prepared.plan.given) > 0)}{prepared.noun}"
+            what = f"{'more ' * (prepared.plan.n_given > 0)}{prepared.noun}"
             most.append(f"at most {plural(asked.cameras, what)}")
         if asked.budget is not None:
             most.append(f"a cost of at most {asked.budget:g}")

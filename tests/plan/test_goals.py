@@ -463,7 +463,39 @@ def test_new_cameras_beside_those_that_stay_cost_what_the_plan_says(room):
     assert "goal: best coverage with at most 2 more cameras" in head_lines(placed)
 
 
-def test_one_that_moves_leaves_its_place(room):
+@pytest.mark.parametrize("move", [[0], [0, 1]])
+@pytest.mark.parametrize(
+    "selection",
+    [
+        {"goal": "best_coverage", "cameras": 2},
+        {"goal": "best_coverage", "cameras": 2, "refine": True},
+        {"goal": "best_coverage", "budget": 0.5},
+        {"goal": "fewest_cameras", "coverage": 1.0, "of_reachable": True, "method": "integer"},
+    ],
+)
+def test_no_result_is_worse_than_to_leave_those_that_may_move(room, tmp_path, move, selection):
+    """Two that see much, and candidates that see little; nothing stays but what is placed."""
+    there = rc.look_at([(3.9, 0.1, 2.9), (2.0, 0.1, 1.5)], [(0.5, 3, 1), (2, 4, 1.5)])
+    poor = rc.look_at([(3.0, 3.0, 0.3), (0.5, 0.5, 0.3)], [(3.5, 3.0, 0.0), (0.6, 0.5, 0.0)])
+    for name, poses in (("there", there), ("poor", poor)):
+        rc.write_poses(tmp_path / f"{name}.json", poses)
+    asked = plan(
+        room,
+        existing={"file": str(tmp_path / "there.json"), "move": move},
+        candidates=[{"generator": "poses", "file": str(tmp_path / "poor.json")}],
+        selection=selection,
+    )
+    placed = rc.place(asked, out=tmp_path / "out")
+    left = rc.check(asked, there, min_coverage=0.1).cameras.share
+    assert placed.cameras.share >= left - 1e-9
+    for row, name in enumerate(placed.origin):
+        if name.startswith("existing"):
+            own = there[int(name.split()[-1])]
+            assert (placed.cameras.placed.world_from_camera[row] == own).all()
+    assert {"existing 0", "existing 1"} <= {*placed.origin}
+
+
+def test_one_that_moves_may_leave_its_place(room):
     path = room.parent / "some.json"
     there = rc.look_at([(3.9, 0.1, 2.9), (0.1, 0.1, 2.9), (3.9, 3.9, 2.9)], [(1, 2, 1)] * 3)
     rc.write_poses(path, there)

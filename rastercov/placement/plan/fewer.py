@@ -32,7 +32,7 @@ def sets_in_reach(prepared: Prepared, count: int) -> list[tuple[int, ...]] | Non
     row = owners_of(matrix.pairs.counts)
     shares[row, matrix.face] = matrix.coverage
     shares /= prepared.problem.views.astype(np.float32)[None]
-    n_given = len(prepared.plan.given)
+    n_given = prepared.plan.n_given
     least = (limits_of(prepared.selection)[None] - SLACK) * on.area.sum()
     result, work = list[tuple[float, tuple[int, ...]]](), 0
 

@@ -248,7 +248,8 @@ class Plan(PlanModel):
     _mounts: Mounts | None = PrivateAttr(default=None)
     _rooms: dict[str, Room] = PrivateAttr(default={})
     _site: Site | None = PrivateAttr(default=None)
-    _given: Poses | None = PrivateAttr(default=None)
+    _there: Poses = PrivateAttr(default=Poses.of(np.zeros((0, 4, 4))))
+    _n_given: int = PrivateAttr(default=0)
     _table: Table | None = PrivateAttr(default=None)
 
     @property
@@ -350,12 +351,20 @@ class Plan(PlanModel):
         return built
 
     @property
-    def given(self) -> Poses:
-        """Mounts that stay where cameras are chosen beside them; none before `with_given`."""
-        return Poses.of(np.zeros((0, 4, 4))) if self._given is None else self._given
+    def there(self) -> Poses:
+        """Mounts beside which others are chosen, first those that stay; none before `with_there`.
 
-    def with_given(self, cameras: Poses) -> Self:
-        """The same plan with cameras that stay; PlanError for one of a rig of several."""
+        The places of those that may move are candidates.
+        """
+        return self._there
+
+    @property
+    def n_given(self) -> int:
+        """Number of those that stay."""
+        return self._n_given
+
+    def with_there(self, cameras: Poses, n_given: int) -> Self:
+        """The same plan with cameras, of which the first stay; PlanError for one of a rig."""
         mounts = np.searchsorted(self.mounts.starts, cameras.camera, "right").astype(np.int32) - 1
         if len(several := np.flatnonzero(np.diff(self.mounts.starts)[mounts] > 1)):
             name = self.mounts.names[mounts[several[0]]]
@@ -363,7 +372,7 @@ class Plan(PlanModel):
                 self.name, f"existing: expected single cameras, got rig {name}; leave it out"
             )
         other = self.model_copy()
-        other._given = replace(cameras, camera=mounts)
+        other._there, other._n_given = replace(cameras, camera=mounts), n_given
         return other
 
     @property

@@ -533,12 +533,12 @@ def _for_goal(
     """The problem with the goal of the plan, and with goals of its own, or the nearest in reach."""
     plan, cells = job.plan, job.cells
     wanted = goal_of(job.selection)
-    if isinstance(wanted, BestCoverage) and wanted.cameras is not None and len(plan.given):
+    if isinstance(wanted, BestCoverage) and wanted.cameras is not None and plan.n_given:
         costs = np.ones(problem.n_candidates)
-        costs[: len(plan.given)] = 0.0
+        costs[: plan.n_given] = 0.0
         problem = replace(problem, costs=costs)
         wanted = BestCoverage(budget=float(wanted.cameras))
-    placed, given = candidate_pool.candidates.placed, plan.given.ids.tolist()
+    placed, given = candidate_pool.candidates.placed, plan.there.ids[: plan.n_given].tolist()
     all_of = with_goals(problem, wanted, objectives.goals, placed, given, job.clock)
     notes = list(all_of.notes)
     try:
@@ -600,7 +600,7 @@ def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
 def _sample(poses: Poses, most: int = N_DIAGNOSED) -> Poses:
     """Some of the poses, evenly spread."""
     n = len(poses)
-    return poses[np.linspace(0, n - 1, min(n, most)).astype(np.int64)]
+    return poses[np.linspace(0, n - 1, min(n, most)).astype(int)]
 
 
 def _of_rules(objectives: Objectives, mounts: Mounts, left: Poses) -> list[str]:

@@ -363,10 +363,9 @@ def place(
         views = read_views(plan.folder / plan.existing.file)
         plan, given = plan_of_cameras(plan, views)
         given.check_cameras(len(plan.rig))
+        eyes = renumber(given)
         if plan.chooses_cameras:
-            plan = plan.with_given(_staying(plan, renumber(given), views.images))
-        else:
-            eyes = renumber(given)
+            plan, eyes = _with_existing(plan, eyes, views.images), None
     _check_goals(plan)
     _check_before_work(plan)
     clock = Clock(step)
@@ -385,13 +384,13 @@ def place(
         return job.improve(chosen, objectives, last_steps())
 
 
-def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
-    """Existing cameras without those that move; PlanError for one that is not there."""
+def _with_existing(plan: Plan, given: Poses, images: Sequence[str]) -> Plan:
+    """The plan with existing cameras; PlanError for one to move that is not there."""
     assert plan.existing is not None
     names = names_of_poses(given, tuple(images))
-    moved = []
+    rows = {each: row for row, name in enumerate(names) for each in (row, name)}
     for row, each in enumerate(plan.existing.move):
-        if each not in (names if isinstance(each, str) else range(len(given))):
+        if each not in rows:
             known = f"{len(given)} cameras" + (
                 f" ({list_names(names, str(each))})" if images else ""
             )
@@ -399,8 +398,8 @@ def _staying(plan: Plan, given: Poses, images: Sequence[str]) -> Poses:
                 plan.name,
                 f"existing.move[{row}]: expected one of {known}, got {each!r}; correct it",
             )
-        moved.append(names.index(each) if isinstance(each, str) else each)
-    return given[np.setdiff1d(np.arange(len(given)), moved)]
+    moves = np.isin(given.ids, [rows[each] for each in plan.existing.move])
+    return plan.with_there(given[moves.argsort(kind="stable")], int((~moves).sum()))
 
 
 def _check_before_work(plan: Plan) -> None:
@@ -492,7 +491,7 @@ def _select(prepared: Prepared, seconds: float | None = None) -> Selection:
         selection = finish("all", prepared.problem, every, 0.0, 0.0)
         return replace(selection, chosen=every, curve=curve_of(prepared.problem, every))
     selection = select_by(prepared.selection, prepared.problem, seconds)
-    missing = np.setdiff1d(np.arange(len(prepared.plan.given)), selection.chosen)
+    missing = np.setdiff1d(np.arange(prepared.plan.n_given), selection.chosen)
     if not len(missing):
         return selection
     chosen = np.concatenate((selection.chosen, missing))
@@ -577,11 +576,9 @@ def _by_area(
         )
     assert cameras.areas is not None
     of_goals = tuple(each for each in placement.requirements if each.goal)
-    highs = [each.high for each in of_goals]
-    goals = zip((each.goal for each in objectives.goals), highs, strict=True)
-    cameras.areas.allowed = prepared.allowed._replace(
-        permits=permits_of(list(goals)), adds_only=bool(plan.goals)
-    )
+    pairs = zip(objectives.goals, of_goals, strict=True)
+    permits = permits_of([(own.goal, each.high) for own, each in pairs])
+    cameras.areas.allowed = prepared.allowed._replace(permits=permits, adds_only=bool(plan.goals))
     if not prepared.problem.reachable.any() and not len(cameras.placed):
         cameras.areas.instead = sample_candidates(plan, prepared.eligible)
     required: tuple[Requirement, ...]
@@ -731,7 +728,7 @@ def _within_limits(placement: Placement, objectives: Objectives, progress: Progr
     most until all together are, a few times. The bound of the first selection holds for all.
     """
     areas = best = placement
-    n_given = len(placement.prepared.plan.given)
+    n_given = placement.prepared.plan.n_given
     for tried in range(RAISES):
         progress(tried, RAISES)
         over = [each.goal for each in areas.requirements if each.is_most and each.status != HOLDS]
@@ -784,7 +781,7 @@ def _may_be_fewer(placement: Placement) -> bool:
     prepared, plan = placement.prepared, placement.prepared.plan
     others = plan.goals, plan.mounts.has_rigs, plan.task.min_angle_deg, prepared.carrier
     is_simple = plan.task.weight_by == "area" and not any(others)
-    costs = {*prepared.pool.costs[len(plan.given) :].tolist()}
+    costs = {*prepared.pool.costs[plan.n_given :].tolist()}
     is_asked = isinstance(prepared.selection, FewestSelection) and placement.is_met
     return (
         prepared.matrix is not None
@@ -801,7 +798,7 @@ def _fewest(placement: Placement, objectives: Objectives, progress: Progress) ->
     One fewer is tried, and again, while few sets of that many may reach it by their bound.
     """
     prepared, before, best = placement.prepared, placement.selection, placement
-    given = [*range(len(prepared.plan.given))]
+    given = [*range(prepared.plan.n_given)]
     count = len(before.chosen) - len(given)
 
     def of(chosen: ArrayLike, bound: float) -> Selection:
@@ -906,7 +903,7 @@ def _refine(placement: Placement, objectives: Objectives, progress: Progress) ->
             moved = replace(moved, carried=carried)
     else:
         space, seed = placement.prepared.pool.space, selection.seed
-        stays = placement.chosen < len(placement.prepared.plan.given)
+        stays = placement.chosen < len(placement.prepared.plan.there)
         refinement = refine(watched, space, start, budget=budget, seed=seed, fixed=stays)
         moved = _move_cameras(placement, objectives, refinement.poses, "refined")
     is_interrupted = refinement.status == INTERRUPTED
@@ -948,7 +945,7 @@ def _without_idle(placement: Placement, objectives: Objectives) -> Placement:
         return int(objective.worth(objective.covered(covers[own], eyes[own])))
 
     all_of = worth(rows)
-    may_go = placement.chosen >= len(placement.prepared.plan.given)
+    may_go = placement.chosen >= placement.prepared.plan.n_given
     for row in reversed(np.flatnonzero(may_go).tolist()):  # the first cover most
         rest = [each for each in rows if each != row]
         if not rest or worth(rest) < all_of:

@@ -404,8 +404,8 @@ def filter_pool(plan: Plan, mesh: Mesh, parts: Sequence[Part]) -> CandidatePool:
     """
     limits = plan.constraints
     candidates = Candidates(np.zeros((0, 4, 4)), np.zeros(0, np.int16), np.zeros(0, np.int64), ())
-    given = Candidates.of(plan.given.world_from_camera, "existing", plan.given.ids)
-    given = replace(given, camera=frozen(plan.given.camera))
+    given = Candidates.of(plan.there.world_from_camera, "existing", plan.there.ids)
+    given = replace(given, camera=frozen(plan.there.camera))
     candidates = sum((part for part, _ in parts), given if len(given) else candidates)
     costs = [np.full(len(part), cost) for part, cost in parts]
     if limits.spaces and not plan.table:
