@@ -392,6 +392,15 @@ def test_no_goal_is_within_reach_by_what_sees_what_must_not_be_seen(room, monkey
         assert of(rc.check(plan(room, camera=used, **goal), pose[None]), "window").high == 0
 
 
+def test_a_page_counts_the_candidates_that_a_goal_permits(room, tmp_path):
+    asked = plan(room, goals={"window": PRIVATE}, selection={"goal": "best_coverage", "cameras": 2})
+    placed = rc.place(asked, out=tmp_path)
+    n = len(placed.prepared.eligible)
+    assert 0 < n < len(placed.prepared.pool.candidates)
+    page = re.sub(r"<[^>]*>", "", (tmp_path / "page.html").read_text())
+    assert f"All {n} candidates together cover" in page
+
+
 def test_cameras_that_together_cover_too_much_are_replaced(room):
     goal = {"window": {"groups": ["window"], "at_most": 0.35}}
     rc.write_poses(room.parent / "rig.json", rc.look_at(
