@@ -12,15 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rastercov.base import (
-    ByName,
-    FloatArray,
-    IntArray,
-    ReadByName,
-    norm,
-    percent,
-    plural,
-)
+from rastercov.base import ByName, FloatArray, IntArray, ReadByName, norm, percent, plural
 from rastercov.base.format import area as in_square_metres
 from rastercov.base.format import coordinates, distance
 from rastercov.core.area.network import AreaNetwork, unit_of_result

@@ -17,6 +17,7 @@ from rastercov.base import (
     flag,
     frozen_record,
     members,
+    offsets_of,
     shown,
 )
 from rastercov.core.area.criteria import (
@@ -160,7 +161,7 @@ class Illuminance(InOneLine):
         """See `Criterion`."""
         sign = 1.0 if self.is_least else -1.0
         arrays = rows_of(self, n_rows, positions=2, axes=2, intensities=1, exponents=1, table=1)
-        starts = np.cumsum([0, *(len(np.asarray(each)) for each in self.tables)])
+        starts = offsets_of([len(np.asarray(each)) for each in self.tables])
         knots = np.concatenate([np.empty((0, 4)), *self.tables])
         of_webs = rows_of(self, n_rows, web=1, frames=3)
         lamps = (

@@ -281,7 +281,7 @@ def _solve_beside(
     pose = look_at([(0.0, 0.0, place[4])], [(1.0, 0.0, place[4])])
     camera = panorama(2000, 1000)
     near = near_limit(camera, scene.bounds, pose)[0]
-    if 0 < height <= near:
+    if not (height == 0 or height > near):
         raise ConfigError(
             f"expected eyes more than {near:.3g} m above the ground, 1e-6 of the distance to the "
             f"farthest corner of the mesh, got {height:g} m; cut the mesh"

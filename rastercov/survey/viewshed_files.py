@@ -5,13 +5,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from rastercov.base import (
-    ByName,
-    ConfigError,
-    FloatArray,
-    write_bytes,
-    write_text,
-)
+from rastercov.base import ByName, ConfigError, FloatArray, write_bytes, write_text
 from rastercov.base.files import file_text
 from rastercov.base.format import text_with_bound
 from rastercov.base.output import csv_text, name_folder

@@ -328,7 +328,7 @@ def test_goals_are_on_the_sheet_with_what_they_lack_and_who_sees_the_private(
     texts = [text.text for text in ElementTree.parse("s.svg").getroot().iter() if text.text]
     words = " ".join(texts)
     assert "fails: goal doors: 0.0 % of the area covered, 70.0 % required" in words
-    seen = "seen by camera 1 (1 m²)", "no camera sees any of it (proved)"
+    seen = "seen by camera 1 (1 m²)", "no camera covers any of it (proved)"
     assert seen[not sees_window] in words
     assert seen[sees_window] not in words
     lines = ezdxf.readfile("s.dxf").modelspace().query("LWPOLYLINE[layer=='GOALS']")

@@ -14,14 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rastercov.base import (
-    BoolArray,
-    ConfigError,
-    check_memory,
-    frozen_record,
-    offsets_of,
-    read_only,
-)
+from rastercov.base import BoolArray, ConfigError, check_memory, frozen_record, read_only
+from rastercov.base.arguments import offsets_of
 from rastercov.core.area.criteria import PixelDensity
 from rastercov.core.area.features import FEATURES
 from rastercov.core.area.polygons import frames_of, rows_at

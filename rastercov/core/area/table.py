@@ -492,7 +492,7 @@ def join(parts: Sequence[Regions]) -> Regions:
     """Regions of all poses of several, of one mesh, in their order."""
     if len(parts) == 1:
         return parts[0]
-    n = np.cumsum([0] + [len(each.pose_ids) for each in parts]).astype(np.int32)
+    n = offsets_of([len(each.pose_ids) for each in parts]).astype(np.int32)
     columns: ByName = {
         name: np.concatenate([getattr(each, name) for each in parts])
         for name in ("xy", "face", "pose_ids", "pair_face", "area", "bound", "excess", "eyes")

@@ -31,7 +31,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rastercov
-from rastercov.base import AnyArray, ByName, ReadByName, json_text, own_folder, remove_folder
+from rastercov.base import (
+    AnyArray,
+    ByName,
+    ReadByName,
+    json_text,
+    offsets_of,
+    own_folder,
+    remove_folder,
+)
 from rastercov.base.output import name_folder, own_place
 from rastercov.base.versions import version_of
 from rastercov.core.area.regions import RegionObserver
@@ -598,7 +606,7 @@ def _measure_poses(
 
 def _join_batches(poses: Poses, batches: Sequence[JudgedPoses]) -> dict[str, AnyArray]:
     """Arrays of all batches of some poses, whatever their sizes and the number of threads."""
-    ends = np.cumsum([0] + [len(batch.poses) for batch in batches])
+    ends = offsets_of([len(batch.poses) for batch in batches])
     sums: dict[int, Any] = {}
     for first, batch in zip(ends, batches, strict=False):
         for camera, part in batch.sums.items():

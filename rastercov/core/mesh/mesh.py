@@ -35,6 +35,7 @@ from rastercov.base import (
     frozen_record,
     matmul,
     members,
+    offsets_of,
     plural,
     printable,
     shorten,
@@ -421,7 +422,7 @@ class Mesh(InNotebook):
         rows = {group: row for row, group in enumerate(dict.fromkeys(named))}
         row_of = np.array([rows[group] for group in named])
         n_vertices, n_groups = (
-            np.cumsum([0, *counts]).tolist()
+            offsets_of(counts).tolist()
             for counts in ([p.n_vertices for p in parts], [len(p.groups) for p in parts])
         )
         return cls(
@@ -948,7 +949,7 @@ def names_of(mesh: Mesh, paths: Sequence[StrPath] | None = None) -> Names:
     groups = [group.name for group in mesh.groups]
     if paths is not None and not mesh.sources:
         return Names(groups, [FileGroups(paths[0], groups)])
-    ends = np.cumsum([0, *(source.n_faces for source in mesh.sources)])
+    ends = offsets_of([source.n_faces for source in mesh.sources])
     if ends[-1] != mesh.n_faces:  # there are others
         return Names(groups)
     rows = [np.unique(mesh.face_group[a:b]) for a, b in pairwise(ends)]

@@ -26,6 +26,7 @@ from rastercov.base import (
     StrPath,
     UnreadableError,
     file_bytes,
+    offsets_of,
     printable,
 )
 from rastercov.base.files import PROJECTS
@@ -95,8 +96,8 @@ def read_files(
         names.append([(stem if name is None else name) for name in polygons.group_names])
         notes += [f"{shown}: {note}" for note in polygons.notes]
     storeys = iter(names_beside(paths, [[a.storey for a, _, _ in p.spaces] for p in parts]))
-    n_vertices = np.cumsum([0] + [len(part.vertices) for part in parts])
-    n_groups = np.cumsum([0] + [len(part.group_names) for part in parts])
+    n_vertices = offsets_of([len(part.vertices) for part in parts])
+    n_groups = offsets_of([len(part.group_names) for part in parts])
     scene = Polygons(
         vertices=np.concatenate([part.vertices for part in parts]),
         faces=np.concatenate([p.faces + n for p, n in zip(parts, n_vertices, strict=False)]),

@@ -19,16 +19,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from rastercov.base import (
-    BoolArray,
-    ByName,
-    FloatArray,
-    IntArray,
-    matmul,
-    norm,
-    plural,
-    shown,
-)
+from rastercov.base import BoolArray, ByName, FloatArray, IntArray, matmul, norm, plural, shown
 from rastercov.core.mesh.arrays import matrices_of, rotations_of_quaternions
 from rastercov.formats.meshes.gltf_file import (
     INSTANCING,

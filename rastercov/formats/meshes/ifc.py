@@ -26,6 +26,7 @@ from rastercov.base import (
     MeshError,
     arctan2,
     dots,
+    offsets_of,
     owners_of,
     plural,
     thread_count,
@@ -96,7 +97,7 @@ def read(data: bytes, budget: int) -> Polygons:
     made, notes, site = _make_solids(data, budget)
     spaces, solids = ([s for s in made if (s[0].type == SPACE) == is_space] for is_space in (1, 0))
     check(solids, "expected a product with a surface, got none")
-    starts = np.cumsum([0] + [len(points) for _, points, _ in solids])
+    starts = offsets_of([len(points) for _, points, _ in solids])
     vertices = np.concatenate([points for _, points, _ in solids])
     faces = [own + start for (_, _, own), start in zip(solids, starts, strict=False)]
     notes = [

@@ -416,7 +416,7 @@ class TogetherObjective(Objective):
     def _join_lists(self, lists: Sequence[Lists], n_poses: int) -> Lists:
         """Lists of the rows of all parts."""
         self.watch(n_poses)
-        starts = np.cumsum([0, *(len(each.need) for each in self.parts)]).tolist()
+        starts = offsets_of([len(each.need) for each in self.parts]).tolist()
         rows = [
             np.concatenate([
                 each.row(row) + np.int32(first)

@@ -77,7 +77,7 @@ class Cover(ABC):
     @property
     def lack(self) -> IntArray:
         """(G,) weight that each requirement of `FewestCameras` lacks, 0 where it holds."""
-        done: IntArray = self.among.is_of @ self.done
+        done = (self.among.is_of * self.done).sum(axis=1)
         return np.maximum(self.among.least - done, 0)
 
     @property
@@ -188,7 +188,7 @@ class CoverState(Cover):
             return -1
         lacks = self.lack > 0
         lacks[0] |= not reduced.least.any()
-        kind_waits = lacks @ reduced.is_of
+        kind_waits = np.any(reduced.is_of[lacks], axis=0)
         is_open = ~self.covered_faces & kind_waits[reduced.kind]
         of_pair = np.where(is_open, reduced.integer_weights, 0)[reduced.face]
         sums = offsets_of(of_pair)[reduced.indptr]

@@ -210,8 +210,8 @@ class ReducedProblem(Reduced):
         """(F,) faces without which the requirements cannot be met."""
         whole = np.zeros(len(self.least), np.int64)
         np.add.at(whole, self.kind, self.integer_weights)
-        wanted = (self.least >= self.is_of @ whole) & (self.least > 0)
-        return (wanted @ self.is_of)[self.kind]
+        wanted = (self.least >= (self.is_of * whole).sum(axis=1)) & (self.least > 0)
+        return self.is_of[wanted].any(axis=0)[self.kind]
 
 
 def presolve(problem: Problem) -> Presolved:
