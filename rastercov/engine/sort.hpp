@@ -6,7 +6,11 @@
 // Twin: tests/native/test_wasm.py.
 #pragma once
 #include <algorithm>
+#include <cstdint>
 #include <functional>
+#include <numeric>
+#include <utility>
+#include <vector>
 
 namespace rastercov {
 
@@ -26,6 +30,16 @@ void sort_range(At first, At last, Less is_less = {}) {
 #else
     std::sort(first, last, is_less);
 #endif
+}
+
+// Rows in the order of their keys, equal ones by row.
+template <class Keys> std::vector<int64_t> order_of(const Keys &keys) {
+    std::vector<int64_t> order(keys.size());
+    std::iota(order.begin(), order.end(), 0);
+    sort_range(order.begin(), order.end(), [&](int64_t a, int64_t b) {
+        return std::pair(keys[size_t(a)], a) < std::pair(keys[size_t(b)], b);
+    });
+    return order;
 }
 
 } // namespace rastercov

@@ -25,7 +25,9 @@ using Coordinates = std::array<double, 3>;
 inline Coordinates minus(const Coordinates &a, const Coordinates &b) {
     return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
 }
-inline double dot(const Coordinates &a, const Coordinates &b) {
+double dot(const auto &a, const auto &b)
+    requires requires { a[0] * b[0]; }
+{
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 inline Coordinates cross(const Coordinates &a, const Coordinates &b) {

@@ -48,12 +48,8 @@ std::unique_ptr<const Hiders> make_hiders(const engine::Mesh &of) {
     const auto n = int64_t(solid.size());
     std::vector<uint64_t> keys(solid.size());
     mesh::order_keys<int64_t>(points, {corners.data(), {n}}, {keys.data(), {n}});
-    std::vector<int64_t> order(solid.size()), sorted;
-    std::iota(order.begin(), order.end(), 0);
-    sort_range(order.begin(), order.end(), [&](int64_t a, int64_t b) {
-        return std::pair(keys[size_t(a)], a) < std::pair(keys[size_t(b)], b);
-    });
-    for (const int64_t at : order) {
+    std::vector<int64_t> sorted;
+    for (const int64_t at : order_of(keys)) {
         made->row[size_t(solid[size_t(at)])] = int64_t(made->faces.size());
         made->faces.push_back(solid[size_t(at)]);
         for (int64_t k = 3 * at; k < 3 * at + 3; k++) {

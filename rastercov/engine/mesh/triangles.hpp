@@ -69,10 +69,6 @@ inline bool are_apart(const Triangle &one, const Triangle &other, double reach) 
     return false;
 }
 
-inline double dot(const double *a, const double *b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 // Squared distance of a point from a triangle with an area, nine numbers; `out` is its nearest
 // point.
 inline double nearest_on_triangle(const double *p, const double *a, double *out) {

@@ -15,6 +15,7 @@
 // Twin: tests/placement/test_segments.py compares all normals of a segment.
 #include "bind.hpp"
 #include "interrupt.hpp"
+#include "vector.hpp"
 #include <algorithm>
 #include <cmath>
 
@@ -40,8 +41,6 @@ int64_t turn(const Corner &p, const Corner &q, int64_t x, int64_t y) {
 int64_t on_grid(double v) {
     return std::abs(v) <= MOST_UNITS ? std::llrint(v) : 0; // farther, and NaN: of no unit normal
 }
-
-double dot(const Normal &a, const Normal &b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 // Convex hull of points on the grid: its corners, anticlockwise.
 class Hull {

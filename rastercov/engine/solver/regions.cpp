@@ -3,7 +3,6 @@
 // Twins: tests/area/test_regions.py, tests/area/test_lens_regions.py.
 #include "solver/regions.hpp"
 #include "sort.hpp"
-#include <numeric>
 
 namespace rastercov::engine {
 
@@ -113,12 +112,7 @@ Regions join_regions(std::vector<Regions> parts, const area::Planes &planes) {
         append(all.listed, part.listed);
     }
     for (const int64_t n : n_corners) starts.push_back(starts.back() + n);
-    std::vector<int64_t> order(face.size());
-    std::iota(order.begin(), order.end(), 0);
-    sort_range(order.begin(), order.end(), [&](int64_t a, int64_t b) {
-        return std::pair(face[size_t(a)], a) < std::pair(face[size_t(b)], b);
-    });
-    for (const int64_t p : order) {
+    for (const int64_t p : order_of(face)) {
         const auto at = size_t(p);
         all.face.push_back(face[at]);
         all.n_corners.push_back(n_corners[at]);
