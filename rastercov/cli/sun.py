@@ -56,7 +56,10 @@ class PeriodOptions(NamedTuple):
         ),
     ] = None
     min_elevation: Annotated[float, Option(help="Minimum elevation of the sun, deg.")] = 0.0
-    irradiance: Annotated[float, Option(help="Direct normal irradiance, W/m2.")] = 1000.0
+    irradiance: Annotated[
+        float | None,
+        Option(help="Direct normal irradiance, W/m2.", show_default="1000"),
+    ] = None
     penumbra: Annotated[
         bool,
         Option(help="Also compute hours lit by all of the solar disc, and by at least part."),
@@ -156,10 +159,12 @@ def sun(
 
     weather.check_options(period.weather, period.shade_factors)
     year = None if period.weather is None else weather.read_weather(period.weather)
-    given = {**site._asdict(), "step": period.step}
+    given = {**site._asdict(), "step": period.step, "irradiance": period.irradiance}
     more = [name for name, value in given.items() if value is not None]
     if year is not None and more:
         raise ConfigError(f"expected --weather or --{more[0]}, got both; leave one out")
+    if year is None is period.irradiance:
+        period = period._replace(irradiance=1000.0)
     period.times(0.0, year)  # errors before the mesh is read
     least, level = _hours(surface.at_least, period)
     mesh = scene.read(meshes)

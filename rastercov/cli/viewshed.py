@@ -55,8 +55,10 @@ def viewshed(
     at_least: Annotated[
         float | None,
         Option(
+            min=0,
+            max=100,
             help="Minimum visible share of the ground, %, by each observer. Exits with 1 if not "
-            "reached."
+            "reached.",
         ),
     ] = None,
     out: Annotated[

@@ -179,6 +179,7 @@ def test_energy_and_shade_factors_of_a_command(tmp_path, monkeypatch, capsys):
         ("--weather a.epw --latitude 50", "expected --weather or --latitude, got both; leave one"),
         ("--weather a.epw --longitude 0", "expected --weather or --longitude, got both"),
         ("--weather a.epw --step 60", "expected --weather or --step, got both"),
+        ("--weather a.epw --irradiance 900", "expected --weather or --irradiance, got both"),
         ("--weather a.epw --shade-factors no/b.csv", "a file in an existing folder"),
     ],
 )

@@ -725,6 +725,7 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
         (["--from", "500100,5299900", "--outlines", "a.shp"], "to be .geojson or .json"),
         (["--observers", "nothing.csv"], "with a CSV file"),
         (["--observers", "/dev/zero"], "a regular file, got a device"),
+        (["--from", "1,2", "--at-least", "101"], "a number of at most 100"),
         (["--from", "1,2", "--outlines", "a.json", "--beside", "a.obj"], "--outlines or --beside"),
     ],
 )
