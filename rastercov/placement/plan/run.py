@@ -100,7 +100,13 @@ from rastercov.placement.plan.prepare import (
 )
 from rastercov.placement.plan.scene import CandidatePool, name_scene
 from rastercov.placement.plan.sections import AllSelection, FewestSelection
-from rastercov.placement.plan.shortfall import area_of_all, shortfall, views_for_zones, ways
+from rastercov.placement.plan.shortfall import (
+    MOST_PAIRS,
+    area_of_all,
+    shortfall,
+    views_for_zones,
+    ways,
+)
 from rastercov.placement.required import HOLDS
 from rastercov.placement.select.methods import select_by
 from rastercov.placement.select.problem import FewestCameras, Problem, Selection, curve_of, finish
@@ -484,24 +490,29 @@ class Run:
         return placement
 
 
-def _select(prepared: Prepared, seconds: float | None = None) -> Selection:
-    """Selection of a problem, with the cameras that stay, which cost nothing."""
+def _select(
+    prepared: Prepared, seconds: float | None = None, bound: float | None = None
+) -> Selection:
+    """Selection of a problem, with the cameras that stay, which cost nothing.
+
+    `bound` is that of the plan where the problem is a stricter one, whose optimum proves nothing.
+    """
     if isinstance(prepared.selection, AllSelection):
         every = np.setdiff1d(np.arange(prepared.problem.n_candidates), prepared.barred)
         selection = finish("all", prepared.problem, every, 0.0, 0.0)
         return replace(selection, chosen=every, curve=curve_of(prepared.problem, every))
     selection = select_by(prepared.selection, prepared.problem, seconds)
     missing = np.setdiff1d(np.arange(prepared.plan.n_given), selection.chosen)
-    if not len(missing):
+    if bound is None and not len(missing):
         return selection
-    chosen = np.concatenate((selection.chosen, missing))
+    is_proved = bound is None or selection.status != "optimal"
     return finish(
         selection.method,
         prepared.problem,
-        chosen,
-        selection.bound,
+        np.concatenate((selection.chosen, missing)),
+        selection.bound if bound is None else bound,
         selection.seconds,
-        selection.status,
+        selection.status if is_proved else "feasible",
     )
 
 
@@ -641,7 +652,8 @@ def _look_past_carrier(
             prepared = areas.prepared.without(areas.chosen[areas.carried.is_hidden])
         except ConfigError:  # the rest does not reach the goal
             break
-        areas = _make_placement(prepared, _select(prepared), objectives, placement.steps)
+        chosen = _select(prepared, bound=placement.selection.bound)
+        areas = _make_placement(prepared, chosen, objectives, placement.steps)
         areas = _by_area(areas, objectives)
         best = max(best, areas, key=lambda each: each.worth)
     if best.carried is None or not _is_hidden(best):
@@ -696,7 +708,8 @@ def _select_anew(placement: Placement, objectives: Objectives, progress: Progres
     """The placement with cameras selected anew until its exact area meets the goal.
 
     Each time as much more of the cells is wanted as the area falls short. Where that does not help,
-    it is the placement that lacks least. The bound is of the goal of the plan, as it was at first.
+    it is that of all candidates that add area, or the placement that lacks least. The bound is of
+    the goal of the plan, as it was at first.
     """
     areas = best = placement
     until = time.perf_counter() + placement.prepared.selection.time_limit
@@ -705,46 +718,78 @@ def _select_anew(placement: Placement, objectives: Objectives, progress: Progres
         if tighter.problem.goal == areas.prepared.problem.goal:  # all that candidates reach
             break
         left = max(until - time.perf_counter(), 1.0)
-        chosen = _select(tighter, left)
-        chosen = finish(
-            chosen.method,
-            tighter.problem,
-            chosen.chosen,
-            placement.selection.bound,
-            chosen.seconds,
-            "feasible" if chosen.status == "optimal" else chosen.status,
-        )
+        chosen = _select(tighter, left, placement.selection.bound)
         areas = _by_area(_make_placement(tighter, chosen, objectives, placement.steps), objectives)
         best = max(best, areas, key=lambda each: each.worth)
         if not _is_short(areas):
             return areas
-    return placement if is_lowered(placement.prepared) else best
+    return placement if is_lowered(placement.prepared) else _with_the_rest(best, objectives)
+
+
+def _with_the_rest(placement: Placement, objectives: Objectives) -> Placement:
+    """The placement with all other candidates that add exact area, if that meets the goal."""
+    prepared, before = placement.prepared, placement.selection
+    n_candidates, n_faces = prepared.problem.n_candidates, prepared.mesh.n_faces
+    if prepared.phases or prepared.carrier or n_candidates * n_faces > MOST_PAIRS:
+        return placement
+    gone = [*placement.chosen, *prepared.barred, *prepared.quarantined]
+    rows = np.append(before.chosen, np.setdiff1d(np.arange(n_candidates), gone))
+    result = placement
+    for _ in range(2):
+        chosen = finish(before.method, prepared.problem, rows, before.bound, before.seconds)
+        areas = _make_placement(prepared, chosen, objectives, placement.steps)
+        areas = _by_area(areas, objectives)
+        if not areas.is_met:
+            break
+        result, adds = areas, np.diff(areas.cameras.curve, prepend=0.0) > 0
+        rows = chosen.chosen[np.unique(areas.cameras.owner[adds])]
+    return result
 
 
 def _within_limits(placement: Placement, objectives: Objectives, progress: Progress) -> Placement:
-    """The placement without the candidates that cover most of what goals permit up to a limit.
+    """The placement within what goals permit, the best of those that are tried.
 
-    Each candidate alone is within the limit; cameras are selected anew without the one that covers
-    most until all together are, a few times. The bound of the first selection holds for all.
+    Cameras that exceed a limit exceed it beside any others, so one of them must go: cameras are
+    selected anew without each of them. Deeper ones are tried first, and those without the camera
+    that covers most; once the goals are met, the least deep.
     """
-    areas = best = placement
-    n_given = placement.prepared.plan.n_given
-    for tried in range(RAISES):
-        progress(tried, RAISES)
-        over = [each.goal for each in areas.requirements if each.is_most and each.status != HOLDS]
-        new = areas.chosen[areas.chosen >= n_given]
-        if not over or not len(new):
+    best, left = placement, _that_may_go(placement)
+    is_fewest = isinstance(placement.prepared.problem.goal, FewestCameras)
+    for tried in range(MOST_TRIED):
+        progress(tried, MOST_TRIED)
+        if not left or (best.is_met and best.selection.status == "optimal"):
             break
-        shares = areas.prepared.permitted[over[0]][new]
+        sign = -1 if best.is_met else 1
+        at = max(range(len(left)), key=lambda at: (sign * left[at][0], left[at][1]))
+        *_, row, prepared = left.pop(at)
         try:
-            prepared = areas.prepared.without(new[[shares.argmax()]])
+            prepared = prepared.without(np.array([row]))
         except ConfigError:  # the rest does not reach the goal
-            break
-        areas = _make_placement(prepared, _select(prepared), objectives, placement.steps)
-        if objectives.cells is not None:
-            areas = _by_area(areas, objectives)
-        best = max(best, areas, key=lambda each: each.worth)
+            continue
+        chosen = _select(prepared, bound=placement.selection.bound)
+        areas = _make_placement(prepared, chosen, objectives, placement.steps)
+        areas = areas if objectives.cells is None else _by_area(areas, objectives)
+        best = max(
+            best,
+            areas,
+            key=lambda each: (each.worth[0], -each.selection.cost * is_fewest, each.worth[1]),
+        )
+        left += _that_may_go(areas)
     return best
+
+
+def _that_may_go(placement: Placement) -> list[tuple[int, float, int, Prepared]]:
+    """Cameras of which one must go for a goal of what is permitted, after how many others.
+
+    With the share that each alone covers of it.
+    """
+    prepared, chosen = placement.prepared, placement.chosen
+    for each in placement.requirements:
+        if each.is_most and each.status != HOLDS:
+            shares, depth = prepared.permitted[each.goal], len(prepared.barred)
+            new = chosen[chosen >= prepared.plan.n_given].tolist()
+            return [(depth, float(shares[row]), row, prepared) for row in new]
+    return []
 
 
 def _is_met_in_phases(placement: Placement) -> bool:

@@ -335,7 +335,7 @@ def in_whole_numbers(weights: FloatArray) -> IntArray:
     total = float(weights.sum())
     if total < TOTAL_WEIGHT and bool((weights == np.floor(weights)).all()):
         return weights.astype(np.int64)
-    return np.rint(weights / total * TOTAL_WEIGHT).astype(np.int64)
+    return np.rint(weights / total * TOTAL_WEIGHT).clip(weights > 0).astype(np.int64)
 
 
 def _unreachable(group: str, most: float, share: float, problem: Problem) -> ConfigError:
