@@ -162,6 +162,18 @@ def test_the_thesis_chooses_by_mean_coverage_alone():
     assert sorted(select_thesis(problem_of_matrix(covers), [0.6, 0.6, 0.4]).chosen) == [0, 1, 2]
 
 
+@pytest.mark.parametrize("size", [1e-9, 1e-12, 1e-16, 1e-300])
+@pytest.mark.parametrize("select", [select_greedy, select_integer])
+def test_a_small_part_counts_however_large_the_rest_is(select, size):
+    """A bolt of 1e-12 of the area weighed nothing, and its goal was met without a camera."""
+    goal = FewestCameras(0.5, {"bolt": 1.0})
+    names = {"groups": ("hall", "bolt"), "face_group": [0, 0, 0, 1]}
+    covers = [[1, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+    chosen = select(problem_of_matrix(covers, goal, weights=[1.5, 1, 1, size], **names))
+    assert sorted(chosen.chosen) == [0, 2]
+    assert chosen.bound == 2
+
+
 def test_nothing_to_cover_takes_no_camera():
     for goal in (FewestCameras(), FewestCameras(1e-9), BestCoverage(3)):
         for covers in (np.zeros((3, 0)), np.zeros((0, 0))):

@@ -8,7 +8,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+import shapely
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from nightly import amount, examples
 
@@ -418,6 +419,105 @@ def test_cameras_that_together_cover_too_much_are_replaced(room):
     assert both.share > 0.35
     assert placed.is_met
     assert (shares <= 0.35).sum() >= 3
+
+
+TILES = {"a": (-1, 0), "b": (1, 0), "e": (0, 1), "p": (0, 0)}
+"""Lower corners of squares of 1 m, of which the last is private."""
+
+
+def tiles(folder, feet, **selection):
+    """A plan of four squares and of cameras that look down on squares of 1 m around their feet."""
+    lines = []
+    for x, y in TILES.values():
+        lines += [f"v {x + i} {y + j} 0" for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    for n, name in enumerate(TILES):
+        lines += [f"g {name}", f"f {4 * n + 1} {4 * n + 2} {4 * n + 3} {4 * n + 4}"]
+    (folder / "tiles.obj").write_text("\n".join(lines))
+    poses = np.array([[[1, 0, 0, x], [0, -1, 0, y], [0, 0, -1, 1], [0, 0, 0, 1]] for x, y in feet])
+    rc.write_poses(folder / "down.json", poses.astype(float))
+    return {
+        "meshes": [{"path": str(folder / "tiles.obj")}],
+        "camera": {"width": 100, "height": 100, "fx": 100, "fy": 100},
+        "candidates": [{"generator": "poses", "file": str(folder / "down.json")}],
+        "selection": selection,
+    }
+
+
+def covered_of(feet, names):
+    """Area that cameras of `tiles` cover of some of them, m^2."""
+    seen = shapely.union_all([shapely.box(x - 0.5, y - 0.5, x + 0.5, y + 0.5) for x, y in feet])
+    squares = [shapely.box(x, y, x + 1, y + 1) for x, y in (TILES[name] for name in names)]
+    return seen.intersection(shapely.union_all(squares)).area
+
+
+@examples(12, at_night=300)
+@given(
+    feet=st.lists(
+        st.tuples(st.integers(-8, 16), st.integers(-2, 14)), min_size=3, max_size=5, unique=True
+    ),
+    limit=st.sampled_from([0.3, 0.45, 0.6, 0.8]),
+    is_fewest=st.booleans(),
+)
+@example(feet=[(9, 4), (0, 4), (0, 8)], limit=0.6, is_fewest=False)
+@example(feet=[(9, 4), (0, 4), (0, 8)], limit=0.6, is_fewest=True)
+def test_bounds_hold_for_all_sets_that_goals_permit(tmp_path_factory, feet, limit, is_fewest):
+    """Each candidate may be permitted where all together are not; against all subsets."""
+    feet = [(x / 8, y / 8) for x, y in feet]
+    of_sets = {
+        some: covered_of(some, "abe") / 3
+        for n in range(1, len(feet) + 1)
+        for some in combinations(feet, n)
+        if covered_of(some, "p") <= limit - 0.02
+    }
+    goal = {"goal": "best_coverage", "cameras": len(feet)}
+    if is_fewest:
+        wanted = round(0.75 * max(of_sets.values(), default=0.0), 2)
+        assume(wanted > 0.05)
+        goal = {"goal": "fewest_cameras", "coverage": wanted}
+    folder = tmp_path_factory.mktemp("tiles")
+    asked = tiles(folder, feet, **goal)
+    asked["goals"] = {"private": {"groups": ["p"], "at_most": limit}}
+    try:
+        placed = rc.place(asked)
+    except ConfigError:  # no candidate, or too few, are permitted alone
+        return
+    chosen = [feet[each] for each in placed.selection.chosen]
+    assert covered_of(chosen, "p") <= limit + 1e-9 or not placed.is_met
+    bound, is_proved = placed.selection.bound, placed.selection.status == "optimal"
+    if is_fewest:
+        enough = [len(some) for some, share in of_sets.items() if share >= wanted + 0.03]
+        assert bound <= min(enough, default=len(feet))
+        assert placed.is_met or not enough
+    else:
+        best = max(of_sets.values(), default=0.0)
+        assert bound >= best - 0.03
+        assert not (is_proved and placed.is_met) or placed.cameras.share >= best - 0.03
+
+
+@examples(8, at_night=200)
+@given(
+    feet=st.lists(
+        st.tuples(st.integers(-8, 16), st.integers(-2, 14)), min_size=2, max_size=5, unique=True
+    ),
+    share=st.sampled_from([1.0, 0.99, 0.9]),
+    size=st.sampled_from([1.0, 0.3]),
+)
+@example(feet=[(-2, 0), (1, 8), (6, 3)], share=1.0, size=1.0)
+def test_a_goal_that_all_candidates_meet_is_met(tmp_path_factory, feet, share, size):
+    """Patches, half of which count as the whole, may hide what a candidate adds."""
+    feet = [(x / 8, y / 8) for x, y in feet]
+    all_of = covered_of(feet, TILES)
+    assume(all_of > 0.5)
+    goal = {"goal": "fewest_cameras", "coverage": share, "of_reachable": True}
+    asked = tiles(tmp_path_factory.mktemp("tiles"), feet, **goal)
+    try:
+        placed = rc.place(asked | {"task": {"resolution_of_result": size}})
+    except ConfigError:  # no candidate covers half of a patch
+        return
+    (required,) = placed.requirements
+    assert required.status != "fails"
+    chosen = [feet[each] for each in placed.selection.chosen]
+    assert covered_of(chosen, TILES) >= share * all_of - 1e-9
 
 
 @pytest.mark.parametrize(("limit", "n"), [(0.0, 2), (0.35, 3)], ids=["each", "together"])
