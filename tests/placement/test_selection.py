@@ -2,6 +2,7 @@ import math
 import sys
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import highspy
 import numpy as np
@@ -160,6 +161,28 @@ def test_the_thesis_chooses_by_mean_coverage_alone():
     assert thesis.bound == 1.0
     assert select_greedy(problem_of_matrix(covers, BestCoverage(2))).objective == 1.0
     assert sorted(select_thesis(problem_of_matrix(covers), [0.6, 0.6, 0.4]).chosen) == [0, 1, 2]
+
+
+@examples(25, at_night=400)
+@given(problems(faces=(60,), sizes=(1, 3, 5), angles=[0]))
+def test_faces_that_count_alike_are_one(problem):
+    """Many patches and few candidates took an integer program its whole time."""
+    whole = presolve(problem).list_rows()
+    merged = whole.merged
+    n_kinds = len(np.unique(np.stack((merged.views, merged.kind)), axis=1).T)
+    assert merged.n_faces <= min(whole.n_faces, n_kinds * 2**merged.n_candidates)
+    one, other = CoverState(whole), CoverState(merged)
+    for candidate in np.random.default_rng(0).permutation(whole.n_candidates).tolist():
+        one.add(candidate)
+        other.add(candidate)
+        np.testing.assert_array_equal(one.done, other.done)
+        assert one.covered == other.covered
+        assert one.is_met == other.is_met
+    rows = [
+        (*merged.covering[a:b].tolist(), "", merged.views[f], merged.kind[f])
+        for f, (a, b) in enumerate(pairwise(merged.starts.tolist()))
+    ]
+    assert len({*rows}) == len(rows)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-12, 1e-16, 1e-300])

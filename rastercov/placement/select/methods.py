@@ -450,7 +450,7 @@ def select_integer(
     if not time_limit > 0:
         raise ConfigError(f"expected time_limit above 0 s, got {time_limit!r}; give seconds")
     started, deadline = time.perf_counter(), Deadline.after(time_limit)
-    reduced = presolve(problem).list_rows()
+    reduced = presolve(problem).list_rows().merged
     if len(reduced.face) > MOST_PAIRS:
         raise ResourceError(
             f"expected at most {MOST_PAIRS} pairs of candidate and face, got {len(reduced.face)}; "

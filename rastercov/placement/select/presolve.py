@@ -13,6 +13,7 @@ G. L. Steele, D. Lea, C. H. Flood. Fast Splittable Pseudorandom Number Generator
 mixing of 64 bits.
 """
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -204,6 +205,37 @@ class ReducedProblem(Reduced):
     def indptr(self) -> IntArray:
         """(C + 1,) limits in `face` of the pairs of each candidate."""
         return self.camera_indptr[self.limits]
+
+    @property
+    def merged(self) -> "ReducedProblem":
+        """The problem with one face, of their weight, for all that count alike.
+
+        The same cameras cover them, and they need as many views for the same requirement. Where
+        rays must differ, they stay apart.
+        """
+        if self.is_spread or not self.n_faces:
+            return self
+        keys = _hashes_of(np.arange(len(self.camera_indptr), dtype=np.uint64))
+        sets = np.add.reduceat(keys[self.covering], self.starts[:-1])
+        alike = np.column_stack((sets, self.views, self.kind))
+        first, of = np.unique(alike, axis=0, return_index=True, return_inverse=True)[1:]
+        kept = np.sort(first)
+        of = kept.searchsorted(first)[of.ravel()]
+        is_kept = np.isin(self.face, kept)
+        starts = np.append(0, np.cumsum(is_kept))[self.camera_indptr]
+        face = of[self.face[is_kept]].astype(np.int32)
+        face_starts, covering = by_face(starts, face, len(kept))
+        return replace(
+            self,
+            camera_indptr=starts,
+            face=face,
+            starts=face_starts,
+            covering=covering,
+            integer_weights=np.bincount(of, self.integer_weights).astype(np.int64),
+            views=self.views[kept],
+            need=self.need[kept],
+            kind=self.kind[kept],
+        )
 
     @property
     def is_mandatory(self) -> BoolArray:
