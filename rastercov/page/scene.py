@@ -61,7 +61,7 @@ from rastercov.placement.plan.entries import PlanSections
 from rastercov.placement.plan.file import PlanFeature, plan_of, read_plan
 from rastercov.placement.plan.generator import BESIDE
 from rastercov.placement.plan.goals import OwnGoal, separate_goals
-from rastercov.placement.plan.network import limits_of
+from rastercov.placement.plan.network import limits_of, views_by_group
 from rastercov.placement.plan.phases import PlanPhases, hooks, phases_of
 from rastercov.placement.plan.scene import candidate_pool, name_scene
 from rastercov.placement.plan.sections import (
@@ -492,9 +492,8 @@ def open_plan(path: Path, rig: Views | None = None) -> Scene:
         )
     else:
         start = RigState.of(cameras, Poses.of(()), task=plan.build_task())
-    start = replace(start, catalogue=plan.folder / plan.catalogue if plan.catalogue else None)
-    if isinstance(plan.task.views, dict):
-        start = replace(start, needed=dict(plan.task.views))
+    own_catalogue = plan.folder / plan.catalogue if plan.catalogue else None
+    start = replace(start, catalogue=own_catalogue, needed=views_by_group(plan, None))
     phases = phases_of(plan, mesh)
     task_mesh, goals = separate_goals(plan, mesh)
     by = "face" if plan.task.weight_by == "count" else plan.task.by

@@ -186,13 +186,18 @@ class Goals:
 
     def describe(self) -> list[ByName]:
         """The goals for a page, ready for JSON."""
+        from rastercov.placement.plan.network import views_by_group
+
         return [
             _part(self.mesh, goal.mesh)
             | {
                 name: getattr(goal, name)
                 for name in ("name", "limit", "is_most", "groups", "asked")
             }
-            | {"task": as_entries(goal.plan.build_task())}
+            | {
+                "task": as_entries(goal.plan.build_task()),
+                "needed": views_by_group(goal.plan, None),
+            }
             for goal in self.goals
         ]
 

@@ -1046,6 +1046,62 @@ def test_no_place_of_a_camera_is_advised_for_another(room, seed):
             assert is_taken == any(each in change["change"] for each in words)
 
 
+@examples(8, at_night=60)
+@given(seed=st.integers(0, 10**6), by=st.sampled_from(["area", "face"]))
+def test_a_goal_counts_each_of_its_groups_by_its_views(tmp_path_factory, seed, by):
+    """As a plan does in which only the groups of the goal are evaluated; own views replace them."""
+    rng = np.random.default_rng(seed)
+    n, path = int(rng.integers(2, 5)), tmp_path_factory.mktemp("squares")
+    of_squares(n, path)
+    every = [f"g{row}" for row in range(n + 1)]
+    views = {name: int(rng.integers(1, 4)) for name in every if rng.random() < 0.6}
+    views = [views, {"*": 2}, {"g1*": 3}][rng.integers(3)]
+    own = sorted({f"g{each}" for each in rng.integers(1, n + 1, 2)})
+    rest = [name for name in every if name not in own]
+    goals = {
+        "own": {"groups": own, "coverage": 0.5},
+        "rest": {"coverage": 0.5},
+        "two": {"groups": own, "coverage": 0.5, "views": 2},
+        "most": {"groups": own, "at_most": 0.5},
+    }
+    task = {"views": views, "by": by, "max_incidence_deg": 85.0}
+    eyes = rng.uniform((0, 0, 1), (n + 1, 1, 3), (5, 3))
+    poses = rc.look_at(eyes, eyes - (0, 0.01, 1))
+    mesh = str(path / f"{n}.obj")
+    checked = rc.check(plan(mesh, task=task, goals=goals), poses)
+    for name, scored, number in (
+        ("own", own, views),
+        ("rest", rest, views),
+        ("two", own, 2),
+        ("most", own, 1),
+    ):
+        others = [each for each in every if each not in scored]
+        meshes = [{"path": mesh, "role": "occluder", "groups": others}]
+        kept = {key: each for key, each in task.items() if name != "most" or key == "by"}
+        alone = plan(mesh, meshes=meshes, task=kept | {"views": number})
+        (wanted,) = rc.check(alone, poses, min_coverage=0.5).requirements
+        result = of(checked, name)
+        found = result.low, result.share, result.high
+        assert found == pytest.approx((wanted.low, wanted.share, wanted.high), abs=1e-9)
+
+
+@pytest.mark.parametrize("by", ["area", "face"])
+@pytest.mark.parametrize("views", [{"g2": 2}, {"g2*": 2}, {"*": 2}])
+def test_cameras_are_chosen_by_the_views_of_the_groups_of_a_goal(tmp_path, views, by):
+    of_squares(2, tmp_path)
+    goals = {"door": {"groups": ["g2"], "coverage": 1.0}}
+    eyes = [(x + 0.5, y, 1.0) for x in range(3) for y in (0.4, 0.5, 0.6)]
+    rc.write_poses(tmp_path / "some.json", rc.look_at(eyes, np.array(eyes) - (0, 0.001, 1)))
+    asked = plan(tmp_path / "2.obj", task={"views": views, "by": by}, goals=goals)
+    asked["camera"] = {"width": 1000, "height": 1000, "hfov_deg": 90.0}
+    asked["candidates"] = [{"generator": "poses", "file": str(tmp_path / "some.json")}]
+    asked["selection"] = {"goal": "fewest_cameras", "coverage": 0.9}
+    placed = rc.place(asked)
+    over = placed.cameras.placed.world_from_camera[:, 0, 3] > 2
+    assert over.sum() == 2
+    assert of(placed, "door").status == "holds"
+
+
 MIXED = (
     {"coverage": 0.5},
     {"coverage": 0.8, "max_incidence_deg": 40},

@@ -87,10 +87,11 @@ def test_place_and_check_leave_pages_that_compute(context, tmp_path, monkeypatch
     assert_near(other.js("rastercov.summary().covered_area"), told["covered_area"])
 
 
-def test_pages_of_a_plan_with_goals_judge_them(context, tmp_path, monkeypatch):
+@pytest.mark.parametrize("views", [1, {"*": 2}, {"crates": 3}])
+def test_pages_of_a_plan_with_goals_judge_them(context, tmp_path, monkeypatch, views):
     monkeypatch.chdir(tmp_path)
     crates = {"groups": ["crates"], "coverage": 0.2, "min_facing_density": 60.0}
-    asked = {"selection": {"goal": "fewest_cameras", "coverage": 0.5}, "task": {"views": 1}}
+    asked = {"selection": {"goal": "fewest_cameras", "coverage": 0.3}, "task": {"views": views}}
     plan = PLAN | asked | {"goals": {"crates": crates}}
     placed = rc.place(plan, out="placed")
     checked = rc.check(plan, "placed/poses.json", out="checked")

@@ -461,7 +461,7 @@ def random_plan(rng):
         "[task]",
         f"max_incidence_deg = {int(rng.integers(50, 80))}",
         'min_facing_density = "detect"' if rng.random() < 0.5 else "min_pixel_density = 40",
-        f"views = {int(rng.integers(1, 3))}",
+        "views = " + ("1", "2", '{ "doo?" = 2 }')[rng.integers(3)],
         "[[candidates]]",
         'generator = "on_sphere"\ncount = 20',
         "[selection]",
@@ -469,7 +469,9 @@ def random_plan(rng):
     ]
     files["plan.toml"] = "\n".join(lines) + "\n"
     if rng.random() < 0.7:
-        lines += ["[goals.doors]", 'groups = ["doo?"]', "coverage = 0.4", "max_incidence_deg = 66"]
+        if rng.random() < 0.7:
+            lines += ["[goals.doors]", 'groups = ["doo?"]', "coverage = 0.4"]
+            lines += ["max_incidence_deg = 66"]
         lines += ["[goals.rest]", "coverage = 0.7", "min_pixel_density = 55"]
     if rng.random() < 0.7:
         lines += ["[goals.private]", 'groups = ["*part 1/*wall*"]', "at_most = 0.1"]

@@ -90,9 +90,9 @@ function taskOf({ task, needed }, { task_fields: fields }) {
 }
 
 /** A goal of a plan: thresholds that are not those of the task or, of an upper limit, the usual ones. */
-function goalOf({ name, groups, limit, is_most: isMost, task }, state, defaults) {
-  const base = isMost ? defaults : { ...state.task, ...(state.needed ? { views: 1 } : {}) };
-  const own = Object.entries(task).filter(([key, value]) => key in state.task && value !== base[key]);
+function goalOf({ name, groups, limit, is_most: isMost, task, needed }, state, defaults) {
+  const base = isMost ? defaults : { ...state.task, ...(state.needed && { views: needed }) };
+  const own = Object.entries({ ...task, ...(needed && { views: state.needed ? needed : Math.max(...Object.values(needed)) }) }).filter(([key, value]) => key in state.task && value !== base[key]);
   return [`goals.${toml(name)}`, { groups, [isMost ? "at_most" : "coverage"]: limit, ...Object.fromEntries(own) }];
 }
 

@@ -20,12 +20,7 @@ export function readPlan(name, plan, others, { scene }, data) {
   const isOfScene = data.planOfScene === name;
   const cameras = Object.entries({ ...(plan.camera ? { camera: plan.camera } : {}), ...tableOf(plan.cameras) });
   const named = cameras.map(([type, { cost: _, ...entries }]) => [type, entries.file ? ofFile(type, entries, others) : entries]);
-  const { views, ...given } = tableOf(plan.task);
-  const isByGroup = typeof views === "object";
-  const { task, left } = taskOf(isByGroup ? given : { views, ...given }, "task", data);
-  const counts = isByGroup ? Object.entries(views).flatMap(([group, count]) => groupsOf(scene.groups, group, "task.views: ").map((row) => [scene.groups[row].name, count])) : [];
-  const wrong = counts.find(([, count]) => !(Number.isInteger(count) && count > 0));
-  if (wrong) expected("whole numbers of views", wrong[1], "correct task.views");
+  const { task, left, needed } = taskOfPlan(plan, scene.groups, data);
   const file = baseOf(plan.existing?.file ?? plan.existing ?? "");
   if (file && !others.some((each) => each.name === file)) left.push(`existing (open ${file} with it)`);
   const known = ["camera", "cameras", "task", "existing", "outputs", "sheet", ...(isOfScene ? ["meshes", "selection", "goals"] : [])];
@@ -34,7 +29,17 @@ export function readPlan(name, plan, others, { scene }, data) {
     left.push(...Object.keys(tableOf(plan.selection)).filter((key) => !OF_SELECTION.includes(key)).map((key) => `selection.${key}`));
     for (const [goal, entries] of Object.entries(tableOf(plan.goals))) left.push(...ownOf(goal, entries, data).left);
   }
-  return { cameras: named, task, needed: isByGroup ? Object.fromEntries(counts) : null, notes: left.length ? [`${name}: left out ${left.join(", ")}`] : [] };
+  return { cameras: named, task, needed, notes: left.length ? [`${name}: left out ${left.join(", ")}`] : [] };
+}
+
+/** Thresholds of a plan, and views by the names of groups; null where all need as many. */
+function taskOfPlan(plan, groups, data) {
+  const { views, ...given } = tableOf(plan.task);
+  if (typeof views !== "object") return { ...taskOf({ views, ...given }, "task", data), needed: null };
+  const counts = Object.entries(views).flatMap(([group, count]) => groupsOf(groups, group, "task.views: ").map((row) => [groups[row].name, count]));
+  const wrong = counts.find(([, count]) => !(Number.isInteger(count) && count > 0));
+  if (wrong) expected("whole numbers of views", wrong[1], "correct task.views");
+  return { ...taskOf(given, "task", data), needed: Object.fromEntries(counts) };
 }
 
 /** Thresholds that this page has, of entries at a place; the others are left out. */
@@ -86,14 +91,15 @@ export function goalsOf(plan, groups, data) {
   const named = Object.entries(tableOf(plan.goals)).map(([name, goal]) => ({ name, goal, rows: goal.groups && [goal.groups].flat().flatMap((each) => groupsOf(groups, each, `goals.${name}: `)) }));
   const rest = [...groups.keys()].filter((row) => groups[row].role !== "occluder" && !named.some(({ rows }) => rows?.includes(row)));
   if (!rest.length) expected("a group without a goal", "none", "use selection.coverage");
-  const { task } = taskOf(tableOf(plan.task), "", data);
+  const { task, needed } = taskOfPlan(plan, groups, data);
   const goals = named.map(({ name, goal, rows }) => {
     const isMost = goal.coverage === undefined;
     const limit = goal.coverage ?? goal.at_most;
     if (!(limit >= 0 && limit <= 1)) expected("coverage or at_most of 0 to 1", limit, "correct it", `goals.${name}: `);
     const own = ownOf(name, goal, data).task;
+    const byGroup = isMost || own.views ? null : needed;
     const asked = rows ? `For ${[goal.groups].flat().join(", ")}.` : "";
-    return { name, limit, is_most: isMost, groups: [goal.groups ?? []].flat(), asked, task: { ...data.defaults, ...(isMost ? {} : task), ...own }, roles: rolesOf(groups, rows ?? rest, isMost), unseeable: [] };
+    return { name, limit, is_most: isMost, groups: [goal.groups ?? []].flat(), asked, task: { ...data.defaults, ...(isMost ? {} : task), ...own }, needed: byGroup, roles: rolesOf(groups, rows ?? rest, isMost), unseeable: [] };
   });
   return { goals, rest };
 }

@@ -50,6 +50,7 @@ from rastercov.placement.plan.network import (
     most_views,
     observer_of,
     seeable_areas,
+    views_by_group,
 )
 from rastercov.placement.plan.phases import phases_of
 from rastercov.placement.plan.rig_parts import Kept, RigPart, RigShards, parts_of
@@ -126,7 +127,8 @@ class OwnGoal:
     def asked(self) -> str:
         """Groups that the plan names, and what counts as covered, in words."""
         of = f"For {', '.join(self.groups)}: " if self.groups else ""
-        return of + task_in_words(asdict(self.plan.build_task()), by_face=not self.is_by_area)
+        task, by_group = asdict(self.plan.build_task()), views_by_group(self.plan, None)
+        return of + task_in_words(task, by_group, by_face=not self.is_by_area)
 
     def requirement_of(self, requirement: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""
@@ -203,16 +205,13 @@ def _plan_of(plan: Plan, goal: GoalSection) -> Plan:
     so that all that a camera sees counts unless it says otherwise: dark, blurred, in some frame,
     or without the others of a rule.
     """
-    own = {name: getattr(goal, name) for name in Task.__dataclass_fields__ if hasattr(goal, name)}
+    own = {name: getattr(goal, name, None) for name in Task.__dataclass_fields__}
     changes: ByName = {name: value for name, value in own.items() if value is not None}
     if goal.at_most is not None:
         entries = extend_entry("counting", extend_entry("task")).model_fields
         usual = {name: each.default for name, each in entries.items()}
-        usual |= {name: getattr(Task, name) for name in Task.__dataclass_fields__}
-        changes = usual | changes
+        changes = usual | {name: getattr(Task, name) for name in own} | changes
         plan = _with_all_sight(plan)
-    elif isinstance(plan.task.views, dict):
-        changes = {"views": 1} | changes
     return plan.model_copy(update={"task": plan.task.model_copy(update=changes), "goals": {}})
 
 
@@ -379,8 +378,9 @@ class AlikeGoals:
         seeable = seeable_areas(plan, cameras.network, cameras.areas)
         found: list[Requirement] = []
         if cameras.areas is not None:
-            views = plan.task.views
-            found += classify_areas(cameras.areas, limits, views, rows=rows, seeable=seeable)
+            found += classify_areas(
+                cameras.areas, limits, plan.task.views, rows=rows, seeable=seeable
+            )
         else:
             masks = cameras.covered, cameras.certain, cameras.possible
             for name, weights in self.whole_weights:
@@ -614,8 +614,7 @@ def problems_of(
                     observer, placed, task, mounts=counted["mounts"], progress=progress
                 )
                 for each in own:
-                    problem = problem_of(matrix, each.goal.mesh, NOTHING, **counted)
-                    found[each.goal.name] = problem
+                    found[each.goal.name] = problem_of(matrix, each.goal.mesh, NOTHING, **counted)
                 continue
             with closing(_finder_of(plan, mesh)) as finder:
                 seen = matrices_of_cells(observer, finder, placed, on, counted["mounts"], progress)
