@@ -200,3 +200,62 @@ def test_nothing_lies_flat_beside_the_packages():
     assert {path.name for path in ROOT.glob("*.py")} == {"__init__.py", "__main__.py"}
     folders = {path.name for path in ROOT.iterdir() if list(path.glob("*.py"))}
     assert folders | {*SLICES} == {*FLOORS, *SLICES, *TOPS, "reference", "shaders"}
+
+
+OPTIONAL = ("rastercov.page.connections", "rastercov.report.parquet")
+"""Modules that are an optional package by themselves; what imports them asks for it first."""
+WITHOUT = """
+import importlib, os, pkgutil, re, sys, tomllib
+from importlib.machinery import PathFinder
+from importlib.metadata import packages_distributions
+import rastercov
+
+project = tomllib.loads(open(sys.argv[1], encoding="utf-8").read())["project"]
+def names(texts):
+    return {re.match(r"[\\w.-]+", text)[0].lower() for text in texts}
+extras = {name for own in project["optional-dependencies"].values() for name in names(own)}
+extras -= names(project["dependencies"])
+items = packages_distributions().items()
+packages = {name for name, own in items if extras & {each.lower() for each in own}}
+find = PathFinder.find_spec
+PathFinder.find_spec = lambda name, *more: (
+    None if name.partition(".")[0] in packages else find(name, *more)
+)
+for module in pkgutil.walk_packages(rastercov.__path__, "rastercov."):
+    if not module.name.endswith("__main__"):
+        try:
+            importlib.import_module(module.name)
+        except ImportError:
+            print(module.name)
+os.chdir(sys.argv[2])
+rastercov.place("plan.toml", out="out")
+print(*sorted(os.listdir("out")))
+"""
+FLOWN = """
+[[meshes]]
+path = "field.obj"
+[camera]
+width = 800
+height = 600
+hfov_deg = 60
+[[candidates]]
+generator = "strips"
+height = 10
+front = 0.5
+side = 0.5
+[selection]
+goal = "all"
+[flight]
+"""
+
+
+def test_modules_and_flights_without_a_crs_need_no_optional_package(tmp_path):
+    (tmp_path / "field.obj").write_text("v 0 0 0\nv 20 0 0\nv 20 20 0\nv 0 20 0\nf 1 2 3 4\n")
+    (tmp_path / "plan.toml").write_text(FLOWN)
+    project = Path(__file__).parents[1] / "pyproject.toml"
+    arguments = [sys.executable, "-c", WITHOUT, str(project), str(tmp_path)]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    *missing, written = done.stdout.splitlines()
+    assert missing == [*OPTIONAL]
+    assert "flight.csv" in written.split()

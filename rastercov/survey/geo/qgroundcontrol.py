@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pyproj import Geod
 
 from rastercov.base import ByName, FloatArray, json_bytes
 from rastercov.survey.flight import Flight
 
-GEOD = Geod(ellps="WGS84")
 WAYPOINT, LAND, TAKE_OFF, SPEED = 16, 21, 22, 178
 GIMBAL, TRIGGER_DISTANCE, CAPTURE = 205, 206, 2000
 """MAV_CMD_NAV_WAYPOINT, NAV_LAND, NAV_TAKEOFF, DO_CHANGE_SPEED, DO_MOUNT_CONTROL,
@@ -98,6 +96,8 @@ def _relative(flight: Flight, points: FloatArray) -> list[tuple[float, float, fl
 
 
 def _items(flight: Flight) -> list[ByName]:
+    from pyproj import Geod
+
     asked, items = flight.asked, Items()
     stops = _relative(flight, flight.places)
     over = [_relative(flight, flight.way_to(row)[1:-1]) for row in range(len(stops) + 1)]
@@ -117,7 +117,7 @@ def _items(flight: Flight) -> list[ByName]:
             items.add(CAPTURE, 0, 0, 1, 0)
             continue
         (y0, x0, _), (y1, x1, _) = stops[first], stops[end - 1]
-        length = GEOD.inv(x0, y0, x1, y1)[2]
+        length = Geod(ellps="WGS84").inv(x0, y0, x1, y1)[2]
         # Level, as vehicles measure it; shorter, so that the last image is taken.
         step = math.floor(1000 * length / (end - 1 - first) - 0.5) / 1000
         items.add(TRIGGER_DISTANCE, step, 0, 1)
