@@ -246,6 +246,8 @@ def test_the_schema_can_be_had_without_a_plan(capsys):
         (SCENE, ["plan.toml: candidates: expected one", "plan.toml: selection: expected a goal"]),
         (QUICK.replace("[3.5]", "[0.2]"),
          ["plan.toml: expected candidates, got none (20 candidates: 17 in or behind rest, 3 in"]),
+        (re.sub(r"(?s)\[\[candidates.*?(?=\n\[[a-z])", "[existing]\nfile = 'rig.json'", QUICK),
+         ["plan.toml: expected candidates, got none (0 candidates); relax"]),
         (QUICK + 'folder = "part.obj"\n', ["part.obj: expected a folder, got a file"]),
     ],
 )  # fmt: skip

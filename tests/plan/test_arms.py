@@ -601,6 +601,8 @@ REFUSED = {
         {"bodies": [{"name": "arm", "urdf": "arm.urdf", "groups": ["a"]}]}, "urdf or groups"),
     "base": ({"bodies": [{"name": "arm", "base": {"angle_deg": 1}}]}, "expected urdf with base"),
     "file": ({"bodies": [{"name": "arm", "urdf": "none.urdf"}]}, "which does not exist"),
+    "folder": ({"bodies": [{"name": "arm", "urdf": "."}]}, "which is a folder"),
+    "too long": ({"bodies": [{"name": "arm", "urdf": 300 * "a"}]}, "which does not exist"),
     "out of reach": (
         {"candidates": [CANDIDATES | {"of": AROUND | {"distances": [9]}}]},
         r"expected candidates, got none \(.*; relax constraints, .*, move the base"),

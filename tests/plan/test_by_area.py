@@ -266,7 +266,14 @@ def test_what_is_said_to_bring_a_goal_into_reach_does(task, limit, kinds):
     assert any(kinds in line for line in lines)
     assert any("candidates also at" in line for line in lines)
     for line in lines:
-        if "candidates also at" not in line:
+        views = re.findall(r"\(([^)]*)\) m, aimed at \(([^)]*)\) m", line)
+        assert bool(views) == ("candidates also at" in line)
+        if views:
+            ends = np.array([[end.split(", ") for end in view] for view in views], float)
+            more = np.concatenate((POSES, rc.look_at(ends[:, 0], ends[:, 1])))
+            covered = area_of(MESH, CAMERA, more, rc.Task(**SIZED | task))
+            assert covered >= limit - 0.01  # places are rounded
+        else:
             share = reached_by(line, SIZED | task)
             assert share >= limit
             assert f": whole task {100 * share:.1f} %" in line

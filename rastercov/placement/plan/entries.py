@@ -192,15 +192,15 @@ def _read(hint: object, reader: Reads) -> WrapValidator:
 def _file(name: str, info: ValidationInfo) -> str:
     """`name`; ValueError unless it is a file, relative to the plan."""
     path = Path((info.context or {}).get("folder", "."), name)
+    which = "does not exist"
     try:
-        is_file = path.is_file()
+        if path.is_file():
+            return name
+        if path.is_dir():
+            which = "is a folder"
     except (OSError, ValueError):  # too long, or with a zero byte
-        is_file = False
-    if not is_file:
-        raise ValueError(
-            f"expected a file, got {str(path)!r}, which does not exist; correct the name"
-        )
-    return name
+        pass
+    raise ValueError(f"expected a file, got {str(path)!r}, which {which}; correct the name")
 
 
 def ascending(pair: list[float]) -> list[float]:

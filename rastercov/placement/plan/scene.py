@@ -335,7 +335,7 @@ class CandidatePool:
         total = plural(sum(self.made.values()), "candidate")
         made = ", ".join(f"{source} {count:,}" for source, count in self.made.items())
         if not self.refused:
-            return [f"{total}, by source: {made}"]
+            return [f"{total}{', by source: ' * bool(made)}{made}"]
         lines = [f"generated, by source: {made}"] if len(self.made) > 1 else []
         line = f"{total}: {in_words(self.refused)}; {len(self.candidates)} remain"
         behind = [each.source for each in self.refused if each.reason == "in_solid"]

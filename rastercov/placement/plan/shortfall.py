@@ -102,9 +102,8 @@ class Shortfall(NamedTuple):
 def area_of_all(prepared: Prepared, finder: RegionPass, progress: Progress) -> AreaNetwork | None:
     """Exact area that all candidates together cover; None where it is not affordable."""
     poses = prepared.measured
-    is_affordable = len(poses) * prepared.mesh.n_faces <= MOST_PAIRS
-    if not is_affordable or finder.task.min_angle_deg:  # of all pairs of candidates
-        return None
+    if len(poses) * prepared.mesh.n_faces > MOST_PAIRS or finder.task.min_angle_deg:
+        return None  # an angle is of all pairs of candidates
     areas = AreaNetwork(prepared.mesh, finder.task)
     add_rows(finder, poses, areas, count_poses_of(len(poses), progress))
     return areas
@@ -305,7 +304,10 @@ def _elsewhere(prepared: Prepared, shortfall: Shortfall, finder: RegionPass) -> 
         own = kind if near is None else int(poses.camera[poses.ids == near["pose"]][0])
         placed = Poses.of(look_at(tried["position"], tried["looking_at"]), camera=[own])
         add_rows(finder, placed, shortfall.areas)
-        used.append(f"({coordinates(tried['position'], 2)}) m")
+        used.append(
+            f"({coordinates(tried['position'], 2)}) m, "
+            f"aimed at ({coordinates(tried['looking_at'], 2)}) m"
+        )
         words = f"candidates also at {first_of(used)}"
         if line := _line(prepared, shortfall, shortfall.areas, words):
             return [line]
