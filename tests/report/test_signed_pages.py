@@ -40,7 +40,8 @@ def test_a_goal_is_said_to_be_met_after_a_change_only_where_its_share_is_certain
         assert lack + 2 * doubt <= SHARE_TOLERANCE * 1.01
     if "still" in words:
         assert lack > 0
-    assert ("about" in words) == is_about
+    assert ("about" in words) == is_about == (" % or more is" in words)
+    assert (": up to " in words) == (is_about and "still" in words)
     assert ("seen" in words) == is_most
 
 

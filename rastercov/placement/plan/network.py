@@ -152,17 +152,18 @@ class Requirement:
         return self.high - self.limit if self.is_most else self.limit - self.low
 
     def after(self, gain: float, *, is_about: bool = False) -> str:
-        """Words on what becomes of it by a change of its share, which may be an estimate."""
+        """Words on what becomes of it by a change of its share, or an estimate of part of that."""
         share = min(max(self.share + gain, 0.0), 1.0)
         lack, doubt = self.limit - share, self.high - self.low
-        lack, about = -lack if self.is_most else lack, "about " * is_about
+        too, what, sign = ("too much", "seen", -1) if self.is_most else ("missing", "covered", 1)
+        lack *= sign
         end = "the goal is then met" if lack + doubt <= SHARE_TOLERANCE else "too near to say"
         if lack > doubt + SHARE_TOLERANCE:
-            end = f"still {'too much' if self.is_most else 'missing'}: {points(lack)}"
+            end = f"still {too}: {'up to ' * is_about}{points(lack)}"
         elif is_about:
             end = "the goal is then met, if the estimate holds"
-        what = "seen" if self.is_most else "covered"
-        return f"then {about}{percent(share)} is {what}: {end}"
+        more = " or more" * is_about
+        return f"then {'about ' * is_about}{percent(share)}{more} is {what}: {end}"
 
     def at_most(self, goal: str, limit: float) -> Self:
         """The same share as one that is permitted up to a limit."""
@@ -181,7 +182,7 @@ class Requirement:
             )
         covered, uncovered, ends = self._parts()
         share = f"{percent(self.share)} {covered}, "
-        share = share if has_share or not self._is_covered_area else ""
+        share *= has_share or not self._is_covered_area
         limits = self.limit, self.plan_limit
         start = f"{self.name}: {share}"
         return outcome_line(
@@ -306,9 +307,8 @@ def classify_network(
             int(integer_weights[faces & part].sum()) / whole if whole else of_none for part in parts
         )
         counts = int(faces.sum()), int((faces & ~covered).sum())
-        status, is_partial = status_of(low, high, limit), reachable is not None
-        common = (group, limit, low, share, high, status, *counts, is_partial)
-        items.append(Requirement(*common, n_groups=len(rows[group])))
+        common = (group, limit, low, share, high, status_of(low, high, limit), *counts)
+        items.append(Requirement(*common, reachable is not None, len(rows[group])))
     return tuple(items)
 
 
