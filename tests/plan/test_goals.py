@@ -520,6 +520,16 @@ def test_a_goal_that_all_candidates_meet_is_met(tmp_path_factory, feet, share, s
     assert covered_of(chosen, TILES) >= share * all_of - 1e-9
 
 
+@pytest.mark.parametrize("by", ["area", "face"])
+@pytest.mark.parametrize("task", [{"views": 6}, {"views": {"a": 4, "*": 3}}, {"min_angle_deg": 30}])
+def test_nothing_is_said_to_hide_what_too_few_cameras_see(tmp_path, by, task):
+    asked = tiles(tmp_path, [(0.0, 0.5), (0.01, 0.5)], goal="best_coverage", cameras=2)
+    asked["camera"] |= {"fx": 40, "fy": 40}
+    (note, *_) = rc.place(asked | {"task": task | {"by": by}}).prepared.notes
+    assert "too few cameras" in note
+    assert "occluded" not in note
+
+
 @pytest.mark.parametrize(("limit", "n"), [(0.0, 2), (0.35, 3)], ids=["each", "together"])
 def test_every_candidate_is_one_of_those_that_a_goal_permits(room, limit, n):
     """Two see none of the window, two less than 0.35 each and more together."""

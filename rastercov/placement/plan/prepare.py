@@ -39,14 +39,13 @@ from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.features import unmet_lines
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.remedies import Allowed
-from rastercov.core.area.stages import failures_of_rows
-from rastercov.core.area.union import RegionUnion
-from rastercov.core.area.zones import areas_by_reason, dead_zones
+from rastercov.core.area.stages import add_rows, failures_of_rows
+from rastercov.core.area.zones import areas_by_reason
 from rastercov.core.camera import Cameras, Poses, Rig, gates_of, renumber, unit_warnings
 from rastercov.core.coverage.coverage import Observer, evaluate_batches, open_observer
 from rastercov.core.coverage.network import engine_for
 from rastercov.core.coverage.shards import INPUTS
-from rastercov.core.coverage.task import NAMES, REASONS, Reason, Task, density_text
+from rastercov.core.coverage.task import NAMES, REASONS, TOO_FEW_VIEWS, Reason, Task, density_text
 from rastercov.core.mesh import Mesh
 from rastercov.placement.bits import n_words
 from rastercov.placement.candidates.cavities import Openings, openings
@@ -66,7 +65,14 @@ from rastercov.placement.plan.goals import (
     with_goals,
     without_candidates,
 )
-from rastercov.placement.plan.network import OF, counting, goal_of, most_views, of_plan
+from rastercov.placement.plan.network import (
+    OF,
+    counting,
+    goal_of,
+    most_views,
+    of_plan,
+    views_by_group,
+)
 from rastercov.placement.plan.phases import Carrier, PlanPhases, carrier_of
 from rastercov.placement.plan.scene import (
     CandidatePool,
@@ -623,7 +629,11 @@ def sample_candidates(plan: Plan, candidates: Poses) -> Poses:
 
 
 def _shares(
-    objectives: Objectives, observer: Observer, some: Poses, task: Task
+    objectives: Objectives,
+    observer: Observer,
+    some: Poses,
+    task: Task,
+    views: dict[str, int] | None,
 ) -> tuple[str, dict[str, float]]:
     """Words on what the shares are of that cameras miss, by the name of the reason, and these.
 
@@ -631,14 +641,16 @@ def _shares(
     """
     if objectives.cells is not None:
         finder = objectives.cells.finder
-        scene = finder.camera, finder.task, some
-        none = RegionUnion(finder.mesh).covered()
-        why = areas_by_reason(dead_zones(none, 1, scene), finder.mesh.task_mask)
+        areas = AreaNetwork(finder.mesh, finder.task)
+        add_rows(finder, some, areas)
+        zones = areas.zones(finder.camera, some, views)
+        why = areas_by_reason(zones, finder.mesh.task_mask)
         m2 = {name: each["m2"] for name, each in why.items() if each["m2"] > 0}
         return "reasons of its area", {name: each / sum(m2.values()) for name, each in m2.items()}
     counts = np.zeros(len(NAMES), np.int64)
     for batch in evaluate_batches(observer, some, task, fields=("reason",)):
         counts += np.bincount(batch.reason[:, batch.mesh.task_mask].ravel(), minlength=len(NAMES))
+    counts[TOO_FEW_VIEWS] = counts[Reason.COVERED]
     counts[[Reason.DEGENERATE, Reason.BACK_FACING, Reason.COVERED]] = 0
     order, total = sort_order(-counts), max(1, counts.sum())
     table = {NAMES[row]: float(counts[row] / total) for row in order.tolist() if counts[row]}
@@ -650,7 +662,8 @@ def _why_nothing(
 ) -> str:
     """Reasons why the candidates cover nothing, from a sample of them."""
     what = "no face" if job.cells is None else "no patch"
-    of_what, shares = _shares(objectives, observer, sample_candidates(job.plan, left), task)
+    some, views = sample_candidates(job.plan, left), views_by_group(job.plan, None)
+    of_what, shares = _shares(objectives, observer, some, task, views)
     why = ", ".join(f"{percent(share)} {REASONS[name].label}" for name, share in shares.items())
     is_blurred = next(iter(shares), "") == "out_of_focus"
     is_given = all("unit" in entry.model_fields_set for entry in job.plan.meshes)
