@@ -21,6 +21,7 @@ from test_live import downloaded
 
 import rastercov as rc
 from rastercov.cli import command
+from rastercov.core.camera import parallel
 from rastercov.core.camera.catalogue import catalogue
 from rastercov.core.mesh import shapes
 from rastercov.report import live
@@ -381,6 +382,13 @@ WRONG_FILES = {
     "law.yaml": (ROS.replace("distortion_model: LAW\n", ""), "expected distortion_model"),
     "size.yaml": (OPENCV.replace("640", "-640"), "expected width to be a whole number"),
     "nan.yaml": (OPENCV.replace("5.5e+02", ".nan"), "^nan.yaml: expected one camera"),
+    **{f"{name}.json": (json.dumps({"cameras": [
+           {"name": "a", "width": 640, "height": 480, "fx": 1000, "fy": 1000, "model": name}],
+           "world_from_camera": [np.eye(4).tolist()], "camera": [0]}),
+           f"expected a lens model that this page supports, got {name}; use rastercov view")
+       for name in parallel.MODELS},
+    "parallel.toml": ('[[meshes]]\npath = "a.obj"\n[camera]\nwidth = 640\nheight = 480\nfx = 90\n'
+                      'model = "telecentric"', "this page supports, got telecentric; use"),
     "model.json": ('{"width": 6, "height": 4, "fx": 5, "model": "lens"}', "a lens model"),
     "name.json": ('{"cameras": [{"name": "a", "width": 6, "height": 4, "fx": 5}], "camera": ["b"],'
                   ' "world_from_camera": [[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]]}', "no camera b"),
