@@ -136,6 +136,39 @@ def test_check_takes_cameras_of_the_plan_of_the_file_or_of_options(capsys, camer
     assert checked(capsys, one, "-p rig.json --camera-name long")["cameras"] == 3
 
 
+@pytest.mark.parametrize("head", ["[camera]", "[cameras.a]"])
+def test_a_camera_that_the_pose_file_states_goes_before_that_of_the_plan(capsys, head):
+    """As `view` shows it: its own lens, with a line; one that was given goes before both."""
+    name = head.strip("[]").removeprefix("cameras.")
+    rig = rc.Rig([LONG], ["a"])
+    write_views("own.json", rc.Views(rig=rig, poses=rc.Poses.of(MATRICES), images=tuple("abcde")))
+    own = checked(capsys, f"{head}\n{WIDE_ENTRIES}", "-p own.json")
+    area = rc.check("plan.toml", "own.json").summary()["covered_area"]
+    assert own["covered_area"] == area
+    assert own["result_warnings"][0] == (
+        f"{name}: the pose file's camera is used; it differs from the plan's"
+    )
+    same = checked(capsys, f"{head}\n{LONG_ENTRIES}", "-p own.json")
+    assert (same["covered_area"], same["result_warnings"]) == (area, [])
+    given = rc.check("plan.toml", "own.json", camera=WIDE).summary()["covered_area"]
+    assert given != area
+
+
+def test_existing_cameras_are_those_of_the_plan(capsys):
+    write_views(
+        "there.json",
+        rc.Views(rig=rc.Rig([LONG], ["wide"]), poses=rc.Poses.of(MATRICES), images=tuple("abcde")),
+    )
+    more = 'existing = "there.json"\ncandidates = [{ generator = "on_sphere", count = 4 }]\n'
+    text = more + PLAN.format(cameras=f"[cameras.wide]\n{WIDE_ENTRIES}")
+    Path("plan.toml").write_text(text)
+    assert "existing: expected cameras of the plan, got another" in refusal(
+        capsys, "place plan.toml -o out"
+    )
+    Path("plan.toml").write_text(text.replace(WIDE_ENTRIES, LONG_ENTRIES))
+    done(capsys, "place plan.toml -o out --json")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cameras", "line", "words"),

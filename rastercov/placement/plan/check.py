@@ -600,7 +600,7 @@ def check(
     ----------
     plan : Plan
         Its candidates and constraints are not used. Where it has several cameras, the poses name
-        theirs; where it has none, they are those of the file.
+        theirs; cameras that the file states go before its own.
     poses_file : Path
         The rig.
     limits : mapping of group name or None to share
@@ -998,6 +998,7 @@ def _by_place(plan: Plan, limits: Limits, names: Names, mesh: Mesh) -> dict[str 
 def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     """The plan with its cameras, or those of the file, and the poses with the camera of each.
 
+    Cameras that the file states are used where they differ from the plan's.
     Poses may name rigs of the plan: they are those of all cameras of each.
 
     Raises
@@ -1014,16 +1015,21 @@ def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     rigs, named = set(plan.mounts.names) - set(plan.rig.names), set(views.camera_names)
     if rigs and not plan.rig.is_one and (not named or rigs & named):
         return plan, plan.mounts.cameras(plan.mounts.place(views))[0]
+    used, first = np.unique(views.poses.camera, return_index=True)
     if len(plan.rig) > 1 or (plan.cameras and views.camera_names):
-        return plan, views.with_cameras(plan.rig).poses
-    used = np.unique(views.poses.camera)
-    if len(used) > 1:
+        poses = views.with_cameras(plan.rig).poses
+    elif len(used) > 1:
         names = ", ".join(views.camera_names[row] for row in used[:MOST_GROUPS])
         raise PoseError(
             f"expected poses of one camera, as {plan.name}, got {len(used)}: {names}; name them as "
             "[cameras.NAME], leave out [camera], or choose one with --camera-name"
         )
-    return plan, Poses.of(views.poses, camera=0)
+    else:
+        poses = Poses.of(views.poses, camera=0)
+    if views.rig is not None:
+        for own, stated in zip(poses.camera[first], used, strict=True):
+            plan = plan.with_stated(own, views.rig.cameras[stated])
+    return plan, poses
 
 
 def _task_of(plan: Plan, views: int | None) -> ByName:

@@ -246,6 +246,8 @@ class Plan(PlanModel):
 
     _path: Path = PrivateAttr(default=Path("plan.toml"))
     _mounts: Mounts | None = PrivateAttr(default=None)
+    _is_given: bool = PrivateAttr(default=False)
+    _stated: tuple[str, ...] = PrivateAttr(default=())
     _rooms: dict[str, Room] = PrivateAttr(default={})
     _site: Site | None = PrivateAttr(default=None)
     _there: Poses = PrivateAttr(default=Poses.of(np.zeros((0, 4, 4))))
@@ -429,7 +431,16 @@ class Plan(PlanModel):
         """The same plan with other cameras, each a mount of its own; a rig with a rule is one."""
         other = self.model_copy()
         mounts = Mounts.of({"rig": rig}) if rig.is_one else Mounts.of_cameras(rig)
-        other._mounts = self._equip(mounts)
+        other._mounts, other._is_given = self._equip(mounts), True
+        return other
+
+    def with_stated(self, row: int, camera: Camera) -> Self:
+        """The same plan with a camera that a pose file states, unless the plan was given some."""
+        if self._is_given or camera == self.rig.cameras[row]:
+            return self
+        other, name = self.model_copy(), self.rig.names[row]
+        other._mounts = replace(self.mounts, rig=self.rig._with_camera(name, camera))
+        other._stated += (f"{name}: the pose file's camera is used; it differs from the plan's",)
         return other
 
     def without_cameras(self) -> Self:

@@ -606,8 +606,8 @@ def of_plan(lines: Iterable[str]) -> list[str]:
 
 
 def warnings_of(plan: Plan, cameras: Measured) -> list[str]:
-    """Lines about cameras outside of the rooms, the unit of the meshes, and the side of faces."""
-    lines = wrong_side(list(plan.built_rooms.values()), cameras.placed.eyes)
+    """Lines about other cameras than the plan's, the rooms, the unit of the meshes, and sides."""
+    lines = [*plan._stated, *wrong_side(list(plan.built_rooms.values()), cameras.placed.eyes)]
     lines += of_plan(find_warnings(cameras.network, plan.rig, cameras.placed))
     for index in np.unique(cameras.placed.camera):
         lines += centre_warning(plan.rig.names[index], plan.rig.cameras[index])

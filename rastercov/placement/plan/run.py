@@ -368,6 +368,11 @@ def place(
     if plan.existing is not None:
         views = read_views(plan.folder / plan.existing.file)
         plan, given = plan_of_cameras(plan, views)
+        if plan._stated:
+            raise PlanError(
+                plan.name,
+                "existing: expected cameras of the plan, got another of the same name; rename it",
+            )
         given.check_cameras(len(plan.rig))
         eyes = renumber(given)
         if plan.chooses_cameras:
