@@ -1,5 +1,7 @@
 """What a user does not lose: by a dead program, another tab, or a lost graphics device."""
 
+import json
+
 import numpy as np
 import pytest
 from browser import Program, Tab
@@ -11,22 +13,33 @@ pytestmark = pytest.mark.slow
 
 
 def test_a_dead_program_is_told_and_nothing_is_lost(tab, program, tmp_path):
+    """The file is that of "Save rig", cameras that are off included; figures are dimmed."""
+    off = tab.state()["stations"][1]["id"]
+    tab.js(f"rastercov.session.act({{do: 'switch', station: {off}, is_on: false}})")
     tab.press("ArrowLeft")
     tab.idle()
     edited = tab.state()["stations"][0]["pose"]
+    saved = json.loads(tab.js("rastercov.session.server.texts().rig"))
+    dimmed = "getComputedStyle(document.querySelector('.summary')).opacity < 1"
+    assert not tab.js(dimmed)
     program.stop()
     tab.press("ArrowLeft")  # an edit that nobody hears
     tab.page.get_by_role("alert").filter(has_text="Your rig is kept in this page").wait_for()
-    with tab.page.expect_download() as saved:
+    assert tab.js(dimmed)
+    with tab.page.expect_download() as got:
         tab.page.get_by_role("button", name="Download the rig").click()
-    saved.value.save_as(tmp_path / saved.value.suggested_filename)
+    got.value.save_as(tmp_path / got.value.suggested_filename)
+    content = json.loads((tmp_path / "rig.json").read_text())
+    assert content | {"world_from_camera": saved["world_from_camera"]} == saved
     poses = rc.read_poses(tmp_path / "rig.json")
+    assert len(poses) == 2
     wanted = tab.js("rastercov.session.poseOf(rastercov.session.station())")
     assert wanted != edited
     np.testing.assert_allclose(np.ravel(poses[0]), wanted)
     program.start()
     tab.page.locator(".banner").wait_for(state="hidden")
     tab.idle()
+    assert not tab.js(dimmed)
     np.testing.assert_allclose(tab.state()["stations"][0]["pose"], wanted)
     assert tab.area_percent() == pytest.approx(percent_covered(tab.state()), abs=1e-9)
 

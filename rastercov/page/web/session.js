@@ -438,11 +438,13 @@ export class Session {
     }
   }
 
-  /** Poses of the rig as a file that `rastercov view --poses` and `rastercov evaluate --poses` read. */
-  poseFile() {
-    const on = this.state.stations.filter((station) => station.is_on);
-    const rows = (pose) => [0, 4, 8, 12].map((at) => pose.slice(at, at + 4));
-    return JSON.stringify({ world_from_camera: on.map((station) => rows(this.poseOf(station))) }, null, 1);
+  /** The file that "Save rig" writes, with moves that wait for the program. */
+  rigFile() {
+    const { server, localPoses } = this;
+    const { state } = server.history;
+    const shown = server.shown(state);
+    const stations = shown.stations.map((each) => (localPoses.has(each.id) ? { ...each, pose: this.poseOf(each) } : each));
+    return server.texts(server.atRest({ ...state, stations }, shown, state)).rig;
   }
 }
 

@@ -43,14 +43,12 @@ export function connectionBanner(session) {
     "div.banner",
     { role: "alert", hidden: true },
     words,
-    button("Download the rig", () => offerFile("rig.json", session.poseFile()), {
-      title: "poses of all enabled cameras, for rastercov view --poses",
-    }),
+    button("Download the rig", () => session.attempt(() => offerFile("rig.json", session.rigFile())), { title: "for rastercov view --poses" }),
     button("Try again", () => session.check()),
   );
   session.on("connection", ({ isConnected, words: reason }) => {
     root.hidden = isConnected;
-    words.textContent = `${reason || "rastercov does not respond"}. Your rig is kept in this page.`;
+    words.textContent = `${reason || "rastercov does not respond"}. Your rig is kept in this page; figures wait for rastercov.`;
     document.body.classList.toggle("offline", !isConnected);
   });
   return root;
