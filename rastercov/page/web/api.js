@@ -18,7 +18,7 @@ export function refuse(words) {
 }
 
 /** Says no in the form that all such lines have; texts that a file gave are cut short. */
-export const expected = (wanted, got, remedy = "export it again", where = "") => refuse(`${where}expected ${wanted}, got ${String(got).slice(0, 60)}; ${remedy}`);
+export const expected = (wanted, got, remedy = "export it again", where = "") => refuse(`${where}expected ${wanted}, got ${(typeof got === "object" ? JSON.stringify(got) : String(got)).slice(0, 60)}; ${remedy}`);
 
 /** No answer at all: the program has ended, or the network is down. */
 export class Gone extends Error {}

@@ -26,8 +26,9 @@ export async function openCameras(session, files) {
     if (plans.length > 1) expected("one plan", plans.length, "open one after the other");
     const plan = plans.map(({ name, content }) => naming(name, () => readPlan(name, content, others, session, data)))[0] ?? { cameras: [], notes };
     const [cameras, stations] = [plan.cameras, []];
+    const types = cameras.length ? cameras.map(([own]) => own) : [session.typeOfNext ?? Object.keys(session.state.cameras)[0]];
     for (const { name, content } of others) {
-      const found = naming(name, () => rigOf(name, content, data, plan.cameras[0]?.[0] ?? session.typeOfNext ?? Object.keys(session.state.cameras)[0]));
+      const found = naming(name, () => rigOf(name, content, data, types));
       cameras.push(...found.cameras);
       for (const each of found.stations) stations.push({ ...each, id: stations.length });
       notes.push(...found.notes);
@@ -69,20 +70,25 @@ function contentOf(name, text) {
 /** JSON, in which Python writes infinity. */
 const ofJson = (text) => JSON.parse(text.replace(/("(?:\\.|[^"\\])*")|\bInfinity\b/g, (_, own) => own ?? "1e999"));
 
-/** {cameras, stations, notes} of a rig; poses without a camera are of `type`. */
-function rigOf(name, content, { unused }, type) {
+/** {cameras, stations, notes} of a rig; poses without cameras are of one of `types`. */
+function rigOf(name, content, { unused }, types) {
   const isRig = "cameras" in content || "world_from_camera" in content;
   const other = isRig && Object.keys(content).find((each) => ![...OF_RIGS, ...unused].includes(each));
   if (other) expected("cameras and poses", other, "use rastercov view");
-  const { cameras = isRig ? [] : [{ name, ...content }], world_from_camera: poses = [], camera: of = [], images = [] } = content;
-  for (const each of [cameras, poses, of, images]) if (!Array.isArray(each) || each.includes(null)) expected("lists of cameras and poses", each, "correct the file");
+  const { cameras = isRig ? [] : [{ name, ...content }], world_from_camera: given = [] } = content;
+  const poses = given[0]?.length === 4 && Number.isFinite(given[0][0]) ? [given] : given; // one alone, 4 x 4
+  const lists = [cameras, poses, content.camera ?? [], content.images ?? []];
+  for (const each of lists) if (!Array.isArray(each) || each.includes(null)) expected("lists of cameras and poses", each, "correct the file");
   const named = cameras.map(({ name: own, ...plain }, row) => [String(own ?? `camera ${row + 1}`), plain]);
   const names = named.map(([own]) => own);
   if (new Set(names).size < names.length) expected("different names of cameras", "one twice", "rename one");
-  if (poses.length && names.length > 1 && of.length !== poses.length) expected("the camera of each pose", of.length, 'add "camera"');
+  const known = names.length ? names : types;
+  const of = content.camera ?? (known.length > 1 ? [] : poses.map(() => known[0]));
+  const images = content.images ?? poses.map((_, row) => `camera ${row + 1}`);
+  for (const [words, { length }] of [["camera", of], ["image", images]]) if (length !== poses.length) expected(`the ${words} of each of ${poses.length} poses`, length, `correct "${words}"`);
   const stations = poses.map((pose, row) => ({
-    name: String(images[row] ?? `camera ${row + 1}`),
-    camera: typeof of[row] === "string" ? of[row] : (names[of[row] ?? 0] ?? (names.length ? String(of[row]) : type)),
+    name: String(images[row]),
+    camera: String(typeof of[row] === "number" ? (names[of[row]] ?? of[row]) : of[row]),
     pose: matrixOf(pose),
     is_on: true,
   }));

@@ -60,8 +60,9 @@ const ownOf = (name, { groups: _, coverage: __, at_most: ___, ...entries }, data
 function isOf({ kind, low, is_low_open: isOpen, high, choices }, value) {
   if (choices) return choices.includes(value);
   if (kind === "bool") return typeof value === "boolean";
+  if (typeof value !== "number") return false; // tables cannot be compared
   const isHigh = isOpen ? value > low : value >= (low ?? -Infinity);
-  return typeof value === "number" && isHigh && value <= (high ?? Infinity) && (kind !== "int" || Number.isInteger(value));
+  return isHigh && value <= (high ?? Infinity) && (kind !== "int" || Number.isInteger(value));
 }
 
 /** A camera of a file beside the plan, with its own entries. */
@@ -78,7 +79,8 @@ function ofFile(type, { file, name, ...entries }, others) {
 
 /** Rows of groups by the name of one or of a part, with wildcards; levels above may be left out. */
 function groupsOf(groups, name, where) {
-  const own = String(name).replace(/[^\w\s*?/]/gu, "\\$&").replaceAll("*", ".*").replaceAll("?", ".");
+  if (typeof name !== "string") expected("names of groups", name, "correct it", where);
+  const own = name.replace(/[^\w\s*?/]/gu, "\\$&").replaceAll("*", ".*").replaceAll("?", ".");
   if (own.split(".*").length > 6) expected("up to 5 wildcards", name, VIEW, where);
   const rowsOf = (above) => [...groups.keys()].filter((row) => RegExp(`^${above}${own}(/.*)?$`, "s").test(groups[row].name));
   const rows = rowsOf("");
@@ -166,7 +168,7 @@ async function partOf(entry, where, files, readers) {
   if (!["task", "occluder", "target"].includes(role)) expected("role task, occluder or target", role, "correct it", where);
   checkSize(file.size);
   const mesh = await readMesh(name, new Uint8Array(await file.arrayBuffer()), readers);
-  const [own, both] = [chosen, twoSided === true ? [] : [twoSided || []].flat()].map((names) => new Set(names.flatMap((each) => groupsOf(mesh.groups, each, where))));
+  const [own, both] = [chosen, twoSided === true ? [] : twoSided || []].map((names) => new Set([names].flat().flatMap((each) => groupsOf(mesh.groups, each, where))));
   const other = role === "task" ? "occluder" : "task";
   const groups = mesh.groups.map((group, row) => ({ ...group, role: !chosen.length || own.has(row) ? role : other, is_two_sided: twoSided === true || both.has(row) }));
   return { ...mesh, stem: name.replace(/\.[^.]*$/, ""), groups, vertices: mesh.vertices.map((value) => value * metres) };
