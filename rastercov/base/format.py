@@ -2,6 +2,7 @@
 
 import base64
 import math
+import re
 import reprlib
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,6 +18,7 @@ LONGEST_SHOWN = 240
 """Characters of a value in a line."""
 MOST_SHOWN, MOST_LETTERS = 8, 60
 """Entries of a field, and characters of it, that a value in one line shows as they are."""
+NOT_OF_XML = re.compile(r"[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 AREAS = (("m²", 1.0), ("cm²", 1e4), ("mm²", 1e6), ("µm²", 1e12))
 """Units of areas, and how many of each are 1 m². The least areas in them are 0.1 m², 1 cm² and
 1e-3 mm², and what rounds to these: 0.83 m², not 8,300 cm²."""
@@ -67,6 +69,11 @@ def to_install(what: str, packages: str, elsewhere: str) -> str:
     """Advice to install something, by packages of Debian on Linux, and `elsewhere`."""
     command = f"install {what} (on Debian apt-get install -y {packages})"
     return command if sys.platform == "linux" else elsewhere
+
+
+def xml_text(text: str) -> str:
+    """A text with "?" in place of characters that XML 1.0 and UTF-8 cannot represent."""
+    return NOT_OF_XML.sub("?", text)
 
 
 def exponent(value: float) -> int:

@@ -43,7 +43,7 @@ from rastercov.base import (
     write_bytes,
 )
 from rastercov.base.features import FEATURES
-from rastercov.base.format import area, base64_of, length, number, verb
+from rastercov.base.format import area, base64_of, length, number, verb, xml_text
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, zone_line
@@ -90,7 +90,7 @@ class Picture:
 
 def render(template: str, package: str = "rastercov.report", **values: object) -> str:
     """HTML of a template in the folder `templates` of a package, with some values."""
-    return _environment(package).get_template(template).render(values)
+    return xml_text(_environment(package).get_template(template).render(values))
 
 
 def kept(make: Callable[..., str]) -> Callable[..., str]:

@@ -3,6 +3,7 @@
 import datetime
 import json
 import re
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -202,6 +203,24 @@ def test_what_cannot_be_drawn_is_one_line_and_no_file(capsys, tmp_path, monkeypa
     assert (code, out) == (2, "")
     assert told in err.splitlines()[-1]
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", ["svg", "pdf", "dxf"])
+def test_names_beyond_xml_and_utf_8_are_drawn(capsys, tmp_path, monkeypatch, suffix):
+    monkeypatch.chdir(tmp_path)
+    name = "part \x1b\udcff\ufffe.obj"
+    if sys.platform == "linux":
+        write_part(name)
+    else:
+        write_part(name := "part.obj")
+    told = ["-c", "khepra", "-p", "sphere:2", "--project", "a\x00b\x08<&é\U0001f4f7", "--out"]
+    code, _, err = call(capsys, ["sheet", name, *told, f"plan.{suffix}"])
+    assert code == 0, err
+    if suffix == "svg":
+        words = {each.text for each in ElementTree.parse("plan.svg").getroot().iter()}
+        assert "a?b?<&é\U0001f4f7" in words
+    if suffix == "dxf":
+        assert not ezdxf.readfile("plan.dxf").audit().has_errors
 
 
 def test_a_pdf_on_which_no_band_is_reached_is_drawn(capsys, tmp_path, monkeypatch):

@@ -123,6 +123,14 @@ def test_kml_has_the_rings_of_geojson(layer):
         assert area == pytest.approx(polygon.area, rel=1e-9)
 
 
+def test_names_beyond_xml_and_utf_8_are_in_kml(result):
+    names = tuple(f"{name}\x01\udcff" for name in NAMES)
+    place = next(each for each in PLACES.values() if each)
+    text = FORMATS[".kml"](Layer(replace(result, names=names), place))
+    marks = ElementTree.fromstring(text).iter(f"{KML}Placemark")
+    assert [mark.findtext(f"{KML}name") for mark in marks] == [f"{name}??" for name in NAMES]
+
+
 def test_dxf_has_the_rings_on_the_map(layer):
     drawing = ezdxf.read(io.StringIO(FORMATS[".dxf"](layer).decode()))
     areas = {"FOOTPRINTS": 0.0, "FOOTPRINT_HOLES": 0.0}

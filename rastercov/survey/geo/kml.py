@@ -6,6 +6,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from rastercov.base import ConfigError, FloatArray
+from rastercov.base.format import xml_text
 from rastercov.survey.geo.layer import Layer, rings_of
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
@@ -22,12 +23,12 @@ def content(layer: Layer) -> bytes:
     root, document = document_of("footprints")
     for polygon, entry in zip(layer.geodetic, layer.attributes, strict=True):
         mark = SubElement(document, "Placemark")
-        SubElement(mark, "name").text = entry["name"]
+        SubElement(mark, "name").text = xml_text(entry["name"])
         SubElement(mark, "styleUrl").text = "#outline"
         data = SubElement(mark, "ExtendedData")
         for name, value in entry.items():
             own = SubElement(data, "Data", {"name": name})
-            SubElement(own, "value").text = "" if value is None else str(value)
+            SubElement(own, "value").text = "" if value is None else xml_text(str(value))
         many = SubElement(mark, "MultiGeometry")
         for part in polygon.geoms:
             area = SubElement(many, "Polygon")
