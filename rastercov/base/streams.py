@@ -20,10 +20,11 @@ STANDARD_OUTPUT = 1
 def own_output() -> None:
     """Give `sys.stdout` a descriptor of its own; 1 is standard error for the whole process.
 
-    Where standard error is closed, it leads nowhere. Streams that are not of the system stay.
+    Where one of both is closed, it leads nowhere. Streams that are not of the system stay.
     """
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115 - for the whole process
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - for the whole process
     stdout, stderr = sys.stdout, sys.stderr
     if not (stdout is sys.__stdout__ and isinstance(stdout, TextIOWrapper)):
         return

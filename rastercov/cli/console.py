@@ -61,8 +61,6 @@ class NoReaderError(Exception):
 def _is_unread() -> bool:
     """True where standard output is a pipe or a socket without a reader."""
     try:
-        if sys.stdout is None:
-            return False
         poll = select.poll()
         poll.register(sys.stdout.fileno(), 0)
         return bool(poll.poll(0))  # nothing was asked for but errors, which always come
@@ -270,8 +268,7 @@ def leave(code: int) -> NoReturn:
         ignore_signals()
     for stream in (sys.stdout, sys.stderr):
         try:
-            if stream is not None:
-                stream.flush()
+            stream.flush()
         except OSError:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, stream.fileno())

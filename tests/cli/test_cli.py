@@ -378,8 +378,10 @@ def test_a_full_disk_behind_standard_output_is_one_line(line, unbuffered):
 
 
 @pytest.mark.slow
-def test_closed_streams_are_no_error():
-    words = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {BUILT_IN} >&- 2>&-"
+@pytest.mark.parametrize("line", [BUILT_IN, "groups box"])
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_closed_streams_are_no_error(line, closed):
+    words = f"exec {shlex.quote(sys.executable)} -c {shlex.quote(ENTRY)} {line} {closed}"
     assert subprocess.run(["bash", "-c", words], check=False).returncode == 0
 
 
