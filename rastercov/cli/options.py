@@ -29,7 +29,7 @@ from rastercov.cli.console import out_option
 from rastercov.core.camera import Conventions, EquipmentKind
 from rastercov.core.camera.conventions import POSE_CONVENTIONS
 from rastercov.core.camera.rig import Phased, phased_features
-from rastercov.core.coverage.task import THESIS, Task
+from rastercov.core.coverage.task import Task
 from rastercov.core.mesh import Mesh, shapes
 from rastercov.shards import Workers
 
@@ -303,7 +303,10 @@ def _of_task() -> list[inspect.Parameter]:
 
 def _task(thresholds: ByName) -> Task:
     if thresholds.pop("thesis"):
-        return Task.thesis(**{k: v for k, v in thresholds.items() if k not in THESIS})
+        if (given := thresholds.pop("min_coverage")) != Task().min_coverage:
+            words = f"expected --thesis or --min-coverage, got both ({given:g}); give one"
+            raise ConfigError(words)
+        return Task.thesis(**thresholds)
     return Task(**thresholds)
 
 

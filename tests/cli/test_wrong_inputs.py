@@ -47,6 +47,8 @@ LINES = {
     f"{EVALUATE} --lamps lamps.toml": "lamps.toml: expected a table [lamps.NAME] per lamp, and "
     "only ambient and [exposure] beside them, got 'key'; rename it",
     f"{EVALUATE} --out part.obj": "part.obj: expected a folder, got a file; name another",
+    f"{EVALUATE} --thesis --min-coverage 0.3": "expected --thesis or --min-coverage, got both "
+    "(0.3); give one",
     # cameras and poses
     "evaluate part.obj -c 'width = 64, height = 48, fx = 60, k1 = 0.1' -p rig.json": "--camera "
     "width = 64, height..., fx = 60, k1 = 0.1: expected known entries of a camera (such as "
