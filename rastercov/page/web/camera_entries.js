@@ -8,14 +8,13 @@ const OF_PRESETS = ["near", "max_blur"]; // that change nothing else
 
 const wrong = (name, value, wanted) => expected(wanted, `${name} = ${JSON.stringify(value)}`, "use rastercov view");
 
-/** All values of a camera: {width, height, fx, fy, cx, cy, ...}; `models` has names of coefficients, `sold` the catalogue. */
-export function plainOf(given, models, sold = {}) {
+/** All values of a camera: {width, height, fx, fy, cx, cy, ...}; `sold` has the catalogue. */
+export function plainOf(given, sold = {}) {
   const { preset, ...own } = given;
   const entries = Object.fromEntries(Object.entries(preset === undefined ? own : ofPreset(preset, own, sold)).filter(([, value]) => value !== null));
   const { model = "pinhole", distortion = [] } = entries;
   const unknown = Object.keys(entries).find((name) => !Object.hasOwn(CHECKS, name) && !OTHERS.includes(name));
   if (unknown) expected("entries of a camera that this page has", unknown, "use rastercov view");
-  if (model !== "pinhole" && !Object.hasOwn(models, model)) wrong("model", model, "a lens model of this page");
   const plain = check_fields(central_arguments(entries), {});
   if (!(Array.isArray(distortion) && distortion.every(Number.isFinite))) wrong("distortion", distortion, "numbers");
   check_focus(plain);

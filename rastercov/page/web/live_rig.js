@@ -49,7 +49,7 @@ function withCamera(state, name) {
 
 /** A camera by the entries of a file. */
 function cameraOf(given, { models, sold }) {
-  const plain = plainOf(given, models, sold);
+  const plain = plainOf(given, sold);
   const { model = "pinhole" } = plain;
   const canFocus = Boolean(plain.focal_length && plain.pixel_size);
   return described({ model, plain, lens: null, task: null, can_focus: canFocus, border: Array(RAYS_OF_BORDER) }, models);

@@ -108,7 +108,7 @@ export class Figures {
 async function proved(bytes, model, distortion, numbers) {
   const prover = await Engine.of(bytes);
   try {
-    const code = prover.constants[`RC_MODEL_${model.toUpperCase()}`];
+    const code = prover.constants[`RC_MODEL_${model}`.toUpperCase()];
     if (code === undefined) throw new Error(`expected a lens model that this page supports, got ${model}; use rastercov view`);
     const optics = { ...numbers, model: code };
     return { prover, lens: prover.call("rc_lens_prove", optics, distortion, distortion.length) };
