@@ -94,14 +94,13 @@ double set_borders(const Plane &plane, const Criteria &criteria, double near, do
 int64_t bring_along_rays(const exact::VisiblePieces &kept, int64_t piece, const Plane &plane,
                          const Lens &camera, Points out) {
     const int64_t first = kept.starts[piece], n = kept.starts[piece + 1] - first;
-    const auto &[x_axis, y_axis] = std::tie(plane.x_axis, plane.y_axis);
-    const double det = x_axis.x * y_axis.y - x_axis.y * y_axis.x;
+    const double det = plane.x_axis.x * plane.y_axis.y - plane.x_axis.y * plane.y_axis.x;
     for (int64_t p = 0; p < n; p++) {
         const int64_t at = first + (det < 0 ? n - 1 - p : p);
         const double x = (kept.corners(at, U) - camera.cx) / camera.fx - plane.origin.x;
         const double y = (kept.corners(at, V) - camera.cy) / camera.fy - plane.origin.y;
-        out(p, U) = (x * y_axis.y - y * y_axis.x) / det;
-        out(p, V) = (y * x_axis.x - x * x_axis.y) / det;
+        out(p, U) = (x * plane.y_axis.y - y * plane.y_axis.x) / det;
+        out(p, V) = (y * plane.x_axis.x - x * plane.x_axis.y) / det;
     }
     return n;
 }
@@ -298,11 +297,10 @@ void cut_face(int64_t f, const Planes &planes, const Criteria &criteria, const S
 // call again with that much.
 void cut_regions(const Planes &planes, const Criteria &criteria, const Seen &seen,
                  const Found &out) {
-    const auto &[rows, kept] = std::tie(seen.rows, seen.kept);
-    const int64_t n = planes.areas.rows(), n_rows = seen.state.rows(), n_kept = kept.used[0];
+    const int64_t n = planes.areas.rows(), n_rows = seen.state.rows(), n_kept = seen.kept.used[0];
     std::vector<int64_t> first(n_rows, -1);
     for (int64_t p = n_kept - 1; p >= 0; p--) {
-        first[kept.faces[p]] = p;
+        first[seen.kept.faces[p]] = p;
     }
     const auto scratch = std::make_unique_for_overwrite<Scratch>();
     out.used[0] = out.used[1] = 0;
@@ -310,7 +308,7 @@ void cut_regions(const Planes &planes, const Criteria &criteria, const Seen &see
     Poll poll(64);
     for (int64_t f = 0; f < n; f++) {
         poll();
-        const int64_t row = rows.rows() ? rows[f] : f;
+        const int64_t row = seen.rows.rows() ? seen.rows[f] : f;
         const int64_t state = seen.state[row];
         out.area[f] = out.bound[f] = out.doubt[f] = 0.0;
         if (!planes.is_asked[f] || !(state & (exact::LIVE | exact::THIN | exact::DOUBTFUL)))
@@ -460,13 +458,14 @@ Disc disc_of(const Rules &rules, Plane &plane) {
 
 // Sets `borders` to those of the depths in focus; false where any depth is.
 bool set_depths(const LensCriteria &criteria, const Plane &plane, Border (&borders)[2]) {
-    const auto &[rules, axis] = std::tie(criteria.rules, criteria.axis);
-    const auto [z, z_x, z_y] = line_in_plane(axis[0], axis[1], axis[2], plane);
-    borders[0] = border_of(z - rules.z_n, z_x, z_y, plane.error);
+    const auto [z, z_x, z_y] =
+        line_in_plane(criteria.axis[0], criteria.axis[1], criteria.axis[2], plane);
+    borders[0] = border_of(z - criteria.rules.z_n, z_x, z_y, plane.error);
     // What is infinitely far away needs no line.
     borders[1] = border_of(1.0, 0.0, 0.0, 0.0);
-    if (rules.z_f < INF) borders[1] = border_of(rules.z_f - z, -z_x, -z_y, plane.error);
-    return !criteria.by_distance && (rules.z_n > 0 || rules.z_f < INF);
+    if (criteria.rules.z_f < INF)
+        borders[1] = border_of(criteria.rules.z_f - z, -z_x, -z_y, plane.error);
+    return !criteria.by_distance && (criteria.rules.z_n > 0 || criteria.rules.z_f < INF);
 }
 
 } // namespace

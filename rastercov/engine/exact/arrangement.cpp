@@ -109,18 +109,17 @@ Sight covers(int64_t m, double u, double v, const View &view) {
 
 // Sight of a point of face t, pixels, whose plane is given.
 Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const View &view) {
-    const auto &[camera, projected, grid] = std::tie(view.camera, view.projected, view.grid);
-    const auto &[box, state] = std::tie(projected.box, projected.state);
+    const auto &[box, state] = std::tie(view.projected.box, view.projected.state);
     const double w = plane.at(u, v).w;
     const double farthest = w - plane.error - 4 * DEPTH_TIE_REL * w;
-    const int64_t at = cell_at(u, v, grid);
+    const int64_t at = cell_at(u, v, view.grid);
     lay_bounds(at, view);
     Sight result = VISIBLE;
-    Walk walk(at, grid);
-    int64_t m = grid.hider[at];
+    Walk walk(at, view.grid);
+    int64_t m = view.grid.hider[at];
     int64_t index = -1;
     int64_t n = 0;
-    const double margin = MOST_OF_OUTLINE * SURE * camera.pixel_error; // see covers
+    const double margin = MOST_OF_OUTLINE * SURE * view.camera.pixel_error; // see covers
     const Bounds point = {u, u, v, v};
     const Depths depths = {farthest, -INF, INF};
     const auto may = [&](const Group &group, const Place &) {
@@ -128,20 +127,20 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
     };
     while (index < n || walk.next(may)) {
         if (index == n) {
-            n = find_faces_if(walk.first, walk.last, point, depths, grid, 0,
+            n = find_faces_if(walk.first, walk.last, point, depths, view.grid, 0,
                               [](int64_t) { return true; });
             view.work.n_compared[0] += n;
             index = 0;
             continue;
         }
-        if (index >= 0) m = grid.found[index];
+        if (index >= 0) m = view.grid.found[index];
         index++;
         if (m < 0 || m == t || box(m, W_MAX) < farthest || !(state[m] & LIVE)) continue;
         if (!(box(m, U_MIN) <= u && u <= box(m, U_MAX) && box(m, V_MIN) <= v && v <= box(m, V_MAX)))
             continue;
         const Sight covered = covers(m, u, v, view);
         if (covered == VISIBLE) continue;
-        const Plane its = plane_of(m, camera, projected);
+        const Plane its = plane_of(m, view.camera, view.projected);
         const double nearer = its.at(u, v).w - w;
         const double margin = plane.error + its.error + 2 * DEPTH_TIE_REL * (w + std::abs(nearer));
         if (nearer < -margin) continue;
@@ -149,7 +148,7 @@ Sight point_visibility(int64_t t, double u, double v, const Plane &plane, const 
             result = UNSURE;
             continue;
         }
-        grid.hider[at] = int32_t(m);
+        view.grid.hider[at] = int32_t(m);
         return HIDDEN;
     }
     return result;

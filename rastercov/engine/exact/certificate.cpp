@@ -180,14 +180,14 @@ void join_blocks(const Projected &projected, const Nodes &parent, const Nodes &r
 
 // Joins the faces of other blocks with those beside them along edges that are no event edges.
 void join_faces(const View &view, const Nodes &parent) {
-    const auto &[projected, edges] = std::tie(view.projected, view.edges);
-    const int64_t n_patches = projected.blocks.lowest.rows();
-    each_node(projected, n_patches, [&](int64_t node) {
+    const int64_t n_patches = view.projected.blocks.lowest.rows();
+    each_node(view.projected, n_patches, [&](int64_t node) {
         const int64_t f = node - n_patches;
         for (int s = 0; s < 3 && parent[node] >= 0; s++) {
-            const int64_t e = edges.of_face(f, s), g = edges.faces(e, 0), h = edges.faces(e, 1);
+            const int64_t e = view.edges.of_face(f, s), g = view.edges.faces(e, 0),
+                          h = view.edges.faces(e, 1);
             // Once: from the first of its faces, unless the block of that is whole.
-            if ((g == f || is_of_a_region(g / BLOCK, projected)) && !view.is_event[e])
+            if ((g == f || is_of_a_region(g / BLOCK, view.projected)) && !view.is_event[e])
                 join_across(node, e, g == f ? h : g, view, parent);
         }
     });
@@ -218,21 +218,20 @@ int64_t number_regions(const Projected &projected, const Nodes &parent, const No
 // of each region, of those that are listed if any is.
 std::pair<int64_t, int64_t> find_regions(Int32Array events, BoolArray is_hidden, const View &view,
                                          Nodes parent, Nodes region, Nodes out) {
-    const auto &[projected, edges] = std::tie(view.projected, view.edges);
-    const int64_t n_crossed = list_crossed(projected, out);
-    join_blocks(projected, parent, region);
+    const int64_t n_crossed = list_crossed(view.projected, out);
+    join_blocks(view.projected, parent, region);
     join_faces(view, parent);
     for (const int32_t e : events) {
         if (!is_hidden[e]) continue;
-        const int64_t node = node_of(edges.faces(e, 0), parent, projected);
-        if (node >= 0) join_across(node, e, edges.faces(e, 1), view, parent);
+        const int64_t node = node_of(view.edges.faces(e, 0), parent, view.projected);
+        if (node >= 0) join_across(node, e, view.edges.faces(e, 1), view, parent);
     }
-    const int64_t n = number_regions(projected, parent, region);
+    const int64_t n = number_regions(view.projected, parent, region);
     const Nodes largest = {out.data + n_crossed, {n}};
     std::fill(largest.begin(), largest.end(), -1);
-    find_largest_listed(projected, view.grid, region, largest);
+    find_largest_listed(view.projected, view.grid, region, largest);
     if (std::find(largest.begin(), largest.end(), -1) != largest.end())
-        find_largest(projected, region, parent, largest);
+        find_largest(view.projected, region, parent, largest);
     return {n_crossed, n};
 }
 
@@ -248,8 +247,6 @@ std::pair<int64_t, int64_t> find_regions(Int32Array events, BoolArray is_hidden,
 void mark_uncertifiable(Int32Array events, const Edges &edges, const Projected &projected,
                         BoolArray in_contact, BoolArray has_contact, IntArray partner_starts,
                         double thinnest, Column<bool> is_at_event) {
-    const auto &[faces, state, box, area] =
-        std::tie(projected.faces, projected.state, projected.box, projected.area);
     std::fill(is_at_event.begin(), is_at_event.end(), false);
     for (const int32_t e : events)
         is_at_event[edges.vertices(e, 0)] = is_at_event[edges.vertices(e, 1)] = true;
@@ -257,21 +254,23 @@ void mark_uncertifiable(Int32Array events, const Edges &edges, const Projected &
         if (!(has_contact[b] || projected.block_state[b] & uint16_t(~(LIVE | ABSENT)))) continue;
         lay_boxes_of_block(b, projected);
         for (int64_t f = b * BLOCK; f < end_of_block(b, projected); f++) {
-            if (state[f] & LIVE) {
-                const double extent = bounds_in(box, f).around();
-                bool is_unfit = state[f] & CLIPPED || area[f] < thinnest * extent;
-                if (state[f] & PARTLY && !is_unfit)
-                    is_unfit = is_at_event[faces(f, 0)] || is_at_event[faces(f, 1)] ||
-                               is_at_event[faces(f, 2)];
+            if (projected.state[f] & LIVE) {
+                const double extent = bounds_in(projected.box, f).around();
+                bool is_unfit =
+                    projected.state[f] & CLIPPED || projected.area[f] < thinnest * extent;
+                if (projected.state[f] & PARTLY && !is_unfit)
+                    is_unfit = is_at_event[projected.faces(f, 0)] ||
+                               is_at_event[projected.faces(f, 1)] ||
+                               is_at_event[projected.faces(f, 2)];
                 if (in_contact[f]) {
-                    state[f] |= CROSSED | IN_CONTACT;
+                    projected.state[f] |= CROSSED | IN_CONTACT;
                     is_unfit = is_unfit || partner_starts[f] == partner_starts[f + 1];
                 }
-                if (is_unfit) state[f] |= CROSSED | UNFIT;
-            } else if (state[f] & THIN) {
-                state[f] |= CROSSED | UNFIT; // so that its area error is computed
+                if (is_unfit) projected.state[f] |= CROSSED | UNFIT;
+            } else if (projected.state[f] & THIN) {
+                projected.state[f] |= CROSSED | UNFIT; // so that its area error is computed
             }
-            projected.block_state[b] |= state[f] & CROSSED;
+            projected.block_state[b] |= projected.state[f] & CROSSED;
         }
     }
 }
@@ -285,13 +284,12 @@ void mark_uncertifiable(Int32Array events, const Edges &edges, const Projected &
 int64_t classify_regions(const Projected &projected, Column<double> visible, Int32Array region,
                          Int32Array largest, Column<int32_t> decision, Column<bool> is_certified,
                          Column<int32_t> doubtful, double certain) {
-    const auto &[blocks, area] = std::tie(projected.blocks, projected.area);
-    const int64_t n_patches = blocks.lowest.rows();
+    const int64_t n_patches = projected.blocks.lowest.rows();
     std::fill(is_certified.begin(), is_certified.end(), false);
     for (int64_t r = 0; r < largest.rows(); r++) {
         const int64_t t = largest[r];
-        const bool is_visible = visible[t] >= (1 - certain) * area[t];
-        const bool is_hidden = visible[t] <= certain * area[t];
+        const bool is_visible = visible[t] >= (1 - certain) * projected.area[t];
+        const bool is_hidden = visible[t] <= certain * projected.area[t];
         decision[r] = is_visible ? VISIBLE : is_hidden ? HIDDEN : IN_DOUBT;
     }
     int64_t n = 0;
@@ -303,22 +301,22 @@ int64_t classify_regions(const Projected &projected, Column<double> visible, Int
             continue;
         }
         const bool is_whole = is_of_a_region(b, projected);
-        if (is_whole && is_one_patch(b, blocks)) {
-            const int32_t decided = decision[region[blocks.patch_starts[b]]];
+        if (is_whole && is_one_patch(b, projected.blocks)) {
+            const int32_t decided = decision[region[projected.blocks.patch_starts[b]]];
             if (decided != IN_DOUBT) {
                 for (int64_t f = first; f < last; f++) {
                     is_certified[f] = true;
-                    visible[f] = decided == VISIBLE ? area[f] : 0.0;
+                    visible[f] = decided == VISIBLE ? projected.area[f] : 0.0;
                 }
                 continue;
             }
         }
         for (int64_t f = first; f < last; f++) {
-            const int64_t r = region[is_whole ? blocks.patch[f] : n_patches + f];
+            const int64_t r = region[is_whole ? projected.blocks.patch[f] : n_patches + f];
             if (r < 0) {
                 if (!(projected.state[f] & (LIVE | THIN))) visible[f] = 0.0;
             } else if (decision[r] != IN_DOUBT) {
-                visible[f] = decision[r] == VISIBLE ? area[f] : 0.0;
+                visible[f] = decision[r] == VISIBLE ? projected.area[f] : 0.0;
                 is_certified[f] = true;
             } else if (f != largest[r]) {
                 doubtful[n++] = int32_t(f);

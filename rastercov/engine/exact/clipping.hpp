@@ -45,13 +45,13 @@ struct Corners {
 };
 
 inline void to_camera(Array<const double, 3> point, const Pinhole &camera, Pair *corner) {
-    const auto &[rotation, eye] = std::tie(camera.rotation, camera.centre);
-    const Pair a = exact_sum(point[0], -eye[0]);
-    const Pair b = exact_sum(point[1], -eye[1]);
-    const Pair c = exact_sum(point[2], -eye[2]);
+    const Pair a = exact_sum(point[0], -camera.centre[0]);
+    const Pair b = exact_sum(point[1], -camera.centre[1]);
+    const Pair c = exact_sum(point[2], -camera.centre[2]);
     for (int k = 0; k < 3; k++) {
-        const Pair x = a * Pair{rotation(0, k), 0.0}, y = b * Pair{rotation(1, k), 0.0};
-        corner[k] = x + y + c * Pair{rotation(2, k), 0.0};
+        const Pair x = a * Pair{camera.rotation(0, k), 0.0},
+                   y = b * Pair{camera.rotation(1, k), 0.0};
+        corner[k] = x + y + c * Pair{camera.rotation(2, k), 0.0};
     }
 }
 

@@ -46,16 +46,16 @@ bool is_of_one_side(int64_t m, const Blocks &blocks, Column<int8_t> block_side) 
 // their number.
 int64_t find_event_edges(const Edges &edges, const Projected &projected, Column<bool> is_event,
                          Column<int32_t> events) {
-    const auto &[side, state, blocks] = std::tie(projected.side, projected.state, projected.blocks);
     const int64_t n_edges = edges.faces.rows();
     int64_t n = 0;
     std::fill(is_event.begin(), is_event.end(), false);
-    for (int64_t m = 0; m < blocks.is_plain.rows(); m++) {
-        if (is_of_one_side(m, blocks, projected.block_side)) continue;
+    for (int64_t m = 0; m < projected.blocks.is_plain.rows(); m++) {
+        if (is_of_one_side(m, projected.blocks, projected.block_side)) continue;
         for (int64_t e = m * BLOCK; e < std::min((m + 1) * BLOCK, n_edges); e++) {
             const int64_t f = edges.faces(e, 0), g = edges.faces(e, 1);
-            const int first = side[f], second = g >= 0 ? side[g] : 0;
-            const uint16_t flags = g >= 0 ? state[f] | state[g] : state[f];
+            const int first = projected.side[f], second = g >= 0 ? projected.side[g] : 0;
+            const uint16_t flags =
+                g >= 0 ? projected.state[f] | projected.state[g] : projected.state[f];
             bool is_one = edges.kind[e] == CONSISTENT ? first != second : first != -second;
             if (edges.kind[e] == NON_MANIFOLD || flags & DOUBTFUL) is_one = true;
             if (is_one) {
@@ -218,18 +218,16 @@ int64_t add_crossings(const Passage &passage, int64_t f, int64_t n, int64_t n_cr
                       int64_t most) {
     const Course &course = passage.course;
     const View &view = course.view;
-    const auto &[projected, ranges] = std::tie(view.projected, view.work.ranges);
-    const auto &[state, crossings] = std::tie(projected.state, course.crossings);
     for (int64_t i = 0; i < n; i++) {
-        const Part across =
-            crosses(f, passage.s, {ranges(i, 0), ranges(i, 1)}, course.tolerance, projected);
+        const Part across = crosses(f, passage.s, {view.work.ranges(i, 0), view.work.ranges(i, 1)},
+                                    course.tolerance, view.projected);
         if (!(across.first <= across.last)) continue;
-        state[f] |= course.is_doubtful ? CROSSED | UNFIT : CROSSED;
-        projected.block_state[f / BLOCK] |= CROSSED;
+        view.projected.state[f] |= course.is_doubtful ? CROSSED | UNFIT : CROSSED;
+        view.projected.block_state[f / BLOCK] |= CROSSED;
         n_crossings =
-            record_crossing(f, course.edge, course.segment, across, crossings, n_crossings);
-        const int64_t last = crossings.last[f];
-        if (last >= 0 && crossings.number[last] > most) state[f] |= UNFIT;
+            record_crossing(f, course.edge, course.segment, across, course.crossings, n_crossings);
+        const int64_t last = course.crossings.last[f];
+        if (last >= 0 && course.crossings.number[last] > most) view.projected.state[f] |= UNFIT;
     }
     return n_crossings;
 }
@@ -479,8 +477,6 @@ bool take_rim(int64_t s, int64_t p, const Pinhole &camera, const Clipped &clippe
 int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
                      Array<double, 7> extent, double tolerance, int64_t n_clipped,
                      const Segment &segment, const Crossings &crossings) {
-    const auto &[camera, projected, edges] = std::tie(view.camera, view.projected, view.edges);
-    const auto &[uvw, state, clipped] = std::tie(projected.uvw, projected.state, projected.clipped);
     const int64_t n_events = events.rows();
     int64_t n_crossings = 0;
     Poll poll(16);
@@ -494,21 +490,24 @@ int64_t mark_crossed(Int32Array events, Vertices vertices, const View &view,
         if (index < n_events) {
             e = events[index];
             crossings.is_hidden[e] = false;
-            if (!project_event(e, edges, vertices, camera, uvw, segment)) continue;
-            const int64_t other = edges.faces(e, 1);
-            uint16_t flags = state[edges.faces(e, 0)];
-            if (other >= 0) flags |= state[other];
+            if (!project_event(e, view.edges, vertices, view.camera, view.projected.uvw, segment))
+                continue;
+            const int64_t other = view.edges.faces(e, 1);
+            uint16_t flags = view.projected.state[view.edges.faces(e, 0)];
+            if (other >= 0) flags |= view.projected.state[other];
             is_doubtful = (flags & DOUBTFUL) != 0;
             may_join = other >= 0 && !(flags & CROSSED);
         } else {
             const int64_t side = index - n_events;
-            if (!take_rim(side / CORNERS, side % CORNERS, camera, clipped, segment)) continue;
+            if (!take_rim(side / CORNERS, side % CORNERS, view.camera, view.projected.clipped,
+                          segment))
+                continue;
         }
         n_crossings = mark_segment({e, is_doubtful, may_join, segment, tolerance, view, crossings},
                                    extent, n_crossings);
         if (may_join && !segment.ends[IS_VISIBLE]) {
-            const int64_t a = edges.vertices(e, 0), b = edges.vertices(e, 1);
-            crossings.is_hidden[e] = uvw(a, W) > 0 && uvw(b, W) > 0;
+            const int64_t a = view.edges.vertices(e, 0), b = view.edges.vertices(e, 1);
+            crossings.is_hidden[e] = view.projected.uvw(a, W) > 0 && view.projected.uvw(b, W) > 0;
         }
     }
     return n_crossings;

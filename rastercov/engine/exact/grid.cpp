@@ -124,7 +124,6 @@ void list_fresh(int64_t n_pairs, const CellGrid &grid) {
 // `n_faces` and `is_whole`; `n_entries`. Where `entries` has too little room, none is listed, and
 // the result is more than that: call again with more. The faces that are listed have boxes.
 int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
-    const auto &[box, block_box] = std::tie(projected.box, projected.block_box);
     const int64_t n_faces = projected.state.rows(), room = grid.entries.rows();
     const int64_t n_fresh = grid.n_fresh[0];
     const bool is_all = n_fresh == grid.columns * grid.rows;
@@ -133,11 +132,11 @@ int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
     int64_t n_pairs = 0;
     int64_t n_listed = 0;
     Poll poll(64);
-    for (int64_t b = 0; b < block_box.rows(); b++) {
+    for (int64_t b = 0; b < projected.block_box.rows(); b++) {
         poll();
-        if (!(block_box(b, U_MIN) <= block_box(b, U_MAX))) continue;
+        if (!(projected.block_box(b, U_MIN) <= projected.block_box(b, U_MAX))) continue;
         if (is_all) lay_boxes_of_block(b, projected);
-        else if (!has_fresh(cells_of_box(block_box, b, grid), grid)) continue;
+        else if (!has_fresh(cells_of_box(projected.block_box, b, grid), grid)) continue;
         const bool has_boxes = projected.has_boxes[b];
         for (int64_t first = b * BLOCK; first < std::min((b + 1) * BLOCK, n_faces);
              first += AT_A_TIME) {
@@ -149,7 +148,7 @@ int64_t fill_grid(const Projected &projected, const CellGrid &grid) {
                 if (!(projected.state[f] & (LIVE | THIN))) continue;
                 if (!has_boxes) lay_box(f, projected);
                 const int64_t before = n_pairs;
-                n_pairs = list_pairs(n_pairs, f, box, grid);
+                n_pairs = list_pairs(n_pairs, f, projected.box, grid);
                 grid.faces[n_listed] = int32_t(f);
                 n_listed += n_pairs > before;
                 if (n_pairs > grid.pairs.rows()) {

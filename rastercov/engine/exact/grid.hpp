@@ -183,7 +183,6 @@ inline bool has_own_corners(int64_t f, const Projected &projected) {
 // Lays the corners of the image of a clipped face, with what they may be off.
 inline void lay_clipped_corners(int64_t f, const View &view, Group &group) {
     const auto &[camera, projected] = std::tie(view.camera, view.projected);
-    const auto &[clipped, uvw] = std::tie(projected.clipped, projected.uvw);
     const int64_t s = projected.clipped_index[f];
     const Plane plane = plane_of(f, camera, projected);
     const double error = outline_error(f, camera, projected), off = SURE * error;
@@ -194,13 +193,14 @@ inline void lay_clipped_corners(int64_t f, const View &view, Group &group) {
             {{u - around, u + around}, {v - around, v + around}, {w - more, w + more}},
             int32_t(common)};
     };
-    CornerOfMany *const end = group.corners + clipped.n_corners[s];
-    group.n_corners = clipped.n_corners[s];
+    CornerOfMany *const end = group.corners + projected.clipped.n_corners[s];
+    group.n_corners = projected.clipped.n_corners[s];
     for (int64_t n = 0; n < group.n_corners; n++) {
-        const double u = clipped.polygons(s, n, U), v = clipped.polygons(s, n, V);
+        const double u = projected.clipped.polygons(s, n, U),
+                     v = projected.clipped.polygons(s, n, V);
         int64_t common = -1;
         for (int side = 0; side < 3; side++) {
-            const Line line = line_at(clipped.lines[s], side);
+            const Line line = line_at(projected.clipped.lines[s], side);
             if (std::abs(line.value(u, v)) <= slack_of(line, off))
                 common = on_edge(view.edges.of_face(f, side));
         }
@@ -210,8 +210,9 @@ inline void lay_clipped_corners(int64_t f, const View &view, Group &group) {
     // Those of the face are the same to the bit in all that have them.
     for (int k = 0; k < 3; k++) {
         const int64_t vertex = projected.faces(f, k);
-        const double u = uvw(vertex, U), v = uvw(vertex, V);
-        if (!(uvw(vertex, W) > 0 && u > 0 && u < camera.width && v > 0 && v < camera.height))
+        const double u = projected.uvw(vertex, U), v = projected.uvw(vertex, V);
+        if (!(projected.uvw(vertex, W) > 0 && u > 0 && u < camera.width && v > 0 &&
+              v < camera.height))
             continue;
         const auto distance_to = [&](const CornerOfMany &its) {
             return std::abs(its.at[U].least + off - u) + std::abs(its.at[V].least + off - v);
@@ -311,21 +312,20 @@ inline void select(int32_t *entries, double *keys, int64_t n, int64_t lower) {
 // of faces near one another, each by the key that differs most in it; by that those of the least
 // groups are sorted, and grid.nearest has it.
 inline void divide(const Place &place, int64_t n, double per_w, const View &view) {
-    const auto &[projected, grid] = std::tie(view.projected, view.grid);
-    int32_t *const entries = grid.entries.data + place.first;
-    double *const keys = grid.nearest.data + place.first;
+    int32_t *const entries = view.grid.entries.data + place.first;
+    double *const keys = view.grid.nearest.data + place.first;
     int32_t best = 0;
     double widest = -1.0;
     for (int axis = 0; axis < KEYS; axis++) {
         Range all;
-        for (int64_t k = 0; k < n; k++) all.add(key_of(entries[k], axis, per_w, projected));
+        for (int64_t k = 0; k < n; k++) all.add(key_of(entries[k], axis, per_w, view.projected));
         if (all.most - all.least > widest) {
             widest = all.most - all.least;
             best = axis;
         }
     }
-    for (int64_t k = 0; k < n; k++) keys[k] = key_of(entries[k], best, per_w, projected);
-    Group &group = group_at(place, grid);
+    for (int64_t k = 0; k < n; k++) keys[k] = key_of(entries[k], best, per_w, view.projected);
+    Group &group = group_at(place, view.grid);
     group.axis = best;
     group.per_w = per_w;
     if (place.size < 2) {

@@ -179,22 +179,21 @@ bool has(int64_t t, int32_t common, const View &view) {
 // True if all faces of a group are surely behind a part: its plane, which is off by more the
 // farther it is from the face, is before all of their corners that the face does not have.
 bool is_behind(const PartOfFace &part, const Group &group) {
-    const auto &[t, plane, view] = std::tie(part.t, part.plane, part.view);
     const bool is_clipped = part.n_own != 3;
-    const auto &own = view.work.own;
+    const auto &own = part.view.work.own;
     const double twice = is_clipped ? 1.0 : std::abs(line_at(own, 0).value(own(2, U), own(2, V)));
     for (const auto &[at, common] : group.all_corners()) {
-        if (has(t, common, view)) continue;
+        if (has(part.t, common, part.view)) continue;
         for (const double u : {at[U].least, at[U].most})
             for (const double v : {at[V].least, at[V].most}) {
-                const auto [w, size] = plane.at(u, v);
+                const auto [w, size] = part.plane.at(u, v);
                 // Of the corners of the face, from which the plane is known; where it is clipped,
                 // that is off in proportion to 1/z beyond the nearest.
                 double shares =
-                    is_clipped ? std::max(1.0, size / view.projected.box(t, W_MAX)) : 0.0;
+                    is_clipped ? std::max(1.0, size / part.view.projected.box(part.t, W_MAX)) : 0.0;
                 for (int s = 0; s < 3 && !is_clipped; s++)
                     shares += std::abs(line_at(own, s).value(u, v));
-                const double error = plane.error * shares + 4 * DEPTH_TIE_REL * size * twice;
+                const double error = part.plane.error * shares + 4 * DEPTH_TIE_REL * size * twice;
                 if (!((w - at[W].most) * twice > error)) return false;
             }
     }
@@ -294,13 +293,12 @@ bool any_near(const PartOfFace &part, const Cells &cells, Left &left, Take take)
 // most faces that are before it somewhere are far behind it there.
 bool is_before(const PartOfFace &part, int64_t m) {
     const auto &box = part.view.projected.box;
-    const auto &[plane, extent] = std::tie(part.plane, part.extent);
-    const double u =
-        plane.a > 0 ? std::max(box(m, U_MIN), extent.u_min) : std::min(box(m, U_MAX), extent.u_max);
-    const double v =
-        plane.b > 0 ? std::max(box(m, V_MIN), extent.v_min) : std::min(box(m, V_MAX), extent.v_max);
-    const auto [w, size] = plane.at(u, v);
-    return box(m, W_MAX) < w - (plane.error + 4 * DEPTH_TIE_REL * size);
+    const double u = part.plane.a > 0 ? std::max(box(m, U_MIN), part.extent.u_min)
+                                      : std::min(box(m, U_MAX), part.extent.u_max);
+    const double v = part.plane.b > 0 ? std::max(box(m, V_MIN), part.extent.v_min)
+                                      : std::min(box(m, V_MAX), part.extent.v_max);
+    const auto [w, size] = part.plane.at(u, v);
+    return box(m, W_MAX) < w - (part.plane.error + 4 * DEPTH_TIE_REL * size);
 }
 
 // Memory for the image of a face and what is beside it.
@@ -322,18 +320,18 @@ enum Closeness { APART, CLOSE, AMBIGUOUS }; // of two faces, see is_loose
 // Closeness of face m to face f.
 Closeness closeness(int64_t f, int64_t n, int64_t n_own, int64_t m, const View &view,
                     Images &images) {
-    const auto &[camera, projected] = std::tie(view.camera, view.projected);
-    const auto &box = projected.box;
+    const auto &box = view.projected.box;
     if (box(m, W_MAX) < box(f, W_MIN) * (1 - NEARLY_REL) ||
-        box(f, W_MAX) < box(m, W_MIN) * (1 - NEARLY_REL) || !(projected.state[m] & LIVE) ||
-        shared_corners(f, m, projected.faces) == 2)
+        box(f, W_MAX) < box(m, W_MIN) * (1 - NEARLY_REL) || !(view.projected.state[m] & LIVE) ||
+        shared_corners(f, m, view.projected.faces) == 2)
         return APART;
-    const auto [k, n_sides] = outline(m, projected, images.corners(), images.its());
+    const auto [k, n_sides] = outline(m, view.projected, images.corners(), images.its());
     if (separates(images.its(), n_sides, images.target(), n) ||
         separates(images.own(), n_own, images.corners(), k))
         return APART;
     copy_polygon(images.target(), n, images.overlap());
-    const Plane plane = plane_of(f, camera, projected), its = plane_of(m, camera, projected);
+    const Plane plane = plane_of(f, view.camera, view.projected),
+                its = plane_of(m, view.camera, view.projected);
     const Gap gap =
         gap_between(plane, its, images.overlap(), n, images.its(), n_sides, images.spare());
     if (gap.n < 3) return APART;
@@ -391,17 +389,16 @@ template <class Take> bool any_cell_of(int64_t f, const View &view, Take take) {
 // there yet; true if it is ambiguous which ones these are. Groups of members that all coincide with
 // it are passed over.
 bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
-    const auto &[projected, grid] = std::tie(view.projected, view.grid);
-    const auto &[box, state] = std::tie(projected.box, projected.state);
+    const auto &[box, state] = std::tie(view.projected.box, view.projected.state);
     Images images;
     const auto [n, n_own] =
         outline_inside(f, view, images.target(), images.own(), images.overlap());
     const Bounds own = bounds_in(box, f);
-    const Plane plane = plane_of(f, view.camera, projected);
+    const Plane plane = plane_of(f, view.camera, view.projected);
     const Depths depths = {box(f, W_MIN) * (1 - NEARLY_REL), -INF,
                            box(f, W_MAX) * (1 + 2 * NEARLY_REL)};
     Bounds rectangle = own; // within a cell
-    const double slack = state[f] & CLIPPED ? outline_error(f, view.camera, projected) : 0.0;
+    const double slack = state[f] & CLIPPED ? outline_error(f, view.camera, view.projected) : 0.0;
     const auto may = [&](const Group &group, const Place &place) {
         if (!touches(group, own, depths)) return false;
         for (int64_t s = 0; s < n_own; s++) {
@@ -437,9 +434,9 @@ bool add_members(int64_t f, std::vector<int64_t> &members, const View &view) {
         const Bounds cell = rectangle_of_cell(at, view);
         rectangle = {std::max(own.u_min, cell.u_min), std::min(own.u_max, cell.u_max),
                      std::max(own.v_min, cell.v_min), std::min(own.v_max, cell.v_max)};
-        for (Walk walk(at, grid); walk.next(may);)
+        for (Walk walk(at, view.grid); walk.next(may);)
             for (int64_t entry = walk.first; entry < walk.last; entry++)
-                if (takes(grid.entries[entry])) return true;
+                if (takes(view.grid.entries[entry])) return true;
         return false;
     });
 }
@@ -588,12 +585,12 @@ Occluder strict_order(const PartOfFace &part, int64_t m, int64_t n_sides, Scratc
 // Takes from a part what an occluder hides of it; work.lines has the n_sides lines that bound it.
 // SOME if it goes on.
 Rest hide(const PartOfFace &part, Occluder &occluder, int64_t n_sides, Left &left) {
-    const auto &[t, view] = std::tie(part.t, part.view);
-    const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
+    const auto &[camera, projected, work] =
+        std::tie(part.view.camera, part.view.projected, part.view.work);
     const Column<int32_t> marks = left.scratch.marks;
     const int64_t m = occluder.m;
     const int32_t number = marks[marks.rows() - 1];
-    double &area_error = view.area_error[t];
+    double &area_error = part.view.area_error[part.t];
     const bool is_first = occluder.is_new || marks[m] != number;
     occluder.is_new = false;
     marks[m] = number;
@@ -606,7 +603,8 @@ Rest hide(const PartOfFace &part, Occluder &occluder, int64_t n_sides, Left &lef
     if (occluder.order == IN_FRONT && contains(lines, n_sides, work.target, part.n))
         return Rest::ALL_HIDDEN;
     if (is_first)
-        area_error += 4 * common_extent(t, m, projected.box) * outline_error(m, camera, projected);
+        area_error +=
+            4 * common_extent(part.t, m, projected.box) * outline_error(m, camera, projected);
     int64_t n_lines = n_sides;
     if (occluder.order == IN_FRONT_IN_PART) store_line(occluder.equal, lines, n_lines++);
     left.count = clip_subtract(left.scratch.pieces, left.count, lines, n_sides, n_lines,
@@ -617,16 +615,17 @@ Rest hide(const PartOfFace &part, Occluder &occluder, int64_t n_sides, Left &lef
 
 // Takes from a part what face m hides of it, whose box overlaps it, and lists it.
 Rest hide_by_face(const PartOfFace &part, int64_t m, Left &left) {
-    const auto &[t, view] = std::tie(part.t, part.view);
-    const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
+    const auto &[camera, projected, work] =
+        std::tie(part.view.camera, part.view.projected, part.view.work);
     Scratch &scratch = left.scratch;
     int32_t &mark = scratch.marks[m];
     const int32_t number = scratch.marks[scratch.marks.rows() - 1];
     const bool is_new = projected.state[m] & DOUBTFUL && mark != number;
     if (is_new) {
         mark = number;
-        view.area_error[t] += 4 * EDGE_ON_FACTOR * common_extent(t, m, projected.box) *
-                              outline_error(m, camera, projected);
+        part.view.area_error[part.t] += 4 * EDGE_ON_FACTOR *
+                                        common_extent(part.t, m, projected.box) *
+                                        outline_error(m, camera, projected);
     }
     if (projected.state[m] & THIN || is_before(part, m)) return Rest::SOME;
     const auto [k, n_sides] = outline(m, projected, work.corners, work.lines);
@@ -647,16 +646,16 @@ Rest hide_by_face(const PartOfFace &part, int64_t m, Left &left) {
 // of them that meet it.
 Rest hide_by_list(const PartOfFace &part, int64_t first, int64_t last, Left &left) {
     const View &view = part.view;
-    const auto &[projected, work] = std::tie(view.projected, view.work);
     for (int64_t at = first; at < last; at++) {
         Scratch &scratch = left.scratch;
         const int32_t index = scratch.lists[size_t(at)];
         Occluder &occluder = scratch.occluders[size_t(index)];
-        if (are_apart(bounds_in(projected.box, occluder.m), part.extent) ||
+        if (are_apart(bounds_in(view.projected.box, occluder.m), part.extent) ||
             is_before(part, occluder.m))
             continue;
-        const int64_t n_sides = outline(occluder.m, projected, work.corners, work.lines).n_lines;
-        if (separates(work.lines, n_sides, part.corners, part.n_corners)) continue;
+        const int64_t n_sides =
+            outline(occluder.m, view.projected, view.work.corners, view.work.lines).n_lines;
+        if (separates(view.work.lines, n_sides, part.corners, part.n_corners)) continue;
         scratch.lists.push_back(index);
         if (left.count > left.limit) continue;
         const Rest is = hide(part, occluder, n_sides, left);
@@ -688,19 +687,18 @@ double keep_pieces(const PartOfFace &part, const Left &left) {
 
 // Replaces the part on top of the stack by its halves; returns how many that are.
 int64_t halve(int64_t top, const Work &work) {
-    const auto &[parts, levels, spare] = std::tie(work.parts, work.levels, work.spare);
-    const int64_t n = parts.n_corners[top], level = levels[top] + 1;
-    copy_polygon(parts.corners[top], n, spare);
-    const Bounds b = extent_of(spare, n);
+    const int64_t n = work.parts.n_corners[top], level = work.levels[top] + 1;
+    copy_polygon(work.parts.corners[top], n, work.spare);
+    const Bounds b = extent_of(work.spare, n);
     const double u = (b.u_min + b.u_max) / 2, v = (b.v_min + b.v_max) / 2;
     const bool is_across = b.u_max - b.u_min >= b.v_max - b.v_min;
     int64_t n_halves = 0;
     for (const double inward : {-1.0, 1.0}) {
         const Line line = is_across ? Line{u, v, 0.0, inward, 0.0} : Line{u, v, inward, 0.0, 0.0};
-        const int64_t kept = keep_inside(spare, n, line, parts.corners[top + n_halves]);
+        const int64_t kept = keep_inside(work.spare, n, line, work.parts.corners[top + n_halves]);
         if (kept >= 3) {
-            parts.n_corners[top + n_halves] = kept;
-            levels[top + n_halves] = level;
+            work.parts.n_corners[top + n_halves] = kept;
+            work.levels[top + n_halves] = level;
             n_halves++;
         }
     }
@@ -719,30 +717,30 @@ void take_number(Column<int32_t> marks) {
 // work.parts, whose halves follow if it has many pieces; and SOME, NO_ROOM or ALL_HIDDEN.
 std::pair<double, Rest> visible_in_cells(int64_t t, const Outline &image, const Cells &cells,
                                          const View &view, Scratch &scratch) {
-    const auto &[grid, work] = std::tie(view.grid, view.work);
-    const auto &[parts, levels] = std::tie(work.parts, work.levels);
     const Pieces &pieces = scratch.pieces;
-    int32_t &hider = grid.hider[(cells.top + (cells.bottom - cells.top + 1) / 2) * grid.columns +
-                                cells.left + (cells.right - cells.left + 1) / 2];
+    int32_t &hider =
+        view.grid.hider[(cells.top + (cells.bottom - cells.top + 1) / 2) * view.grid.columns +
+                        cells.left + (cells.right - cells.left + 1) / 2];
     struct {
         size_t first, last;
     } lists[STACK_ROOM] = {{0, 0}};
     scratch.occluders.clear();
     double twice = 0.0;
     bool has_many = false;
-    levels[0] = 0;
+    view.work.levels[0] = 0;
     for (int64_t top = 1; top > 0;) {
         scratch.poll();
         top--;
         const auto [first, last] = lists[top];
         scratch.lists.resize(last); // halves that are done have listed more
-        const bool can_halve = levels[top] < MOST_HALVINGS && top + 2 < STACK_ROOM;
-        const PartOfFace part = part_of(t, image, parts.corners[top], parts.n_corners[top], view);
+        const bool can_halve = view.work.levels[top] < MOST_HALVINGS && top + 2 < STACK_ROOM;
+        const PartOfFace part =
+            part_of(t, image, view.work.parts.corners[top], view.work.parts.n_corners[top], view);
         Left left = {1, -1, has_many, can_halve ? MOST_PIECES : pieces.corners.rows(), scratch};
         copy_polygon(part.corners, part.n_corners, pieces.corners[0]);
         pieces.n_corners[0] = part.n_corners;
         Rest is = Rest::SOME;
-        if (levels[top] > 0) is = hide_by_list(part, first, last, left);
+        if (view.work.levels[top] > 0) is = hide_by_list(part, first, last, left);
         else
             any_near(part, cells, left, [&](int64_t m) {
                 is = hide_by_face(part, m, left);
@@ -751,7 +749,7 @@ std::pair<double, Rest> visible_in_cells(int64_t t, const Outline &image, const 
         has_many = left.has_many;
         if (is == Rest::NO_ROOM) return {0.0, is};
         if (left.count > left.limit) {
-            const int64_t n_halves = halve(top, work);
+            const int64_t n_halves = halve(top, view.work);
             for (int64_t k = 0; k < n_halves; k++) lists[top++] = {last, scratch.lists.size()};
             continue;
         }
@@ -766,21 +764,20 @@ std::pair<double, Rest> visible_in_cells(int64_t t, const Outline &image, const 
 // Twice the visible area of face t; less than 0 if there is too little room. A large face is taken
 // apart by the cells of the grid.
 double visible_twice_area(int64_t t, const Outline &image, const View &view, Scratch &scratch) {
-    const auto &[grid, work] = std::tie(view.grid, view.work);
-    const Cells all = cells_of_box(view.projected.box, t, grid);
+    const Cells all = cells_of_box(view.projected.box, t, view.grid);
     const int64_t n = image.n_corners, width = all.right - all.left + 1,
                   height = all.bottom - all.top + 1;
     const bool is_large = width * height > MOST_CELLS_OF_PART;
     double twice = 0.0;
     for (int64_t row = all.top; row <= all.bottom; row += is_large ? 1 : height)
         for (int64_t column = all.left; column <= all.right; column += is_large ? 1 : width) {
-            const Points corners = work.parts.corners[0];
-            int64_t &n_corners = work.parts.n_corners[0];
-            copy_polygon(work.target, n, corners);
+            const Points corners = view.work.parts.corners[0];
+            int64_t &n_corners = view.work.parts.n_corners[0];
+            copy_polygon(view.work.target, n, corners);
             n_corners = n;
             if (is_large) {
-                lines_of_cell(column, row, grid, {work.cell.data, {4, 5}});
-                n_corners = clip(corners, n, work.cell, 4, work.spare);
+                lines_of_cell(column, row, view.grid, {view.work.cell.data, {4, 5}});
+                n_corners = clip(corners, n, view.work.cell, 4, view.work.spare);
                 if (n_corners < 3) continue;
             }
             const Cells cells = is_large ? Cells{column, column, row, row} : all;

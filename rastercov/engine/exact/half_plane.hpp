@@ -27,9 +27,10 @@ inline double common_extent(int64_t t, int64_t m, const Array<double, Any, 6> &b
 
 // Width and height together of the part of the box of a face that is in the image, pixels.
 inline double extent_in_image(int64_t t, const View &view) {
-    const auto &[box, camera] = std::tie(view.projected.box, view.camera);
-    const double width = std::min(box(t, U_MAX), camera.width) - std::max(box(t, U_MIN), 0.0);
-    return width + (std::min(box(t, V_MAX), camera.height) - std::max(box(t, V_MIN), 0.0));
+    const double width = std::min(view.projected.box(t, U_MAX), view.camera.width) -
+                         std::max(view.projected.box(t, U_MIN), 0.0);
+    return width + (std::min(view.projected.box(t, V_MAX), view.camera.height) -
+                    std::max(view.projected.box(t, V_MIN), 0.0));
 }
 
 // Difference of 1/z of face m to face t, over the overlap of their images.
@@ -99,17 +100,17 @@ inline Line line_of_equal_depth(int64_t t, int64_t m, const Plane &of_t, const P
 // TIED; by_depth, only up to rounding.
 inline Order depth_order(int64_t t, int64_t m, int64_t n, int64_t n_sides, const View &view,
                          bool is_first, bool by_depth = false) {
-    const auto &[camera, projected, work] = std::tie(view.camera, view.projected, view.work);
-    const auto &[box, spare] = std::tie(projected.box, work.spare);
+    const auto &[box, spare] = std::tie(view.projected.box, view.work.spare);
     double &area_error = view.area_error[t];
     if (box(m, W_MIN) > box(t, W_MAX) * (1 + 2 * DEPTH_TIE_REL)) return IN_FRONT;
-    copy_polygon(work.target, n, spare);
-    const Plane of_t = plane_of(t, camera, projected), of_m = plane_of(m, camera, projected);
-    const Gap gap = gap_between(of_t, of_m, spare, n, work.lines, n_sides, work.other);
+    copy_polygon(view.work.target, n, spare);
+    const Plane of_t = plane_of(t, view.camera, view.projected),
+                of_m = plane_of(m, view.camera, view.projected);
+    const Gap gap = gap_between(of_t, of_m, spare, n, view.work.lines, n_sides, view.work.other);
     if (gap.n < 3) return BEHIND;
     const double error = of_t.error + of_m.error, most = std::max(gap.most, -gap.least);
     // The planes of two faces that share an edge meet along that edge and nowhere else.
-    const int shared = shared_corners(t, m, projected.faces);
+    const int shared = shared_corners(t, m, view.projected.faces);
     const double apart = by_depth ? most - error : gap.apart;
     const double common = std::abs(twice_area(spare, gap.n)) / 2;
     if (!is_first) {
@@ -124,22 +125,21 @@ inline Order depth_order(int64_t t, int64_t m, int64_t n, int64_t n_sides, const
     if (shared >= 2) return gap.most > -gap.least ? IN_FRONT : BEHIND;
     if (gap.most <= 0) return BEHIND;
     if (gap.least >= 0) return IN_FRONT;
-    store_line(line_of_equal_depth(t, m, of_t, of_m, gap, spare(0, U), spare(0, V)), work.lines,
-               n_sides);
+    store_line(line_of_equal_depth(t, m, of_t, of_m, gap, spare(0, U), spare(0, V)),
+               view.work.lines, n_sides);
     return IN_FRONT_IN_PART;
 }
 
 // True if face m surely hides all of face t, whose n corners work.target has.
 inline bool hides_all(int64_t m, int64_t t, int64_t n, const View &view) {
-    const auto &[projected, work] = std::tie(view.projected, view.work);
-    const auto &box = projected.box;
+    const auto &box = view.projected.box;
     if (m == t || box(m, U_MIN) > box(t, U_MIN) || box(m, U_MAX) < box(t, U_MAX) ||
         box(m, V_MIN) > box(t, V_MIN) || box(m, V_MAX) < box(t, V_MAX) ||
         box(m, W_MAX) < box(t, W_MIN) * (1 - 2 * DEPTH_TIE_REL) ||
-        (projected.state[m] & (LIVE | DOUBTFUL)) != LIVE)
+        (view.projected.state[m] & (LIVE | DOUBTFUL)) != LIVE)
         return false;
-    const int64_t n_sides = outline(m, projected, work.corners, work.lines).n_lines;
-    if (!contains(work.lines, n_sides, work.target, n)) return false;
+    const int64_t n_sides = outline(m, view.projected, view.work.corners, view.work.lines).n_lines;
+    if (!contains(view.work.lines, n_sides, view.work.target, n)) return false;
     double &area_error = view.area_error[t];
     const double before = area_error;
     const bool hides = depth_order(t, m, n, n_sides, view, true) == IN_FRONT;
@@ -178,12 +178,12 @@ inline bool is_hidden_by_one(int64_t t, int64_t n, const View &view) {
 // up to the rounding count as nothing, both of the visible and of the hidden part.
 inline void settle_area(int64_t t, double seen, const View &view, int64_t n_kept,
                         int64_t n_kept_corners) {
-    const auto &[box, area, visible] =
-        std::tie(view.projected.box, view.projected.area, view.visible);
-    const double tolerance = view.camera.pixel_error * bounds_in(box, t).around();
-    visible[t] = 0.0;
-    if (seen > tolerance) visible[t] = seen >= area[t] - tolerance ? area[t] : seen;
-    if (visible[t] == 0 || visible[t] == area[t])
+    const double tolerance = view.camera.pixel_error * bounds_in(view.projected.box, t).around();
+    view.visible[t] = 0.0;
+    if (seen > tolerance)
+        view.visible[t] =
+            seen >= view.projected.area[t] - tolerance ? view.projected.area[t] : seen;
+    if (view.visible[t] == 0 || view.visible[t] == view.projected.area[t])
         drop_pieces(view.work.kept, n_kept, n_kept_corners);
 }
 

@@ -57,19 +57,19 @@ inline Overlap overlap_of(int64_t t, int64_t m, const Outline &image, const View
 // m, so that rounding decides where it meets that side, and on which side of it it is.
 inline int64_t take_intersection(int64_t t, int64_t m, int64_t n_sides, int64_t count,
                                  const View &view) {
-    const auto &[camera, projected] = std::tie(view.camera, view.projected);
-    const auto &[lines, box] = std::tie(view.work.lines, projected.box);
+    const auto &[lines, box] = std::tie(view.work.lines, view.projected.box);
     const Line line = line_at(lines, n_sides);
     const double slope = length(line.du, line.dv, 0.0);
-    double error = plane_of(t, camera, projected).error + plane_of(m, camera, projected).error;
+    double error = plane_of(t, view.camera, view.projected).error +
+                   plane_of(m, view.camera, view.projected).error;
     if (count == MOST_INTERSECTIONS || !(error <= MOST_ERROR * slope)) return NOT_KNOWN;
     const double du = line.du / slope, dv = line.dv / slope, offset = line.offset / slope;
     const double u = line.u0 + offset * dv, v = line.v0 - offset * du;
     const double reach = bounds_in(box, t).around();
     Part part = narrow(u, u + du, box(t, U_MIN) - reach, box(t, U_MAX) + reach, {-INF, INF});
     part = narrow(v, v + dv, box(t, V_MIN) - reach, box(t, V_MAX) + reach, part);
-    error = std::max(error / slope, camera.pixel_error);
-    const double slack = SURE * std::max(error, outline_error(m, camera, projected));
+    error = std::max(error / slope, view.camera.pixel_error);
+    const double slack = SURE * std::max(error, outline_error(m, view.camera, view.projected));
     for (int64_t s = 0; s < n_sides; s++) {
         const Line side = line_at(lines, s);
         const double along = side.du * dv - side.dv * du;
@@ -99,16 +99,15 @@ inline int64_t take_intersection(int64_t t, int64_t m, int64_t n_sides, int64_t 
 // event edge.
 inline int64_t add_intersection(int64_t t, int64_t m, const Outline &image, int64_t count,
                                 const View &view) {
-    const auto &[camera, projected, edges] = std::tie(view.camera, view.projected, view.edges);
-    const auto &state = projected.state;
+    const auto &state = view.projected.state;
     double &area_error = view.area_error[t];
     if (!(state[m] & LIVE)) return state[m] & THIN ? NOT_KNOWN : count;
     for (int s = -1; s < 3; s++) { // the other face itself; then, if it is in front, its neighbours
         int64_t other = m;
         if (s >= 0) {
-            const int64_t e = edges.of_face(m, s);
-            if (view.is_event[e] || edges.faces(e, 1) < 0) continue;
-            other = edges.faces(e, 0) != m ? edges.faces(e, 0) : edges.faces(e, 1);
+            const int64_t e = view.edges.of_face(m, s);
+            if (view.is_event[e] || view.edges.faces(e, 1) < 0) continue;
+            other = view.edges.faces(e, 0) != m ? view.edges.faces(e, 0) : view.edges.faces(e, 1);
             if (other == t || !(state[other] & LIVE)) continue;
         }
         const auto [overlap, n_sides] = overlap_of(t, other, image, view);
@@ -116,8 +115,8 @@ inline int64_t add_intersection(int64_t t, int64_t m, const Outline &image, int6
         if (overlap == 0) return count;
         if (overlap < 0 || state[other] & DOUBTFUL) return NOT_KNOWN;
         if (s < 0) {
-            const double error = outline_error(m, camera, projected);
-            const double around = common_extent(t, m, projected.box);
+            const double error = outline_error(m, view.camera, view.projected);
+            const double around = common_extent(t, m, view.projected.box);
             if (overlap <= SURE * error * around) { // neighbours that abut, up to rounding
                 area_error += std::max(overlap, 4 * error * around);
                 return count;

@@ -354,12 +354,13 @@ void append_cut(Points polygon, int64_t n, int64_t face, const PlaneRecord &plan
 int64_t outline_in_space(Vertices vertices, Array<const int32_t, 3> face, const Pinhole &camera,
                          const lens::Corners &region, double unit, Array<double, Any, 3> points,
                          Array<double, Any, 3> spare, Points polygon) {
-    const auto &[rotation, eye] = std::tie(camera.rotation, camera.centre);
     for (int p = 0; p < 3; p++) {
         const auto vertex = vertices[face[p]];
-        const double x = vertex[0] - eye[0], y = vertex[1] - eye[1], z = vertex[2] - eye[2];
+        const double x = vertex[0] - camera.centre[0], y = vertex[1] - camera.centre[1],
+                     z = vertex[2] - camera.centre[2];
         for (int k = 0; k < 3; k++)
-            points(p, k) = x * rotation(0, k) + y * rotation(1, k) + z * rotation(2, k);
+            points(p, k) =
+                x * camera.rotation(0, k) + y * camera.rotation(1, k) + z * camera.rotation(2, k);
     }
     if (std::max(std::max(points(0, 2), points(1, 2)), points(2, 2)) < camera.near) return 0;
     // On which side of the plane of the face the camera is decides the direction of its image.
@@ -402,8 +403,7 @@ void to_plane(const Source &corners, int64_t n, bool is_reversed, const PlaneRec
 int64_t collect(Vertices vertices, BoolArray is_done, const Projected &projected,
                 const VisiblePieces &kept, const Pinhole &camera, const PlaneRecord &plane,
                 const VisiblePieces &found) {
-    const auto &[faces, uvw, state] = std::tie(projected.faces, projected.uvw, projected.state);
-    const int64_t n_faces = state.rows();
+    const int64_t n_faces = projected.state.rows();
     PolygonScratch scratch;
     const Points polygon = {scratch.polygon, {lens::MOST_CORNERS, 2}},
                  spare = {scratch.spare, {lens::MOST_CORNERS, 2}};
@@ -413,22 +413,22 @@ int64_t collect(Vertices vertices, BoolArray is_done, const Projected &projected
     for (int64_t f = 0; f < n_faces; f++) {
         if (is_done[f]) continue;
         int64_t n = 3;
-        if (!(state[f] & LIVE)) {
+        if (!(projected.state[f] & LIVE)) {
             // Seen from behind and left out; others have nothing in the image of the pinhole.
             if (!(projected.area[f] > 0.0)) continue;
-            n = outline_in_space(vertices, faces[f], camera, plane.window, plane.fx / camera.fx,
-                                 points, spare_points, polygon);
+            n = outline_in_space(vertices, projected.faces[f], camera, plane.window,
+                                 plane.fx / camera.fx, points, spare_points, polygon);
             if (n >= 3) append_cut(polygon, n, f, plane, spare, found);
             continue;
         }
-        if (state[f] & CLIPPED) {
+        if (projected.state[f] & CLIPPED) {
             const int64_t s = projected.clipped_index[f];
             n = projected.clipped.n_corners[s];
             copy_polygon(projected.clipped.polygons[s], n, spare);
         } else {
             for (int p = 0; p < 3; p++) {
-                spare(p, U) = uvw(faces(f, p), U);
-                spare(p, V) = uvw(faces(f, p), V);
+                spare(p, U) = projected.uvw(projected.faces(f, p), U);
+                spare(p, V) = projected.uvw(projected.faces(f, p), V);
             }
         }
         if (n < 3) continue;

@@ -435,12 +435,12 @@ inline Outline outline(int64_t f, const Projected &projected, Points corners, Li
 // near plane may cut it away.
 inline bool is_joined(int64_t f, int64_t s, int64_t n_lines, const View &view) {
     if (n_lines == SIDES) return false;
-    const auto &[edges, projected] = std::tie(view.edges, view.projected);
     // The corners of a face seen from the front are taken in reverse.
-    const int64_t e = edges.of_face(f, projected.side[f] < 0 ? s : 2 - s);
-    if (view.is_event[e] || edges.faces(e, 1) < 0) return false;
-    const int64_t other = edges.faces(e, 0) != f ? edges.faces(e, 0) : edges.faces(e, 1);
-    return (projected.state[other] & (LIVE | CLIPPED | DOUBTFUL)) == LIVE;
+    const int64_t e = view.edges.of_face(f, view.projected.side[f] < 0 ? s : 2 - s);
+    if (view.is_event[e] || view.edges.faces(e, 1) < 0) return false;
+    const int64_t other =
+        view.edges.faces(e, 0) != f ? view.edges.faces(e, 0) : view.edges.faces(e, 1);
+    return (view.projected.state[other] & (LIVE | CLIPPED | DOUBTFUL)) == LIVE;
 }
 
 // Largest error of the outline of a face, pixels.

@@ -63,15 +63,14 @@ inline bool shares_end(int64_t f, const Ends &s, const Projected &projected) {
 // True if the line of a segment passes a face within the tolerance, pixels, or f is clipped. One
 // whose other corners lie on one side only meets the segment at the corner that both have, at most.
 inline bool straddles(int64_t f, const Ends &s, double tolerance, const Projected &projected) {
-    const auto &[faces, uvw] = std::tie(projected.faces, projected.uvw);
     const Line line = {s.u0, s.v0, s.u1 - s.u0, s.v1 - s.v0, 0.0};
     const double reach = slack_of(line, tolerance);
     bool is_above = true;
     bool is_below = true;
     for (int k = 0; k < 3; k++) {
-        const int64_t vertex = faces(f, k);
+        const int64_t vertex = projected.faces(f, k);
         const bool is_end = (vertex == s.a) | (vertex == s.b);
-        const double side = line.value(uvw(vertex, U), uvw(vertex, V));
+        const double side = line.value(projected.uvw(vertex, U), projected.uvw(vertex, V));
         is_above &= is_end | (side > reach);
         is_below &= is_end | (side < -reach);
     }
@@ -129,12 +128,11 @@ inline Part crosses(int64_t f, const Ends &s, Part part, double tolerance,
 // pixels, along its event edges; along the others, where the surface continues, it is grown by the
 // rounding of a position.
 inline Part hidden_range(int64_t m, const Ends &s, Part part, double tolerance, const View &view) {
-    const auto &[camera, projected] = std::tie(view.camera, view.projected);
-    if (shares_end(m, s, projected)) return NOWHERE; // at the depth of the segment there
-    const int64_t n_lines = n_sides_of(m, projected);
-    const double error = outline_error(m, camera, projected);
+    if (shares_end(m, s, view.projected)) return NOWHERE; // at the depth of the segment there
+    const int64_t n_lines = n_sides_of(m, view.projected);
+    const double error = outline_error(m, view.camera, view.projected);
     for (int64_t side = 0; side < n_lines; side++) {
-        const Line line = side_of(m, side, projected);
+        const Line line = side_of(m, side, view.projected);
         const double extent = std::abs(line.du) + std::abs(line.dv);
         const double start = line.value(s.u0, s.v0), end = line.value(s.u1, s.v1);
         const double least = -2 * error * extent, most = (2 * tolerance + error) * extent;
@@ -144,8 +142,8 @@ inline Part hidden_range(int64_t m, const Ends &s, Part part, double tolerance, 
         part = narrow_to_inside(start - margin, end - margin, part);
         if (part.is_empty()) return NOWHERE;
     }
-    const Plane of = plane_of(m, camera, projected);
-    const auto &box = projected.box;
+    const Plane of = plane_of(m, view.camera, view.projected);
+    const auto &box = view.projected.box;
     const double margin = 2 * of.error + 4 * DEPTH_TIE_REL * box(m, W_MAX);
     const double start = of.at(s.u0, s.v0).w - s.w0 - margin;
     const double end = of.at(s.u1, s.v1).w - s.w1 - margin;

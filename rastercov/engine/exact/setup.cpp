@@ -141,12 +141,11 @@ void widen_boxes(int64_t b, const Measures &block, const Projected &projected,
 
 // Fills in block_state and block_side from the faces of a block, with some flags more.
 void describe_block(int64_t b, uint16_t flags, const Projected &projected) {
-    const auto &[state, side] = std::tie(projected.state, projected.side);
-    int8_t common = side[b * BLOCK];
+    int8_t common = projected.side[b * BLOCK];
     for (int64_t f = b * BLOCK; f < end_of_block(b, projected); f++) {
-        flags |= state[f];
-        if (!(state[f] & LIVE)) flags |= ABSENT;
-        if (side[f] != common) common = MIXED;
+        flags |= projected.state[f];
+        if (!(projected.state[f] & LIVE)) flags |= ABSENT;
+        if (projected.side[f] != common) common = MIXED;
     }
     projected.block_state[b] = flags;
     projected.block_side[b] = flags & DOUBTFUL ? MIXED : common;
@@ -185,7 +184,6 @@ bool is_edge_on(Vertices vertices, const int64_t (&face)[3], const Pinhole &came
 std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only, int64_t n_out,
                                          const Projected &projected, Column<double> area_error,
                                          Array<double, 7> extent, Column<int32_t> rest) {
-    const auto &[side, state, area] = std::tie(projected.side, projected.state, projected.area);
     const Blocks &blocks = projected.blocks;
     const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
     const double narrow = NARROW_FACTOR * pixel_error, most_error = 2 * width * height;
@@ -218,18 +216,20 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
         const int8_t behind = front_only ? 0 : -1, common = block.least < 0 ? 1 : behind;
         const uint16_t flags = is_live ? LIVE : 0;
         const double some = is_out ? 0.0 : 0.5;
-        std::fill_n(&side[first], BLOCK, common);
-        std::fill_n(&state[first], BLOCK, flags);
-        double *const areas = &area[first], *const errors = &area_error[first];
+        std::fill_n(&projected.side[first], BLOCK, common);
+        std::fill_n(&projected.state[first], BLOCK, flags);
+        double *const areas = &projected.area[first], *const errors = &area_error[first];
         for (int64_t k = 0; k < BLOCK; k++) {
             const double error = rounding * block.extent[k] * some;
             errors[k] = error < most_error ? error : most_error;
             areas[k] = std::abs(block.twice[k]) * some;
         }
         if (is_mixed)
-            for (int64_t k = 0; k < BLOCK; k++) side[first + k] = block.twice[k] < 0 ? 1 : behind;
+            for (int64_t k = 0; k < BLOCK; k++)
+                projected.side[first + k] = block.twice[k] < 0 ? 1 : behind;
         if (front_only && block.most > 0 && !is_out)
-            for (int64_t k = 0; k < BLOCK; k++) state[first + k] = block.twice[k] < 0 ? LIVE : 0;
+            for (int64_t k = 0; k < BLOCK; k++)
+                projected.state[first + k] = block.twice[k] < 0 ? LIVE : 0;
         const bool has_all = is_live && !(is_mixed && front_only);
         projected.block_state[b] = has_all ? flags : uint16_t(flags | ABSENT);
         projected.block_side[b] = is_mixed ? MIXED : common;
@@ -266,9 +266,9 @@ struct FaceImage {
 
 // Measures a face all of whose corners are projected; false if nothing of it is in the image.
 bool measure_projected(int64_t f, const int64_t (&face)[3], Measuring &with, FaceImage &image) {
-    const auto &[camera, projected] = std::tie(with.camera, with.projected);
-    const auto &uvw = projected.uvw;
-    const double width = camera.width, height = camera.height, pixel_error = camera.pixel_error;
+    const auto &uvw = with.projected.uvw;
+    const double width = with.camera.width, height = with.camera.height,
+                 pixel_error = with.camera.pixel_error;
     const auto [i, j, k] = face;
     const double u0 = uvw(i, U), v0 = uvw(i, V), w0 = uvw(i, W);
     const double u1 = uvw(j, U), v1 = uvw(j, V), w1 = uvw(j, W);
@@ -281,8 +281,8 @@ bool measure_projected(int64_t f, const int64_t (&face)[3], Measuring &with, Fac
         std::abs(twice) <= EDGE_ON_FACTOR * pixel_error * (u_max - u_min + v_max - v_min);
     const int8_t of_image = twice < 0 ? 1 : twice > 0 ? -1 : 0;
     int8_t seen = of_image;
-    if (is_doubtful && is_edge_on(with.vertices, face, camera, seen)) {
-        projected.state[f] = EDGE_ON;
+    if (is_doubtful && is_edge_on(with.vertices, face, with.camera, seen)) {
+        with.projected.state[f] = EDGE_ON;
         return false;
     }
     const bool is_out = u_max <= 0 || v_max <= 0 || u_min >= width || v_min >= height;
@@ -294,7 +294,7 @@ bool measure_projected(int64_t f, const int64_t (&face)[3], Measuring &with, Fac
         with.area_error[f] = 4 * EDGE_ON_FACTOR * (inner + 2 * pixel_error) * pixel_error;
     }
     image.is_culled = with.front_only && seen < 0;
-    if (!image.is_culled) projected.side[f] = seen;
+    if (!image.is_culled) with.projected.side[f] = seen;
     if (is_out) return false;
     // An image of the wrong side is one that rounds to nothing.
     image.inside = seen == of_image ? std::abs(twice) / 2 : 0.0;
@@ -305,7 +305,8 @@ bool measure_projected(int64_t f, const int64_t (&face)[3], Measuring &with, Fac
         const Points polygon = with.cut.corners();
         for (int corner = 0; corner < 3; corner++)
             for (const int axis : {U, V}) polygon(corner, axis) = uvw(face[corner], axis);
-        const int64_t n = clip(polygon, 3, camera.border, camera.border.rows(), with.cut.scratch());
+        const int64_t n =
+            clip(polygon, 3, with.camera.border, with.camera.border.rows(), with.cut.scratch());
         image.inside = n >= 3 ? std::abs(twice_area(polygon, n)) / 2 : 0.0;
     }
     return true;
@@ -348,24 +349,23 @@ bool measure_clipped(int64_t f, const int64_t (&face)[3], Measuring &with, FaceI
 
 // Fills in what was measured of a face; true if it is live.
 bool store_image(int64_t f, const FaceImage &image, const Measuring &with) {
-    const auto &[camera, projected] = std::tie(with.camera, with.projected);
     const auto [u_min, u_max, v_min, v_max, w_min, w_max] = image.around;
     const double around_it = std::max(u_max - u_min + v_max - v_min, 2 * image.outline_error);
     with.area_error[f] = std::min(OUTLINE_ERROR_FACTOR * around_it * image.outline_error,
-                                  2 * camera.width * camera.height);
+                                  2 * with.camera.width * with.camera.height);
     if (image.is_culled) {
-        projected.area[f] = image.inside;
+        with.projected.area[f] = image.inside;
         return false;
     }
     const double sides[] = {u_min, u_max, v_min, v_max, w_min, w_max};
-    std::copy_n(sides, 6, &projected.box(f, U_MIN));
-    widen_box(projected.block_box[f / BLOCK], {u_min, u_max, v_min, v_max});
+    std::copy_n(sides, 6, &with.projected.box(f, U_MIN));
+    widen_box(with.projected.block_box[f / BLOCK], {u_min, u_max, v_min, v_max});
     if (!(image.inside > 0)) {
-        projected.state[f] = THIN | DOUBTFUL | (image.flags & CLIPPED);
+        with.projected.state[f] = THIN | DOUBTFUL | (image.flags & CLIPPED);
         return false;
     }
-    projected.state[f] = image.flags;
-    projected.area[f] = image.inside;
+    with.projected.state[f] = image.flags;
+    with.projected.area[f] = image.inside;
     return true;
 }
 
@@ -385,7 +385,6 @@ bool store_image(int64_t f, const FaceImage &image, const Measuring &with) {
 std::pair<int64_t, int64_t> set_up(Vertices vertices, Int32Array rest, const Pinhole &camera,
                                    bool front_only, const Projected &projected,
                                    Column<double> area_error, Array<double, 7> extent) {
-    const auto &[faces, uvw] = std::tie(projected.faces, projected.uvw);
     Measuring with = {vertices, camera, front_only, projected, area_error};
     int64_t n_live = 0;
     double sums[] = {0.0, 0.0, 0.0};
@@ -399,9 +398,11 @@ std::pair<int64_t, int64_t> set_up(Vertices vertices, Int32Array rest, const Pin
             projected.state[f] = 0;
             projected.side[f] = 0;
             projected.area[f] = area_error[f] = 0.0;
-            const int64_t face[3] = {faces(f, 0), faces(f, 1), faces(f, 2)};
-            const bool is_projected =
-                uvw(face[0], W) > 0 && uvw(face[1], W) > 0 && uvw(face[2], W) > 0;
+            const int64_t face[3] = {projected.faces(f, 0), projected.faces(f, 1),
+                                     projected.faces(f, 2)};
+            const bool is_projected = projected.uvw(face[0], W) > 0 &&
+                                      projected.uvw(face[1], W) > 0 &&
+                                      projected.uvw(face[2], W) > 0;
             FaceImage image;
             if (!(is_projected ? measure_projected(f, face, with, image)
                                : measure_clipped(f, face, with, image)) ||

@@ -40,11 +40,12 @@ inline double greatest(double a, double b, double c) {
 
 // Fills in the box of a face.
 inline void lay_box(int64_t f, const Projected &projected) {
-    const auto &[faces, uvw, box] = std::tie(projected.faces, projected.uvw, projected.box);
-    const int64_t i = faces(f, 0), j = faces(f, 1), k = faces(f, 2);
+    const int64_t i = projected.faces(f, 0), j = projected.faces(f, 1), k = projected.faces(f, 2);
     for (int axis = U; axis <= W; axis++) {
-        box(f, 2 * axis) = least(uvw(i, axis), uvw(j, axis), uvw(k, axis));
-        box(f, 2 * axis + 1) = greatest(uvw(i, axis), uvw(j, axis), uvw(k, axis));
+        projected.box(f, 2 * axis) =
+            least(projected.uvw(i, axis), projected.uvw(j, axis), projected.uvw(k, axis));
+        projected.box(f, 2 * axis + 1) =
+            greatest(projected.uvw(i, axis), projected.uvw(j, axis), projected.uvw(k, axis));
     }
 }
 

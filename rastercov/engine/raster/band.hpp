@@ -226,8 +226,6 @@ inline int64_t draw_band(const Clusters &clusters, const Window &window, double 
     if (has_bounds) std::copy_n(cell_bounds.data, n_cells, image.cell_depth.data);
     else std::fill_n(image.cell_depth.data, n_cells, 0.0f);
     order_by_depth(clusters, memory.seen.all, n_seen, memory.forward.all, memory.ordered.all);
-    const auto &[starts, slots, lines] =
-        std::tie(clusters.vertex_starts, clusters.face_starts, clusters.line_starts);
     Target target = {window, image, counts, has_bounds};
     int64_t filled = 0;
     int64_t in_vain = 0;
@@ -237,15 +235,18 @@ inline int64_t draw_band(const Clusters &clusters, const Window &window, double 
         poll();
         if (i + PREFETCH_DISTANCE < n_seen) {
             const int ahead = memory.ordered.all[i + PREFETCH_DISTANCE];
-            prefetch(clusters.points, 3ll * starts[ahead], 3ll * starts[ahead + 1]);
-            prefetch(clusters.corners, slots[ahead], slots[ahead + 1]);
-            prefetch(clusters.faces, slots[ahead], slots[ahead + 1]);
+            prefetch(clusters.points, 3ll * clusters.vertex_starts[ahead],
+                     3ll * clusters.vertex_starts[ahead + 1]);
+            prefetch(clusters.corners, clusters.face_starts[ahead],
+                     clusters.face_starts[ahead + 1]);
+            prefetch(clusters.faces, clusters.face_starts[ahead], clusters.face_starts[ahead + 1]);
         }
         const int k = memory.ordered.all[i];
         const bool is_safe = memory.safe.all[k / LANES] >> (k & (LANES - 1)) & 1;
-        const Cluster cluster = {
-            starts[k],    starts[k + 1],        slots[k], slots[k + 1], lines[k],
-            lines[k + 1], is_safe && is_centred};
+        const Cluster cluster = {clusters.vertex_starts[k], clusters.vertex_starts[k + 1],
+                                 clusters.face_starts[k],   clusters.face_starts[k + 1],
+                                 clusters.line_starts[k],   clusters.line_starts[k + 1],
+                                 is_safe && is_centred};
         const Drawn drawn = draw_cluster(clusters, cluster, target, scratch);
         filled += drawn.filled;
         if (drawn.filled == 0) {

@@ -178,9 +178,6 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
     const Room<uint8_t> memory(marks.rows());
     const Column<uint8_t> local = memory.all();
     Room<int32_t> lines(order.rows());
-    const auto &[corners, face_of] = std::tie(out.corners.all, out.faces.all);
-    const auto &[face_starts, vertex_starts, line_starts] =
-        std::tie(out.face_starts.all, out.vertex_starts.all, out.line_starts.all);
     int64_t slot = 0;
     int64_t vertex = 0;
     int64_t line = 0;
@@ -189,7 +186,7 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
         int count = 0;
         for (int64_t i = starts[k]; i < starts[k + 1]; i++) {
             const int32_t f = order[i], own = f >> LINE_BITS;
-            int64_t place = line_starts[k];
+            int64_t place = out.line_starts.all[k];
             while (place < line && lines[place] != own) place++;
             if (place == line) lines[line++] = own;
             int32_t packed = 0;
@@ -202,8 +199,8 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
                 }
                 packed |= int32_t(local[v]) << 8 * j;
             }
-            corners[slot] = packed;
-            face_of[slot++] = f;
+            out.corners.all[slot] = packed;
+            out.faces.all[slot++] = f;
         }
         const int64_t width = pad(count, VERTEX_STEP);
         for (int axis = 0; axis < 3; axis++)
@@ -212,9 +209,9 @@ void fill_clusters(const Points &vertices, const Triples &faces, const Order &or
                     vertices(held[std::min<int64_t>(i, count - 1)], axis);
         slot = pad(slot, LANES);
         vertex += width;
-        line_starts[k + 1] = int32_t(line);
-        face_starts[k + 1] = int32_t(slot);
-        vertex_starts[k + 1] = int32_t(vertex);
+        out.line_starts.all[k + 1] = int32_t(line);
+        out.face_starts.all[k + 1] = int32_t(slot);
+        out.vertex_starts.all[k + 1] = int32_t(vertex);
     }
     out.lines = Buffer<int32_t>(line);
     std::copy_n(lines.data(), line, out.lines.all.data);

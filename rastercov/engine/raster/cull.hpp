@@ -22,17 +22,16 @@ namespace rastercov::raster {
 // not meet in the camera centre.
 inline void put_frustum(const Camera &camera, double width, double top, double bottom,
                         Frustum &out) {
-    const auto [fx, fy, cx, cy] = std::tie(camera.fx, camera.fy, camera.cx, camera.cy);
     for (int i = 0; i < 3; i++) {
         const double *axes = camera.axes + 3 * i, right = axes[0], down = axes[1];
         const double forward = camera.is_parallel() ? 0.0 : axes[2];
-        out.normal[LEFT][i] = fx * right + cx * forward;
-        out.normal[RIGHT][i] = (width - cx) * forward - fx * right;
-        out.normal[TOP][i] = fy * down + (cy - top) * forward;
-        out.normal[BOTTOM][i] = (bottom - cy) * forward - fy * down;
+        out.normal[LEFT][i] = camera.fx * right + camera.cx * forward;
+        out.normal[RIGHT][i] = (width - camera.cx) * forward - camera.fx * right;
+        out.normal[TOP][i] = camera.fy * down + (camera.cy - top) * forward;
+        out.normal[BOTTOM][i] = (bottom - camera.cy) * forward - camera.fy * down;
         out.normal[FORWARD][i] = axes[2];
     }
-    const double ahead[4] = {cx, width - cx, cy - top, bottom - cy};
+    const double ahead[4] = {camera.cx, width - camera.cx, camera.cy - top, bottom - camera.cy};
     for (int k = 0; k < FRUSTUM_PLANES; k++) {
         const auto &[x, y, z] = out.normal[k];
         out.length[k] = std::sqrt(x * x + y * y + z * z);

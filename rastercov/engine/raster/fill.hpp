@@ -55,9 +55,8 @@ struct Won {
 // Writes the nearer samples of a block.
 INLINE Won fill_block(int64_t at, int64_t covered, const BlockPlane &plane, float start, int face,
                       const Target &target) {
-    const auto &[image, counts] = std::tie(target.image, target.counts);
-    auto [won, lost, ties] = depth_test(image.depth, at, covered, plane, start);
-    const Int old = load(image.face, at);
+    auto [won, lost, ties] = depth_test(target.image.depth, at, covered, plane, start);
+    const Int old = load(target.image.face, at);
     if (ties) { // the lower face wins
         ties &= bits(old > Int(face));
         won |= ties;
@@ -66,13 +65,13 @@ INLINE Won fill_block(int64_t at, int64_t covered, const BlockPlane &plane, floa
     if (won == 0) return {0, 0};
     const int64_t n_new = count(won) - count(lost);
     while (lost) {
-        const int loser = image.face[at + lowest(lost)];
+        const int loser = target.image.face[at + lowest(lost)];
         const int64_t its = bits(old == Int(loser)) & lost;
-        add(-count_block(its, at, counts), loser, counts.visible);
+        add(-count_block(its, at, target.counts), loser, target.counts.visible);
         lost &= ~its;
     }
-    store(select<int32_t>(as_mask(won), Int(face), old), image.face, at);
-    return {count_block(won, at, counts), n_new};
+    store(select<int32_t>(as_mask(won), Int(face), old), target.image.face, at);
+    return {count_block(won, at, target.counts), n_new};
 }
 
 // Fills chosen triangles that reach at most 2 x 2 blocks.
