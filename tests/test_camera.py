@@ -17,6 +17,7 @@ from rastercov.core.camera import parallel
 from rastercov.core.camera.camera import CHECKS, Camera
 from rastercov.core.camera.catalogue import entries_of
 from rastercov.core.camera.models import MODELS
+from rastercov.core.camera.projection import angles_of_view, rays_of
 
 INTRINSICS = {"width": 640, "height": 480, "fx": 500.0, "fy": 510.0}
 LENS = {"width": 640, "height": 480, "focal_length": 8e-3, "pixel_size": 5e-6}
@@ -537,6 +538,47 @@ def test_an_angle_of_view_is_that_between_the_rays_at_the_sides(angle):
         assert (camera.cx, camera.cy, camera.near) == (320, 240, 0.5)
         half = np.hypot(across, down) / 2 / camera.fx
         assert 2 * np.degrees(np.arctan(half)) == pytest.approx(angle, rel=1e-9)
+
+
+@pytest.mark.parametrize(("model", "its"), CENTRAL.items())
+@given(
+    limit=st.floats(5, 20), cx=st.floats(0, 640), cy=st.floats(0, 480), seed=st.integers(0, 2**32)
+)
+@settings(max_examples=amount(15, 200), deadline=None)
+def test_an_angle_of_view_ends_with_the_valid_region(model, its, limit, cx, cy, seed):
+    if model == "equirectangular":
+        return
+    n = len(its.coefficients.split())
+    own = {"cx": cx, "cy": cy, "model": model, "distortion": [0.01] * n, "max_angle_deg": limit}
+    camera = Camera(width=640, height=480, fx=500.0, fy=510.0, **own)
+    places = np.random.default_rng(seed).uniform((0, 0), (640, 480), (400, 2))
+    places[:200, 1], places[200:, 0] = cy, cx
+    rays = rays_of(places, camera)
+    for view, side in zip(angles_of_view(camera), (0, 1), strict=True):
+        mine = np.degrees(np.arctan2(rays[:, side], rays[:, 2]))[200 * side : 200 * side + 200]
+        assert np.nanmax(mine) - np.nanmin(mine) <= view + 1e-6
+        assert view <= 2 * limit + 1e-6
+        centre, size = (cx, cy)[side], (640, 480)[side]
+        if size / 4 < centre < 3 * size / 4 and limit < 8:
+            assert view == pytest.approx(2 * limit, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("own", "wanted"),
+    [
+        ({"model": "opencv_fisheye", "fx": 150, "fy": 150, "distortion": (0,) * 4}, (350, 350)),
+        ({"max_angle_deg": 19}, (38, 38)),
+        ({"max_angle_deg": 19, "cx": -500}, (0, 38)),
+        ({"model": "equirectangular", "fx": 500 / math.pi, "fy": 500 / math.pi}, (360, 180)),
+        (
+            {"model": "equirectangular", "fx": 500 / math.pi, "fy": 500 / math.pi, "cx": 300},
+            (288, 180),
+        ),
+    ],
+)
+def test_an_image_may_end_in_no_rays(own, wanted):
+    camera = Camera(**{"width": 1000, "height": 1100, "fx": 1000, "fy": 1000} | own)
+    assert angles_of_view(camera) == pytest.approx(wanted, abs=1e-6)
 
 
 @pytest.mark.parametrize(

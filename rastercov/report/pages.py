@@ -49,7 +49,7 @@ from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, zone_line
 from rastercov.core.camera import MODELS, Camera, Cameras, Poses, cameras_of, names_of, upwards
 from rastercov.core.camera.camera import shown_of
-from rastercov.core.camera.projection import view_border, view_frame
+from rastercov.core.camera.projection import angles_of_view, view_border, view_frame
 from rastercov.core.coverage.network import Network, reasons_of
 from rastercov.core.coverage.task import REASONS
 from rastercov.core.mesh import Mesh
@@ -520,13 +520,12 @@ def describe_camera(camera: Camera) -> ByName:
     """
     plain = plain_of(camera)
     origins, ends = view_frame(camera, PARTS_OF_BORDER, 1.0)
-    sides = math.atan(camera.cx / camera.fx), math.atan((camera.width - camera.cx) / camera.fx)
     return shown_of(plain, *map(float, camera.depth_of_field())) | {
         "model": camera.model,
         "fx": None if camera.is_parallel else camera.fx,
         "magnification": camera.magnification,
         "px_per_m": camera.fx if camera.is_parallel and not camera.magnification else None,
-        "hfov_deg": math.degrees(sum(sides)) if camera.is_pinhole else None,
+        "hfov_deg": angles_of_view(camera)[0] if camera.is_pinhole else None,
         "can_focus": (camera.is_parallel or camera.focal_length is not None)
         and camera.pixel_size is not None
         and MODELS[camera.model].is_planar,

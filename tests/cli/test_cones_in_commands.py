@@ -50,3 +50,31 @@ def test_an_angle_that_no_lens_sees_is_refused(capsys, angle):
     Path("camera.json").write_text(json.dumps(CAMERA | lens))
     line = "evaluate floor.obj -c camera.json -p poses.json --by area"
     assert f"up to 175, or 180 for all directions, got {angle}" in refusal(capsys, line)
+
+
+BORDERS = [
+    {"max_angle_deg": 19},
+    {"model": "opencv_fisheye", "fx": 120, "fy": 120},
+    {"model": "fov", "distortion": [0.9], "max_angle_deg": 19},
+    {"model": "omni", "distortion": [0.5, 0, 0, 0, 0], "max_angle_deg": 19},
+    {"model": "equirectangular", "fx": 120, "fy": 120},
+]
+LINES = [
+    "evaluate floor.obj -c camera.json -p poses.json -o out",
+    "place plan.toml -o out",
+    "check plan.toml -p poses.json -o out --min-coverage 0.01",
+    "sheet floor.obj -c camera.json -p poses.json -o out.svg",
+]
+PLAN = """meshes = [{ path = "floor.obj" }]
+camera = { file = "camera.json" }
+candidates = [{ generator = "poses", file = "poses.json" }]
+selection = { goal = "best_coverage", cameras = 1 }
+"""
+
+
+@pytest.mark.parametrize("line", LINES, ids=[line.split()[0] for line in LINES])
+@pytest.mark.parametrize("lens", BORDERS, ids=[str(lens.get("model")) for lens in BORDERS])
+def test_reports_of_a_lens_that_ends_before_its_image_are_written(capsys, lens, line):
+    Path("camera.json").write_text(json.dumps(CAMERA | lens))
+    Path("plan.toml").write_text(PLAN)
+    done(capsys, line)

@@ -127,13 +127,19 @@ def view_frame(camera: Camera, parts: int, length: float) -> tuple[FloatArray, F
 
 
 def angles_of_view(camera: Camera) -> tuple[float, float]:
-    """Angles between left and right, and top and bottom, through the principal point, degrees."""
-    steps = np.linspace(1e-9, 1 - 1e-9, 9)  # a panorama has no ray at its ends
-    across = np.stack((steps * camera.width, np.full(9, camera.cy)), axis=1)
-    down = np.stack((np.full(9, camera.cx), steps * camera.height), axis=1)
-    x, y, z = rays_of(np.stack((across, down)).reshape(-1, 2), camera).reshape(2, 9, 3).T
-    values = np.unwrap(
-        np.degrees([arctan2(x[:, 0], z[:, 0]), arctan2(y[:, 1], z[:, 1])]), period=360
-    )
-    horizontal, vertical = np.ptp(values, axis=1).tolist()
+    """Angles between left and right, and top and bottom, through the principal point, degrees.
+
+    Where the image ends beyond the valid region of the lens, that ends them.
+    """
+    centre = np.array((camera.cx, camera.cy))
+    away = np.outer((0, 1), (camera.width, camera.height)) - centre
+    rays = rays_of(centre + away[..., None] * np.eye(2), camera)
+    angles = np.abs(arctan2(rays[:, (0, 1), (0, 1)], rays[..., 2]))
+    if np.isnan(angles).any():
+        from rastercov.core.camera.lenses.of_camera import lens_of
+
+        most = lens_of(camera).valid_angle
+        to_pole = most / (1 + (camera.model == "equirectangular"))
+        angles = np.where(np.isnan(angles), (most, to_pole), angles)
+    horizontal, vertical = np.degrees(np.diff(angles * np.sign(away), axis=0)[0]).tolist()
     return horizontal, vertical
