@@ -56,7 +56,9 @@ class FaceGeometry:
         Pixels per metre along the worst direction of a target that faces the camera at the deepest
         vertex, min(fx, fy) / z; 0 for faces not wholly beyond the near plane.
     depth : (F, 3) float64
-        Camera z of the vertices, metres.
+        Camera z of the vertices, or their distance, by which the lens is sharp, metres.
+    centre_depth : float64
+        The same of the centroid.
     incidence : float64
         Angle between normal and ray from the centroid to the camera centre, radians, [0, pi]; of
         two-sided faces with the normal of the side that is seen, [0, pi/2].
@@ -70,6 +72,7 @@ class FaceGeometry:
     pixel_density: FloatArray
     facing_density: FloatArray
     depth: FloatArray
+    centre_depth: FloatArray
     incidence: FloatArray
 
 
@@ -98,10 +101,12 @@ def measure_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeomet
     figures: ByName = {name: values[0] for name, values in table.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
-    points = to_camera(mesh.vertices, pose)
+    corners = np.swapaxes(to_camera(mesh.vertices, pose)[mesh.faces], 0, 1)
     by_distance = not (camera.is_pinhole or MODELS[camera.model].is_planar)
-    depth = np.linalg.norm(points, axis=1) if by_distance else points[:, 2]
-    return FaceGeometry(is_front=is_front, perimeter=outline, depth=depth[mesh.faces], **figures)
+    points = np.stack((*corners, _sum3(corners) / 3))
+    *depth, centre = np.linalg.norm(points, axis=2) if by_distance else points[..., 2]
+    figures |= {"depth": np.stack(depth, axis=1), "centre_depth": centre}
+    return FaceGeometry(is_front=is_front, perimeter=outline, **figures)
 
 
 def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
@@ -165,6 +170,7 @@ def face_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeometry:
         pixel_density=density,
         facing_density=facing,
         depth=points[:, 2][corners].T,
+        centre_depth=_sum3(points[:, 2][corners]) / 3,
         incidence=np.arccos(np.clip(cosine, -1.0, 1.0)),
     )
 
@@ -314,22 +320,22 @@ def blur_circle(camera: Camera, depth: FloatArray) -> FloatArray:
     return size * (depth - camera.focus_distance) / depth
 
 
-def in_focus(depth: FloatArray, limits: tuple[float, float], rule: str = "vertices") -> BoolArray:
+def in_focus(
+    geometry: FaceGeometry, limits: tuple[float, float], rule: str = "vertices"
+) -> BoolArray:
     """Mask of the faces within the depth of field, (3.12).
 
     Parameters
     ----------
-    depth : (F, 3) float64
-        Camera z of the vertices, metres.
+    geometry : FaceGeometry
+        Its depths are compared.
     limits : (float, float)
         z_n and z_f of (3.10) and (3.11), metres.
     rule : {"vertices", "centroid"}
         Definition 1 asks it of every vertex; (3.12), read exactly, of the centroid.
     """
     z_n, z_f = limits
-    if rule == "centroid":
-        centre = (depth[:, 0] + depth[:, 1] + depth[:, 2]) / 3
-        return (z_n <= centre) & (centre <= z_f)
+    depth = geometry.centre_depth[:, None] if rule == "centroid" else geometry.depth
     return np.all((z_n <= depth) & (depth <= z_f), axis=1)
 
 
@@ -363,7 +369,7 @@ def figures_of_pose(
         "resolution": resolution,
         "pixel_density": geometry.pixel_density,
         "facing_density": geometry.facing_density,
-        "in_focus": in_focus(geometry.depth, limits, task.focus_rule),
+        "in_focus": in_focus(geometry, limits, task.focus_rule),
         "visibility": visibility,
         "visibility_bound": bound,
         "visibility_kind": kind,

@@ -1,13 +1,15 @@
 """The criteria that follow from geometry alone: by law, by hand, and on hostile meshes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import square
 
+from rastercov import Task, evaluate
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.pose import near_limit
 from rastercov.core.camera.projection import to_camera, to_image
@@ -190,9 +192,40 @@ def test_density_is_the_least_singular_value_of_finite_differences(rng):
 
 def test_focus_of_all_vertices_is_stricter_than_of_the_centroid():
     depth = np.array([(1.0, 2, 3), (0.9, 2, 3), (1, 2, 3.1), (1.1, 1.2, 2.9), (9, 9, 9)])
-    assert in_focus(depth, (1, 3)).tolist() == [True, False, False, True, False]
-    assert in_focus(depth, (1, 3), "centroid").tolist() == [True, True, True, True, False]
-    assert in_focus(depth, (0, math.inf)).all()
+    sides = np.tile((0.0, 0.0, 0.1), (5, 1)), np.tile((0.0, 0.1, 0.0), (5, 1))
+    mesh = triangles(np.stack((*sides, depth), axis=-1))
+    view = face_geometry(mesh, UNEVEN, AHEAD)
+    assert in_focus(view, (1, 3)).tolist() == [True, False, False, True, False]
+    assert in_focus(view, (1, 3), "centroid").tolist() == [True, True, True, True, False]
+    assert in_focus(view, (0, math.inf)).all()
+
+
+LENSES = {
+    "pinhole": UNEVEN,
+    "fov": Camera(width=640, height=480, fx=200, fy=200, model="fov", distortion=[0.9]),
+    "fisheye": Camera(
+        width=640, height=480, fx=150, fy=150, model="opencv_fisheye", distortion=[0] * 4
+    ),
+    "panorama": Camera(
+        width=640, height=320, fx=640 / math.tau, fy=640 / math.tau, model="equirectangular"
+    ),
+}
+
+
+@pytest.mark.parametrize("method", ["certified", "sampled"])
+@pytest.mark.parametrize(("lens", "camera"), LENSES.items())
+@given(seeds)
+@settings(max_examples=10, deadline=None)
+def test_a_centroid_is_in_focus_by_its_own_depth_or_distance(lens, camera, method, rng):
+    camera, rule = replace(camera, focus_range=(1.5, 2.5)), Task(focus_rule="centroid")
+    mesh = triangles(rng.uniform((-2, -2, 0.2), (2, 2, 3), (180, 3)))
+    found = evaluate(mesh, camera, AHEAD[None], rule, method=method)
+    centre = mesh.vertices[mesh.faces].mean(axis=1)
+    depth = centre[:, 2] if lens in ("pinhole", "fov") else np.linalg.norm(centre, axis=1)
+    expected = (depth >= 1.5) & (depth <= 2.5)
+    assert 3 < expected.sum() < 57
+    assert (found.in_focus[0] == expected).all()
+    assert (in_focus(face_geometry(mesh, camera, AHEAD), (1.5, 2.5), "centroid") == expected).all()
 
 
 # --- meshes that try to break it ------------------------------------------------------------------

@@ -56,7 +56,7 @@ class ModelView:
     def in_view_and_focus(self) -> BoolArray:
         """(F,) front faces in the image (3.7) and within the depth of field (3.10)-(3.12)."""
         limits = self.camera.depth_of_field(self.task.max_blur)
-        focused: BoolArray = in_focus(self.faces.depth, limits, self.task.focus_rule)
+        focused: BoolArray = in_focus(self.faces, limits, self.task.focus_rule)
         return self.faces.is_front & self.faces.in_view & focused
 
     @property

@@ -325,20 +325,24 @@ FieldOfView<double> field_of_view(const Corners<double> &corners, double near, c
     return field;
 }
 
-// Depth of vertices that their sharpness depends on, metres.
-template <class N, class Camera> INLINE N focus_depth_of(const Vertex<N> &vertex, const Camera &) {
-    return vertex[Z];
+// Depth of a point that its sharpness depends on, metres.
+template <class N, class Camera> INLINE N focus_depth_of(const Triple<N> &at, const Camera &) {
+    return at.z;
 }
-template <class N> INLINE N focus_depth_of(const Vertex<N> &vertex, const CurvedLens &lens) {
-    return lens.by_distance ? length(Triple<N>{vertex[X], vertex[Y], vertex[Z]}) : vertex[Z];
+template <class N> INLINE N focus_depth_of(const Triple<N> &at, const CurvedLens &lens) {
+    return lens.by_distance ? length(at) : at.z;
 }
 
 // True if faces are within the depth of field, (3.12), by the rule of the task.
-template <class N> INLINE Mask<N> in_focus(const std::array<N, 3> &depth, const Rules &rules) {
-    if (rules.focus_of_centroid) {
-        const N centre = sum3(depth) / N(3.0);
-        return (N(rules.z_n) <= centre) & (centre <= N(rules.z_f));
+template <class N, class Camera>
+INLINE Mask<N> in_focus(const Corners<N> &corners, const Camera &camera, const Rules &rules) {
+    std::array<N, 3> depth;
+    for (int s = 0; s < 3; s++) {
+        const auto &at = corners[s];
+        depth[s] = focus_depth_of(Triple<N>{at[X], at[Y], at[Z]}, camera);
     }
+    if (rules.focus_of_centroid)
+        depth.fill(focus_depth_of(corner_sums(corners), camera) / N(3.0));
     return (N(rules.z_n) <= min3(depth)) & (max3(depth) <= N(rules.z_f));
 }
 

@@ -171,9 +171,7 @@ template <class N, class View> INLINE bool measure(int64_t f, const View &view, 
     is.has_part = is.is_inside | !(face.part == N(0.0));
     is.cosine = face.cosine;
     is.is_oblique = exceeds_incidence(face.cosine, rules);
-    std::array<N, 3> depth;
-    for (int s = 0; s < 3; s++) depth[s] = focus_depth_of(corners[s], camera);
-    is.is_focused = in_focus(depth, rules);
+    is.is_focused = in_focus(corners, camera, rules);
     is.density = is.facing = is.per_m2 = 0.0;
     if constexpr (std::is_same_v<N, double> || IS_PINHOLE<View>) // others ask for none in lanes
         put_densities(f, normal, view, face);
