@@ -11,6 +11,7 @@ import numpy as np
 
 from rastercov.base import FloatArray, arctan2, cos, matmul, norm, sin
 from rastercov.core.camera.camera import Camera, border_of
+from rastercov.core.camera.lenses.of_camera import lens_of, optics_of, unit_of
 from rastercov.core.camera.models import MODELS
 
 
@@ -31,8 +32,6 @@ def to_image(points: FloatArray, camera: Camera) -> FloatArray:
     outside their valid region.
     """
     if camera.is_curved:
-        from rastercov.core.camera.lenses.of_camera import lens_of, unit_of
-
         if camera.is_parallel:
             points = points.copy()
             points[..., 2] = unit_of(camera)
@@ -55,8 +54,6 @@ def rays_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     """
     camera.check_central("rays through pixels")
     if not camera.is_pinhole:
-        from rastercov.core.camera.lenses.of_camera import lens_of
-
         return lens_of(camera).unproject(pixels)
     slopes = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
     return np.concatenate((slopes, np.ones((*slopes.shape[:-1], 1))), axis=-1)
@@ -68,8 +65,6 @@ def starts_of(pixels: FloatArray, camera: Camera) -> FloatArray:
     NaN for points that no ray of the lens meets.
     """
     if camera.is_curved:
-        from rastercov.core.camera.lenses.of_camera import lens_of, unit_of
-
         rays = lens_of(camera).unproject(pixels)
         return rays / rays[..., 2:] * (unit_of(camera), unit_of(camera), 0.0)
     places = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
@@ -98,8 +93,6 @@ def view_border(camera: Camera, parts: int) -> FloatArray:
         return rays
     lost = ~np.isfinite(rays).all(axis=1)
     if lost.any():
-        from rastercov.core.camera.lenses.of_camera import lens_of
-
         angle = lens_of(camera).valid_angle
         away = (pixels[lost] - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
         away /= norm(away)[..., None]
@@ -116,8 +109,6 @@ def view_frame(camera: Camera, parts: int, length: float) -> tuple[FloatArray, F
     rays start before the front of the lens.
     """
     if camera.is_parallel:
-        from rastercov.core.camera.lenses.of_camera import optics_of, unit_of
-
         unit = unit_of(camera)
         starts = view_border(optics_of(camera), parts) * (unit, unit, 0.0)
         return starts, np.add(starts, (0.0, 0.0, length))
@@ -136,8 +127,6 @@ def angles_of_view(camera: Camera) -> tuple[float, float]:
     rays = rays_of(centre + away[..., None] * np.eye(2), camera)
     angles = np.abs(arctan2(rays[:, (0, 1), (0, 1)], rays[..., 2]))
     if np.isnan(angles).any():
-        from rastercov.core.camera.lenses.of_camera import lens_of
-
         most = lens_of(camera).valid_angle
         to_pole = most / (1 + (camera.model == "equirectangular"))
         angles = np.where(np.isnan(angles), (most, to_pole), angles)
