@@ -101,11 +101,11 @@ def measure_geometry(mesh: Mesh, camera: Camera, pose: FloatArray) -> FaceGeomet
     figures: ByName = {name: values[0] for name, values in table.items()}
     is_front = figures.pop("reason") > Reason.BACK_FACING
     outline = np.full(mesh.n_faces, np.nan)
-    corners = np.swapaxes(to_camera(mesh.vertices, pose)[mesh.faces], 0, 1)
+    corners = to_camera(mesh.vertices, pose)[mesh.faces.T]
     by_distance = not (camera.is_pinhole or MODELS[camera.model].is_planar)
     points = np.stack((*corners, _sum3(corners) / 3))
-    *depth, centre = np.linalg.norm(points, axis=2) if by_distance else points[..., 2]
-    figures |= {"depth": np.stack(depth, axis=1), "centre_depth": centre}
+    depth = np.linalg.norm(points, axis=2) if by_distance else points[..., 2]
+    figures |= {"depth": depth[:3].T, "centre_depth": depth[3]}
     return FaceGeometry(is_front=is_front, perimeter=outline, **figures)
 
 
