@@ -82,3 +82,43 @@ def test_of_equal_gains_that_of_the_least_rank_is_chosen():
     gain, rank = np.full((3, 1), 5), np.array([2, 0, 1])
     free = np.ones(3), rank, np.zeros(3, np.uint8), np.inf, False
     assert next_camera(gain, np.array([1]), np.array([9]), *free) == 1
+
+
+TOO_SMALL = [1e-300, 1e-9, 1e-7, 3e-5, 9.99e-4]
+
+
+@pytest.mark.parametrize("angle", TOO_SMALL)
+def test_an_angle_that_rounding_decides_is_refused_wherever_it_is_given(angle):
+    ahead, right = np.eye(4), np.eye(4)
+    right[0, 3] = 0.1
+    pair = [ahead, right]
+    mesh, camera = rc.shapes.box(), rc.Camera.from_fov(640, 480, hfov_deg=60)
+    matrix = build_matrix((mesh, camera), rc.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0)))
+    given = {
+        "min_angle_deg": [
+            lambda: rc.Task(min_angle_deg=angle),
+            lambda: rc.Task(min_angle_deg=np.float64(angle)),
+            lambda: problem_of(matrix, mesh, BestCoverage(1), min_angle_deg=angle),
+            lambda: ViewSpread(mesh.centroids, math.radians(angle)),
+        ],
+        "degrees": [lambda: rc.RayAngle([(0, 0, 1), (0, 0, 1)], angle)],
+        "min_baseline_deg": [
+            lambda: rc.Rig([camera] * 2, ["a", "b"], pair, rule=rc.All(min_baseline_deg=angle))
+        ],
+        "max_baseline_deg": [
+            lambda: rc.Rig([camera] * 2, ["a", "b"], pair, rule=rc.All(max_baseline_deg=angle))
+        ],
+    }
+    for name, calls in given.items():
+        for call in calls:
+            with pytest.raises(
+                rc.RastercovError, match=rf"^expected {name} to be 0, or from 0\.001 to"
+            ):
+                call()
+
+
+@pytest.mark.parametrize("angle", [0, 1e-3, 0.5, 180])
+def test_an_angle_of_0_or_above_rounding_is_not_refused(angle):
+    assert rc.Task(min_angle_deg=angle).min_angle_deg == angle
+    assert rc.RayAngle([(0, 0, 1), (0, 0, 1)], angle).degrees == angle
+    assert ViewSpread(np.zeros((2, 3)), math.radians(angle)).is_spread.all() == (angle == 0)

@@ -271,6 +271,19 @@ def is_one_of(value: object, names: Container[str]) -> bool:
     return isinstance(value, str) and value in names
 
 
+LEAST_RAY_ANGLE = 1e-3
+"""Least limit of an angle between rays, degrees: smaller ones are rounding of its cosine."""
+
+
+def ray_angle(name: str, value: object, error: type[RastercovError] = ConfigError) -> float:
+    """A limit of an angle between rays, degrees: 0, or from `LEAST_RAY_ANGLE` to 180."""
+    degrees = finite_number(value)
+    if degrees == 0 or LEAST_RAY_ANGLE <= degrees <= 180:
+        return degrees
+    wanted = f"0, or from {LEAST_RAY_ANGLE} to 180 degrees"
+    raise error(f"expected {name} to be {wanted}, got {shown(value)}; change it")
+
+
 def finite_number(value: object) -> float:
     """`value` as a float, NaN for what is no finite number."""
     try:

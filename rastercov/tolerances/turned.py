@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from rastercov.base import TINY, FloatArray, dots, sort_order
+from rastercov.base.arguments import LEAST_RAY_ANGLE
 from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.rows import through, with_rule
 from rastercov.core.area.spread import union_of
@@ -99,7 +100,7 @@ def unite_regions(
         sizes, nearest, of = errors
         rows = rows_with_errors(regions, camera, poses, sizes, nearest, of)
         by = of * _of_two(turns_of(sizes, np.maximum(nearest, nearest_of(regions))))
-    angle = task.min_angle_deg + by if task.min_angle_deg > 0 else 0.0
-    union = union_of(rows.mesh, views, min(angle, 180.0))
+    angle = min(task.min_angle_deg + by, 180.0) if task.min_angle_deg > 0 else 0.0
+    union = union_of(rows.mesh, views, angle if angle >= LEAST_RAY_ANGLE else 0.0)
     union.add(rows)
     return union.covered()

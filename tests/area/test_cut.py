@@ -96,7 +96,7 @@ def test_what_is_above_and_below_an_angle_is_all():
 
 def test_limits_that_nothing_fails_cut_nothing():
     mesh, camera, poses = room()
-    wide = [rc.All(), rc.All(min_baseline_deg=1e-9), rc.All(max_baseline_deg=179.999)]
+    wide = [rc.All(), rc.All(min_baseline_deg=1e-3), rc.All(max_baseline_deg=179.999)]
     rigs = [rc.Rig([camera] * 2, rig_from_camera=poses[[2, 5]], rule=rule) for rule in wide]
     areas = [rc.regions(mesh, rig, rig.poses(np.eye(4)), TASK).area.sum() for rig in rigs]
     assert np.ptp(areas) <= 1e-9 * areas[0]
@@ -140,5 +140,5 @@ def test_centres_are_within_the_angle_too():
 
 @pytest.mark.parametrize("limits", [(50, 40), (-1, 40), (0, 181), (float("nan"), 40), ("a", 40)])
 def test_limits_that_cannot_be_are_refused(limits):
-    with pytest.raises(CameraError, match="<= 180"):
+    with pytest.raises(CameraError, match="180"):
         rc.Rig([CAMERA] * 2, rule=rc.All(*limits))

@@ -148,7 +148,7 @@ REFUSED = [
     (covered([[1]], weights=[math.nan]), "finite weights of 0 or more"),
     (covered([[1]], views=0), "expected views of 1 or more"),
     (covered([[1]], min_angle_deg=20), "expected eyes and centroids"),
-    (covered([[1]], min_angle_deg=200), "0 to 180"),
+    (covered([[1]], min_angle_deg=200), "from 0.001 to 180"),
     (covered([[1]], face_group=1), "expected face_group as rows"),
     (covered([[1]], goal=FewestCameras(groups={"rim": 1})), "expected a group, got 'rim'"),
     (
@@ -175,7 +175,7 @@ REFUSED = [
     (counted(weight_by="colour"), "weight_by to be"),
     (counted(views=0), "expected views of 1"),
     (counted(views={"x": 1}), "expected a group, got 'x'"),
-    (counted(min_angle_deg=200), "expected min_angle_deg from 0 to 180"),
+    (counted(min_angle_deg=200), "expected min_angle_deg to be 0, or from 0.001 to 180"),
     (searched(method="pso"), "unknown argument 'method'"),
     (searched(cameras=0), "expected cameras of 1 or more"),
     (searched(budget=1), "expected budget of 2"),

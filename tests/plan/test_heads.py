@@ -622,6 +622,7 @@ def test_a_baseline_that_is_too_short_is_named():
             "expected a sensor without stripes",
         ),
         ({"rule": "any", "max_uncertainty": 1e-4, "noise_px": 1}, "max_uncertainty"),
+        ({"min_baseline_deg": 1e-6}, "min_baseline_deg to be 0, or from 0.001 to 180 degrees"),
     ],
 )
 def test_uncertainties_that_cannot_be_are_refused_in_one_line(entries, words):

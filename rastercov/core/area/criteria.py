@@ -26,6 +26,7 @@ from rastercov.base import (
     norm,
     shown,
 )
+from rastercov.base.arguments import ray_angle
 
 MOST_DEVICES = 64
 """Devices of a criterion, and of a set of them."""
@@ -55,7 +56,7 @@ class RayAngle(InOneLine):
     eyes : (2, 3) or (P, 2, 3) float64
         The two centres, metres; for all regions, or for each row of them.
     degrees : float
-        Limit, degrees, [0, 180].
+        Limit, degrees, 0 or [0.001, 180].
     is_least : bool
         True if the angle must be at least the limit, False if at most.
 
@@ -82,7 +83,7 @@ class RayAngle(InOneLine):
 
     def __post_init__(self) -> None:
         set_fields(self, eyes=points_of("eyes", self.eyes, (2, 3)))
-        set_fields(self, degrees=angle_to("degrees", self.degrees, 180))
+        set_fields(self, degrees=ray_angle("degrees", self.degrees))
         set_fields(self, is_least=flag("is_least", self.is_least))
 
     def _cuts(self, n_rows: int) -> Sequence[Cut]:

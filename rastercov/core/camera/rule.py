@@ -25,6 +25,7 @@ from rastercov.base import (
     first_of,
     shown,
 )
+from rastercov.base.arguments import LEAST_RAY_ANGLE, ray_angle
 from rastercov.base.format import size_in_words
 from rastercov.core.camera.camera import Camera
 from rastercov.core.camera.parallel import FAR
@@ -147,10 +148,10 @@ class All:
     Parameters
     ----------
     min_baseline_deg : float
-        Minimum angle between the rays from a point to at least one pair of sensors, [0, 180]: below
-        it depth is uncertain.
+        Minimum angle between the rays from a point to at least one pair of sensors, 0 or
+        [0.001, 180]: below it depth is uncertain.
     max_baseline_deg : float
-        Maximum angle between the rays to any pair, [0, 180]: above it images cannot be matched.
+        Maximum angle between the rays to any pair, as that: above it images cannot be matched.
     max_uncertainty : float
         Largest standard deviation of the point in its worst direction, metres; see
         `rastercov.Uncertainty`.
@@ -276,9 +277,11 @@ class Limited(Gate):
 
     def off_by(self, degrees: float) -> "Limited":
         """See `Gate`."""
-        least = min(max(self.least_deg + degrees, 0.0), 180.0) if self.least_deg > 0 else 0.0
+        least = min(self.least_deg + degrees, 180.0) if self.least_deg > 0 else 0.0
+        least = least if least >= LEAST_RAY_ANGLE else 0.0
         most = min(self.most_deg - degrees, 180.0) if self.most_deg < 180 else 180.0
-        if most < 0:  # no angle is small enough, not even that of two sensors at one place
+        if most < LEAST_RAY_ANGLE:
+            # No angle is small enough, not even that of two sensors at one place.
             least, most = 180.0, 0.0
         return replace(self, least_deg=least, most_deg=most)
 
@@ -316,11 +319,11 @@ def gate_of(rule: Anything, names: Sequence[str], cameras: Sequence[Camera]) -> 
     if not 2 <= n <= MOST_DEVICES:
         raise CameraError(f"expected 2 to {MOST_DEVICES} sensors for a rule, got {n}: {known}")
     if isinstance(rule, All):
-        least, most = map(finite_number, (rule.min_baseline_deg, rule.max_baseline_deg))
-        if not 0 <= least <= most <= 180:
+        least = ray_angle("min_baseline_deg", rule.min_baseline_deg, CameraError)
+        most = ray_angle("max_baseline_deg", rule.max_baseline_deg, CameraError)
+        if least > most:
             raise CameraError(
-                "expected 0 <= min_baseline_deg <= max_baseline_deg <= 180, got "
-                f"{shown(rule.min_baseline_deg)} and {shown(rule.max_baseline_deg)}"
+                f"expected min_baseline_deg <= max_baseline_deg <= 180, got {least:g} and {most:g}"
             )
         gate = Limited(n, n, (), least, most)
         return gate if rule == All(least, most) else _with_noise(gate, rule, names, cameras)

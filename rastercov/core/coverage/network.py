@@ -31,6 +31,7 @@ from rastercov.base import (
     ResourceError,
     cos,
 )
+from rastercov.base.arguments import ray_angle
 from rastercov.base.typed import typed
 from rastercov.core.camera import Cameras, Poses, cameras_of, eyes_of, is_joint
 from rastercov.core.coverage.coverage import Coverage, Observer, SampledObserver, batch_size
@@ -67,6 +68,7 @@ OF_ONE_TASK = (
 
 def least_cosine(min_angle: float) -> float:
     """Largest cosine of two rays that differ by an angle, radians; 2 where any two do."""
+    ray_angle("min_angle_deg", math.degrees(min_angle))
     return cos(min_angle) + 1e-12 if min_angle > 0 else 2.0
 
 

@@ -58,7 +58,7 @@ from rastercov.base import (
     tan,
     thread_count,
 )
-from rastercov.base.arguments import Reads
+from rastercov.base.arguments import Reads, ray_angle
 from rastercov.base.format import number
 from rastercov.base.typed import typed
 from rastercov.core.camera import Camera, Cameras, Rig, cameras_of, equipment_on, names_of
@@ -248,7 +248,7 @@ class Task(Criterion):
         Number of cameras that must cover a point or face (k of k-coverage).
     min_angle_deg : float
         Minimum angle between the rays to two of the cameras that cover a point or face, degrees,
-        [0, 180]; above 0, at least two cameras are required.
+        0 or [0.001, 180]; above 0, at least two cameras are required.
     focus_rule : {"vertices", "centroid"}
         Points of a face that must be in focus: all vertices (Definition 1), or the centroid (3.12).
     cap_resolution : bool
@@ -330,6 +330,7 @@ class Task(Criterion):
 
     def __post_init__(self) -> None:
         check_limits(self)
+        ray_angle("min_angle_deg", self.min_angle_deg)
         if self.max_illuminance is not None and not self.max_illuminance > self.min_illuminance:
             raise ConfigError(
                 f"expected max_illuminance above min_illuminance {self.min_illuminance:g}, got "

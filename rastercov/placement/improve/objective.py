@@ -120,8 +120,6 @@ class Objective:
         if (need < 1).any() or not np.issubdtype(need.dtype, np.integer):
             raise ConfigError(f"expected views of 1 or more, got {views}; give whole numbers")
         angle = task.min_angle_deg if min_angle_deg is None else min_angle_deg
-        if not 0 <= angle <= 180:
-            raise ConfigError(f"expected min_angle_deg from 0 to 180, got {angle}; give degrees")
         cosine = least_cosine(math.radians(angle))
         return cls(observer, task, weights, need.astype(np.int64), cosine, mounts=mounts, **own)
 

@@ -34,6 +34,7 @@ from rastercov.base import (
     frozen_record,
     shown,
 )
+from rastercov.base.arguments import ray_angle
 from rastercov.base.format import distinct_percents
 from rastercov.base.typed import check_fields, typed
 from rastercov.core.area.cells import Cells
@@ -365,10 +366,7 @@ def _check(problem: Problem) -> None:
         raise ConfigError(
             f"expected starts of one or more of {n_rows} cameras, got {shown(rows)}; correct them"
         )
-    if not 0 <= problem.min_angle <= math.pi:
-        raise ConfigError(
-            f"expected 0 to 180 degrees, got {math.degrees(problem.min_angle):g}; change the angle"
-        )
+    ray_angle("min_angle_deg", math.degrees(problem.min_angle))
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("views", "face_group"), (n_faces,))
     shapes["costs"] = (n_candidates,)
     if problem.is_spread:
