@@ -386,7 +386,8 @@ class Camera:
     cx, cy : float, optional
         Principal point in pixels; the image centre unless given.
     near : float, optional
-        Surfaces nearer than this depth are not visible, metres. 0 (the default) leaves only the
+        Surfaces nearer than this depth are not visible, metres; for lenses beyond 72 degrees off
+        axis, those whose largest coordinate in camera axes is less. 0 (the default) leaves only the
         numerical limit, 1e-6 of the distance to the farthest corner of the mesh's box.
     focal_length : float, optional
         f in metres, for the depth of field; fx and fy are needed all the same (`from_lens`

@@ -365,7 +365,8 @@ class Coverage(InNotebook):
     Attributes
     ----------
     in_view : bool
-        (3.7): True if all three vertices are inside the image and in front of the camera.
+        (3.7): True if all three vertices, and of lenses with distortion the curved edges, are
+        inside the image and in front of the camera.
     in_view_fraction : float64
         Part of the projected area that is inside the image, [0, 1].
     projected_area : float64

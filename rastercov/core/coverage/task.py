@@ -231,7 +231,8 @@ class Task(Criterion):
         IEC 62676-4, such as "identify".
     min_facing_density : float or str
         Minimum pixels per metre of a target that faces the camera at the position of the surface,
-        min(fx, fy) / z: at the deepest vertex of a face, or at each point by area.
+        at the deepest vertex of a face, or at each point by area: min(fx, fy) / z of pinholes, the
+        least singular value of the image's derivative of other lenses.
     min_pixels_per_m2 : float
         Minimum pixels per square metre of the surface, fx fy h / z^3 with h the distance of the
         camera from the plane of the face: at its deepest vertex, or at each point by area.
@@ -492,10 +493,10 @@ class Reason(_Several):
     BACK_FACING to UNSAMPLED, but OUT_OF_FOCUS, are not asked.
 
     A face is DEGENERATE if it has no area, BACK_FACING if the camera is behind it, OUTSIDE if a
-    vertex is outside the image or nearer than the near plane, OUT_OF_FOCUS if it is not within the
-    depth of field, UNSAMPLED if it is in view but no sample hits it, TOO_COARSE if it has too few
-    pixels, or too few per metre, OCCLUDED if too much of it is occluded, and TOO_OBLIQUE if its
-    angle of incidence is too large.
+    vertex, or of lenses with distortion a point of an edge, is outside the image or nearer than the
+    near plane, OUT_OF_FOCUS if it is not within the depth of field, UNSAMPLED if it is in view but
+    no sample hits it, TOO_COARSE if it has too few pixels, or too few per metre, OCCLUDED if too
+    much of it is occluded, and TOO_OBLIQUE if its angle of incidence is too large.
 
     Examples
     --------
@@ -514,7 +515,7 @@ class Reason(_Several):
     BACK_FACING = 1
     """The camera is behind it."""
     OUTSIDE = 2
-    """A vertex is outside the image or nearer than the near plane."""
+    """A vertex, or with distortion an edge, leaves the image or is nearer than the near plane."""
     OUT_OF_FOCUS = 3
     """It is not within the depth of field."""
     UNSAMPLED = 4
