@@ -15,6 +15,7 @@ import rastercov as rc
 from rastercov.base.errors import ConfigError, PoseError
 from rastercov.core.area.polygons import frames_of, rows_at
 from rastercov.core.camera.lenses.of_camera import lens_of
+from rastercov.core.camera.rule import gate_of
 from rastercov.reference.regions import points_on
 from rastercov.reference.tolerance import surely_covers
 from rastercov.tolerances import passes as engine
@@ -458,3 +459,10 @@ def test_draws_are_within_their_errors():
     away = np.linalg.norm(poses.world_from_camera[:, :3, 3] - POSES[0, :3, 3], axis=1)
     assert away.max() == pytest.approx(0.01)
     assert max(each.fx for each in cameras) <= 1.03 * CAMERA.fx + 1e-9
+
+
+@pytest.mark.parametrize("error_deg", [1e-9, 5e-4, 2e-3])
+def test_small_errors_of_a_limit_of_angles_widen_what_is_possible(error_deg):
+    gate = gate_of(rc.All(max_baseline_deg=0.0), ["a", "b"], [CAMERA] * 2)
+    assert gate.off_by(-error_deg).most_deg >= error_deg
+    assert gate.off_by(error_deg).least_deg == 180  # nothing is sure

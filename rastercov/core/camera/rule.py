@@ -280,6 +280,7 @@ class Limited(Gate):
         least = min(self.least_deg + degrees, 180.0) if self.least_deg > 0 else 0.0
         least = least if least >= LEAST_RAY_ANGLE else 0.0
         most = min(self.most_deg - degrees, 180.0) if self.most_deg < 180 else 180.0
+        most = max(most, LEAST_RAY_ANGLE) if degrees < 0 else most
         if most < LEAST_RAY_ANGLE:
             # No angle is small enough, not even that of two sensors at one place.
             least, most = 180.0, 0.0
