@@ -243,6 +243,18 @@ def test_several_solids_of_an_ascii_stl_are_groups_and_a_lone_one_is_its_file(lo
     assert [group.name for group in load("part.stl", solids[0]).groups] == ["part"]
 
 
+def test_an_ascii_stl_that_ends_within_a_word_has_a_note(load):
+    """It was read as one whole solid of two, without a word."""
+    both = solid_text("one", 0) + solid_text("two", 1)
+    first = both.index(b"endsolid")
+    for end in range(first + 1, first + 8):
+        try:
+            mesh = load("part.stl", both[:end])
+        except MeshError:
+            continue
+        assert mesh.notes, both[:end]
+
+
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf", b"# made by hand\n"])
 def test_an_off_without_its_first_line_is_read(mark, load):
     bare = VALID["a.off"].removeprefix(b"OFF # comment\n")

@@ -52,7 +52,8 @@ class Solids {
         } else if (_is_open && (is_word(words[0], "endsolid") || is_word(words[0], "end"))) {
             const String name = join_words(words.subspan(1));
             _is_open = false;
-            _has_other_name = !name.empty() && name != _mesh.names.back();
+            const bool is_part_of_word = words.size() == 1 && words[0].size() < 8;
+            _has_other_name = is_part_of_word || (!name.empty() && name != _mesh.names.back());
         } else if (!_is_open && is_word(words[0], "solid")) {
             _is_open = true;
             _mesh.names.push_back(join_words(words.subspan(1)));
