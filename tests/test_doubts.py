@@ -124,6 +124,10 @@ def test_entries_of_a_camera_without_effect_have_a_line():
     assert doubts_of_entries(PLAIN | {"ir_range": 12}) == [OF_RANGE]
     assert doubts_of_entries(PLAIN | {"max_blur": 2}) == [of_blur]
     assert doubts_of_entries(focused | {"max_blur": 2}) == []
+    blurred = rc.Task(max_blur=0.5)
+    assert doubts_of_entries(focused, task=blurred) == []
+    assert doubts_of_entries(PLAIN, task=blurred) == [of_blur]
+    assert doubts_of_entries(PLAIN | {"focus_range": (1, 4)}, task=blurred) == [of_blur]
 
 
 def test_a_range_of_a_camera_that_carries_a_lamp_has_no_line(tmp_path):

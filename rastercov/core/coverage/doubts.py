@@ -98,11 +98,12 @@ def find_warnings(network: Network, camera: Cameras, poses: ArrayLike | Poses) -
         lines += _lens_line(names_of(camera)[index], cameras[index])
         lines += _focus_line(names_of(camera)[index], cameras[index])
     lines += [note for each in equipment_on(camera).values() for note in each.notes]
-    return lines + _without_effect(camera, np.unique(placed.camera).tolist())
+    blur = network.task.max_blur
+    return lines + _without_effect(camera, np.unique(placed.camera).tolist(), blur)
 
 
-def _without_effect(camera: Cameras, used: Sequence[int]) -> list[str]:
-    """Lines on entries of some cameras, by their rows, that change no figure."""
+def _without_effect(camera: Cameras, used: Sequence[int], blur: float | None) -> list[str]:
+    """Lines on entries of some cameras, by their rows, and `Task.max_blur` that change nothing."""
     names, lines = names_of(camera), list[str]()
     carried = [each.carried_by(names) for each in equipment_on(camera).values()]
     for name, each, index in ((names[row], cameras_of(camera)[row], row) for row in used):
@@ -111,8 +112,8 @@ def _without_effect(camera: Cameras, used: Sequence[int]) -> list[str]:
                 f"ir_range of {name} is drawn on plan sheets only and changes no coverage: give an "
                 "infrared lamp with rig = true and a range"
             )
-        is_sharp = each.aperture is None and each.f_number is None
-        if each.max_blur != MAX_BLUR and is_sharp:
+        is_same = each.depth_of_field(1.0) == each.depth_of_field(2.0)
+        if is_same and (blur or each.max_blur != MAX_BLUR):
             lines.append(f"max_blur of {name} has no effect: give f_number and focus_distance")
     return lines
 
