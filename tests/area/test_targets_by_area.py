@@ -12,6 +12,9 @@ from target_scenes import beside, only, sheet_at, some_as_targets
 import rastercov as rc
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.union import with_rest
+from rastercov.core.camera import Poses
+from rastercov.core.mesh.unseeable import unseeable_areas
+from rastercov.placement.targets import with_target
 
 TASK = rc.Task(max_incidence_deg=80)
 
@@ -37,10 +40,48 @@ def split(seed):
 def test_targets_change_no_region_of_the_surface(seed):
     mesh, is_target, camera, poses = split(seed)
     bare = only(mesh, ~is_target)
-    # Lengths that all bounds are relative to are those of the whole mesh.
-    assume(np.array_equal(mesh.bounds, bare.bounds))
     regions, expected = (rc.regions(each, camera, poses) for each in (mesh, bare))
     assert regions.areas()[:, ~is_target] == pytest.approx(expected.areas(), rel=1e-9, abs=1e-300)
+
+
+LAMP = rc.Lamps([rc.Lamp.spot(60, intensity=100)], rc.look_at((0.3, 0.2, 2.5), (0.3, 0.2, 0)))
+HEAD = rc.Rig([rc.Camera.from_fov(640, 480, hfov_deg=60)] * 2, rule=rc.All(min_baseline_deg=22))
+
+
+@pytest.mark.parametrize("size", [20, 2000, 1e6])
+@pytest.mark.parametrize(
+    ("camera", "task", "lamps"),
+    [
+        (HEAD.cameras[0], rc.Task(min_illuminance=22), LAMP),
+        (HEAD.cameras[0], rc.Task(views=2, min_angle_deg=22), None),
+        (HEAD, rc.Task(), None),
+    ],
+    ids=["illuminance", "angle", "rule"],
+)
+def test_targets_of_any_size_leave_bounds_as_they_are(camera, task, lamps, size):
+    """Their widths were parts of a diagonal that a sky volume makes large: 0.38 +- 0.82 m2."""
+    part = rc.shapes.box((1, 1, 1))
+    scene = with_target(part, rc.shapes.box((size,) * 3), "sky", two_sided=True)
+    poses = rc.look_at([(0, 0.01, 3), (1, 0.01, 3)], (0, 0, 0.5))
+    placed = Poses.of(poses, camera=[0, 1] if camera is HEAD else [0, 0])
+    more = {} if lamps is None else {"lamps": lamps}
+    found = [rc.evaluate(each, camera, placed, task, by="area", **more) for each in (part, scene)]
+    one, other = (each.covered for each in found)
+    np.testing.assert_allclose(other.area[:, : part.n_faces], one.area, rtol=1e-9)
+    np.testing.assert_allclose(other.bound[: part.n_faces], one.bound, rtol=1e-3, atol=1e-14)
+    assert one.area[-1].sum() > 0.05
+
+
+@pytest.mark.parametrize("size", [3, 200, 20_000])
+def test_targets_leave_what_bodies_hide(size):
+    lower, upper = (
+        rc.shapes.box((edge,) * 3, centre=(0, 0, z)) for edge, z in ((1, 0), (0.5, 0.75))
+    )
+    stack = rc.Mesh.joined([lower, upper])
+    scene = with_target(stack, rc.shapes.box((size,) * 3), "sky", two_sided=True)
+    hidden = unseeable_areas(stack)
+    assert hidden.sum() > 0.2
+    np.testing.assert_array_equal(unseeable_areas(scene)[: stack.n_faces], hidden)
 
 
 @pytest.mark.slow

@@ -63,7 +63,7 @@ def parts_where(
     `devices` are those that count on each piece, as bits; all of them unless given.
     """
     mesh, n = polygons.mesh, len(polygons)
-    size = mesh.diagonal
+    size = mesh.opaque.diagonal
     loop = getattr(area_cut, f"cut_by_{cut.name}")
     of_pieces: Any = (
         read_only(polygons.xy, np.float64),

@@ -461,7 +461,7 @@ def rows_at(
         read_only(faces, np.int32),
         polygons._lookup,
         read_only(row, np.int32),
-        SLACK_REL * mesh.diagonal,
+        SLACK_REL * mesh.opaque.diagonal,
         is_inside,
     )
     return is_inside

@@ -161,7 +161,7 @@ def divide_by_reason(
     cameras are in front of, (F,), and the reasons of the surface itself, (F,).
     """
     frames, (in_front, own) = frames_of(mesh), terminal
-    overlay = Overlay(frames.corners, frames.areas, mesh.diagonal)
+    overlay = Overlay(frames.corners, frames.areas, mesh.opaque.diagonal)
     sizes = polygons.polygon_areas(rest.xy, rest.starts)
     missing: FloatArray = np.bincount(rest.face, sizes, mesh.n_faces).astype(np.float64)
     faces = np.flatnonzero(missing).astype(np.int32)
@@ -391,7 +391,7 @@ def first_failures(
     """
     placed = Poses.of(poses)
     judge = PointPass(mesh, camera, task, points, face)
-    near = near_limits(judge.cameras, mesh.bounds, placed)
+    near = near_limits(judge.cameras, mesh.opaque.bounds, placed)
     judge_pose = judge.worker(placed, near, is_nearest=True)
     for row in range(len(placed)):
         reason, hidden_by = np.empty(len(points), np.uint8), np.empty(len(points), np.int64)

@@ -572,7 +572,7 @@ def _count(
     slots = slots[is_asked]
     face, frames = slots % n_faces, frames_of(mesh)
     views = k if number is None else None
-    overlay = Overlay(frames.corners[face], frames.areas[face], mesh.diagonal, views)
+    overlay = Overlay(frames.corners[face], frames.areas[face], mesh.opaque.diagonal, views)
     overlay.add(
         (
             *polygons.choose_polygons(regions.xy, regions.starts, chosen),

@@ -120,7 +120,8 @@ class RegionUnion:
     def __init__(self, mesh: Mesh, views: int = 1) -> None:
         self.mesh, frames = mesh, frames_of(mesh)
         together = POSES_TOGETHER if mesh.n_faces <= FEW_FACES else 1
-        self._overlay = Overlay(frames.corners, frames.areas, mesh.diagonal, views, together)
+        size = mesh.opaque.diagonal
+        self._overlay = Overlay(frames.corners, frames.areas, size, views, together)
         self.views = int(views)
 
     @property

@@ -364,7 +364,8 @@ def linked(
     """
     from rastercov.engine import area_zone
 
-    frames, scale = frames_of(mesh), max(mesh.diagonal, 2.0**-20 * float(np.abs(mesh.bounds).max()))
+    frames, least = frames_of(mesh), 2.0**-20 * float(np.abs(mesh.bounds).max())
+    scale = max(mesh.opaque.diagonal, least)
     axes = frames.origin, frames.x_axis, frames.y_axis, frames.normal, frames.corners, frames.areas
     surface = mesh.vertices, mesh.welded_faces, mesh.face_group, *axes, scale
     zone, sizes = np.empty(len(areas), np.int64), np.empty(len(areas))

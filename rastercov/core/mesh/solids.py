@@ -110,7 +110,7 @@ class Hiders(NamedTuple):
 def hiders_of(mesh: Mesh) -> Hiders:
     """Faces of a mesh that hide; their tree is made at the first call."""
     solid = np.flatnonzero(~mesh.degenerate_mask & ~mesh.target_mask)
-    hiders = Hiders(None, solid, mesh.centre, mesh.diagonal or 1.0)
+    hiders = Hiders(None, solid, mesh.opaque.centre, mesh.opaque.diagonal or 1.0)
     if not len(solid):
         return hiders
     return hiders._replace(tree=TriangleTree.over(hiders.place(mesh.vertices), mesh.faces[solid]))

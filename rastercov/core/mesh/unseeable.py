@@ -61,7 +61,7 @@ def _compute(mesh: Mesh) -> FloatArray:
     bodies = _bodies(mesh)
     if not len(bodies):
         return result
-    middle, size = mesh.centre, mesh.diagonal
+    middle, size = mesh.opaque.centre, mesh.opaque.diagonal
     points = (mesh.vertices - middle) / size
     chosen = np.flatnonzero(mesh.task_mask & ~mesh.degenerate_mask)
     corners = points[mesh.faces[chosen]]

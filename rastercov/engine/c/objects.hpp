@@ -189,7 +189,7 @@ inline engine::GoOn go_on_of(rc_go_on function, void *context) {
 }
 
 // Bounds of the corners of faces.
-Box box_of(const engine::MeshArrays &mesh);
+Box box_of(const engine::MeshArrays &mesh, bool with_targets = true);
 void check_camera(const rc_camera *camera); // of rays through a point
 inline Lens pinhole_of(const rc_camera &camera) {
     return {camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height};

@@ -11,11 +11,13 @@
 #include <numeric>
 
 namespace rastercov::c {
-Box box_of(const engine::MeshArrays &mesh) {
+Box box_of(const engine::MeshArrays &mesh, bool with_targets) {
+    const bool is_of_all = with_targets || mesh.box.size(); // where all faces are targets
     Box box;
     for (size_t axis = 0; axis < 3; axis++) {
         Range all;
-        for (const int64_t v : mesh.faces.rows()) all.add(mesh.vertices[3 * v + int64_t(axis)]);
+        for (const int64_t v : is_of_all ? mesh.faces.rows() : mesh.opaque.rows())
+            all.add(mesh.vertices[3 * v + int64_t(axis)]);
         box[0][axis] = all.least;
         box[1][axis] = all.most;
     }
@@ -29,7 +31,7 @@ constexpr double MARGIN_REL = 1e-9;
 std::unique_ptr<const Hiders> make_hiders(const engine::Mesh &of) {
     const engine::MeshArrays &mesh = *of.arrays;
     auto made = std::make_unique<Hiders>();
-    const Box box = box_of(mesh);
+    const Box box = box_of(mesh, false);
     made->diagonal = of.diagonal > 0 ? of.diagonal : 1.0;
     for (size_t k = 0; k < 3; k++) made->centre[k] = (box[0][k] + box[1][k]) / 2;
     std::vector<int64_t> solid, corners;
@@ -100,7 +102,7 @@ void judge(const SurfaceObject &surface, const Camera &camera, double near, cons
     const Hiders &hiders = hiders_of(surface);
     const engine::MeshArrays &mesh = *surface.mesh.arrays;
     const double eye_at[3] = {pose[3], pose[7], pose[11]};
-    const Box box = box_of(mesh);
+    const Box box = box_of(mesh, false);
     const double depth =
         near_of(near, farthest_of(box, [&](int axis) { return eye_at[axis]; })) / hiders.diagonal;
     double rotation[9], eye[3];

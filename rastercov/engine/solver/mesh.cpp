@@ -137,18 +137,18 @@ Mesh make_mesh(exact::Vertices vertices, Faces faces, Column<const uint8_t> role
     if (is_empty) set_no_opaque(*mesh);
     const exact::Vertices all = mesh->vertices.rows<3>();
     const Welded opaque = {is_empty ? mesh->box.rows<3>() : all, mesh->opaque.rows<3>()};
-    const auto bounds = bounds_of(opaque.vertices, mesh->opaque);
     mesh->opaque_is_flat = Room<bool>(opaque.faces.rows());
     for (int64_t f = 0; f < opaque.faces.rows(); f++) {
         const auto corner = [&](int k) { return opaque.vertices[opaque.faces(f, k)].data; };
         mesh->opaque_is_flat[f] = is_flat(corner(0), corner(1), corner(2));
     }
+    const double diagonal = diagonal_of(bounds_of(opaque.vertices, mesh->opaque));
     const int64_t n_threads = std::max(1U, std::thread::hardware_concurrency());
     const BoolArray is_target = mesh->is_target.rows();
-    auto surface = build_surface(
-        opaque, {all, mesh->faces.rows<3>()}, has_targets ? is_target : BoolArray(),
-        finder_of(opaque, mesh->opaque_is_flat.rows(), diagonal_of(bounds), mesh, n_threads));
-    return {mesh, std::move(surface), diagonal_of(bounds_of(all, mesh->faces))};
+    auto surface =
+        build_surface(opaque, {all, mesh->faces.rows<3>()}, has_targets ? is_target : BoolArray(),
+                      finder_of(opaque, mesh->opaque_is_flat.rows(), diagonal, mesh, n_threads));
+    return {mesh, std::move(surface), diagonal};
 }
 
 } // namespace rastercov::engine

@@ -27,7 +27,7 @@ struct MeshArrays {
 struct Mesh {
     std::shared_ptr<const MeshArrays> arrays;
     std::shared_ptr<const Surface> surface;
-    double diagonal; // of all faces, metres
+    double diagonal; // of the faces that hide, metres
 
     int64_t n_faces() const { return arrays->areas.size(); }
 };
