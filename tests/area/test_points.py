@@ -8,8 +8,10 @@ from nightly import examples
 from surface_cases import hostile_scene, in_regions, room
 
 import rastercov as rc
+from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.regions import covering_poses
-from rastercov.reference.regions import points_on
+from rastercov.core.camera import Poses
+from rastercov.reference.regions import covers_points, points_on
 from rastercov.report.overview import covered_pixels, nearest_covering
 from rastercov.report.panorama import draw_scene, points_of_pixels
 
@@ -83,3 +85,31 @@ def test_pixels_show_the_area_that_is_covered_and_the_nearest_pose_is_one_that_c
     assert not shown[face < 0].any()
     assert 0.1 < shown[rows, columns].mean() < 1
     assert shown[rows, columns].mean() == pytest.approx(covers[:, 0].mean(), abs=1e-3)
+
+
+def stack(seed):
+    """Boxes and sheets on a coarse grid, many of whose faces coincide, in any order; and an eye."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for _ in range(rng.integers(2, 6)):
+        low, size = rng.integers(0, 4, 3) / 4, rng.integers(1, 5, 3) / 4
+        box = rc.shapes.box(tuple(size), centre=tuple(low + size / 2))
+        side = (box.normals == rng.permutation(np.eye(3))[0]).all(axis=1)
+        faces = box.faces[side] if rng.random() < 0.3 else box.faces
+        parts.append(rc.Mesh(box.vertices, faces if rng.random() < 0.5 else faces[:, ::-1]))
+    mesh = rc.Mesh.joined(parts)
+    way = rng.normal(size=3)
+    eye = (0.5, 0.5, 0.5) + way / np.linalg.norm(way) * rng.uniform(2, 4)
+    return rc.Mesh(mesh.vertices, rng.permutation(mesh.faces)), rc.look_at(eye, (0.5, 0.5, 0.5))
+
+
+@examples(15, at_night=400)
+@given(seed=SEEDS)
+def test_of_faces_that_coincide_points_of_the_first_are_seen(seed):
+    """Nothing hid the others, so advice promised to cover a sheet that lies on another."""
+    mesh, poses = stack(seed)
+    points, face = points_on(mesh, 1500, seed)
+    camera, poses = rc.Camera.from_fov(640, 480, hfov_deg=60), poses.reshape(-1, 4, 4)
+    judge = PointPass(mesh, camera, TASK, points, face)
+    expected = covers_points(mesh, camera, poses, TASK, points, face)
+    np.testing.assert_array_equal(judge.covers(Poses.of(poses))[0], expected.reshape(-1))

@@ -70,7 +70,7 @@ void find_covering(FloatRows<2> xy, Int32Array face, const Lookup &pieces, Int32
 
 RECORD(area::Judged, points, normals, two_sided, own);
 RECORD(area::Viewpoint, rotation, eye, near, margin);
-RECORD(area::Hiders, corners, nodes, is_nearest);
+RECORD(area::Hiders, corners, nodes, faces, is_nearest);
 RECORD(area::Lookup, order, of_face, corners, starts);
 
 void register_area_point(nanobind::module_ &m) {

@@ -7,7 +7,7 @@
 #pragma once
 #include "coverage/decision.hpp"
 #include "interrupt.hpp"
-#include "mesh/tree.hpp"
+#include "mesh/place.hpp"
 
 namespace rastercov::area {
 
@@ -50,13 +50,42 @@ mesh::Segment ray_from_near(const Camera &camera, const Viewpoint &view, const T
     }
 }
 
-// What may hide points: a tree of triangles; the first of all that hide, also points that fail
-// other criteria, or any, of points that fail none.
+// What may hide points: a tree of triangles, and their faces; the first of all that hide, also
+// points that fail other criteria, or any, of points that fail none.
 struct Hiders {
     mesh::Corners corners;
     mesh::Nodes nodes;
+    IntArray faces;
     bool is_nearest;
 };
+
+// True if a point is nearer than a margin to a triangle, and farther than that from its edges.
+inline bool holds(const mesh::Triangle &t, const Vector &point, double margin) {
+    const Vector normal = normal_of(t);
+    bool is_in = std::abs(dot(normal, point - t.corner[0])) <= margin * length(normal);
+    for (int k = 0; k < 3; k++) {
+        const Vector inward = cross(normal, t.edge(k));
+        is_in &= dot(inward, point - t.corner[k]) > margin * length(inward);
+    }
+    return is_in;
+}
+
+// Triangle of a lower face than `own` that holds a point, or -1: of faces that coincide the first
+// one is seen.
+inline int64_t coincident(const mesh::Point &point, int64_t own, const Hiders &in, double margin) {
+    int64_t found = -1;
+    if (own < 0) return found;
+    const auto is_near = [&](int64_t node) {
+        return mesh::box_distance(point, in.nodes[node]) <= margin * margin;
+    };
+    mesh::each_met(in.nodes, in.corners.rows(), is_near, [&](int64_t t) {
+        if (in.faces[t] < in.faces[own] &&
+            holds(mesh::triangle_of(in.corners[t].data), mesh::vector_of(point.data), margin))
+            found = t;
+        return found < 0;
+    });
+    return found;
+}
 
 // Sets `reason` to the criteria that each point fails in one pose, and `hider` to the triangle
 // that hides it or -1. `rules` are of the scene of diagonal 1.
@@ -69,6 +98,8 @@ void judge_points(const Judged &points, const Camera &camera, const Rules &rules
             "normals, two_sided, own, reason and hider must have one row for each point");
     require_lens(camera);
     mesh::require_tree(hiders.corners, hiders.nodes);
+    require(have_rows(hiders.corners.rows(), hiders.faces),
+            "faces must have one row for each triangle");
     mesh::Hits hits = {hiders.corners, hiders.nodes, hiders.is_nearest};
     Poll poll(64);
     for (int64_t i = 0; i < n; i++) {
@@ -84,6 +115,7 @@ void judge_points(const Judged &points, const Camera &camera, const Rules &rules
         const mesh::Segment ray = ray_from_near(camera, view, way, depth);
         if (!(ray.reach > 0.0)) continue;
         hider[i] = hits.first(ray, points.own[i]);
+        if (hider[i] < 0) hider[i] = coincident(at, points.own[i], hiders, view.margin);
         if (hider[i] >= 0) reason[i] = coverage::REASON_OF[fails | coverage::IS_HIDDEN];
     }
 }

@@ -78,6 +78,7 @@ const Hiders &hiders_of(const SurfaceObject &surface) {
 area::Hiders tree_of(const Hiders &hiders) {
     return {{hiders.corners.data(), {int64_t(hiders.faces.size())}},
             {hiders.nodes.data(), {int64_t(hiders.nodes.size() / 6)}},
+            {hiders.faces.data(), {int64_t(hiders.faces.size())}},
             true};
 }
 
@@ -138,7 +139,7 @@ void find_clear(const SurfaceObject &surface, const double *points, int64_t n, d
     const Hiders &hiders = hiders_of(surface);
     const engine::MeshArrays &mesh = *surface.mesh.arrays;
     const double least = distance / hiders.diagonal;
-    const auto [corners, nodes, is_nearest] = tree_of(hiders);
+    const auto [corners, nodes, _, is_nearest] = tree_of(hiders);
     mesh::Hits hits = {corners, nodes, is_nearest};
     const auto counts = [&](int64_t t) { return !mesh.two_sided[hiders.faces[size_t(t)]]; };
     for (int64_t i = 0; i < n; i++) {
