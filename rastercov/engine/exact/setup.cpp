@@ -190,7 +190,8 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
     const double rounding = 2 * OUTLINE_ERROR_FACTOR * pixel_error;
     for (double &value : extent) value = 0.0;
     clear_box(extent);
-    int64_t n_live = 0, n_rest = 0;
+    int64_t n_live = 0;
+    int64_t n_rest = 0;
     Measures block;
     for (int64_t b = 0; b < blocks.has_flat.rows(); b++) {
         const int64_t first = b * BLOCK, last = end_of_block(b, projected);
@@ -234,10 +235,9 @@ std::pair<int64_t, int64_t> set_up_plain(const Pinhole &camera, bool front_only,
         projected.block_side[b] = is_mixed ? MIXED : common;
         projected.has_boxes[b] = false;
         clear_box(projected.block_box[b]);
-        if (is_live) {
-            widen_boxes(b, block, projected, extent);
-            n_live += BLOCK;
-        }
+        if (!is_live) continue;
+        widen_boxes(b, block, projected, extent);
+        n_live += BLOCK;
     }
     return {n_live, n_rest};
 }
