@@ -176,8 +176,8 @@ def test_joined_regions_keep_their_devices():
     ("make", "text"),
     [
         (lambda: rc.RayAngle([(0, 0, 0)], 20), "coordinates"),
-        (lambda: rc.RayAngle(np.zeros((2, 3)), 181), "0 to 180"),
-        (lambda: rc.RayAngle(np.zeros((2, 3)), float("nan")), "0 to 180"),
+        (lambda: rc.RayAngle(np.zeros((2, 3)), 181), "0.001 to 180"),
+        (lambda: rc.RayAngle(np.zeros((2, 3)), float("nan")), "0.001 to 180"),
         (lambda: rc.BeamDensity((0, 0, 0), (0, 0, 0), 1, 1), "length 0"),
         (lambda: rc.BeamDensity((0, 0, 0), (0, 0, 1), 0, 1), "above 0"),
         (lambda: rc.BeamDensity((0, 0, 0), (0, 0, 1), 1, float("inf")), "limit"),

@@ -78,7 +78,7 @@ def test_hostile_scenes_are_as_by_points(seed):
 def test_evaluate_counts_what_differs():
     mesh, camera, poses = room()
     shares = []
-    for degrees in (0, 1e-6, 30, 60, 120):
+    for degrees in (0, 1e-3, 30, 60, 120):
         task = rc.Task(max_incidence_deg=75, views=2, min_angle_deg=degrees)
         result = rc.evaluate(mesh, camera, poses, task, by="area", fields=())
         summary = result.summary()
@@ -87,7 +87,7 @@ def test_evaluate_counts_what_differs():
         left = sum(zones) + summary["other_dead_zones"]["percent"]
         assert left == pytest.approx(100 - shares[-1], abs=summary["covered_area"]["bound_percent"])
         reasons = {zone["reason"] for zone in summary["dead_zones"]}
-    assert shares[0] == pytest.approx(shares[1], abs=1e-3)
+    assert shares[0] == pytest.approx(shares[1], abs=1e-2)
     assert sorted(shares, reverse=True) == pytest.approx(shares)
     assert shares[-1] < shares[1] - 5
     assert "too_few_views" in reasons
