@@ -173,6 +173,23 @@ def test_poses_of_kitti_are_rows_of_world_from_camera(tmp_path):
     refused(path, "expected a line to be 12 finite numbers")
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_poses_of_kitti_may_begin_with_whole_numbers(tmp_path, seed):
+    """A trajectory begins at the identity, which %g writes without points."""
+    rng = np.random.default_rng(seed)
+    turns = rng.choice([-math.pi / 2, 0, math.pi / 2], (4, 3)) * (rng.random((4, 1)) < 0.7)
+    poses = np.array([motion(turn, rng.integers(0, 900, 3)) for turn in turns])
+    poses[0] = np.eye(4) if seed % 2 else poses[0]
+    path = tmp_path / "00.txt"
+    end = str(rng.choice(["\n", "\r\n", " \n"]))
+    lines = [
+        " ".join(f"{abs(x):g}" if x == 0 else f"{x:g}" for x in row.ravel())
+        for row in poses[:, :3].round(9)
+    ]
+    path.write_bytes("".join(line + end for line in lines).encode())
+    same(read_views(path).poses.world_from_camera, poses, 1e-6)
+
+
 @pytest.mark.parametrize("stereo", [True, False])
 def test_settings_of_orb_slam_have_the_second_camera_in_the_frame_of_the_first(tmp_path, stereo):
     path = tmp_path / "o.yaml"

@@ -8,6 +8,7 @@ Sources: N. Snavely. Bundler v0.4 User's Manual. 2010. S. Agarwal et al. Bundle 
 Large. 2010. Y. Yao et al. MVSNet. 2018, README of the code, "File Formats".
 """
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -39,9 +40,8 @@ MOST_FILES = 100_000
 
 
 def is_bal(text: str) -> bool:
-    """True for text that begins with three counts and an observation."""
-    words = text[:400].split(maxsplit=7)
-    return len(words) > 6 and all(word.isdecimal() for word in words[:5])
+    """True for text that begins with three counts on a line, then the ids of an observation."""
+    return re.match(r"\s*(\d+[^\S\n]+){2}\d+\s*\n\s*\d+\s+\d+\s", text[:400]) is not None
 
 
 def read_bundler(source: Source, border: Border) -> Views:
