@@ -57,6 +57,18 @@ def read_or_one_line(path):
         assert np.isfinite(views.poses.world_from_camera).all()
 
 
+@pytest.mark.parametrize("name", ["poses.npy", "poses_bounds.npy"])
+def test_arrays_that_claim_more_than_memory_are_refused_in_one_line(tmp_path, name):
+    with (tmp_path / name).open("wb") as file:
+        header = {"descr": "<f8", "fortran_order": False, "shape": (99999999999, 17)}
+        np.lib.format.write_array_header_1_0(file, header)
+        file.write(bytes(136))
+    with pytest.raises(
+        rc.ResourceError, match=rf"{name}: expected .* that fit in memory, got more"
+    ):
+        read_views(tmp_path / name)
+
+
 @every_file
 def test_good_files_are_read(file):
     views = read_views(file[0], conventions=ANSWERS)

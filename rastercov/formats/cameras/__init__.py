@@ -20,6 +20,7 @@ from rastercov.base import (
     PoseError,
     RastercovError,
     ReadByName,
+    ResourceError,
     StrPath,
     check_choice,
     flag,
@@ -239,6 +240,10 @@ def _naming(path: StrPath, kind: type[RastercovError]) -> Iterator[None]:
         if isinstance(error, PoseError):
             raise PoseError(text, error.pose_ids) from None
         raise type(error)(text) from None
+    except MemoryError:
+        raise ResourceError(
+            f"{name}: expected views that fit in memory, got more; split the file"
+        ) from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the path
         raise kind(f"{name}: {reason_of(error)}") from None
 
