@@ -14,7 +14,7 @@ from misuse_calls import (
     parameters_of,
     public_callables,
 )
-from misuse_values import CAMERA, MESH, POSES, TOO_MANY, VALUES
+from misuse_values import CAMERA, MESH, PLAN, POSES, TOO_MANY, VALUES
 from nightly import IS_NIGHTLY, amount
 from of_features import of_features
 from visible_fractions import visibility
@@ -24,6 +24,7 @@ from rastercov.base.files import StrPath
 from rastercov.base.format import LONGEST_SHOWN, shown
 from rastercov.base.typed import VARIADIC, check_type
 from rastercov.core.coverage.coverage import evaluate_batches
+from rastercov.placement import build_matrix
 
 NAMES = names_of_calls()
 PUBLIC = public_callables()
@@ -171,6 +172,29 @@ def test_a_path_object_fits_the_annotation_of_a_path():
     check_type("path", Path("a"), StrPath)
     with pytest.raises(rc.ConfigError, match="path to be a string or a path, got 3"):
         check_type("path", 3, StrPath)
+
+
+@pytest.mark.parametrize("path", ["a\0b", Path("a\0b.html"), "\0"])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda path: rc.evaluate(MESH, CAMERA, POSES, shards=path),
+        lambda path: rc.evaluate(MESH, CAMERA, POSES, shards=(path, rc.Workers(1))),
+        lambda path: rc.show(rc.evaluate(MESH, CAMERA, POSES), path),
+        lambda path: rc.place(PLAN, out=path),
+        lambda path: build_matrix((MESH, CAMERA), POSES, rc.Task(), path),
+    ],
+    ids=["shards", "shards of workers", "show", "place", "build_matrix"],
+)
+def test_a_path_with_a_zero_byte_is_refused_by_name(call, path):
+    with pytest.raises(rc.RastercovError, match=r"(?i)a path .*got .*\\x00"):
+        call(path)
+
+
+@pytest.mark.parametrize("only", [[], (1,), (0, 1, 2), (0.5, 1), (2, 2)])
+def test_the_part_of_a_run_is_two_whole_numbers(only):
+    with pytest.raises(rc.ConfigError, match="expected only to be"):
+        rc.Workers(only=only)
 
 
 @pytest.mark.parametrize("n", [2**31, 2**40])

@@ -208,6 +208,8 @@ def fits(value: Any, hint: object) -> bool:
     kinds, origin = get_args(hint), get_origin(hint) or hint
     if hint is Any:
         return True
+    if isinstance(value, str | PathLike) and "\0" in str(value):  # the system has no such name
+        return False
     if _is_array_like(hint):
         others = [kind for kind in kinds if kind not in ARRAY]
         # ArrayLike has texts in it, which are meant only where paths are, too.
@@ -225,7 +227,7 @@ def fits(value: Any, hint: object) -> bool:
         return isinstance(value, int | np.integer) and not isinstance(value, bool)
     if hint is bool:
         return isinstance(value, bool | np.bool_)
-    if origin is tuple and kinds[-1] is not ... and len(set(kinds)) > 1:
+    if origin is tuple and kinds[-1] is not ...:
         return _is_row(value) and len(value) == len(kinds) and all(map(fits, value, kinds))
     if getattr(origin, "_is_protocol", False) and origin.__module__.startswith("rastercov."):
         names = [name for name in (*vars(origin), *_hints(origin)) if not name.startswith("_")]

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from rastercov.base import ConfigError, service_of, shown
 from rastercov.base.threads import DEVICE
+from rastercov.base.typed import check_fields
 from rastercov.shards.process import Processes
 
 PART = re.compile("([0-9]{1,9})/([0-9]{1,9})")
@@ -100,6 +101,7 @@ class Workers:
     only: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         given = [each for each in (self.number, self.scheduler, self.only) if each is not None]
         if len(given) != 1:
             raise ConfigError(
@@ -111,7 +113,7 @@ class Workers:
                 "; correct it"
             )
         number = 1 if self.number is None else self.number
-        if type(number) is not int or not 1 <= number <= MOST_WORKERS:
+        if not 1 <= number <= MOST_WORKERS:
             raise ConfigError(
                 f"expected workers to be from 1 to {MOST_WORKERS}, got {shown(number)}; correct it"
             )
