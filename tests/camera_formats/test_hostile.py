@@ -91,6 +91,24 @@ def places_in(value, way=()):
 
 
 @pytest.mark.parametrize("name", TREES)
+def test_long_texts_and_names_are_read_or_refused_in_a_short_line(file):
+    path, _ = file
+    read = Source(path).table
+    for way in places_in(read):
+        for is_name in (False, True):
+            content = deepcopy(read)
+            parent = reduce(getitem, way[:-1], content)
+            value = parent[way[-1]]
+            if is_name and isinstance(parent, dict):
+                del parent[way[-1]]
+                parent["x" * 9_000] = value
+            elif isinstance(value, str):
+                parent[way[-1]] = "x" * 9_000
+            path.write_text(json.dumps(content))
+            read_or_one_line(path)
+
+
+@pytest.mark.parametrize("name", TREES)
 def test_values_of_another_type_are_read_or_refused_in_one_line(file):
     path, data = file
     read = Source(path).table

@@ -335,6 +335,14 @@ BROKEN_3MF = [
 ]  # fmt: skip
 
 
+def test_what_a_damaged_file_has_for_names_is_not_shown_at_length(load):
+    data = bytearray(archive(zipfile.ZIP_STORED, **{"3D/a.model": " " * 9_000}))
+    data[26:28] = (8_000).to_bytes(2, "little")  # length of the first name
+    with pytest.raises(MeshError, match=r"expected .*, got: .*; export it again") as caught:
+        load("a.3mf", bytes(data))
+    assert len(str(caught.value)) < 400
+
+
 @pytest.mark.slow
 def test_a_bomb_is_not_unpacked(load):
     with pytest.raises(

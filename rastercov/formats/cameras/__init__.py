@@ -27,6 +27,7 @@ from rastercov.base import (
     json_bytes,
     plural,
     printable,
+    shorten,
     shown,
     write_bytes,
 )
@@ -159,6 +160,8 @@ BY_SUFFIX = dict.fromkeys((".json", ".npy", ".toml"), "rastercov") | {
     ".yml": "opencv",
 }
 """Formats of files to be written by the ends of their names."""
+LONGEST_FAULT = 500
+"""Characters of an error, which may have names of the file in it."""
 IN_METRES = ("rastercov", "gltf")
 """Formats whose lengths are metres; the others have no unit."""
 OF_ONE_CAMERA = ("opencv", "ros")
@@ -236,7 +239,8 @@ def _naming(path: StrPath, kind: type[RastercovError]) -> Iterator[None]:
     try:
         yield
     except RastercovError as error:
-        text = str(error) if str(error).startswith(name) else f"{name}: {error}"
+        text = shorten(str(error).removeprefix(f"{name}: "), LONGEST_FAULT)
+        text = f"{name}: {text}"
         if isinstance(error, PoseError):
             raise PoseError(text, error.pose_ids) from None
         raise type(error)(text) from None

@@ -19,7 +19,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from rastercov.base import FloatArray, MeshError, UnknownNames, Vocabulary, plural, printable
+from rastercov.base import (
+    FloatArray,
+    MeshError,
+    UnknownNames,
+    Vocabulary,
+    one_line,
+    plural,
+    printable,
+)
 from rastercov.formats.meshes.polygons import (
     Assembly,
     PolygonElement,
@@ -96,7 +104,7 @@ def read(data: bytes, budget: int) -> Polygons:
         with refuse_broken_files(), zipfile.ZipFile(io.BytesIO(data)) as archive:
             return _Model(archive, budget).polygons()
     except DAMAGED as error:
-        raise broken(f"expected a readable ZIP archive, got: {error}") from None
+        raise broken(f"expected a readable ZIP archive, got: {one_line(error)}") from None
 
 
 class _Model:
