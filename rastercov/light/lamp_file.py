@@ -191,9 +191,12 @@ def lamp_of(entries: ReadByName, folder: Path = Path(), tilt_deg: float | None =
         own["range_m"] = _metres(entries["range"])
     if kind == "spot" and "half_angle_deg" not in own:
         raise CameraError("expected half_angle_deg for a lamp of kind spot, got none; add it")
-    if not is_one_of(kind, SIZES):
-        return Lamp(kind=kind, **own)
     size = entries.get("size")
+    if not is_one_of(kind, SIZES):
+        lamp = Lamp(kind=kind, **own)
+        if size is not None:
+            raise CameraError(f"expected no size of kind {kind}, got {shown(size)}; remove it")
+        return lamp
     if size is None or (kind != "area" and isinstance(size, list)):
         raise CameraError(
             f"expected size of a lamp of kind {kind}, {SIZES[kind]}, got "

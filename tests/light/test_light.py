@@ -704,6 +704,18 @@ def test_lamps_are_the_same_after_a_file_of_their_own():
             lambda: lamp_of({"kind": "bar", "size": [0.3, 0.1], "intensity_cd": 1}),
             r"bar, its length in metres, got \[0.3, 0.1\]",
         ),
+        (
+            lambda: lamp_of({"kind": "point", "size": 1.0, "intensity_cd": 1}),
+            r"expected no size of kind point, got 1.0; remove it",
+        ),
+        (
+            lambda: lamp_of({"size": [0.1, 0.2], "intensity_cd": 1}),
+            r"expected no size of kind point, got \[0.1, 0.2\]; remove it",
+        ),
+        (
+            lambda: lamp_of({"kind": "spot", "size": 0, "half_angle_deg": 30, "intensity_cd": 1}),
+            r"expected no size of kind spot, got 0; remove it",
+        ),
     ],
 )
 def test_wrong_lamps_are_refused_in_one_line(make, words):
