@@ -211,7 +211,7 @@ def test_errors_are_read_from_a_text():
     assert errors_in("1cm, 0.5 %, part 3 mm, part 1 deg, normal") == Errors(
         position_mm=10, focal_percent=0.5, part_mm=3, part_deg=1, distribution="normal"
     )
-    for text in ("", "2", "2 mm, 3 mm", "-1 mm", "part 2 %", "2 m m"):
+    for text in ("", "2", "2 mm, 3 mm", "-1 mm", "part 2 %", "2 m m", "normal", "normal, uniform"):
         with pytest.raises(ConfigError):
             errors_in(text)
 
