@@ -200,7 +200,7 @@ def without_visibility(mesh, pose, area=None) -> FloatArray:
     """(3.6) without C_V: field of view, capped resolution, focus; of given areas in px^2."""
     view = face_geometry(mesh, CAMERA, pose)
     resolution = (view.projected_area if area is None else area) / TASK.min_pixels
-    focus = in_focus(view.depth, CAMERA.depth_of_field(TASK.max_blur), TASK.focus_rule)
+    focus = in_focus(view, CAMERA.depth_of_field(TASK.max_blur), TASK.focus_rule)
     return view.in_view * np.minimum(resolution, 1.0) * focus
 
 

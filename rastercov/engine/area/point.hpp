@@ -74,7 +74,7 @@ inline bool holds(const mesh::Triangle &t, const Vector &point, double margin) {
 // one is seen.
 inline int64_t coincident(const mesh::Point &point, int64_t own, const Hiders &in, double margin) {
     int64_t found = -1;
-    if (own < 0) return found;
+    if (own < 0 || own >= in.faces.rows()) return found;
     const auto is_near = [&](int64_t node) {
         return mesh::box_distance(point, in.nodes[node]) <= margin * margin;
     };
