@@ -341,8 +341,7 @@ INLINE Mask<N> in_focus(const Corners<N> &corners, const Camera &camera, const R
         const auto &at = corners[s];
         depth[s] = focus_depth_of(Triple<N>{at[X], at[Y], at[Z]}, camera);
     }
-    if (rules.focus_of_centroid)
-        depth.fill(focus_depth_of(corner_sums(corners), camera) / N(3.0));
+    if (rules.focus_of_centroid) depth.fill(focus_depth_of(corner_sums(corners), camera) / N(3.0));
     return (N(rules.z_n) <= min3(depth)) & (max3(depth) <= N(rules.z_f));
 }
 
