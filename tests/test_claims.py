@@ -70,7 +70,7 @@ CLAIMS = {
         "No sample is": "raster/test_lenses a_face_alone_is_drawn_where_its_own_rays_meet_it",
         "- A lens that is": "raster/test_lenses opengl_draws_a_lens_on_the_cpu_and_says_so",
         "- Moving mesh and": "raster/test_raster_laws exact_translation_and_scaling_change",
-        "**Targets.** Adding": "test_targets coverage_of_a_face_has_the_same_bits_with_and",
+        "**Targets.** They": "test_targets coverage_of_a_face_has_the_same_bits_with_and",
         "**Determinism and": "test_threads six_threads_get_the_answers_of_one_bit_for_bit",
         "Threads may share": "raster/test_raster_faults use_from_a_second_thread_names",
         "**Files on disk.**": "report/test_report_folder a_kill_before_any_operation_leaves",

@@ -573,7 +573,7 @@ def errors_in(text: str) -> Errors:
                 f"got {shown(text)}; give each kind once, with its unit"
             )
         own[str(key)] = factor * finite_number(_number(match[2]))
-    if not by_camera and figures.keys() <= {"distribution"}:
+    if not (by_camera or figures.keys() - {"distribution"}):
         raise ConfigError(f'expected errors such as "2 mm, 0.2 deg", got {shown(text)}; add a size')
     for name, errors in by_camera.items():
         figures[name] = errors | {OTHERS: figures.get(name, 0.0)}

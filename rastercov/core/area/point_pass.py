@@ -58,9 +58,8 @@ class PointPass:
         if (tree := hiders.tree) is not None:
             corners, nodes, self.faces = tree.corners, tree.nodes, hiders.solid[tree.order]
             row[self.faces] = np.arange(len(self.faces))
-        faces = self.faces[: len(corners)]
-        boxes, numbers = read_only(nodes, np.float64), read_only(faces, np.int64)
-        self._tree = read_only(corners, np.float64), boxes, numbers
+        numbers = read_only(self.faces[: len(corners)], np.int64)
+        self._tree = read_only(corners, np.float64), read_only(nodes, np.float64), numbers
         self._points = Points(
             points=read_only(self._placed(points), np.float64),
             normals=read_only(frames_of(mesh).normal[face], np.float64),

@@ -41,9 +41,10 @@ constexpr double LEAST_FALL = 1e-6;
 // one where that has another direction.
 inline std::array<Vector, 2> across(const Vector &axis, const Vector &other) {
     Vector u = cross(axis, other);
-    if (!(length(u) > 1e-6 * length(other)))
-        u = cross(axis, std::abs(axis.x) < 0.7 ? Vector{1, 0, 0} : Vector{0, 1, 0});
-    u = 1 / length(u) * u;
+    const double size = length(u);
+    if (size <= 1e-6 * length(other)) // false of what is no number, and ends
+        return across(axis, std::abs(axis.x) < 0.7 ? Vector{1, 0, 0} : Vector{0, 1, 0});
+    u = 1 / size * u;
     return {u, cross(axis, u)};
 }
 
