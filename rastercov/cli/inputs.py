@@ -290,7 +290,7 @@ def _entries(text: str) -> ByName:
 def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
     """Poses of sphere:N or turntable:N@DEG, at the distance where the mesh fills the image.
 
-    A camera with a depth of field looks from where all of it is beyond the nearest point in focus.
+    A camera with a `focus_range` looks from where all of it is beyond the nearest point in focus.
 
     The first are N around the mesh, the others N in a ring that many degrees above its middle, and
     more rings after commas.
@@ -317,7 +317,8 @@ def poses_around(source: str, mesh: Mesh, camera: Camera) -> FloatArray:
         raise PoseError(
             f"--poses {kind}: expected a principal point in the image, got one outside; give a file"
         ) from None
-    distance = max(distance, camera.depth_of_field()[0] + radius)
+    if camera.focus_range is not None:
+        distance = max(distance, camera.focus_range[0] + radius)
     if kind == "sphere":
         return sphere_of_poses(centre, distance, rings[0][0])
     turns = np.concatenate([2 * np.pi / n * np.arange(n) for n, _ in rings])

@@ -63,8 +63,8 @@ PosesOption = Annotated[
         "--poses",
         "-p",
         help="Pose file of rastercov (.json, .npy), COLMAP, nerfstudio or others; sphere:N for N "
-        "poses around the mesh, at the distance where it fills the image (farther if its depth of "
-        "field requires it); or turntable:N@DEG,N@DEG for rings of N poses at an elevation of DEG.",
+        "poses around the mesh, at the distance where it fills the image (farther if focus_range "
+        "requires it); or turntable:N@DEG,N@DEG for rings of N poses at an elevation of DEG.",
     ),
 ]
 Out = Annotated[Path, out_option("Folder for the report.")]
