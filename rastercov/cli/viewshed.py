@@ -101,6 +101,6 @@ def viewshed(
         print_lines(*files.lines_of(result))
         if out is not None:
             say(str(out / "viewshed.png"))
-    shares = [100 * seen.area / seen.of_area for seen in result.seen]
+    shares = [100 * (seen.area - seen.area_bound) / seen.of_area for seen in result.seen]
     if at_least is not None and not min(shares) >= at_least:
         raise typer.Exit(1)

@@ -14,10 +14,13 @@ from rastercov.base import (
     ConfigError,
     FloatArray,
     InOneLine,
+    IntArray,
     StrPath,
     check_array,
+    dots,
     finite_number,
     frozen_record,
+    norm,
     shown,
 )
 from rastercov.base.arguments import own_array
@@ -29,12 +32,15 @@ from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.files import raster_of
 from rastercov.core.mesh.sections import cross
 from rastercov.core.mesh.terrain import REFRACTION, Raster
+from rastercov.core.mesh.topology import edge_table
 from rastercov.engine import survey_viewshed as kernels
 from rastercov.shards import Progress, silent
 
 NO_PIECES = np.empty((0, 4, 2))
 FARTHEST = 1e9
 """Coordinates and heights of observers, m, are smaller."""
+EDGE_ON = 1e-9
+"""Sine of the angle to rays up to which a triangle is edge-on."""
 MOST_PIECES = 200_000
 """Visible pieces whose outlines are joined: about a minute."""
 
@@ -175,7 +181,7 @@ def viewshed(
         if not ground.any():
             raise ConfigError(f"expected ground within {reach:g} m, got none; increase the radius")
         if beside is not None:
-            both = _solve_beside(raster, place, eyes[n - 1, 2], target, beside)
+            both = _solve_beside(raster, place, (eyes[n - 1, 2], target), beside, both)
         both[:, ~ground] = 0.0
         parts = (*both, ground)
         seen.append(Seen(*(float((part * area).sum()) for area in areas for part in parts)))
@@ -267,17 +273,21 @@ def _over(raster: Raster, beside: Mesh) -> Mesh:
 
 
 def _solve_beside(
-    raster: Raster, place: Place, height: float, target: float, beside: Mesh
+    raster: Raster, place: Place, heights: tuple[float, float], beside: Mesh, alone: FloatArray
 ) -> FloatArray:
-    """Visible parts of triangles, and bounds, where a mesh hides ground, too."""
+    """Visible parts of triangles, and bounds, where a mesh hides ground, too.
+
+    `heights` are those of the eyes and the target above the ground, `alone` is without the mesh.
+    """
+    height, target = heights
     points, faces, cells, _ = raster.surface(place)
-    ground = Mesh(points, faces)
     away = beside.vertices - (*np.add(place[:2], raster.origin), 0.0)
     away[:, 2] -= 0.5 * raster.inverse_radius * (away[:, :2] ** 2).sum(axis=1)
-    parts = [Mesh(np.add(points, (0.0, 0.0, target)), faces), Mesh(away, beside.faces), ground]
-    names = ["seen", "beside", "ground"][: 3 if target else 2]
+    seen = Mesh(np.add(points, (0.0, 0.0, target)), faces)
+    parts = [seen, Mesh(away, beside.faces), _solid(points, faces, target > 0)]
+    names = ["seen", "beside", "ground"]
     raised = names[:1] if target else []
-    scene = Mesh.joined(parts[: len(names)], names).with_groups(names[1:], raised, raised)
+    scene = Mesh.joined(parts, names).with_groups(names[1:], raised, raised)
     pose = look_at([(0.0, 0.0, place[4])], [(1.0, 0.0, place[4])])
     camera = panorama(2000, 1000)
     near = near_limit(camera, scene.bounds, pose)[0]
@@ -287,10 +297,25 @@ def _solve_beside(
             f"farthest corner of the mesh, got {height:g} m; cut the mesh"
         )
     covered = evaluate(scene, camera, pose).covered
-    both = np.zeros((2, *raster.heights[1:, 1:].shape, 2))
-    seen = np.stack((covered.area[0], covered.bound))[:, : len(faces)] / ground.areas
-    both.reshape(2, -1)[:, cells] = seen
+    parts_of = np.stack((covered.area[0], covered.bound))[:, : len(faces)] / seen.areas
+    # The image shows nothing of what is edge-on; no more of it is seen than without the mesh.
+    corners = seen.vertices[seen.faces] - (0.0, 0.0, place[4])
+    is_flat = abs(dots(seen.normals, corners[:, 0])) <= EDGE_ON * norm(corners).max(axis=1)
+    most = alone.reshape(2, -1)[:, cells].sum(axis=0) / 2
+    both = np.zeros(alone.shape)
+    both.reshape(2, -1)[:, cells] = np.where(is_flat, most, parts_of)
     return both
+
+
+def _solid(points: FloatArray, faces: IntArray, with_ground: bool) -> Mesh:
+    """Walls below the borders of the ground, which let no ray pass under it, with or without it."""
+    table = edge_table(faces, len(points))
+    ends = table.vertices[table.n_uses == 1].astype(np.int64)
+    below = np.array(points)
+    below[:, 2] = points[:, 2].min() - 1.0
+    walls = np.concatenate((ends, ends[:, ::-1] + len(points)), axis=1)
+    every = np.concatenate((faces[: len(faces) * with_ground], walls[:, :3], walls[:, [2, 3, 0]]))
+    return Mesh(np.concatenate((points, below)), every)
 
 
 def outlines_of(viewshed: Viewshed) -> list[shapely.Geometry]:
@@ -309,5 +334,7 @@ def outlines_of(viewshed: Viewshed) -> list[shapely.Geometry]:
             )
         corners = raster.origin + pieces[:n] * raster.spacing * (1, -1)
         polygons = shapely.make_valid(shapely.polygons(corners))
-        outlines.append(shapely.union_all(polygons, grid_size=raster.spacing[0] * 1e-8))
+        whole = shapely.union_all(polygons, grid_size=raster.spacing[0] * 1e-8)
+        pieces = shapely.get_parts(whole)
+        outlines.append(shapely.multipolygons(pieces[shapely.area(pieces) > 0]))
     return outlines

@@ -341,6 +341,35 @@ def test_a_mesh_beside_hides_ground(target):
     np.testing.assert_allclose(hidden.share[:, :6], beside.share[:, :6], atol=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(amount(40, 400)))
+def test_a_mesh_under_the_ground_changes_nothing(seed):
+    """Beside holes, and where the sheet of targets is level with the eyes."""
+    rng = np.random.default_rng(seed)
+    heights = rng.integers(0, 1 + rng.integers(4), (6, 8)).astype(np.float64)
+    heights[rng.random(heights.shape) < 0.2 * rng.integers(2)] = np.nan
+    heights[2:4, 3:5] = 1.0
+    given = {"spacing": 10.0, "target": rng.choice([0.0, 1.7, 3.0]), "curvature": seed % 4 == 0}
+    observer = (35.0, -25.0 - rng.integers(2), rng.choice([0.0, 1.7, 3.0]))
+    below = rc.shapes.box((1, 1, 1), centre=(35.0, -25.0, -60))
+    alone = rc.viewshed(heights, observer, **given)
+    beside = rc.viewshed(heights, observer, **given, beside=below)
+    wrong = np.abs(alone.share - beside.share) > alone.bound + beside.bound + 1e-9
+    assert not wrong.any()
+    one, other = alone.seen[0], beside.seen[0]
+    assert abs(one.area - other.area) <= one.area_bound + other.area_bound + 1e-6
+
+
+def test_undecided_ground_does_not_pass(tmp_path, capsys):
+    rows = "\n".join(["5 5 5 5 5"] * 5)
+    (tmp_path / "a.asc").write_text(f"ncols 5\nnrows 5\ncellsize 10\n{rows}")
+    rc.shapes.box((1, 1, 2), centre=(35.0, 5.0, 5)).to_trimesh().export(tmp_path / "a.stl")
+    line = ["viewshed", str(tmp_path / "a.asc"), "--from", "15,15", "--flat", "--at-least", "40"]
+    assert call(capsys, [*line, "--target", "1.7"])[0] == 0
+    beside = [*line, "--beside", str(tmp_path / "a.stl")]
+    assert call(capsys, [*beside, "--target", "1.6"])[0] == 0
+    assert call(capsys, [*beside, "--target", "1.7"])[0] == 1
+
+
 def test_faces_off_the_raster_hide_nothing_and_clip_no_ground():
     """Of a mesh with parts far away, which would move the nearest depth above the ground."""
     heights = np.zeros((12, 14))
@@ -541,8 +570,10 @@ def said(**items):
 def test_a_pixel_that_is_a_point_and_feet(tmp_path):
     heights = np.full((3, 3), 10, np.float32)
     tags = {34735: (3, FEET)} | said(unittype="m")
-    mesh = rc.Mesh.load(write_raster(tmp_path / "a.tif", heights, tags))
+    path = write_raster(tmp_path / "a.tif", heights, tags)
+    mesh = rc.Mesh.load(path)
     foot = 0.3048
+    assert rc.viewshed(path, mesh.bounds.mean(axis=0)[:2]).raster.crs == ""  # it is in metres
     assert mesh.bounds[0, 0] == pytest.approx(ORIGIN[0] * foot)
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(50 * foot)
     assert mesh.bounds[1, 2] == 10
@@ -571,7 +602,7 @@ def big_endian(values, packed):
     """TIFF of values, (H, W), most significant byte first."""
     data = values.astype(values.dtype.newbyteorder(">")).tobytes()
     data = zlib.compress(data) if packed else data
-    kind = 3 if values.dtype.kind == "f" else 2
+    kind = {"u": 1, "i": 2, "f": 3}[values.dtype.kind]
     rows, columns = values.shape
     short = {256: columns, 257: rows, 258: 8 * values.itemsize, 259: 8 if packed else 1}
     short |= {262: 1, 277: 1, 278: rows, 339: kind}
@@ -587,6 +618,14 @@ def big_endian(values, packed):
         more += struct.pack(f">{len(numbers)}d", *numbers)
     table = struct.pack(">H", len(entries)) + b"".join(entries[tag] for tag in sorted(entries))
     return b"MM\0*" + struct.pack(">I", place) + data + table + bytes(4) + more
+
+
+def test_bytes_may_have_a_sign(tmp_path):
+    path = tmp_path / "a.tif"
+    heights = np.array([[-10, 5], [127, -128]], np.int8)
+    path.write_bytes(big_endian(heights, packed=False))
+    mesh = rc.Mesh.load(path)
+    np.testing.assert_allclose(mesh.vertices[:, 2], heights.ravel(), atol=1e-3)
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "int16", "uint16", "int32", "float32"])
@@ -617,7 +656,7 @@ WRONG = {
     "geocentric": ({34735: (3, (1, 1, 0, 1, 1024, 0, 1, 3))}, "metres, feet or degrees"),
     "latitudes": ({34735: (3, (1, 1, 0, 1, 1024, 0, 1, 2))}, "latitudes within 89 degrees"),
     "no scale": ({33550: (12, (0.0, 0.0, 0.0))}, "expected a spacing from"),
-    "rotated": ({34264: (12, (1.0,) * 16)}, "a rotated grid"),
+    "rotated": ({34264: (12, (1.0,) * 16)}, "a transformation"),
     "unit": ({34735: (3, (1, 1, 0, 1, 3076, 0, 1, 9999))}, "got unit 9999"),
     "feet alone": ({34735: (3, FEET)}, "expected the unit of heights of a map in feet"),
     "unit of heights": (said(unittype="cm"), "got unit 'cm'"),
@@ -642,6 +681,7 @@ def test_a_raster_of_another_kind_is_refused(tmp_path, name):
         ("ncols 3\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "got (a word|2 numbers)"),
         ("ncols x\nnrows 2\ncellsize 1\n1 2 a 4 5 6", "could not convert string to float: .*x"),
         ("ncols 3\nnrows 1\ncellsize 1\n1 2 3", "2 x 2 heights"),
+        ("ncols 3.5\nnrows 2\ncellsize 1\n1 2 3 4 5 6", "expected 2 x 3.5 heights, got 6"),
         ("ncols 2\nnrows 2\n1 2 3 4", "a spacing from"),
         (
             "ncols 2\nnrows 2\nxllcorner 11\nyllcorner 48\ncellsize 0.000277777\n1 2 3 4",
@@ -693,6 +733,7 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
     with Image.open(tmp_path / "out" / "viewshed.tif") as image:
         np.testing.assert_array_equal(np.asarray(image), seen.share.astype(np.float32))
     outline = json.loads((tmp_path / "a.geojson").read_text())["features"][0]["geometry"]
+    assert outline["type"] == "MultiPolygon"
     assert shapely.geometry.shape(outline).area == pytest.approx(seen.seen[0].area, rel=1e-6)
     near = [*line, "--radius", "250", "--outlines", str(tmp_path / "b.geojson"), "--json"]
     code, text, _ = call(capsys, near)
