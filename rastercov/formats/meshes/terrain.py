@@ -1,4 +1,4 @@
-"""Rasters of heights: the first band of a GeoTIFF, and ESRI ASCII grids.
+"""Rasters of heights: one band of a GeoTIFF, and ESRI ASCII grids.
 
 OGC 19-008r4, GeoTIFF Standard 1.1.
 """
@@ -14,8 +14,9 @@ from rastercov.base import FloatArray, MeshError, ResourceError, shown
 from rastercov.core.mesh.terrain import Raster, raster_of_array
 from rastercov.formats.meshes.polygons import PEAK_BYTES_PER_FACE, Polygons, broken, check
 
-COMPRESSION, PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, METADATA, NODATA = (
+COMPRESSION, SAMPLE_FORMAT, PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, METADATA, NODATA = (
     259,
+    339,
     33550,
     33922,
     34264,
@@ -24,6 +25,8 @@ COMPRESSION, PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, METADATA, NODATA = (
     42113,
 )
 """Tags of TIFF, of GeoTIFF, and the last two of GDAL."""
+SIGNED = (2,)
+"""Sample format of signed integers, which Pillow reads as others in bytes."""
 MODEL, RASTER_TYPE, ANGULAR_UNIT, LINEAR_UNIT = 1024, 1025, 2054, 3076
 CRS = {1: 3072, 2: 2048}
 """Code of a CRS by its model: projected, in degrees."""
@@ -79,7 +82,7 @@ def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
             tags: dict[int, Any] = dict(image.tag_v2)
             is_swapped = image.tag_v2.prefix == b"MM" and tags.get(COMPRESSION, 1) != 1
             mode = image.mode
-            values = np.asarray(image, np.float64)
+            values = np.asarray(image)
     except UnidentifiedImageError:
         raise MeshError(f"expected numbers that Pillow reads, got others; {CONVERT}") from None
     except (Image.DecompressionBombError, OSError, SyntaxError, ValueError) as error:
@@ -92,11 +95,13 @@ def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
     )
     # Pillow 12 swaps the bytes of these.
     check(not is_swapped, "expected a little-endian file, got a compressed big-endian one", CONVERT)
-    return values, tags
+    if values.dtype == np.uint8 and tags.get(SAMPLE_FORMAT) == SIGNED:
+        values = values.view(np.int8)
+    return values.astype(np.float64), tags
 
 
 def _of_geotiff(data: bytes) -> Raster:
-    """Heights, metres, of the first band of a GeoTIFF, on a map in metres, feet or degrees."""
+    """Heights, metres, of a GeoTIFF, on a map in metres, feet or degrees."""
     values, tags = _opened(data)
     keys = _keys(tags)
     model = keys.get(MODEL, 1)
@@ -106,7 +111,7 @@ def _of_geotiff(data: bytes) -> Raster:
     check(unit > 0, f"expected metres, feet or degrees, got unit {code}", "reproject it")
     check(
         TRANSFORM not in tags and PIXEL_SCALE in tags and TIE_POINT in tags,
-        "expected a scale and a tie point of GeoTIFF, got a rotated grid or none",
+        "expected a scale and a tie point of GeoTIFF, got a transformation or none",
         "write it again with gdalwarp",
     )
     nodata = str(tags.get(NODATA, "")).strip("\0 ")
@@ -117,7 +122,7 @@ def _of_geotiff(data: bytes) -> Raster:
     to_sample = 0.5 if keys.get(RASTER_TYPE, 1) == 1 else 0.0  # a pixel is an area: its middle
     origin = x * unit + (to_sample - column) * dx, y * unit - (to_sample - row) * dy
     code = keys.get(CRS[model], 0)
-    crs = f"EPSG:{code}" if 0 < code < 32767 else ""
+    crs = f"EPSG:{code}" if 0 < code < 32767 and unit == 1.0 else ""  # the surface is in metres
     heights = _heights(values, tags, keys, unit)
     return raster_of_array(heights, (dx, dy), origin, crs, is_geographic=is_geographic)
 
@@ -154,7 +159,7 @@ def _of_ascii(data: bytes) -> Raster:
     header: dict[str, float] = dict(zip(words[::2], map(float, words[1::2]), strict=True))
     missing = sorted({"ncols", "nrows"} - set(header))
     check(not missing, f"expected {' and '.join(missing)} in the header, got none")
-    columns, rows = int(header["ncols"]), int(header["nrows"])
+    columns, rows = header["ncols"], header["nrows"]
     cell = header.get("cellsize", 0.0)
     dx, dy = header.get("dx", cell), header.get("dy", cell)
     try:
@@ -164,9 +169,9 @@ def _of_ascii(data: bytes) -> Raster:
         raise broken("expected numbers, got a word") from None
     check(
         len(values) == rows * columns > 0,
-        f"expected {rows} x {columns} heights, got {len(values)} numbers",
+        f"expected {rows:g} x {columns:g} heights, got {len(values)} numbers",
     )
-    heights = values.reshape(rows, columns)
+    heights = values.reshape(int(rows), int(columns))
     heights[heights == header.get("nodata_value", -9999.0)] = np.nan
     x = header.get("xllcenter", header.get("xllcorner", 0.0) + dx / 2)
     y = header.get("yllcenter", header.get("yllcorner", 0.0) + dy / 2)
