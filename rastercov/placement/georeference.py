@@ -33,6 +33,8 @@ INSTALL = "expected pyproj for a CRS, got no package; run: pip install 'rasterco
 WGS84 = "EPSG:4326"
 MOST_BEYOND_DEG = 10.0
 """Degrees outside the area of use of a CRS at which a scene may be."""
+MOST_SCALE_ERROR = 0.05
+"""Of lengths on a map, such as Web Mercator beyond 17 degrees of latitude."""
 MOST_EXTENT_M = 1e6
 """Width of a scene on a map, m; beyond, its unit is wrong."""
 LOCAL_M = 1e4
@@ -189,6 +191,8 @@ class GeoReference:
 
         Its coordinates are local without an origin, or those of the CRS with one.
         """
+        from pyproj import Proj
+
         if self.is_geocentric:
             return
         middle, extent = bounds.mean(axis=0), float(np.ptp(bounds[:, :2], axis=0).max())
@@ -216,6 +220,13 @@ class GeoReference:
             raise ConfigError(
                 f"expected a scene where {shown(self.crs)} is used, got longitude "
                 f"{longitude[row]:.4g}, latitude {latitude[row]:.4g}; correct the origin"
+            )
+        factors = Proj(self._crs).get_factors(float(longitude[0]), float(latitude[0]))
+        scale = factors.areal_scale**0.5
+        if not abs(scale - 1) < MOST_SCALE_ERROR:
+            raise ConfigError(
+                f"expected a map with the lengths of the ground, got {shown(self.crs)}, with "
+                f"{scale:.3g} times these; give another, such as UTM, and a mesh in it"
             )
 
     def level(self, mesh: Mesh, poses: Poses) -> tuple["GeoReference", Mesh, Poses]:

@@ -402,6 +402,10 @@ def test_every_number_of_every_file_is_finite_or_nothing_is_written():
              "flight": {"crs": "EPSG:4326", "origin": [47, 8]}},
             r"flight.origin: expected a scene of up to 1,000 km on a map",
         ),
+        (
+            {"flight": {"crs": "EPSG:3857", "origin": [1e6, 6e6]}},
+            r"expected a map with the lengths of the ground, got 'EPSG:3857', with 1\.4\d times",
+        ),
     ],
 )  # fmt: skip
 def test_a_flight_that_is_on_no_map_is_refused_and_nothing_is_written(tmp_path, changes, words):

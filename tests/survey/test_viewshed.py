@@ -657,6 +657,10 @@ WRONG = {
     "latitudes": ({34735: (3, (1, 1, 0, 1, 1024, 0, 1, 2))}, "latitudes within 89 degrees"),
     "no scale": ({33550: (12, (0.0, 0.0, 0.0))}, "expected a spacing from"),
     "rotated": ({34264: (12, (1.0,) * 16)}, "a transformation"),
+    "Mercator": (
+        {34735: (3, (1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 3857))},
+        "expected a map with the lengths of the ground, got Mercator's, EPSG:3857; reproject it",
+    ),
     "unit": ({34735: (3, (1, 1, 0, 1, 3076, 0, 1, 9999))}, "got unit 9999"),
     "feet alone": ({34735: (3, FEET)}, "expected the unit of heights of a map in feet"),
     "unit of heights": (said(unittype="cm"), "got unit 'cm'"),

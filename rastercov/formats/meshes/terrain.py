@@ -30,6 +30,8 @@ SIGNED = (2,)
 MODEL, RASTER_TYPE, ANGULAR_UNIT, LINEAR_UNIT = 1024, 1025, 2054, 3076
 CRS = {1: 3072, 2: 2048}
 """Code of a CRS by its model: projected, in degrees."""
+MERCATOR = 3395, 3857
+"""Projected CRSs of the whole earth, with 1.5 times the lengths at a latitude of 48 degrees."""
 VERTICAL_CRS, VERTICAL_UNIT = 4096, 4099
 """Keys of GeoTIFF."""
 FOOT, SURVEY_FOOT = 0.3048, 1200 / 3937
@@ -123,6 +125,11 @@ def _of_geotiff(data: bytes) -> Raster:
     origin = x * unit + (to_sample - column) * dx, y * unit - (to_sample - row) * dy
     code = keys.get(CRS[model], 0)
     crs = f"EPSG:{code}" if 0 < code < 32767 and unit == 1.0 else ""  # the surface is in metres
+    check(
+        code not in MERCATOR,
+        f"expected a map with the lengths of the ground, got Mercator's, EPSG:{code}",
+        "reproject it, such as gdalwarp -t_srs EPSG:32632",
+    )
     heights = _heights(values, tags, keys, unit)
     return raster_of_array(heights, (dx, dy), origin, crs, is_geographic=is_geographic)
 
