@@ -31,10 +31,9 @@ from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.polygons import frames_of, in_front
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Finder, Regions
-from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, names_of
+from rastercov.core.camera import Camera, Cameras, Poses, Rig, eyes_of, led_by, movers, names_of
 from rastercov.core.coverage.task import Reason, Task, tasks_of
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.arrays import inverse
 from rastercov.light.lamp_file import lamps_on
 from rastercov.light.lamp_words import quantity
 from rastercov.light.lamps import Lamps, are_lit, illuminances, points_of
@@ -47,6 +46,8 @@ from rastercov.light.regions import (
     UNLIT,
     Light,
     asks_for_light,
+    brighter_side,
+    carried_on,
     failing_lamp,
     known_light,
     narrow_to_lamps,
@@ -69,8 +70,8 @@ class LightFigures(Figures):
         self._seen = [new() for _ in range(n)]
         self._carried: dict[str, Areas] = {}
         if lamps is not None:
-            rides = lamps.carried_by(names_of(camera)).any(axis=1)
-            self._carried = {lamps.names[row]: new() for row in np.flatnonzero(rides)}
+            own = zip(lamps.names, lamps.rides, strict=True)
+            self._carried = {name: new() for name, rides in own if rides}
 
     def networks(self) -> Iterable[Areas]:
         """See `Figures`."""
@@ -86,7 +87,7 @@ class LightFigures(Figures):
         kept = [rest, *((*rest, each) for each in self._lights)]
         for areas, conditions in zip(self._seen, kept, strict=True):
             areas.add(with_rule(replace(regions, conditions=conditions), camera, poses))
-        for name, own in self._lights[0].carry(poses[led_by(camera, poses)]):
+        for name, own in self._lights[0].carry(movers(camera, poses)[led_by(camera, poses)]):
             self._carried[name].add(own)
 
     def summary(self, alone: Alone) -> ByName:
@@ -115,8 +116,7 @@ class LightFigures(Figures):
             {"lamp": name, "lit_percent": lit, "bound_percent": bound}
             for name, (lit, bound) in zip(light.lamps.names, shares.tolist(), strict=True)
         ]
-        named = dict(zip(("unlit", "out_of_limits"), lost, strict=False))
-        figures: ByName = named | {"lamps": lamps}
+        figures: ByName = dict(zip(WORDS_OF_LIGHT, lost, strict=False)) | {"lamps": lamps}
         if (lux := light.sample()) is not None:
             low, middle, high = np.quantile(lux, (0, 0.5, 1)).tolist()
             own = {"least": low, "median": middle, "most": high, "unit": light.lamps.unit}
@@ -177,40 +177,32 @@ class LightOfPoints:
         face: WholeArray,
     ) -> None:
         lamps = lamps._around(mesh.bounds)
-        self.lamps, self.task, self._points = lamps, task, points
-        self._rig, self._gates = rig, rig.gates
-        self._normals = frames_of(mesh).normal[face]
+        self.lamps, self.task, self._rig = lamps, task, rig
+        self._on = points, frames_of(mesh).normal[face]
         self._two_sided = mesh.two_sided_mask[face]
         self._judge = PointPass(mesh, lamps.eyes, Task(), points, face)
-        self._camera_from_rig = inverse(rig.rig_from_camera)
         self._dazzled = [own.max_highlight_deg for own in tasks_of(rig, task)]
-        self._carried = lamps.carried_by(rig.names)
-        self._rides = np.asarray(self._carried.any(axis=1))
+        self._carried, self._rides = carried_on(rig, lamps)
         self._fixed = self._reach(points_of(lamps, ~self._rides))
 
     def of_cell(self) -> FloatArray:
         """(N,) illuminance by the lamps that are fixed, from the side that gets more."""
-        poses, reached = self._fixed
-        fronts = in_front(eyes_of(self.lamps.eyes, poses), self._points, self._normals)
-        on = self._points, self._normals
-        sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
-        return np.where(self._two_sided, np.maximum(*sides), sides[0])
+        return brighter_side(self.lamps, *self._fixed, self._on, self._two_sided)
 
     def illuminance(self, lead: Poses) -> FloatArray:
         """(N,) illuminance on the side of a pose by all lamps, those that it carries too."""
         poses, reached = self._lamps_of(lead)
-        on = self._points, self._normals
-        is_front = in_front(eyes_of(self._rig, lead), *on)[0]
-        side = in_front(eyes_of(self.lamps.eyes, poses), *on) == is_front
-        return illuminances(self.lamps, poses, reached & (side | ~self._two_sided), *on)
+        is_front = in_front(eyes_of(self._rig, lead), *self._on)[0]
+        side = in_front(eyes_of(self.lamps.eyes, poses), *self._on) == is_front
+        return illuminances(self.lamps, poses, reached & (side | ~self._two_sided), *self._on)
 
     def _lamps_of(self, own: Poses) -> tuple[Poses, BoolArray]:
         """Points of lamps for the first of some poses, and (K, N) what each reaches."""
         poses, reached = self._fixed
         if self._rides.any():
-            world = own.world_from_camera[:1] @ self._camera_from_rig[own.camera[:1]]
-            on_rig = self._reach(points_of(self.lamps, self._rides, world))
-            is_there = self._carried[on_rig[0].camera, own.camera[0]]
+            lead = movers(self._rig, own)[:1]
+            on_rig = self._reach(points_of(self.lamps, self._rides, self._rig._rigs(lead)))
+            is_there = self._carried[on_rig[0].camera, lead.camera]
             reached = np.concatenate([reached, on_rig[1] & is_there[:, None]])
             camera = np.concatenate([poses.camera, on_rig[0].camera])
             matrices = np.concatenate([poses.world_from_camera, on_rig[0].world_from_camera])
@@ -220,8 +212,8 @@ class LightOfPoints:
     def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
         """See `PointCondition`."""
         poses, reached = self._lamps_of(own)
-        fronts = in_front(eyes_of(self._rig, own), self._points, self._normals)
-        gate = self._gates.get(int(own.camera[0]))
+        fronts = in_front(eyes_of(self._rig, own), *self._on)
+        gate = self._rig.gates.get(int(own.camera[0]))
         if gate is None or sees is None:
             return self._on_side(own, poses, reached, fronts[0])
         front, rear = (gate.holds(sees & side) for side in (fronts, ~fronts))
@@ -248,10 +240,10 @@ class LightOfPoints:
         A camera that sees a lamp mirrored does not count; with a function whether a rule holds, and
         the points that each of its cameras sees, (n, N), the others may be enough.
         """
-        on, task, eyes = (self._points, self._normals), self.task, eyes_of(self.lamps.eyes, poses)
-        sees = reached & ((in_front(eyes, *on) == is_front) | ~self._two_sided)
-        on_side = np.full(len(self._points), Reason.COVERED, np.uint8)
-        dazzled = np.zeros((len(own), len(self._points)), bool)
+        task, eyes, n = self.task, eyes_of(self.lamps.eyes, poses), reached.shape[1]
+        sees = reached & ((in_front(eyes, *self._on) == is_front) | ~self._two_sided)
+        on_side = np.full(n, Reason.COVERED, np.uint8)
+        dazzled = np.zeros((len(own), n), bool)
         for row, (centre, index) in enumerate(
             zip(eyes_of(self._rig, own), own.camera, strict=True)
         ):
@@ -262,7 +254,7 @@ class LightOfPoints:
             holds, covers = together
             is_lost &= ~holds(covers & ~dazzled)
         on_side[is_lost] = HIGHLIGHT
-        light = illuminances(self.lamps, poses, sees, *on)
+        light = illuminances(self.lamps, poses, sees, *self._on)
         if task.max_illuminance is not None:
             on_side[light > task.max_illuminance] = TOO_BRIGHT
         on_side[light < task.min_illuminance] = TOO_DARK
@@ -273,14 +265,15 @@ class LightOfPoints:
         self, centre: FloatArray, eyes: FloatArray, sees: BoolArray, degrees: float
     ) -> BoolArray:
         """(N,) points with the half vector to a camera and a lamp within degrees of the normal."""
-        to_camera = centre - self._points
+        points, normals = self._on
+        to_camera = centre - points
         to_camera /= np.maximum(norm(to_camera), TINY)[:, None]
-        mask = np.zeros(len(self._points), bool)
+        mask = np.zeros(len(points), bool)
         for eye, own in zip(eyes, sees, strict=True):
-            half = eye - self._points
+            half = eye - points
             half /= np.maximum(norm(half), TINY)[:, None]
             half += to_camera
-            along = np.abs(dots(half, self._normals))
+            along = np.abs(dots(half, normals))
             mask |= own & (along > math.cos(math.radians(degrees)) * norm(half))
         return mask
 

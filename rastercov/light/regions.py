@@ -39,10 +39,9 @@ from rastercov.core.area.polygons import (
     spread_faces,
 )
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, any_of, join, take_rows
-from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of
+from rastercov.core.camera import Cameras, Poses, Rig, apparent, eyes_of, movers
 from rastercov.core.coverage.task import NAMES, NEEDED, Task, tasks_of
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.arrays import inverse
 from rastercov.light.criteria import Highlight, Illuminance
 from rastercov.light.lamp_file import lamps_on
 from rastercov.light.lamp_words import REASONS
@@ -184,9 +183,7 @@ class Light(Condition):
         known: KnownLight | None = None,
     ) -> None:
         self.lamps, self.task, self._find, self._finder = lamps, task, find, finder
-        self._camera_from_rig = inverse(rig.rig_from_camera)
-        self._carried = lamps.carried_by(rig.names)
-        self._rides = np.asarray(self._carried.any(axis=1))
+        self._carried, self._rides = carried_on(rig, lamps)
         self._rig = rig
         self._known = known or KnownLight()
 
@@ -207,12 +204,12 @@ class Light(Condition):
         return Light(self.lamps, self.task._without(OF_LIGHT), self._rig, self._find)
 
     def rows(self, leads: Poses) -> list[Lit]:
-        """Lit parts for rows of a result, by the first pose of each.
+        """Lit parts for rows of a result, by a pose of each of a camera that moves with the rig.
 
         Of the lamps that are fixed, and of those that ride: a part is lit where either has it; of
         all together where light adds up.
         """
-        world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
+        world = self._rig._rigs(leads)
         key = world.tobytes(), leads.camera.tobytes()
         known = self._known.rows
         rows = known.get(key) or self._rows(leads, world)
@@ -248,7 +245,7 @@ class Light(Condition):
         if not is_asked.any():
             return regions
         some, limit = regions.of_poses(is_asked), self.task.max_highlight_deg
-        (lit,) = self.rows(poses[is_asked])
+        (lit,) = self.rows(movers(camera, poses)[is_asked])
         cut = some._by_side(
             lambda part, is_rear: lit.without_highlights(part, limit, is_rear=is_rear)
         )
@@ -293,8 +290,7 @@ class Light(Condition):
 
     def carry(self, leads: Poses) -> Iterator[tuple[str, Regions]]:
         """Parts that each lamp on the rig reaches from rows of a result, by its name."""
-        world = leads.world_from_camera @ self._camera_from_rig[leads.camera]
-        n = len(leads)
+        world, n = self._rig._rigs(leads), len(leads)
         for lamp in np.flatnonzero(self._rides).tolist() if n else ():
             poses = self._poses(np.arange(len(self.lamps)) == lamp, world)
             regions = self._find(poses)
@@ -319,9 +315,7 @@ class Light(Condition):
         points = points_on(mesh, face)
         reached = rows_at(own, own.pose, len(poses), face, points).T
         on = points, frames_of(mesh).normal[face]
-        fronts = in_front(eyes_of(self.lamps.eyes, poses), *on)
-        sides = [illuminances(self.lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
-        return np.where(mesh.two_sided_mask[face], np.maximum(*sides), sides[0])
+        return brighter_side(self.lamps, poses, reached, on, mesh.two_sided_mask[face])
 
     def _poses(self, lamps: BoolArray, world: FloatArray | None = None) -> Poses:
         return points_of(self.lamps, lamps, world)
@@ -423,6 +417,32 @@ def narrow_to_lamps(task: Task, lamps: Lamps | None) -> Task:
     return replace(task, min_illuminance=least, max_illuminance=most)
 
 
+def brighter_side(
+    lamps: Lamps,
+    poses: Poses,
+    reached: BoolArray,
+    on: tuple[FloatArray, FloatArray],
+    two_sided: BoolArray,
+) -> FloatArray:
+    """(N,) illuminance of places with normals, on the side of two-sided faces that gets more."""
+    fronts = in_front(eyes_of(lamps.eyes, poses), *on)
+    sides = [illuminances(lamps, poses, reached & side, *on) for side in (fronts, ~fronts)]
+    return np.where(two_sided, np.maximum(*sides), sides[0])
+
+
+def carried_on(rig: Rig, lamps: Lamps) -> tuple[BoolArray, BoolArray]:
+    """(L, N) lamps that move with a camera of a rig, or one that it measures with; (L,) all these.
+
+    None are on fixed cameras.
+    """
+    carried = lamps.carried_by(rig.names)
+    rides = np.asarray(carried.any(axis=1))
+    for at, gate in rig.gates.items():
+        own = carried[:, at : at + gate.n]
+        own |= own.any(axis=1, keepdims=True)
+    return carried & ~rig.is_fixed, rides
+
+
 def asks_for_light(task: Task) -> bool:
     """True if a threshold applies to light, other than that some lamp reaches a part."""
     return task.max_illuminance is not None or max(task.min_illuminance, task.max_highlight_deg) > 0
@@ -435,8 +455,7 @@ def failing_lamp(rig: Rig, lead: Poses, point: FloatArray, normal: FloatArray, r
     """
     lamps = lamps_on(rig)
     assert lamps is not None
-    world = lead.world_from_camera[0] @ inverse(rig.rig_from_camera[lead.camera[0]])
-    rides = np.asarray(lamps.carried_by(rig.names).any(axis=1))
+    world, (_, rides) = rig._rigs(lead), carried_on(rig, lamps)
     lamps = lamps._around(np.stack((point, point)))
     places = np.where(rides[:, None, None], world @ lamps.places, lamps.places)
     away = eyes_of(lamps.eyes, Poses.of(places, camera=np.arange(len(lamps)))) - point

@@ -436,7 +436,7 @@ def describe_devices(rig: Rig) -> list[ByName]:
     figures: list[ByName] = []
     for word, own in rig.equipment.items():
         for row, carriers in enumerate(own.carried_by(rig.names)):
-            place, on = own.places[row], np.flatnonzero(carriers).tolist()
+            place, on = own.places[row], np.flatnonzero(carriers & ~rig.is_fixed).tolist()
             rides = {rig.names[at]: (camera_from_rig[at] @ place).ravel().tolist() for at in on}
             figures.append(
                 {

@@ -10,7 +10,6 @@ import shapely
 from rastercov.base import FloatArray, IntArray
 from rastercov.core.camera import Cameras, Poses, Rig
 from rastercov.core.coverage.task import Task
-from rastercov.core.mesh.arrays import inverse
 
 PAPERS = {"A4": (297, 210), "A3": (420, 297), "A2": (594, 420), "A1": (841, 594), "A0": (1189, 841)}
 """Width and height of landscape sheets, mm."""
@@ -148,13 +147,13 @@ def devices_of(rig: Cameras, placed: Poses, task: Task) -> Iterator[tuple[str, S
     """Equipment by its word in its places; of pieces that ride on cameras, one for each."""
     if not isinstance(rig, Rig):
         return
-    camera_from_rig = inverse(rig.rig_from_camera)
+    world = rig._rigs(placed)
     for kind, own in rig.equipment.items():
         for row, on in enumerate(own.carried_by(rig.names)):
             name, words = own.names[row], own._words(row, vars(task))
             if not own.rides[row]:
                 yield kind, SheetDevice(name, own.places[row], False, words, own._has_position(row))
-            for pose, index in zip(placed.world_from_camera, placed.camera, strict=True):
-                if on[index]:
-                    at = pose @ camera_from_rig[index] @ own.places[row]
+            for pose, index in zip(world, placed.camera, strict=True):
+                if on[index] and not rig.is_fixed[index]:
+                    at = pose @ own.places[row]
                     yield kind, SheetDevice(name, at, True, words)

@@ -50,6 +50,7 @@ from rastercov.core.camera import (
     cameras_of,
     gates_of,
     led_by,
+    movers,
     names_of,
 )
 from rastercov.core.camera.rig import are_central
@@ -404,7 +405,7 @@ class RigFigures(Figures):
             own = (poses.camera >= first) & (poses.camera < first + gate.n)
             if own.any():
                 some = regions.of_poses(own)
-                leads = poses[np.flatnonzero(own)[:: gate.n]]
+                leads = movers(camera, poses[own])[:: gate.n]
                 cuts = [each.cut_of(leads) for each in regions.conditions]
                 for device, areas in without.items():
                     rest = _rule_without(gate, device)

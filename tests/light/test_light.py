@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from commands import done, enter
 from exact_cases import box
+from hypothesis import given
+from hypothesis import strategies as st
 from nightly import amount
 from surface_cases import cut_at_random, in_regions, room
 
@@ -441,6 +443,49 @@ def test_a_rig_with_a_rule_sees_no_highlight_in_any_of_its_cameras():
         ]
         wrong = (in_regions(regions, 0, points, face) != alone[0] & alone[1]).sum()
         assert wrong <= 3
+
+
+OVER = st.tuples(*map(st.floats, (-1, -1, 1), (1, 1, 2)))
+"""Places around the sheet, all above it."""
+
+
+@given(
+    still=OVER, eyes=st.lists(OVER, min_size=1, max_size=2), offset=OVER,
+    order=st.permutations(["moves", "still", "too"]), k=st.integers(1, 3),
+    rides=st.sampled_from([True, "moves", "still", "too"]),
+)  # fmt: skip
+def test_a_lamp_on_a_rig_is_as_one_in_the_cell_for_fixed_cameras_too(
+    still, eyes, offset, order, k, rides
+):
+    """For each of its poses, by area and by points."""
+    mesh, task = sheet(two_sided=True), rc.Task(min_illuminance=1, max_highlight_deg=15)
+    places = {"moves": np.eye(4), "still": rc.look_at([still], (0.5, 0.5, 0))[0]}
+    places["too"] = rc.look_at([(0.2, 0, 0)], (0.2, 0, 1))[0]
+    rig = rc.Rig(
+        [CAMERA] * 3, order, [places[each] for each in order], rule=rc.AtLeast(k), fixed=["still"]
+    )
+    poses = rc.look_at(eyes, (0.5, 0.5, 0))
+    place = np.eye(4)
+    place[:2, 3] = offset[:2]
+    lamp, own = [rc.Lamp.point(intensity=9)], cells(mesh, 0.1)
+    lamps = rc.Lamps(lamp, [place], rides=[rides])
+    regions = rc.regions(mesh, rig, rig.poses(poses), task, lamps=lamps)
+    lit = CentrePass(own, with_equipment(rig, {"lamps": lamps}, mesh), task).find(rig.poses(poses))
+    for row, pose in enumerate(poses):
+        cell = rc.Lamps(lamp, [pose @ place])
+        one = rc.regions(mesh, rig, rig.poses(pose), task, lamps=cell)
+        off = abs(regions.areas()[row] - one.areas()[0])
+        assert (off <= regions.bounds()[row] + one.bounds()[0] + 1e-9).all()
+        same = CentrePass(own, with_equipment(rig, {"lamps": cell}, mesh), task)
+        assert np.setxor1d(lit.row(row), same.find(rig.poses(pose)).row(0)).size <= 1
+
+
+def test_a_lamp_on_a_rig_lights_nothing_for_fixed_cameras_without_a_rule():
+    places = [np.eye(4), ABOVE[0]]
+    rig = rc.Rig([CAMERA] * 2, ["moves", "still"], places, fixed=["still"])
+    lamps = rc.Lamps([rc.Lamp.point(intensity=9)], rides=[True])
+    regions = rc.regions(sheet(), rig, rig.poses(ABOVE), lamps=lamps)
+    assert regions.areas().sum(axis=1).round(6).tolist() == [1, 0]
 
 
 @pytest.mark.parametrize("k", [1, 2, 3])

@@ -9,22 +9,15 @@ from functools import partial
 
 import numpy as np
 
-from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, WholeArray, hooks_of, matmul
+from rastercov.base import BoolArray, ByName, ByteArray, FloatArray, WholeArray, hooks_of
 from rastercov.core.area.feature import Feature, Judge, PointCondition, Points, Scene
 from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.polygons import frames_of, in_front
 from rastercov.core.area.table import Condition, Cut, Finder, Regions, join
-from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of
+from rastercov.core.camera import Camera, Cameras, Poses, Rig, equipment_on, eyes_of, movers
 from rastercov.core.coverage.device import Carried, Device, devices
 from rastercov.core.coverage.task import NAMES, Reason, Task
 from rastercov.core.mesh import Mesh
-from rastercov.core.mesh.arrays import inverse
-
-
-def _place_leads(rig: Rig, leads: Poses) -> Poses:
-    """Poses of rigs by the first poses of rows."""
-    camera_from_rig = inverse(rig.rig_from_camera)[leads.camera]
-    return Poses.of(matmul(leads.world_from_camera, camera_from_rig), camera=0)
 
 
 class DeviceView(Condition):
@@ -37,7 +30,7 @@ class DeviceView(Condition):
 
     def cut_of(self, leads: Poses) -> Cut:
         """See `Condition`."""
-        sides = self._find(_place_leads(self._rig, leads))._sides()
+        sides = self._find(Poses.of(self._rig._rigs(leads)))._sides()
 
         def cut(regions: Regions, is_rear: bool) -> Regions:
             none = np.arange(0)
@@ -69,7 +62,7 @@ class SeenAtPoints:
 
     def reasons(self, own: Poses, sees: BoolArray | None = None) -> ByteArray:
         """See `PointCondition`."""
-        pose = _place_leads(self._rig, own[:1])
+        pose = Poses.of(self._rig._rigs(movers(self._rig, own)[:1]))
         eyes = eyes_of(self._rig, own), pose.eyes
         cameras, device = (in_front(each, *self._on) for each in eyes)
         is_beside = cameras == device
@@ -109,9 +102,7 @@ class OfDevice(Feature):
     ) -> SeenAtPoints | None:
         """See `Feature`."""
         on = self._on(camera)
-        if on is None:
-            return None
-        return SeenAtPoints(mesh, on[0], on[1].eye, self._reason, points, face)
+        return on and SeenAtPoints(mesh, on[0], on[1].eye, self._reason, points, face)
 
     def device(
         self, camera: Cameras, lead: Poses, point: FloatArray, normal: FloatArray, reason: int

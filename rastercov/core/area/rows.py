@@ -13,7 +13,7 @@ import numpy as np
 from rastercov.base import ByteArray, FloatArray, Int32Array, hooks_of, sort_order
 from rastercov.core.area.feature import Feature
 from rastercov.core.area.table import Cut, Regions, join, take_rows
-from rastercov.core.camera import Cameras, Gate, Poses, apparent, by_gate, gates_of, led_by
+from rastercov.core.camera import Cameras, Gate, Poses, apparent, by_gate, gates_of, led_by, movers
 from rastercov.core.coverage.task import Reason
 
 
@@ -66,11 +66,11 @@ def with_rule(regions: Regions, camera: Cameras, poses: Poses) -> Regions:
     conditions = regions.conditions
     if not gates_of(camera) and not conditions:
         return regions
-    parts, rows = [], []
+    parts, rows, moving = [], [], movers(camera, poses)
     for gate, own, row in by_gate(camera, poses):
         chosen = np.zeros(len(poses), bool)
         chosen[own.ravel()] = True
-        part, some, leads = regions.of_poses(chosen), poses[chosen], poses[own[:, 0]]
+        part, some, leads = regions.of_poses(chosen), poses[chosen], moving[own[:, 0]]
         for each in conditions:
             part = each.of_cameras(part, camera, some)
         if gate is not None:

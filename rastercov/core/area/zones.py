@@ -58,6 +58,7 @@ from rastercov.core.camera import (
     cameras_of,
     gates_of,
     led_by,
+    movers,
     names_of,
     rows_of_result,
 )
@@ -596,13 +597,15 @@ def _reasons(
         for own, face in zip(points.reshape(n_tried, CHECKED, 3), rows, strict=True)
     ]
     progress(0, n_tried)
+    moving = movers(camera, poses)
     for row, winner in enumerate(zones.reasons(n).tolist()):
         hider, device, failing = judged.of_zone(row, winner)
         name = name_of(winner)
         entry: dict[str, Any] = {"reason": name, "hidden_by": hider}
         spot = spots[row] if row < n_tried else judged.spot(row)
         surface = spot.at, frames_of(mesh).normal[spot.face[spot.middle]]
-        if len(failing) and (own := device_of(camera, poses[failing[:1]], *surface, winner)):
+        lead = moving[failing[:1]]
+        if len(failing) and (own := device_of(camera, lead, *surface, winner)):
             device = own
         if device:
             entry["device"] = device
@@ -613,7 +616,6 @@ def _reasons(
             share = entry["tried"]["covers_percent"] / 100
             entry["tried"]["gain_m2"] = share * float(zones.area[row])
         if row < n_tried and len(failing):
-            lead = poses[failing[:1]]
             words, figures = measure_at((mesh, camera, task), spot.points, spot.face, lead, winner)
             entry |= {"advice": f"{words}: {entry['advice']}", **figures} if words else {}
         if name in OWN_CRITERIA:

@@ -33,6 +33,7 @@ from rastercov.core.camera.rig import (
     heads_of,
     is_joint,
     led_by,
+    movers,
     names_by_origin,
     names_of,
     names_of_poses,

@@ -53,6 +53,7 @@ from rastercov.core.camera.pose import Poses, valid_poses
 from rastercov.core.camera.rule import All, Gate, Rule, compile_rule, rename_devices
 from rastercov.core.camera.rule import Any as AnyOf
 from rastercov.core.mesh import Mesh
+from rastercov.core.mesh.arrays import inverse
 from rastercov.core.mesh.files import NOWHERE, Site
 
 LOG = logging.getLogger("rastercov")
@@ -198,6 +199,10 @@ class Rig(InOneLine):
         is_still = self.is_fixed[camera]
         matrices[is_still] = places[is_still]
         return matrices
+
+    def _rigs(self, poses: Poses) -> FloatArray:
+        """(P, 4, 4) poses of the rig by those of cameras that move with it."""
+        return matmul(poses.world_from_camera, inverse(self.rig_from_camera)[poses.camera])
 
     @property
     def is_fixed(self) -> BoolArray:
@@ -618,6 +623,22 @@ def rows_of_result(cameras: Cameras, poses: Poses) -> IntArray:
 def led_by(cameras: Cameras, poses: Poses) -> IntArray:
     """(R,) the first pose of each row of the result; PoseError as of `rows_of_result`."""
     return np.flatnonzero(np.diff(rows_of_result(cameras, poses), prepend=-1))
+
+
+def movers(cameras: Cameras, poses: Poses) -> Poses:
+    """P poses with that of the rig: of a fixed camera, the first that measures with it and moves.
+
+    Its own where there is none; rows of the result are whole.
+    """
+    if not isinstance(cameras, Rig):
+        return poses
+    index = np.arange(len(cameras))
+    for at, gate in cameras.gates.items():
+        own = index[at : at + gate.n]
+        is_fixed = cameras.is_fixed[own]
+        own[is_fixed] = own[is_fixed.argmin()]
+    rows = np.arange(len(poses)) + index[poses.camera] - poses.camera
+    return poses[np.clip(rows, 0, len(poses) - 1)]
 
 
 def by_gate(camera: Cameras, poses: Poses) -> Iterator[tuple[Gate | None, IntArray, IntArray]]:
