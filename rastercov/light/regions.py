@@ -400,7 +400,7 @@ class Light(Condition):
         parts, rows = [], []
         for k in np.unique(k_of).tolist():
             own = np.where(k_of == k, of, -1)
-            parts.append(regions.at_least(k, own, one_side=False))
+            parts.append(regions.at_least(k, own))
             rows.append(np.unique(own[own >= 0]) // len(needed))
         return join(parts).at_least(1, np.concatenate(rows))
 

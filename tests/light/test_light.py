@@ -488,6 +488,21 @@ def test_a_lamp_on_a_rig_lights_nothing_for_fixed_cameras_without_a_rule():
     assert regions.areas().sum(axis=1).round(6).tolist() == [1, 0]
 
 
+@pytest.mark.parametrize("two_sided", [False, True])
+@pytest.mark.parametrize("on_rig", [False, True])
+def test_the_points_of_a_lamp_light_a_sheet_from_one_side(two_sided, on_rig):
+    """Half of a bar is before the sheet and half behind: neither side gets enough of it."""
+    across = np.array([(0, 0, 1, -1), (0, 1, 0, 0.5), (-1, 0, 0, 0), (0, 0, 0, 1.0)])  # along z
+    for share, lit in ((1, 0), (0.5, 100)):
+        bar = rc.Lamp.bar(1, intensity=9, points=2, share=share)
+        own = np.linalg.inv(ABOVE[0]) @ across if on_rig else across
+        lamps = rc.Lamps([bar], [own], rides=[on_rig])
+        result = rc.evaluate(sheet(two_sided=two_sided), CAMERA, ABOVE, lamps=lamps, fields=())
+        (entry,) = result.summary()["light"]["lamps"]
+        assert entry["lit_percent"] == pytest.approx(lit, abs=1e-6)
+        assert result.covered.share() == pytest.approx(lit / 100, abs=1e-6)
+
+
 @pytest.mark.parametrize("k", [1, 2, 3])
 def test_a_camera_that_a_lamp_dazzles_leaves_the_others_of_its_rig(k):
     """By area, and by points: the rule holds of the cameras that see no highlight there."""
