@@ -264,7 +264,7 @@ def sunlit(
             continue
         rows = np.arange(row, row + len(some.lit))
         alone[:, rows] = some.lit.sum(axis=1), some.bound.sum(axis=1)
-        lit, whole, bound = _facing(mesh, towards[rows], some)
+        lit, whole, bound = some if lit_by == "some" else _facing(mesh, towards[rows], some)
         each = np.stack((_over(lit, whole), _over(2 * bound, whole), lit, bound))
         if step:
             rate = np.append(rate[:, -1:], each[::2] * factors[:, rows, None], axis=1)
@@ -457,11 +457,14 @@ def _of_disc(
             least, most, possible = np.moveaxis(
                 swept(finder, poses, seen, mesh.task_mask, tangent), 2, 0
             )
-            cosine = np.abs(directions[poses.ids] @ mesh.normals.T)
+            height = directions[poses.ids] @ mesh.normals.T
+            cosine = np.abs(height)
             crossed = cosine <= math.sin(math.atan(tangent)) * (1 + EDGE_ON)
             if lit_by == "some":
-                most, least = np.where(crossed, mesh.areas, possible), seen.areas()
-                least = _of_rim(samples, rim[poses.ids], least, most)
+                most, is_away = np.where(crossed, mesh.areas, possible), height <= 0
+                is_away &= ~mesh.two_sided_mask  # only the middle is behind crossed ones
+                least = _of_rim(samples, rim[poses.ids], seen.areas(), most) * ~is_away
+                cosine = np.maximum(cosine, EDGE_ON) * (mesh.task_mask & (crossed | ~is_away))
             else:
                 least, most = np.where(crossed, 0.0, least), np.where(crossed, 0.0, most)
             bound = np.maximum(most - least, 0) / 2 + seen.bounds()

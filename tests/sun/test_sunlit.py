@@ -288,6 +288,27 @@ def test_no_direction_is_no_sun():
     assert sunlit.part_hours.tolist() == [0.0]
 
 
+@pytest.mark.parametrize("degrees", [-0.3, -0.2, -0.036, 0, 0.036, 0.2, 0.3])
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_some_of_the_sun_lights_a_face_whose_plane_it_crosses(degrees, two_sided):
+    """The disc has a radius of 0.2666 degrees; what occludes is not evaluated."""
+    roof = rc.shapes.box((1, 1, 1), centre=(0, 0, -5))
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    ground = rc.Mesh(corners, [(0, 1, 2), (0, 2, 3)])
+    scene = rc.Mesh.joined([ground, roof], ["ground", "roof"])
+    groups = [rc.Group("ground", is_two_sided=two_sided), rc.Group("roof", is_occluder=True)]
+    scene = rc.Mesh(scene.vertices, scene.faces, groups, scene.face_group)
+    for turn in (0, 1.234):
+        e = np.radians(degrees)
+        sun = [np.cos(e) * np.cos(turn), np.cos(e) * np.sin(turn), np.sin(e)]
+        sunlit = rc.sunlit(scene, [sun], lit_by="some")
+        right = float(two_sided or degrees > -0.2666)
+        assert (abs(sunlit.hours[:2] - right) <= sunlit.hours_bound[:2] + 1e-9).all()
+        assert not sunlit.hours[2:].any()
+        if degrees:
+            assert abs(sunlit.part_hours[0] - right) <= sunlit.part_hours_bound[0] + 1e-9
+
+
 @pytest.mark.parametrize("lit_by", ["middle", "all", "some"])
 def test_no_directions_give_no_hours(lit_by):
     assert not rc.sunlit(rc.shapes.box((1, 1, 1)), np.zeros((0, 3)), lit_by=lit_by).hours.any()
