@@ -80,11 +80,12 @@ def read_weather(path: Path) -> Weather:
             f"--weather: expected an EPW, TMY3 or PVGIS file, got: {error or 'its end'}; download "
             "one of these"
         ) from None
-    values = np.stack((weather.beam, weather.diffuse))
-    if len(weather.times) != HOURS or not ((values >= 0) & (values < 2000)).all():
+    values = zip(weather.times, weather.beam, weather.diffuse, strict=True)
+    wrong = (f"{own}: {b:g} and {d:g}" for own, b, d in values if not (0 <= b < 2000 > d >= 0))
+    if got := next(wrong, len(weather.times) != HOURS and f"{len(weather.times)}"):
         raise ConfigError(
-            f"--weather: expected {HOURS} hours with 0 to 2000 W/m2, got {len(weather.times)}, or "
-            "other values; download the file again"
+            f"--weather: expected {HOURS} hours with 0 to 2000 W/m2, got {got}; download the file "
+            "again"
         )
     return weather
 

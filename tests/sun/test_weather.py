@@ -95,6 +95,12 @@ def test_the_sun_of_pvgis_is_by_its_offset_from_the_stamp(tmp_path, offset):
         ("tmy3.csv", lambda text: text.replace(",02:00,0,", ",02:00,0,x"), "EPW, TMY3 or PVGIS"),
         ("pvgis.csv", lambda text: text.replace("Latitude", "Breite"), "EPW, TMY3 or PVGIS"),
         ("pvgis.csv", lambda text: text.replace(",5,80,0,", ",5,80,0,-1"), "hours with 0 to 2000"),
+        ("a.epw", lambda text: "\n".join(text.split("\n")[:8]), "2000 W/m2, got 0;|EPW, TMY3"),
+        (
+            "a.epw",
+            lambda text: text.replace(",5,60,?,0,0,0,0,0,0,0,0,", ",5,60,?,0,0,0,0,0,0,0,0,9"),
+            "got 2021-01-01 04:30:00\\+01:00: 9[0-9]+ and [0-9]+; download",
+        ),
     ],
 )
 def test_another_file_is_refused_in_one_line(tmp_path, name, change, words):
