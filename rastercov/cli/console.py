@@ -553,7 +553,7 @@ FAILED = {
     "place": "the goal was not reached, or a candidate crashed its worker",
     "check": "a requirement failed, or the result is worse than the baseline",
     "audit": "a pose crashed its worker",
-    "sun": "a group gets less sunlight than --at-least",
+    "sun": "a group gets less sunlight than --at-least, or is undecided",
     "locate": "a camera has moved (2: undecided)",
     "viewshed": "an observer sees too little of the ground",
     "doctor": "the default device failed its test",
