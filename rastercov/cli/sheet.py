@@ -109,7 +109,7 @@ def sheet(
     with progress_bar(then="sheet") as progress:
         measures = _evaluate_rig(start, rig, mesh, progress)
         goals = CheckedGoals(
-            [replace(each, plan=each.plan.with_cameras(rig)) for each in own],
+            [replace(each, plan=each.plan.with_cameras(each.rig_of(rig))) for each in own],
             start.poses(),
             names,
         )

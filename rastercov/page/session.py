@@ -113,8 +113,9 @@ class Moment:
             bodies = {name: self.poses[body] for name, body in own.items()}
             placed = state.carry_bodies(bodies)
             if self.goal is not None:
-                plan = self.goal.plan
-                placed = replace(placed, task=plan.build_task(), needed=views_by_group(plan, None))
+                plan, rig = self.goal.plan, self.goal.rig_of(placed.whole)
+                own = {"task": plan.build_task(), "needed": views_by_group(plan, None)}
+                placed = replace(placed, whole=rig, **own)
             self._shown = kept = state, placed
         return kept[1]
 

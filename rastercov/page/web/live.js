@@ -342,15 +342,18 @@ export class Live {
     const { groups, reasons } = this.data.scene;
     const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
     const used = {};
+    const isMost = Boolean(part.is_most); // all that a camera sees counts, blurred or without the others of its rule
     for (const [name, camera] of Object.entries(cameras)) {
       const { width, height, fx, fy, cx, cy, near = 0 } = camera.plain;
       const lens = camera.lens ? this.lenses[camera.lens] : null;
-      const focus = focusOf(camera.plain, (camera.task ?? task).max_blur);
-      used[name] = { width, height, fx, fy, cx, cy, near, lens, lensName: camera.lens, focus, task: camera.task };
+      const own = isMost ? undefined : camera.task;
+      const focus = isMost ? [0, Infinity] : focusOf(camera.plain, (own ?? task).max_blur);
+      used[name] = { width, height, fx, fy, cx, cy, near, lens, lensName: camera.lens, focus, task: own };
     }
+    const on = stations.filter((each) => each.is_on);
     return {
       part: part.name,
-      stations: stations.filter((each) => each.is_on).map(({ id, camera, pose }) => ({ id, camera, pose })),
+      stations: on.map(({ id, camera, pose }) => ({ id, camera, pose })),
       cameras: used,
       task,
       need: new Int32Array(this.groupOf).map((group) => wanted[group]),
@@ -359,7 +362,7 @@ export class Live {
       groups: part.rows,
       required: part.limits.map(({ rows = part.rows }) => rows),
       reasons,
-      rows: rowsOf(state),
+      rows: isMost ? on.map((_, row) => ({ stations: [row] })) : rowsOf(state),
     };
   }
 

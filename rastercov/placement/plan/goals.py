@@ -130,6 +130,10 @@ class OwnGoal:
         task, by_group = asdict(self.plan.build_task()), views_by_group(self.plan, None)
         return of + task_in_words(task, by_group, by_face=not self.is_by_area)
 
+    def rig_of(self, rig: Rig) -> Rig:
+        """The cameras of a rig as they count for the goal."""
+        return all_sight(rig) if self.is_most else rig
+
     def requirement_of(self, requirement: Requirement) -> Requirement:
         """The requirement of the goal, from that of its whole plan."""
         if self.is_most:
@@ -222,10 +226,14 @@ def _with_all_sight(plan: Plan) -> Plan:
     for each in hooks_of(PlanFeature):
         plan = each.add_choice(plan, None)
     rig, other = plan.rig, plan.model_copy()
-    cameras = [each._without_focus() for each in rig.cameras]
-    alone = Rig(cameras, rig.names, rig.rig_from_camera, fixed=rig.fixed)
-    other._mounts = replace(plan.mounts, rig=alone._with(equipment=rig.equipment))
+    other._mounts = replace(plan.mounts, rig=all_sight(rig)._with(equipment=rig.equipment))
     return other
+
+
+def all_sight(rig: Rig) -> Rig:
+    """The cameras alone, each without focus and thresholds of its own."""
+    cameras = [each._without_focus() for each in rig.cameras]
+    return Rig(cameras, rig.names, rig.rig_from_camera, fixed=rig.fixed)
 
 
 def keep_scored(mesh: Mesh, names: Collection[str], *, is_most: bool = False) -> Mesh:
