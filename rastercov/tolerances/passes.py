@@ -544,7 +544,9 @@ UNITS = {
     "%": ("focal_percent", 1.0),
 }
 """Units of errors in a text, and what they are of."""
-IN_WORDS = re.compile(r"(?:(.+?)\s+)?([0-9.eE+-]+)\s*(mm|cm|m|degrees|deg|%)")
+IN_WORDS = re.compile(
+    r"(?:(.+?)\s+)?([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(mm|cm|m|degrees|deg|%)"
+)
 
 
 def errors_in(text: str) -> Errors:
@@ -557,31 +559,26 @@ def errors_in(text: str) -> Errors:
     """
     figures: ByName = {}
     by_camera: dict[str, dict[str, float]] = {}
-    for term in str(text).split(","):
-        if term.strip() in ("normal", "uniform"):
-            figures["distribution"] = term.strip()
+    for term in map(str.strip, re.split("[,;]", str(text))):
+        if term in ("normal", "uniform"):
+            figures["distribution"] = term
             continue
-        match = IN_WORDS.fullmatch(term.strip())
-        of, name, factor = (match[1], *UNITS[match[3]]) if match else (None, "", 0.0)
+        match = IN_WORDS.fullmatch(term)
+        of, number, unit = match.groups() if match else (None, "inf", "mm")
+        name, factor = UNITS[unit]
+        size = factor * float(number)
         if of == "part":
             name = name.replace("position", "part").replace("angle", "part")
-        own = figures if of in (None, "part") else by_camera.setdefault(name, {})
+        own = figures if of in (None, OTHERS, "part") else by_camera.setdefault(name, {})
         key = name if own is figures else of
-        if not match or key in own or (name == "focal_percent" and of == "part"):
+        if not size < math.inf or key in own or (name == "focal_percent" and of == "part"):
             raise ConfigError(
                 'expected errors of cameras, "2 mm, 0.2 deg, 1 %" (focal length), and "part 3 mm", '
-                f"got {shown(text)}; give each kind once, with its unit"
+                f"got {shown(text)}; give each kind once, in {', '.join(UNITS)}"
             )
-        own[str(key)] = factor * finite_number(_number(match[2]))
+        own[str(key)] = size
     if not (by_camera or figures.keys() - {"distribution"}):
         raise ConfigError(f'expected errors such as "2 mm, 0.2 deg", got {shown(text)}; add a size')
     for name, errors in by_camera.items():
         figures[name] = errors | {OTHERS: figures.get(name, 0.0)}
     return Errors(**figures)
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan

@@ -211,7 +211,23 @@ def test_errors_are_read_from_a_text():
     assert errors_in("1cm, 0.5 %, part 3 mm, part 1 deg, normal") == Errors(
         position_mm=10, focal_percent=0.5, part_mm=3, part_deg=1, distribution="normal"
     )
-    for text in ("", "2", "2 mm, 3 mm", "-1 mm", "part 2 %", "2 m m", "normal", "normal, uniform"):
+    assert errors_in("* 20 mm") == Errors(position_mm=20)
+    assert errors_in("a 5 mm; * 20 mm") == Errors(position_mm={"a": 5, "*": 20})
+    with pytest.raises(ConfigError, match="once, in mm, cm, m, deg, degrees, %"):
+        errors_in("2 in")
+    for text in (
+        "1e400 mm",
+        "1e mm",
+        "2 mm, * 3 mm",
+        "",
+        "2",
+        "2 mm, 3 mm",
+        "-1 mm",
+        "part 2 %",
+        "2 m m",
+        "normal",
+        "normal, uniform",
+    ):
         with pytest.raises(ConfigError):
             errors_in(text)
 
