@@ -296,7 +296,7 @@ def _print_check(checked: "Checked", level: int | None, out: Path | None) -> Non
     """Print what holds, and tables of parts and cameras."""
     page = [] if out is None else [str(out / "check.html")]
     if out is not None and checked.assured is not None and checked.assured.worst() is not None:
-        page.append(f"poses of the worst random installation: {out / 'worst_poses.json'}")
+        page.append(f"poses of the random installation that decides: {out / 'worst_poses.json'}")
     lines = [*checked.first_lines(level), *page, *checked.other_lines(level)]
     print_lines(*lines, f"scene: {size_line(checked.mesh)}")
     network = checked.summary() | {"goal_of_groups": checked.plan.goal_of_groups}

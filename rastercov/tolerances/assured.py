@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from rastercov.base import ByName, ConfigError, first_of, frozen_record, sort_order
-from rastercov.base.format import distinct_percents
+from rastercov.base.format import distinct_percents, percent
 from rastercov.core.camera import Poses, names_of
 from rastercov.core.mesh import Mesh
 from rastercov.core.mesh.groups import rows_of
@@ -38,8 +38,9 @@ class Verdict:
     name : str
         That of the requirement.
     limit, sure, least : float
-        Share required, share that is sure, and least share of the installations drawn, of normal
-        errors of as many of them as count.
+        Share required, share that is sure, and least share of the installations drawn that count.
+    chance : float
+        Part of the installations that count: `Errors.chance` for normal errors, else 1.
     status : {"holds under errors", "fails", "undecided"}
     draw : int
         Draw of the least share.
@@ -49,14 +50,17 @@ class Verdict:
     limit: float
     sure: float
     least: float
+    chance: float
     status: str
     draw: int
 
     def words(self) -> str:
         """The verdict in one line."""
         limit, sure, least = distinct_percents(self.limit, self.sure, self.least)
-        text = f"{self.name}: {limit} required, {sure} certain"
-        return f"{text}, {least} in the worst random installation: {self.status}"
+        of = "in the worst random installation" if self.draw >= 0 else "as planned"
+        if self.chance < 1 and self.draw >= 0:
+            of = f"or more in {percent(self.chance)} of random installations"
+        return f"{self.name}: {limit} required, {sure} certain, {least} {of}: {self.status}"
 
 
 @frozen_record
@@ -73,7 +77,8 @@ class Assured(Verdicts):
         """Random installation that is furthest below a requirement, or nearest to it if none is.
 
         It is ready for JSON, and for `read_views`: the requirement, `draw`, `share`, the poses with
-        the names of several cameras, and focal lengths relative to those planned if some are off.
+        the names of several cameras, and focal lengths relative to those planned if some are off,
+        which are not read.
         """
         drawn = [each for each in self.verdicts if each.draw >= 0]
         if not drawn:
@@ -131,8 +136,8 @@ class UnderErrors(Demand):
         if plan.goals:
             raise ConfigError(
                 "expected no [goals] with installation errors, got "
-                f"{first_of(list(plan.goals), 3)}; check a plan of each goal, with its groups and "
-                "thresholds"
+                f"{first_of(list(plan.goals), 3)}; check a plan of each that has a coverage, with "
+                "its groups and thresholds"
             )
         check_provable(plan.rig, plan.build_task())
         self.errors.sizes(plan.rig, rig, np.zeros(3))
@@ -171,22 +176,17 @@ class UnderErrors(Demand):
             mesh, plan.rig, rig, task, self.errors, needed, draws=draws, seed=seed
         )
         names = [group.name for group in mesh.groups]
+        chance = self.errors.chance if self.errors.distribution == "normal" else 1.0
         verdicts = []
         for each in requirements:
             assert isinstance(each, AreaRequirement)
-            rows = range(len(names)) if each.group is None else rows_of(names, each.group)
+            rows = [*range(len(names))] if each.group is None else rows_of(names, each.group)
             whole = each.of_m2 if each.of_m2 > 0 else 1.0
-            own = result.draws_by_group[:, list(rows)].sum(axis=1) / whole
-            sure = float(result.sure_by_group[list(rows)].sum() - result.sure.bound) / whole
-            # Of normal errors, the least of the installations that count.
-            rank = (
-                int((1 - self.errors.chance) * len(own))
-                if self.errors.distribution == "normal"
-                else 0
-            )
-            draw = int(sort_order(own)[rank]) if len(own) else -1
+            own = result.draws_by_group[:, rows].sum(axis=1) / whole
+            sure = float(result.sure_by_group[rows].sum()) / whole
+            draw = int(sort_order(own)[int((1 - chance) * len(own))]) if len(own) else -1
             least = float(own[draw]) if len(own) else each.share
             needs = each.limit - SHARE_TOLERANCE
             status = HOLDS if sure >= needs else FAILS if least < needs else UNDECIDED
-            verdicts.append(Verdict(each.name, each.limit, sure, least, status, draw))
+            verdicts.append(Verdict(each.name, each.limit, sure, least, chance, status, draw))
         return Assured(result, tuple(verdicts))

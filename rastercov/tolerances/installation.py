@@ -48,9 +48,8 @@ class InstallationError:
 
     def draw(self, shape: tuple[int, ...], rng: np.random.Generator) -> tuple[FloatArray, ...]:
         """Displacements in metres and rotation vectors in radians, `(*shape, 3)` each."""
-        sizes = (self.position_mm / 1000, np.radians(self.angle_deg))
         vectors = []
-        for size in sizes:
+        for size in (self.position_mm / 1000, np.radians(self.angle_deg)):
             vector = rng.normal(size=(*shape, 3))
             radius = np.cbrt(rng.random((*shape, 1)))
             if self.distribution == "uniform":

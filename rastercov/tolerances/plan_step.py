@@ -82,9 +82,9 @@ def _tolerate(placement: Placement, objectives: Objectives, progress: Progress) 
     watched = with_progress(objectives.chosen, progress, len(poses) * (asked.draws + 1))
     drawn = tolerance(watched, poses, error, draws=asked.draws, seed=selection.seed)
     if asked.proof:  # nothing is selected by the proved area
-        under = UnderErrors(value_of(asked, Errors))
-        network = prepared.mesh, cameras.placed, placement.requirements
-        proved = under.verdicts(prepared.plan, *network, draws=0)
+        proved = UnderErrors(value_of(asked, Errors)).verdicts(
+            prepared.plan, prepared.mesh, cameras.placed, placement.requirements, draws=0
+        )
     made = Tolerated(placement, drawn, proved)
     return replace(placement, made={**placement.made, STEP: made})
 

@@ -120,7 +120,7 @@ class SureCoverage(InOneLine, InNotebook):
     draws : (N,) float64
         Area that each installation drawn at random covers, m^2.
     draws_by_group, sure_by_group : (N, G), (G,) float64
-        The areas of each group, m^2.
+        The areas of each group, m^2; of what is sure, less their bounds.
     seed : int
         Seed of the draws.
     regions, nominal_regions : Regions
@@ -321,7 +321,7 @@ def tolerance(
     SureCoverage
         Areas `nominal` as planned, `sure` under any errors and `possible` under some, each with
         `m2`, `bound` and `share()`; `least`, `most` and `draws` of the random installations; and
-        `lost()`, `lines()` and `summary()`.
+        `list_losses()`, `lines()` and `summary()`.
 
     Raises
     ------
@@ -401,7 +401,9 @@ def sure_coverage(
         possible=Extent.of(covered[2], views),
         draws=areas.sum(axis=1),
         draws_by_group=areas,
-        sure_by_group=by_group(covered[1], views),
+        sure_by_group=by_group(
+            replace(covered[1], area=np.maximum(covered[1].area - covered[1].bound, 0.0)), views
+        ),
         seed=seed,
         regions=sure.regions,
         nominal_regions=nominal,

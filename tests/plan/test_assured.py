@@ -1,6 +1,7 @@
 """Goals under installation errors: `check --tolerance`, and the proof of `place`."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -82,6 +83,16 @@ def test_a_goal_in_between_is_undecided(shares, tmp_path):
     assert worst["draw"] == int(np.argmin(result.assured.found.draws))
 
 
+def test_a_verdict_of_normal_errors_is_of_the_installations_that_count(monkeypatch):
+    monkeypatch.setattr(assured, "sure_coverage", SURE_COVERAGE)
+    result = rc.check(PLAN, RIG[:1], min_coverage=0.1, tolerance=f"{ERRORS}, normal").assured
+    (verdict,) = result.verdicts
+    draws = np.sort(result.found.draws) / result.found.sure.whole
+    assert draws[0] < draws[2] == pytest.approx(verdict.least)
+    assert " or more in 99.0 % of random installations: " in verdict.words()
+    assert "random installation" not in replace(verdict, draw=-1).words()
+
+
 @pytest.mark.slow
 def test_a_plan_that_meets_its_goal_may_not_under_errors_until_a_camera_is_added(shares):
     goal = (shares[0] + 2 * shares[1]) / 3
@@ -103,7 +114,9 @@ def test_the_command_says_what_holds(tmp_path, monkeypatch, capsys):
     assert "Covered under all errors up to 2 mm, 0.2 deg per camera: at least" in out
     assert "holds under errors" in out
     out, _ = done(capsys, f'{line} "{ERRORS}" --out report')
-    assert f"poses of the worst random installation: {Path('report/worst_poses.json')}\n" in out
+    assert (
+        f"poses of the random installation that decides: {Path('report/worst_poses.json')}\n" in out
+    )
     assert Path("report/worst_poses.json").is_file()
     assert "2 mm, 0.2 deg" in refusal(capsys, f'{line} "2 furlongs"')
 
