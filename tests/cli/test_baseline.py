@@ -293,6 +293,7 @@ def test_the_accepted_loss_is_beside_the_verdict(told):
     much = {**told[frozenset({1})], "file": "b", "tolerated": Tolerated.of(0.5)}
     first, second = compare(much, told[frozenset()]).lines()[:2]
     assert first == "no worse than b; accepted loss: 0.5 percentage points"
+    assert Tolerated.of("2.4999").words() == "; accepted loss: 2.4999 percentage points"
     assert second.startswith("better: whole task: up 16.7 percentage points")
 
 

@@ -87,7 +87,7 @@ class Tolerated:
         size = (
             area(self.m2)
             if self.m2
-            else f"{number(100 * self.share)} percentage point{'' if self.share == 0.01 else 's'}"
+            else f"{100 * self.share:g} percentage point{'' if self.share == 0.01 else 's'}"
         )
         return f"; accepted loss: {size}" if self.m2 or self.share else ""
 
