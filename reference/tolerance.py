@@ -70,16 +70,16 @@ def meets_view(
     A direction v is within a half space of unit normal n for all n' up to the angle a from n if
     |v| cos(angle(n, v) + a) >= d.
     """
-    fx, fy = camera.fx * (1 + p), camera.fy * (1 + p)
     normals = np.array(
         [
-            (fx, 0, camera.cx),
-            (-fx, 0, camera.width - camera.cx),
-            (0, fy, camera.cy),
-            (0, -fy, camera.height - camera.cy),
+            (camera.fx, 0, camera.cx),
+            (-camera.fx, 0, camera.width - camera.cx),
+            (0, camera.fy, camera.cy),
+            (0, -camera.fy, camera.height - camera.cy),
             (0, 0, 1),
         ]
     )
+    normals[:, :2] *= 1 + p * np.where(normals[:, 2:] < 0, -1, 1)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     size = np.linalg.norm(at, axis=1, keepdims=True)
     angle = np.arccos(np.clip(at @ normals.T / size, -1, 1)) + a

@@ -55,7 +55,7 @@ from rastercov.core.camera import (
     gates_of,
     names_of,
 )
-from rastercov.core.camera.lenses.of_camera import lens_of, planes_of
+from rastercov.core.camera.lenses.of_camera import OPTICS, lens_of, planes_of
 from rastercov.core.camera.lenses.planes import first_derivatives
 from rastercov.core.camera.pose import pinhole_numbers
 from rastercov.core.coverage.task import Reason, Rules, Task, tasks_of
@@ -83,11 +83,30 @@ def check_lens(name: str, camera: Camera) -> None:
         )
 
 
-def around_lens(camera: Camera, focal: float) -> Camera:
-    """Pinhole whose image holds what a lens shows with errors of its focal length up to a share."""
-    wide = replace(camera, fx=camera.fx * (1 - focal), fy=camera.fy * (1 - focal))
-    result = planes_of(replace(wide, skew=camera.skew * (1 - focal)))[0].camera
-    return replace(result, near=camera.near)
+def scale_camera(camera: Camera, scale: float) -> Camera:
+    """The camera with other focal lengths, and the depths in focus of its own."""
+    near, far = camera.depth_of_field(None)
+    focus = None if near <= 0 and math.isinf(far) else (float(near), float(far))
+    kept = {name: getattr(camera, name) for name in (*OPTICS, "near")}
+    focal = {"fx": camera.fx * scale, "fy": camera.fy * scale, "skew": camera.skew * scale}
+    return Camera(**kept | focal, focus_range=focus)
+
+
+def is_centred(camera: Camera) -> bool:
+    """True where the image holds its principal point: a shorter focal length then shows more."""
+    return 0 < camera.cx < camera.width and 0 < camera.cy < camera.height
+
+
+def around_lens(camera: Camera, focal: float) -> tuple[Camera, bool]:
+    """Pinhole whose image holds what a lens shows with errors of its focal length up to a share.
+
+    And False where none does; the camera itself without distortion.
+    """
+    if not camera.is_curved:
+        return camera, True
+    first, *others = planes_of(scale_camera(camera, 1 - focal))
+    holds_all = not others and (focal == 0 or is_centred(camera))
+    return replace(first.camera, near=camera.near), holds_all
 
 
 @lru_cache(maxsize=MOST_LENSES)
@@ -115,8 +134,10 @@ def pixels_a_radian(camera: Camera) -> float:
     r = np.hypot(*middle.T)
     along = middle / np.maximum(r, TINY)[:, None]
     s = np.sqrt(1 + r * r)
-    T = s[:, None, None] * np.eye(2)
-    T = T + ((1 + r * r) - s)[:, None, None] * along[:, :, None] * along[:, None, :]
+    T = (
+        s[:, None, None] * np.eye(2)
+        + ((1 + r * r) - s)[:, None, None] * along[:, :, None] * along[:, None, :]
+    )
     most = np.linalg.norm(J @ T, 2, axis=(1, 2)) + second * e * (1 + (r + e) ** 2)
     most += size * 4 * (r + e) * e
     value = float(most[is_shown].max(initial=0.0))
@@ -140,8 +161,7 @@ def inset(camera: Camera, size: FloatArray, nearest: float) -> Camera | None:
     left, top = camera.cx / (1 + p) - border, camera.cy / (1 + p) - border
     width = math.floor(left + (camera.width - camera.cx) / (1 + p) - border)
     height = math.floor(top + (camera.height - camera.cy) / (1 + p) - border)
-    is_inside = 0 < camera.cx < camera.width and 0 < camera.cy < camera.height
-    if min(width, height) < 1 or (p > 0 and not is_inside):
+    if min(width, height) < 1 or (p > 0 and not is_centred(camera)):
         return None
     return replace(camera, width=width, height=height, cx=left, cy=top)
 
@@ -327,9 +347,9 @@ class TolerancePass:
         self.nominal = RegionPass(mesh, camera, task, threads=threads)
         check_provable(camera, task)
         if self.nominal.conditions:
-            given = ", ".join(equipment_on(camera))
             raise ConfigError(
-                f"expected no equipment with installation errors, got {given}; omit it"
+                "expected no equipment with installation errors, got "
+                f"{', '.join(equipment_on(camera))}; omit it"
             )
 
     def close(self) -> None:
@@ -385,22 +405,21 @@ class TolerancePass:
 
     def possible(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> MountedRegions:
         """Parts that are covered with some errors; `nearest` is that of `sure`."""
-        wide, both = self._wide(poses, sizes, nearest), from_both_sides(self.mesh)
-        finder = RegionPass(both, wide, Task(), threads=self.nominal.threads)
-        own = Poses.of(poses.world_from_camera, camera=np.arange(len(poses)))
-        seen = finder.find(own)
-        finder.close()
-        return self._find_mounted(poses, sizes, seen, seen.bound, is_sure=False)
-
-    def _wide(self, poses: Poses, sizes: FloatArray, nearest: FloatArray) -> list[Camera]:
-        """Pinholes whose images hold those of each pose with all errors."""
         cameras, focal = self.nominal.cameras, _focal_of(self.camera, poses, sizes)
-        return [
-            _wide_camera(_pinhole_of(cameras[at], focal[at]), size, away)
-            for at, size, away in zip(
+        wide = [
+            _wide_camera(
+                around_lens(cameras[at], focal[at])[0],
+                (d, a, p * (not cameras[at].is_curved)),
+                away,
+            )
+            for at, (d, a, p), away in zip(
                 poses.camera.tolist(), sizes.tolist(), nearest.tolist(), strict=True
             )
         ]
+        finder = RegionPass(from_both_sides(self.mesh), wide, Task(), threads=self.nominal.threads)
+        seen = finder.find(Poses.of(poses.world_from_camera, camera=np.arange(len(poses))))
+        finder.close()
+        return self._find_mounted(poses, sizes, seen, seen.bound, is_sure=False)
 
     def _find_mounted(
         self, poses: Poses, sizes: FloatArray, source: Regions, bound: FloatArray, *, is_sure: bool
@@ -413,13 +432,15 @@ class TolerancePass:
         for index in np.unique(poses.camera).tolist():
             rows = np.flatnonzero(poses.camera == index)
             some, camera = poses[rows], own.cameras[index]
-            pinhole = _pinhole_of(camera, focal[index])
+            pinhole, holds_all = around_lens(camera, focal[index])
+            # With an error without end all is possible.
+            errors = sizes[rows] + (0 if holds_all or is_sure else ENDLESS, 0, 0)
             criteria = Criteria(pinhole_numbers(pinhole), own._rules[index], GAP_REL)
             result = solver_tolerance.find(
                 own._surface,
                 own._planes(own._is_asked & own._is_left[index]),
                 criteria,
-                _mounts(some.world_from_camera, sizes[rows], camera),
+                _mounts(some.world_from_camera, errors, camera),
                 table_of(take_rows(with_bound, rows)),
                 is_sure,
                 own.threads,
@@ -444,11 +465,6 @@ def _mounts(
     """Poses of a camera for the engine; the pinhole around a lens has the errors of its focus."""
     errors = read_only(sizes * (1, 1, not camera.is_curved), np.float64)
     return read_only(world_from_camera, np.float64), errors, float(camera.near), MARGINS
-
-
-def _pinhole_of(camera: Camera, focal: float) -> Camera:
-    """The camera, or a pinhole whose image holds that of a lens."""
-    return around_lens(camera, focal) if camera.is_curved else camera
 
 
 def check_provable(camera: Cameras, task: Task) -> None:
@@ -522,14 +538,13 @@ def unmet(
     docs/appendix/tolerance.md. Points, (N, 2), are in the planes of faces.
     """
     planes = Planes(*frames_of(mesh), mesh.two_sided_mask, mesh.task_mask)
-    criteria = Criteria(pinhole_numbers(_pinhole_of(camera, float(size[2]))), rules, GAP_REL)
+    criteria = Criteria(pinhole_numbers(around_lens(camera, float(size[2]))[0]), rules, GAP_REL)
     result = np.empty(len(points), np.uint8)
     mount = _mounts(pose[None], size[None], camera)
     solver_tolerance.find_unmet(planes, criteria, mount, points, face, result)
     if camera.is_curved:
         at = (to_world(mesh, face, points) - pose[:3, 3]) @ pose[:3, :3]
-        nearest = norm(at).min(initial=np.inf)
-        image = inset(camera, size, float(nearest))
+        image = inset(camera, size, float(norm(at).min(initial=np.inf)))
         is_shown = np.array(image is not None and shows(image, at))
         result[(result > Reason.OUTSIDE) & ~is_shown] = Reason.OUTSIDE
     return result

@@ -38,7 +38,6 @@ from rastercov.core.area.table import Regions, take_rows
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, points_of, zone_line
 from rastercov.core.camera import (
-    Camera,
     Cameras,
     Poses,
     cameras_of,
@@ -46,11 +45,10 @@ from rastercov.core.camera import (
     gates_of,
     names_of_poses,
 )
-from rastercov.core.camera.lenses.of_camera import OPTICS
 from rastercov.core.coverage.task import BASELINE, NAMES, Reason, Task, name_of, nearer, rows_in
 from rastercov.core.mesh import Mesh
 from rastercov.tolerances.installation import displace
-from rastercov.tolerances.passes import NO_IMAGE, Amount, Errors, TolerancePass, unmet
+from rastercov.tolerances.passes import NO_IMAGE, Amount, Errors, TolerancePass, scale_camera, unmet
 from rastercov.tolerances.turned import POSSIBLE, SURE, unite_regions
 
 POSES_AT_ONCE = 256
@@ -167,8 +165,9 @@ class SureCoverage(InOneLine, InNotebook):
 
         ConfigError for an index beyond the draws.
         """
-        own = self.errors, self.camera, self.poses, self.mesh.centre
-        for moved, scale in _draw_installations(*own, len(self.draws), self.seed):
+        for moved, scale in _draw_installations(
+            self.errors, self.camera, self.poses, self.mesh.centre, len(self.draws), self.seed
+        ):
             if row < len(moved):
                 return Poses.of(moved[row], camera=self.poses.camera), scale[row]
             row -= len(moved)
@@ -486,8 +485,8 @@ def _measure_installations(
     finder, task = tolerated.nominal, tolerated.task
     most, areas = int(views.max(initial=1)), [np.empty((0, len(finder.mesh.groups)))]
     for moved, focal in installed:
-        k = len(moved)
-        matrices, flat = moved.reshape(-1, 4, 4), np.tile(poses.camera, k)
+        flat = np.tile(poses.camera, len(moved))
+        placed = Poses.of(moved.reshape(-1, 4, 4), camera=flat)
         if (focal != 1).any():
             cameras = [
                 scale_camera(finder.cameras[at], value)
@@ -496,23 +495,13 @@ def _measure_installations(
             with closing(
                 RegionPass(*tolerated.alone(cameras, flat), threads=finder.threads)
             ) as own:
-                result = own.find(Poses.of(matrices, camera=np.arange(len(flat))))
+                result = own.find(Poses.of(placed.world_from_camera, camera=np.arange(len(flat))))
         else:
-            result = finder.find(Poses.of(matrices, camera=flat))
-        placed = Poses.of(matrices, camera=flat)
-        for of in np.arange(len(flat)).reshape(k, -1):
+            result = finder.find(placed)
+        for of in np.arange(len(flat)).reshape(len(moved), -1):
             covered = unite_regions(take_rows(result, of), camera, placed[of], task, most)
             areas.append(by_group(covered, views)[None])
     return np.concatenate(areas)
-
-
-def scale_camera(camera: Camera, scale: float) -> Camera:
-    """The camera with other focal lengths, and the depths in focus of its own."""
-    near, far = camera.depth_of_field(None)
-    focus = None if near <= 0 and math.isinf(far) else (float(near), float(far))
-    kept = {name: getattr(camera, name) for name in (*OPTICS, "near")}
-    focal = {"fx": camera.fx * scale, "fy": camera.fy * scale, "skew": camera.skew * scale}
-    return Camera(**kept | focal, focus_range=focus)
 
 
 # --- what is lost ---
@@ -558,8 +547,8 @@ def _hiders(sure_coverage: SureCoverage, zones: DeadZones, rows: list[int]) -> d
         pose = int(covers.sum(axis=0).argmax())
         steps = rng.normal(size=(HIDING, 3))
         steps *= sure_coverage.sizes[pose, 0] / norm(steps)[..., None]
-        matrix = sure_coverage.poses.world_from_camera[pose]
-        moved = displace(np.tile(matrix, (HIDING, 1, 1)), steps, np.zeros((HIDING, 3)))
+        matrices = np.tile(sure_coverage.poses.world_from_camera[pose], (HIDING, 1, 1))
+        moved = displace(matrices, steps, np.zeros((HIDING, 3)))
         placed = Poses.of(moved, camera=np.full(HIDING, sure_coverage.poses.camera[pose]))
         counts = np.zeros(len(mesh.groups), np.int64)
         # Each by itself, whatever the rule of their rig.

@@ -131,6 +131,39 @@ def test_no_draw_breaks_a_bound_in_a_special_case(kind):
         assert max(lost, more) <= 0
 
 
+FISHEYE = {"model": "opencv_fisheye", "distortion": (0, 0, 0, 0)}
+OFF_CENTRE = {"width": 800, "height": 600, "fx": 600, "fy": 600, "cx": -200.0}
+OF_FOCUS = {
+    "beyond 72 degrees": (rc.Camera(width=800, height=600, fx=420, fy=420, **FISHEYE), 0, 0.05),
+    "behind": (rc.Camera(width=800, height=600, fx=440, fy=440, **FISHEYE), 0.02, 0.45),
+    "nearly 72 degrees": (rc.Camera(width=800, height=600, fx=560, fy=560, **FISHEYE), 0.35, 0.2),
+    "beside the principal point": (rc.Camera(**OFF_CENTRE), 0.01, 0.2),
+    "above and left": (rc.Camera(**OFF_CENTRE | {"cx": 1000.0, "cy": 900.0}), 0, 0.2),
+    "lens": (rc.Camera(**OFF_CENTRE, model="division", distortion=(0.02,)), 0, 0.2),
+}
+"""Cameras, errors of the angle, and of the focal length, that a pinhole may not hold."""
+
+
+@pytest.mark.parametrize("kind", OF_FOCUS)
+def test_no_draw_of_a_focal_length_breaks_a_bound(kind):
+    camera, a, p = OF_FOCUS[kind]
+    mesh = rc.Mesh.joined([plate(0, 9), rc.shapes.box((1, 1, 3), centre=(0, 0, 1))], ["a", "b"])
+    poses = rc.Poses.of(rc.look_at((2, 0, 1), (2, 0, 0), up=(0, 1, 0)))
+    for d in (0.0, 0.01):
+        sizes = np.array([[d, a, p]])
+        lost, more, _ = violations_of(mesh, camera, poses, rc.Task(), sizes, 0, 24)
+        assert max(lost, more) <= 0
+
+
+def test_what_is_sure_of_a_group_is_less_by_its_own_bound():
+    groups = [plate(), rc.shapes.box((0.2, 0.2, 0.2), centre=(9, 9, 1))]
+    mesh = rc.Mesh.joined(groups, ["floor", "far"])
+    sure = result(mesh, poses=POSES[:2], task=rc.Task(views=2, min_angle_deg=5), position_mm=1)
+    assert sure.sure.bound > 0
+    assert sure.sure_by_group[1] == 0
+    assert sure.sure.m2 - sure.sure_by_group.sum() == pytest.approx(sure.sure.bound, rel=1e-3)
+
+
 @pytest.mark.parametrize(("away", "is_sure"), [(0.29, False), (0.34, True)])
 def test_a_surface_may_come_before_the_near_plane_with_some_errors(away, is_sure):
     """Before it a surface hides nothing, so what is beyond depends on the error."""

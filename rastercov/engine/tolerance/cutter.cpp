@@ -101,7 +101,7 @@ void append_criteria(int64_t f, const Points &polygon, area::Circle &circle,
 bool ToleranceCutter::begin(const Posed &of, bool is_sure, Tolerated &result) {
     const Mount &mount = of.mount;
     const Surface &surface = of.surface;
-    _border = border_of(mount.criteria.lens, 1 - mount.errors.focal);
+    _border = border_of(mount.criteria.lens, -mount.errors.focal);
     double best = nearest_of({surface.vertices(), surface.faces(), {}, {}}, &of.face_planes,
                              mount.pose.centre, INFINITY);
     if (surface.has_targets())

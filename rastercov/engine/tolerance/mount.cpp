@@ -42,11 +42,14 @@ area::ShadowCaster Posed::caster(const Plane &plane, double radius, double deepe
     return {plane, radius, deepest, LEAST_HEIGHT_REL * surface.diagonal(), mount.disc};
 }
 
-std::array<Vector, 4> border_of(const Lens &of, double scale) {
-    const double fx = of.fx * scale, fy = of.fy * scale;
-    std::array<Vector, 4> normals = {Vector{fx, 0, of.cx}, Vector{-fx, 0, of.width - of.cx},
-                                     Vector{0, fy, of.cy}, Vector{0, -fy, of.height - of.cy}};
-    for (Vector &each : normals) each = 1 / length(each) * each;
+std::array<Vector, 4> border_of(const Lens &of, double longer) {
+    std::array<Vector, 4> normals = {Vector{of.fx, 0, of.cx}, Vector{-of.fx, 0, of.width - of.cx},
+                                     Vector{0, of.fy, of.cy}, Vector{0, -of.fy, of.height - of.cy}};
+    for (Vector &each : normals) {
+        const double scale = each.z < 0 ? 1 - longer : 1 + longer;
+        each = {scale * each.x, scale * each.y, each.z};
+        each = 1 / length(each) * each;
+    }
     return normals;
 }
 

@@ -115,8 +115,9 @@ inline int64_t cut_by(const area::Affine &line, Points polygon, int64_t n) {
     return exact::cut(polygon, n, area::line_of(line, 1.0), spare.points());
 }
 
-// Inward normals of the four planes through the border of an image.
-std::array<Vector, 4> border_of(const Lens &of, double scale);
+// Inward normals of the four planes through the border of an image, of a focal length longer by a
+// share; shorter for a side between the image and its principal point, which moves the other way.
+std::array<Vector, 4> border_of(const Lens &of, double longer);
 
 // Least of n.v for what is on the inner side of a plane of normal n, turned and shifted, with some
 // errors: max n'.v over the n' up to an angle a from n is at most cos a n.v + sin a |v|.

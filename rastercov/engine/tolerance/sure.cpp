@@ -47,7 +47,7 @@ struct Directions {
         const double angle = mount.margins.cap * mount.errors.angle;
         axis = Cap::of({0, 0, 1}, angle);
         const auto normals =
-            border_of(mount.criteria.lens, 1 + mount.margins.focal * mount.errors.focal);
+            border_of(mount.criteria.lens, mount.margins.focal * mount.errors.focal);
         for (size_t k = 0; k < 4; k++) border[k] = Cap::of(normals[k], angle);
         cosine = std::cos(angle);
         sine = std::sin(angle);
