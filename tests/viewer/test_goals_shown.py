@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from browser import Program, Tab
 from commands import done
-from edited import Work
+from edited import Session, Work
 from goals_to_view import PLAN, plan_in, session_in
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +16,8 @@ from test_live import act, downloaded
 
 import rastercov as rc
 from rastercov.page.saving import export_page
+from rastercov.page.scene import open_plan
+from rastercov.placement.plan.file import read_plan
 from rastercov.report import live
 from rastercov.report.modes import OCCLUDER_OF_REASONS
 
@@ -39,6 +41,62 @@ def test_states_are_those_of_check(tmp_path_factory, seed, by_face):
     assert [each["words"] for each in said] == [each.words() for each in checked.requirements]
     assert [each["status"] for each in said] == [each.status for each in checked.requirements]
     assert [each["goal"] for each in said] == ["", "doors", "window"]
+    session.close()
+
+
+DIM = """
+[lamps.k]
+kind = "spot"
+intensity_cd = 5
+half_angle_deg = 3
+position = [0.1, 0.1, 2.9]
+[[candidates]]"""
+HEAD = """
+[cameras.c]
+width = 1920
+height = 1080
+hfov_deg = 90.0
+[rigs.head]
+rule = "all"
+[[rigs.head.cameras]]
+camera = "c"
+name = "a"
+[[rigs.head.cameras]]
+camera = "c"
+name = "b"
+translation = [900.0, 0, 0]
+[task]"""
+LESS = {
+    "blurred": ("hfov_deg = 90.0", "hfov_deg = 90.0\nfocus_range = [30, 40]"),
+    "dark": ("[[candidates]]", DIM),
+    "alone": ("[camera]\nwidth = 1920\nheight = 1080\nhfov_deg = 90.0\n[task]", HEAD),
+}
+"""Plans whose cameras cover nothing of what they see."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LESS)
+def test_all_that_a_camera_sees_counts_for_a_limit(context, tmp_path, name):
+    """In the program and in the page, as for `rastercov check`; in the sheet, too."""
+    text = PLAN.partition('min_facing_density = "recognise"')[0].replace(*LESS[name])
+    plan = plan_in(tmp_path, text)
+    pose = rc.look_at([(1.5, 2.0, 1.5)], (1.5, 4, 1.5))[0]
+    rig = read_plan(plan).rig
+    own = [row for row, each in enumerate(rig.names) if "/" in each] or [0]
+    placed = rc.Poses.of(pose @ rig.rig_from_camera[own], camera=own)
+    names = tuple(f"camera {row}" for row in own)
+    session = Session(open_plan(plan, rc.Views(rig, placed, names)))
+    checked = rc.check(plan, placed)
+    wanted = [each.words() for each in checked.requirements]
+    assert "100.0 % seen" in wanted[-1] or "100.0 % of the area" in wanted[-1]
+    assert checked.requirements[-1].status == "fails"
+    assert [each["words"] for each in acted(session)[0]["summary"]["required"]] == wanted
+    program = Program(session)
+    program.start()
+    tab = Tab(context, program.url)
+    assert [each["words"] for each in tab.js("rastercov.summary().required")] == wanted
+    assert tab.faults == []
+    program.stop()
     session.close()
 
 
