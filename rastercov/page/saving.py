@@ -103,7 +103,9 @@ class Saving:
                 content = None if drawing is None else drawing.model_dump()
                 own = {"scene": self.session.scene.title, "drawing": content}
                 write_bytes(self.out / DRAWING, json.dumps(own).encode())
-        return {"path": str(path), "words": f"saved {path}"}
+        n_off = len(state.stations) - len(state.on)
+        off = f"; commands count the cameras that are off here, too ({n_off})" if n_off else ""
+        return {"path": str(path), "words": f"saved {path}{off}"}
 
     def _report(self, state: RigState, path: Path) -> str:
         from rastercov.report.coverage import Options, run  # loads pyarrow

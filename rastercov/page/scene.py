@@ -290,10 +290,13 @@ class Scene:
         return total
 
     def places(self, state: RigState) -> list[str]:
-        """Constraint of the plan that each station violates, "allowed" for none."""
-        eyes = state.eyes
-        if self.pool is None or not len(eyes):
-            return ["allowed"] * len(eyes)
+        """Constraint of the plan that each station, or its rig, violates, "allowed" for none."""
+        if self.pool is None or not state.stations:
+            return ["allowed"] * len(state.stations)
+        rig, placed = state.rig(), state.poses(all_stations=True)
+        eyes = rig._rigs(placed)[:, :3, 3]
+        is_still = rig.is_fixed[placed.camera]
+        eyes[is_still] = placed.eyes[is_still]
         return place_words(self.space(state).judge(eyes))
 
     def space(self, state: RigState) -> PoseSpace:

@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from edited import Session, Work
+from edited import Saving, Session, Work
 from rigs_to_view import CAMERA, acted, around, moved, part, session_of, state_of
 
 import rastercov as rc
 from rastercov.core.mesh import shapes
 from rastercov.page.scene import Scene, open_plan
 from rastercov.placement import NearestSurface, in_solid
+from rastercov.placement.plan.file import read_plan
 from rastercov.placement.plan.run import place
 
 MESH = part()
@@ -214,3 +215,49 @@ def test_a_camera_at_a_forbidden_place_is_refined_from_the_nearest_allowed_one(t
         if "no better" not in said["words"]:
             assert space.allows(session.state.eyes)[0]
         assert covered_area(session.state) >= before
+
+
+HEADS = """
+meshes = [{ built_in = "teapot-5" }]
+[cameras.eye]
+width = 320
+height = 240
+fx = 300.0
+fy = 300.0
+[rigs.head]
+rule = "all"
+[[rigs.head.cameras]]
+camera = "eye"
+name = "a"
+[[rigs.head.cameras]]
+camera = "eye"
+name = "b"
+translation = [0.5, 0, 0]
+[[constraints.spaces]]
+low = [-0.1, -0.1, 0.6]
+high = [0.1, 0.1, 0.9]
+[[candidates]]
+generator = "on_sphere"
+count = 9
+radius = 0.7
+"""
+
+
+def test_constraints_apply_to_the_place_of_a_rig(tmp_path):
+    (tmp_path / "plan.toml").write_text(HEADS)
+    plan = read_plan(tmp_path / "plan.toml")
+    for at, words in ((0.0, "allowed"), (0.5, "outside the mounting boxes")):
+        pose = rc.look_at((at, 0, 0.7), (at, 0, 0), up=(0, 1, 0))
+        poses = plan.rig.poses(pose)[1:]
+        views = rc.Views(plan.rig, poses, ("a", "b"))
+        with closing(Session(open_plan(tmp_path / "plan.toml", views))) as session:
+            stations = session.described_state()["stations"]
+            assert [each["place"] for each in stations] == [words, words]
+
+
+def test_a_saved_rig_says_that_cameras_are_off(tmp_path):
+    with closing(session_of()) as session:
+        acted(session)
+        assert "off here" not in Saving(session, tmp_path).save({"what": "rig"})["words"]
+        acted(session, do="switch", station=1, is_on=False)
+        assert "are off here, too (1)" in Saving(session, tmp_path).save({"what": "rig"})["words"]
