@@ -23,6 +23,7 @@ from rastercov.base import (
     RastercovError,
     UnreadableError,
     frozen_record,
+    owners_of,
     printable,
     read_toml,
     suffix_of,
@@ -255,6 +256,10 @@ class PlanMotion(MotionQuery):
         rows = np.arange(len(whole.regions.pose_ids)).reshape(len(self.motion), -1)
         return replace(whole, regions=take_rows(whole.regions, rows[:, :count].ravel())).areas
 
+    def is_mean(self, task: Task) -> bool:
+        """See `PlanPhases`."""
+        return self.over != "some" or task.views > 1
+
     def matrix(
         self,
         plan: Plan,
@@ -266,8 +271,8 @@ class PlanMotion(MotionQuery):
     ) -> PhaseMatrix:
         """Cells that candidates cover over time."""
         motion, mounts = self.motion, plan.mounts
-        is_of_cells = self.over == "some" and task.views == 1
-        n_frames, n_cells = (1 if is_of_cells else len(motion)), len(cells)
+        is_of_frames = self.is_mean(task)
+        n_frames, n_cells = (len(motion) if is_of_frames else 1), len(cells)
         counts: list[IntArray] = [np.zeros(0, np.int64)]
         elements, shares = [np.zeros(0, np.int32)], [np.zeros(0)]
         together: Regions | None = None
@@ -284,20 +289,17 @@ class PlanMotion(MotionQuery):
                 both = frames if together is None else join([together, frames])
                 rows = np.arange(len(both.pose_ids)) % len(motion)
                 together = both.at_least(1, rows, one_side=False)
-            if is_of_cells:
+            if not is_of_frames:
                 regions = regions.at_least(
                     1, np.tile(np.arange(len(some)), len(motion)), one_side=False
                 )
-            of_cells = cells.share(regions)
-            limits = of_cells.starts
-            counts.append(np.diff(limits).reshape(n_frames, -1).sum(axis=0))
-            for mount in range(len(some)):
-                for frame in range(n_frames):
-                    row = frame * len(some) + mount
-                    part = slice(limits[row], limits[row + 1])
-                    cell = of_cells.cell[part].astype(np.int32)
-                    elements.append(cell + np.int32(frame * n_cells))
-                    shares.append(of_cells.share[part])
+            rows = np.arange(n_frames * len(some)).reshape(n_frames, -1).T.ravel()
+            of_cells = cells.share(take_rows(regions, rows))
+            sizes = np.diff(of_cells.starts)
+            counts.append(sizes.reshape(-1, n_frames).sum(axis=1))
+            cell = of_cells.cell + n_cells * (owners_of(sizes) % n_frames)
+            elements.append(cell.astype(np.int32))
+            shares.append(of_cells.share)
             progress(min(first + at_once, len(poses)), len(poses))
         pairs = Pairs(
             np.concatenate(counts),
@@ -311,7 +313,7 @@ class PlanMotion(MotionQuery):
         matrix = VisibilityMatrix(placed=poses, header=own | n_elements, parts=(pairs,))
         hidden = never_seeable(motion) if plan.task.weight_by == "seeable" else None
         weights = weights_of(cells, plan.task.weight_by, hidden)
-        if not is_of_cells:
+        if is_of_frames:
             there = motion.present[:, motion.body[cells.source_face]] * motion.durations[:, None]
             weights = (there * weights).ravel()
         reachable = None if together is None else self.areas(plan.rig, poses, task, together)

@@ -457,10 +457,13 @@ def lines(
         said += made.lines()
     is_any = prepared.problem.reachable.any()
     if not placement.is_met and is_any and "stricter selection" in placement.steps:
-        said.append(
-            "further selections did not meet all goals either: lower a goal, add candidates, or "
-            "reduce resolution_of_result"
-        )
+        advice = ": lower a goal, add candidates, or reduce resolution_of_result"
+        if "limits of goals" in placement.steps:
+            advice = (
+                ", but not every set of candidates within at_most was tried: raise it, lower "
+                "another goal, or leave out candidates that cover much of what it limits"
+            )
+        said.append(f"further selections did not meet all goals either{advice}")
     if placement.interrupted:
         said.append(_interrupt_note(placement))
     elif selection.status == "time_limit":
@@ -497,21 +500,21 @@ def _of(prepared: Prepared) -> str:
     """Words for the whole of a share on the elements of the selection."""
     of, cells = OF[prepared.plan.task.weight_by], prepared.cells
     of += " of task and goals" if has_goals(prepared.problem) else ""
-    return (
-        of if cells is None else f"{of} on {len(cells):,} patches up to {distance(cells.size)} long"
-    )
+    if cells is not None:
+        of += f" on {len(cells):,} patches up to {distance(cells.size)} long"
+    return of + prepared.of_mean
 
 
 def _selection_note(placement: Placement) -> str:
     """Result of the selection and its distance from the best."""
     prepared, selection = placement.prepared, placement.selection
-    of = _of(prepared)
+    of, has_costs = _of(prepared), (prepared.pool.costs != 1).any()
     text = f"{len(selection.chosen)} of {plural(len(prepared.pool.candidates), 'candidate')}"
     text += f" {verb(len(selection.chosen), 'cover')} {percent(selection.share)} of {of}"
     if prepared.cells is not None:
         least = 100 * prepared.task.min_coverage
         text += f" (a patch counts if a camera covers at least {least:g} % of it)"
-    if (prepared.pool.costs != 1).any():
+    if has_costs:
         text += f" at a cost of {selection.cost:g}"
     if prepared.selection.goal == "all":
         return text
@@ -524,7 +527,7 @@ def _selection_note(placement: Placement) -> str:
         return f"{text}: proved optimal{on}{on and ', not for exact area'}"
     if isinstance(prepared.problem.goal, BestCoverage):
         return f"{text}; upper bound for these candidates: {percent(selection.bound)}"
-    what = "cost" if (prepared.pool.costs != 1).any() else f"number of {prepared.noun}s"
+    what = "cost" if has_costs else f"number of {prepared.noun}s"
     return f"{text}; lower bound on the {what}: {selection.bound:g}{on}"
 
 
@@ -537,13 +540,14 @@ def _status_of(placement: Placement) -> str:
     if prepared.selection.goal == "all":
         return "all candidates, without a choice"
     if isinstance(asked, BestCoverage) or isinstance(goal, BestCoverage):
-        return "the best coverage, not the fewest cameras"
+        return f"the best coverage{prepared.of_mean}, not the fewest cameras"
     what = "the least cost" if (prepared.pool.costs != 1).any() else "the fewest cameras"
     if is_lowered(prepared):
         share = percent(goal.coverage)
-        return f"{what} for {share} of what the candidates can cover: the goal is out of reach"
+        reach = f"out of reach{prepared.of_mean}"
+        return f"{what} for {share} of what the candidates can cover: the goal is {reach}"
     if has_goals(prepared.problem) or asked.groups:
-        return f"{what} for the goals"
+        return f"{what} for the goals{prepared.of_mean}"
     share = percent(asked.coverage)
     of = OF[prepared.plan.task.weight_by] if placement.is_least else _of(prepared)
     return f"{what} for {share} of {of}{' that candidates can cover' * goal.of_reachable}"

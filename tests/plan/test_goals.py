@@ -61,7 +61,7 @@ from rastercov.placement.select.problem import (
 from rastercov.report.check import html_of
 from rastercov.report.network_page import MOST_CLOSE_UPS
 from rastercov.report.placement import network_of, pages_of
-from rastercov.report.plan import head_lines, poses_of, summary
+from rastercov.report.plan import head_lines, lines, poses_of, summary
 from rastercov.shards import silent
 
 QUADS = {
@@ -492,6 +492,20 @@ def test_bounds_hold_for_all_sets_that_goals_permit(tmp_path_factory, feet, limi
         best = max(of_sets.values(), default=0.0)
         assert bound >= best - 0.03
         assert not (is_proved and placed.is_met) or placed.cameras.share >= best - 0.03
+
+
+def test_no_optimum_is_proved_where_a_goal_fails_without_what_was_left_out(tmp_path):
+    """Of what is left of the candidates, those that are left cover all."""
+    feet = [(1.0, 0.5), (0.0, 0.5)]
+    shares = [covered_of([each], "p") for each in feet]
+    assert covered_of(feet, "p") > max(shares) + 0.2
+    goal = {"goal": "fewest_cameras", "coverage": 0.95, "of_reachable": True}
+    asked = tiles(tmp_path, feet, **goal) | {"task": {"resolution_of_result": 0.1}}
+    asked["goals"] = {"private": {"groups": ["p"], "at_most": max(shares) + 0.1}}
+    placed = rc.place(asked)
+    assert not placed.is_met
+    assert (placed.selection.status, placed.proved_on) == ("feasible", None)
+    assert "not every set of candidates within at_most was tried" in " ".join(lines(placed))
 
 
 @examples(8, at_night=200)

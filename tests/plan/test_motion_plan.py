@@ -2,6 +2,7 @@
 
 import json
 import re
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from rastercov.core.camera.conventions import Conventions
 from rastercov.motion.plan_over_time import PlanMotion
 from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import name_scene
+from rastercov.report.plan import lines
 
 PART = rc.shapes.by_name("icosahedron")
 PLATE = rc.shapes.box((2, 2, 0.02), centre=(-2, 0, 1.6))
@@ -91,6 +93,46 @@ def test_in_some_frame_cells_are_chosen_on_once():
     always = rc.place(changed(task=PLAN["task"] | {"over": "all"}))
     assert always.prepared.problem.bits.n_faces == 5 * len(always.prepared.cells)
     assert always.cameras.share <= placement.cameras.share + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("over", "views"), [("all", 1), (1.0, 2), (0.75, 1), (0.5, 1), (0.25, 1), ("some", 2)]
+)
+def test_no_set_of_candidates_beats_what_is_proved_over_time(over, views):
+    """Candidates are chosen by the mean over frames: against all sets of them."""
+    motion = rc.Motion(PART, {"mesh": rc.turntable(4)})
+    eyes = 3 * np.random.default_rng(7).normal(size=(6, 3))
+    poses = rc.look_at(eyes=3 * eyes / np.linalg.norm(eyes, axis=1)[:, None], targets=(0, 0, 0))
+    np.save("eyes.npy", poses)
+    Path("part.obj").write_text(obj(part=PART))
+    plan = PLAN | {
+        "meshes": [{"path": "part.obj"}],
+        "motion": {"turntable": {"body": "part", "steps": 4}},
+        "task": PLAN["task"] | {"over": over, "views": views},
+        "candidates": [{"generator": "poses", "file": "eyes.npy"}],
+    }
+    task = rc.Task(max_incidence_deg=75, views=views)
+    camera = rc.Camera.from_fov(320, 240, hfov_deg=60)
+    shares = {
+        n: max(
+            evaluate_over_time(motion, camera, poses[list(some)], task, over).share()
+            for some in combinations(range(6), n)
+        )
+        for n in range(1, 5)
+    }
+    for n, best in shares.items():
+        placed = rc.place(plan | {"selection": {"goal": "best_coverage", "cameras": n}})
+        selection = placed.selection
+        assert selection.bound >= best - 1e-6
+        assert selection.status == "feasible" or placed.cameras.share >= best - 1e-6
+        assert any("on average over time" in line for line in lines(placed))
+    for wanted in (0.3, 0.6, 0.8):
+        asked = {"goal": "fewest_cameras", "coverage": wanted, "method": "integer"}
+        placed = rc.place(plan | {"selection": asked})
+        least = next((n for n, share in shares.items() if share >= wanted), 5)
+        selection, n_placed = placed.selection, len(placed.cameras.placed)
+        assert selection.bound <= min(least, n_placed)
+        assert selection.status == "feasible" or (placed.is_met and n_placed == least)
 
 
 def test_a_check_judges_what_is_seen_long_enough():

@@ -240,6 +240,9 @@ class PlanPhases(Protocol):
     def first(self, areas: AreaNetwork, count: int) -> AreaNetwork:
         """The same as `areas` by the first rows of each phase."""
 
+    def is_mean(self, task: Task) -> bool:
+        """True where elements of `matrix` are of single phases: their mean is not what is asked."""
+
     def matrix(
         self,
         plan: Plan,

@@ -57,6 +57,7 @@ from rastercov.placement.plan.entries import no_limit
 from rastercov.placement.plan.file import Plan, PlanError, errors_at
 from rastercov.placement.plan.generators import PerCavity
 from rastercov.placement.plan.goals import (
+    NOTHING,
     OF_GOALS,
     OF_TASK,
     Objectives,
@@ -232,6 +233,12 @@ class Prepared:
         """The same without some candidates; ConfigError where the rest does not reach the goal."""
         problem = without_candidates(self.problem, rows)
         return replace(self, problem=problem, barred=np.union1d(self.barred, rows))
+
+    @property
+    def of_mean(self) -> str:
+        """Words on a problem that is of the mean over phases; "" for another."""
+        is_mean = self.phases and self.phases.is_mean(self.task)
+        return ", on average over time" if is_mean else ""
 
     @property
     def noun(self) -> str:
@@ -440,10 +447,9 @@ class _Measuring:
             matrix = reduce(VisibilityMatrix.joined, self.parts)
             if job.folder is not None:
                 is_large(job.plan, matrix)
-        nothing = BestCoverage(cameras=0)
         elements: Mesh | Cells = observer.mesh if job.cells is None else job.cells
         return matrix, problem_of(
-            matrix, elements, nothing, costs=candidate_pool.costs, **self.counted
+            matrix, elements, NOTHING, costs=candidate_pool.costs, **self.counted
         )
 
 
@@ -461,17 +467,10 @@ def _in_phases(
             "candidates: expected a static scene for per_cavity, got moving bodies; remove one",
         )
     with job.clock("visibility matrix") as progress:
-        in_phases = phases.matrix(
-            plan,
-            measuring.observer,
-            job.cells,
-            placed,
-            measuring.task,
-            progress,
+        matrix, elements, weights, reachable = phases.matrix(
+            plan, measuring.observer, job.cells, placed, measuring.task, progress
         )
-    nothing = BestCoverage(cameras=0)
-    matrix, elements, weights, reachable = in_phases
-    counted = problem_of(matrix, elements, nothing, costs=candidate_pool.costs, **measuring.counted)
+    counted = problem_of(matrix, elements, NOTHING, costs=candidate_pool.costs, **measuring.counted)
     return matrix, replace(counted, weights=weights), reachable
 
 
@@ -482,7 +481,7 @@ def _with_cavities(
     job, mesh, plan = measuring.job, measuring.observer.mesh, measuring.job.plan
     cavities = [entry for entry in plan.candidates if isinstance(entry, PerCavity)]
     missed = ~problem.reachable
-    unseen = mesh.task_mask & ~mesh.degenerate_mask & _faces_with(missed, job.cells)
+    unseen = mesh.task_mask & ~mesh.degenerate_mask & faces_with(missed, job.cells)
     if not cavities or not unseen.any():
         return candidate_pool, None, None, ""
     entry = cavities[0]
@@ -507,7 +506,7 @@ def _with_cavities(
     if job.cells is None:
         missed = unseen
     now = missed & problem.reachable
-    n_now = int((unseen & ~_faces_with(missed & ~now, job.cells)).sum())
+    n_now = int((unseen & ~faces_with(missed & ~now, job.cells)).sum())
     line = (
         f"without candidates that look into cavities, {'' if job.cells is None else 'parts of '}"
         f"{int(unseen.sum())} faces "
@@ -551,6 +550,8 @@ def _for_goal(
         problem = replace(all_of.problem, goal=all_of.wanted)
     except ConfigError as error:
         on = "" if cells is None else f" (on patches up to {distance(cells.size)} long)"
+        if job.phases and job.phases.is_mean(objectives.faces.task):
+            on += " on average over time, which the goal may not need"
         said = (
             str(error).replace(f"of {OF_GOALS}/", "of ").replace(f"of {OF_TASK},", "of the task,")
         )
@@ -594,7 +595,7 @@ def is_large(plan: Plan, matrix: VisibilityMatrix) -> bool:
     return not reasons
 
 
-def _faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
+def faces_with(elements: BoolArray, cells: Cells | None) -> BoolArray:
     """(F,) faces with one of some elements: cells, or faces."""
     if cells is None:
         return elements

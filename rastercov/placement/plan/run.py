@@ -94,6 +94,7 @@ from rastercov.placement.plan.prepare import (
     Prepared,
     Step,
     cells_of,
+    faces_with,
     prepare,
     quiet,
     sample_candidates,
@@ -469,7 +470,10 @@ class Run:
             finder = None
             if objectives.cells is not None and phases is None:
                 finder = objectives.cells.finder
-                prepared = _with_reachable(prepared, finder, self.clock)
+                if _is_of_reachable(prepared):
+                    with self.clock("area of all candidates") as progress:
+                        reachable = area_of_all(prepared, finder, progress)
+                    prepared = replace(prepared, reachable=reachable)
             if is_lowered(prepared):
                 prepared = _with_shortfall(prepared, finder, self.clock)
             with self.clock("selection"):
@@ -489,7 +493,7 @@ class Run:
             try:
                 self.save(replace(placement, interrupted=name))
                 with self.clock(name) as progress:
-                    placement = work(placement, objectives, progress)
+                    placement = _as_proved(work(placement, objectives, progress))
             except KeyboardInterrupt:
                 placement = replace(placement, interrupted=name)
         return placement
@@ -508,6 +512,9 @@ def _select(
         return replace(selection, chosen=every, curve=curve_of(prepared.problem, every))
     selection = select_by(prepared.selection, prepared.problem, seconds)
     missing = np.setdiff1d(np.arange(prepared.plan.n_given), selection.chosen)
+    if bound is None and prepared.of_mean:  # any other goal may need less, or cover more
+        is_fewest = isinstance(prepared.problem.goal, FewestCameras)
+        bound = float(prepared.problem.costs.min()) if is_fewest else 1.0
     if bound is None and not len(missing):
         return selection
     is_proved = bound is None or selection.status != "optimal"
@@ -519,6 +526,14 @@ def _select(
         selection.seconds,
         selection.status if is_proved else "feasible",
     )
+
+
+def _as_proved(placement: Placement) -> Placement:
+    """The placement without an optimum on cells that does not meet the goals of the plan."""
+    chosen = placement.selection
+    if placement.is_met or chosen.status != "optimal" or is_lowered(placement.prepared):
+        return placement
+    return replace(placement, selection=replace(chosen, status="feasible"))
 
 
 def _make_placement(
@@ -583,13 +598,9 @@ def _by_area(
         placed = placement.cameras.placed
         areas = phases.areas(plan.rig, placed, plan.build_task())
         counts = range(1, len(led_by(plan.rig, placed)) + 1)
-        curve = [phases.first(areas, count).summary()["percent"] / 100 for count in counts]
-        cameras = replace(
-            placement.cameras,
-            areas=areas,
-            curve=np.array(curve, np.float64),
-            share=curve[-1] if curve else 0.0,
-        )
+        shares = [phases.first(areas, count).summary()["percent"] / 100 for count in counts]
+        curve = np.array(shares, np.float64)
+        cameras = replace(placement.cameras, areas=areas, curve=curve, share=[0.0, *shares][-1])
     assert cameras.areas is not None
     of_goals = tuple(each for each in placement.requirements if each.goal)
     pairs = zip(objectives.goals, of_goals, strict=True)
@@ -676,14 +687,6 @@ def _is_of_reachable(prepared: Prepared) -> bool:
     """True where the required shares are of what all candidates cover."""
     selection = prepared.selection
     return isinstance(selection, FewestSelection) and selection.of_reachable
-
-
-def _with_reachable(prepared: Prepared, finder: RegionPass, clock: Clock) -> Prepared:
-    """With the exact area of all candidates where shares are of it and it is affordable."""
-    if not _is_of_reachable(prepared):
-        return prepared
-    with clock("area of all candidates") as progress:
-        return replace(prepared, reachable=area_of_all(prepared, finder, progress))
 
 
 def _with_shortfall(prepared: Prepared, finder: RegionPass | None, clock: Clock) -> Prepared:
@@ -808,19 +811,17 @@ def _shortest(placement: Placement, objectives: Objectives, progress: Progress) 
 
     They are chosen on cells of each phase for all phases as a whole, which may need more.
     """
-    phases, areas = placement.prepared.phases, placement.cameras.areas
+    prepared, cameras = placement.prepared, placement.cameras
+    phases, areas, n = prepared.phases, cameras.areas, len(cameras.mounted)
     assert phases is not None
     assert areas is not None
-    owner, n = placement.cameras.owner, len(placement.cameras.mounted)
-    limits = limits_of(placement.prepared.selection)
-    reachable = placement.prepared.reachable
-    of_row = owner[led_by(placement.prepared.mounts.rig, placement.cameras.placed)]
+    limits = limits_of(prepared.selection)
+    of_row = cameras.owner[led_by(prepared.mounts.rig, cameras.placed)]
     for count in range(1, n):
         first = phases.first(areas, int(np.count_nonzero(of_row < count)))
-        result = classify_areas(first, limits, 1, reachable)
+        result = classify_areas(first, limits, 1, prepared.reachable)
         if all(each.status == HOLDS for each in result):
-            rows = list(range(count))
-            shorter = _of_rows(placement, objectives, rows)
+            shorter = _of_rows(placement, objectives, list(range(count)))
             return replace(shorter, left_out=tuple(range(count, n)))
         progress(count, n)
     return placement
@@ -1031,10 +1032,8 @@ def _explain_uncovered(
     rest = find_uncovered(observer, placement.cameras, *wanted)
     if prepared.cells is not None and is_joint(prepared.mounts.rig):
         # Not faces that single cameras of a rig with a rule cover.
-        cells = prepared.cells
-        is_covered = prepared.problem.bits.counts_up_to(1)[: len(cells)] > 0
-        covering = np.zeros(prepared.mesh.n_faces, np.int64)
-        covering[cells.source_face[is_covered]] = 1
+        is_covered = prepared.problem.bits.counts_up_to(1)[: len(prepared.cells)] > 0
+        covering = faces_with(is_covered, prepared.cells).astype(np.int64)
         rest = replace(rest, n_covering=frozen(covering))
     areas, refused = placement.cameras.areas, prepared.pool.refused
     if areas is None or prepared.phases is not None or not prepared.plan.chooses_cameras:
