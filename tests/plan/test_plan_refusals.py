@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_plan import BASE, CAMERA, ENTRY, errors, plan_of
 
+import rastercov as rc
 from rastercov.placement.plan.file import PlanError
 from rastercov.placement.plan.prepare import cells_of
 from rastercov.placement.plan.run import place
@@ -182,3 +184,22 @@ def test_a_target_that_failed_gives_one_line_only(failing, name, tmp_path, monke
         scene(plan_of(text))
     (line,) = caught.value.lines
     assert "targets[0]: " in line
+
+
+def test_poses_of_existing_cameras_without_names_are_an_error_of_the_plan(folder):
+    np.save("kept.npy", np.eye(4)[None])
+    np.save("new.npy", np.eye(4)[None])
+    text = f"""{BOX}{EYE}{EYE.replace("eye", "far")}
+[[candidates]]
+generator = "poses"
+file = "new.npy"
+[existing]
+file = "kept.npy"
+[selection]
+goal = "best_coverage"
+cameras = 1
+"""
+    Path("plan.toml").write_text(text)
+    with pytest.raises(PlanError, match="existing: expected the camera of each pose") as error:
+        rc.place("plan.toml")
+    assert "--camera-name" not in str(error.value)

@@ -27,6 +27,7 @@ from rastercov.base import (
     InNotebook,
     InOneLine,
     IntArray,
+    PoseError,
     frozen_record,
     hooks_of,
 )
@@ -367,8 +368,12 @@ def place(
         raise PlanError(plan.name, missing)
     eyes: Poses | None = None
     if plan.existing is not None:
-        views = read_views(plan.folder / plan.existing.file)
-        plan, given = plan_of_cameras(plan, views)
+        try:
+            views = read_views(plan.folder / plan.existing.file)
+            plan, given = plan_of_cameras(plan, views)
+        except PoseError as error:
+            why = str(error).partition(", or choose")[0]
+            raise PlanError(plan.name, f"existing: {why}") from None
         if plan._stated:
             raise PlanError(
                 plan.name,
