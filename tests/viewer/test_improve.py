@@ -239,7 +239,6 @@ high = [0.1, 0.1, 0.9]
 [[candidates]]
 generator = "on_sphere"
 count = 9
-radius = 0.7
 """
 
 
@@ -251,8 +250,7 @@ def test_constraints_apply_to_the_place_of_a_rig(tmp_path):
         poses = plan.rig.poses(pose)[1:]
         views = rc.Views(plan.rig, poses, ("a", "b"))
         with closing(Session(open_plan(tmp_path / "plan.toml", views))) as session:
-            stations = session.described_state()["stations"]
-            assert [each["place"] for each in stations] == [words, words]
+            assert session.scene.places(session.state) == [words, words]
 
 
 def test_a_saved_rig_says_that_cameras_are_off(tmp_path):

@@ -82,7 +82,7 @@ class Generator(extend_entry("candidates")):  # type: ignore[misc] # a base made
     cost: NotNegative | None = None
     """Cost of a place of this entry, added to that of the camera; 1 if neither has one."""
     cameras: list[Name] = []
-    """Types of cameras at these places; all if empty."""
+    """Cameras and rigs at these places; if empty, all rigs, and cameras that are on none."""
 
     @property
     def is_of_cameras(self) -> bool:
