@@ -114,8 +114,12 @@ class Moment:
             placed = state.carry_bodies(bodies)
             if self.goal is not None:
                 plan, rig = self.goal.plan, self.goal.rig_of(placed.whole)
-                own = {"task": plan.build_task(), "needed": views_by_group(plan, None)}
-                placed = replace(placed, whole=rig, **own)
+                placed = replace(
+                    placed,
+                    whole=rig,
+                    task=plan.build_task(),
+                    needed=views_by_group(plan, None),
+                )
             self._shown = kept = state, placed
         return kept[1]
 

@@ -221,7 +221,7 @@ class GeoReference:
                 f"expected a scene where {shown(self.crs)} is used, got longitude "
                 f"{longitude[row]:.4g}, latitude {latitude[row]:.4g}; correct the origin"
             )
-        factors = Proj(self._crs).get_factors(float(longitude[0]), float(latitude[0]))
+        factors = Proj(self._crs).get_factors(longitude[0], latitude[0])
         scale = factors.areal_scale**0.5
         if not abs(scale - 1) < MOST_SCALE_ERROR:
             raise ConfigError(

@@ -178,7 +178,7 @@ def _of_ascii(data: bytes) -> Raster:
         len(values) == rows * columns > 0,
         f"expected {rows:g} x {columns:g} heights, got {len(values)} numbers",
     )
-    heights = values.reshape(int(rows), int(columns))
+    heights = values.reshape(int(rows), -1)
     heights[heights == header.get("nodata_value", -9999.0)] = np.nan
     x = header.get("xllcenter", header.get("xllcorner", 0.0) + dx / 2)
     y = header.get("yllcenter", header.get("yllcorner", 0.0) + dy / 2)

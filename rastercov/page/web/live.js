@@ -342,7 +342,7 @@ export class Live {
     const { groups, reasons } = this.data.scene;
     const wanted = groups.map(({ name }) => (views ? (views[name] ?? 1) : task.views));
     const used = {};
-    const isMost = Boolean(part.is_most); // all that a camera sees counts, blurred or without the others of its rule
+    const { is_most: isMost } = part; // all that a camera sees counts, blurred or without the others of its rule
     for (const [name, camera] of Object.entries(cameras)) {
       const { width, height, fx, fy, cx, cy, near = 0 } = camera.plain;
       const lens = camera.lens ? this.lenses[camera.lens] : null;
