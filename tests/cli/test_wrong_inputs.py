@@ -94,7 +94,8 @@ LINES = {
     "compare part.obj -c camera.toml -p rig.json --against up": "--against: expected a reference, "
     "got 'up'; use exact, polygons, rational",
     f"{CHECK} --tolerance 2": '--tolerance: expected errors of cameras, "2 mm, 0.2 deg, 1 %" '
-    "(focal length), and \"part 3 mm\", got '2'; give each kind once, with its unit",
+    "(focal length), and \"part 3 mm\", got '2'; give each kind once, in mm, cm, m, deg, degrees, "
+    "%",
     f"{CHECK} --group lidd=0.5": "--group: expected a mesh file or a group, "
     "got 'lidd'; correct the name (groups: lid, rest)",
     f"{CHECK} --allow-worse 0.5": "--allow-worse: expected a baseline, got none; name its "
