@@ -71,6 +71,7 @@ def viewshed(
     Example: rastercov viewshed dem.tif --from 500100,5300200 --radius 5000 --out seen/
     """
     from rastercov.core.mesh import Mesh
+    from rastercov.placement.required import SHARE_TOLERANCE
     from rastercov.survey import viewshed_files as files
     from rastercov.survey.viewshed import viewshed as viewshed_of
 
@@ -101,6 +102,6 @@ def viewshed(
         print_lines(*files.lines_of(result))
         if out is not None:
             say(str(out / "viewshed.png"))
-    shares = [100 * (seen.area - seen.area_bound) / seen.of_area for seen in result.seen]
-    if at_least is not None and not min(shares) >= at_least:
+    certain = [(seen.area - seen.area_bound) / seen.of_area for seen in result.seen]
+    if at_least is not None and not 100 * (min(certain) + SHARE_TOLERANCE) >= at_least:
         raise typer.Exit(1)

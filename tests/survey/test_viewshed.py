@@ -365,6 +365,7 @@ def test_undecided_ground_does_not_pass(tmp_path, capsys):
     rc.shapes.box((1, 1, 2), centre=(35.0, 5.0, 5)).to_trimesh().export(tmp_path / "a.stl")
     line = ["viewshed", str(tmp_path / "a.asc"), "--from", "15,15", "--flat", "--at-least", "40"]
     assert call(capsys, [*line, "--target", "1.7"])[0] == 0
+    assert call(capsys, [*line[:-1], "100"])[0] == 0  # to rounding
     beside = [*line, "--beside", str(tmp_path / "a.stl")]
     assert call(capsys, [*beside, "--target", "1.6"])[0] == 0
     assert call(capsys, [*beside, "--target", "1.7"])[0] == 1
