@@ -143,7 +143,7 @@ def viewshed(
         As for `Mesh.terrain`.
     beside : Mesh, optional
         Buildings and trees in map coordinates, which hide ground. The general engine then answers,
-        in some 30 times the time.
+        in 40 to 50 times the time.
     progress : callable
         Called with the number of observers that are done, and of all.
 
