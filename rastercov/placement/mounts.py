@@ -6,6 +6,7 @@ with a rule covers what its cameras cover together, and is one view.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import Self
 
@@ -101,6 +102,26 @@ class Mounts:
         camera = self.starts[placed.camera[owner]] + places_on_rigs(owner)
         matrices = self.rig._place(placed.world_from_camera[owner], camera)
         return Poses.of(matrices, camera=camera), owner
+
+    def mounted(self, cameras: Poses) -> tuple[Poses, IntArray]:
+        """Mounts of cameras, with the ids of their first ones, and the row of each camera's mount.
+
+        PoseError unless the cameras of a rig come in its order, to 1e-6 at their places on it.
+        """
+        mounts = np.searchsorted(self.starts, cameras.camera, "right").astype(np.int32) - 1
+        leads = cameras.camera == self.starts[mounts]
+        firsts = cameras[leads]
+        matrices = self.rig._rigs(firsts)
+        placed = replace(firsts, world_from_camera=matrices, camera=mounts[leads])
+        every, owner = self.cameras(placed)
+        if not np.array_equal(every.camera, cameras.camera) or not np.allclose(
+            every.world_from_camera, cameras.world_from_camera, 1e-6, 1e-6
+        ):
+            raise PoseError(
+                "expected all cameras of a rig in its order, at their places on it, got others; "
+                "write them as rastercov place does"
+            )
+        return placed, owner
 
     def place(self, views: Views) -> Poses:
         """Poses of mounts that a file names; PoseError for other names, or none."""

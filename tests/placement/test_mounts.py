@@ -1,5 +1,7 @@
 """Rigs as candidates: one choice, with the pairs of each of its cameras."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -245,3 +247,22 @@ def test_a_rig_is_moved_for_its_cameras_as_views(need, least):
     assert spread.nominal == pytest.approx(refinement.start_share, abs=1e-12)
     assert spread.together.worst == pytest.approx(refinement.start_share, abs=1e-12)
     assert [each.alone.mean for each in spread.cameras] == pytest.approx([spread.nominal] * 3)
+
+
+@given(seed=st.integers(0, 1000), index=st.lists(st.integers(0, 2), min_size=8, max_size=8))
+def test_placed_cameras_have_the_mounts_that_they_were_placed_by(seed, index):
+    mounts, placed = mounts_of(seed), rc.Poses.of(POSES, camera=index)
+    cameras, owner = mounts.cameras(placed)
+    found, rows = mounts.mounted(cameras)
+    assert found.camera.tolist() == index
+    assert rows.tolist() == owner.tolist()
+    assert found.ids.tolist() == np.searchsorted(owner, np.arange(8)).tolist()
+    np.testing.assert_allclose(found.world_from_camera, POSES, atol=1e-9)
+    row = int(np.argmax(cameras.camera > 0))
+    moved = cameras.world_from_camera.copy()
+    moved[row, 0, 3] += 1e-3
+    rig_lacks = np.arange(len(cameras)) != row
+    for wrong in (replace(cameras, world_from_camera=moved), cameras[rig_lacks]):
+        if any(index):
+            with pytest.raises(rc.PoseError, match="expected all cameras of a rig in its order"):
+                mounts.mounted(wrong)

@@ -15,7 +15,7 @@ from rastercov.core.camera.conventions import write_poses
 from rastercov.formats.cameras import write_views
 from rastercov.placement import Objective
 from rastercov.placement.plan import run as plan_run
-from rastercov.placement.plan.file import plan_of
+from rastercov.placement.plan.file import PlanError, plan_of
 from rastercov.placement.plan.scene import candidate_pool, scene
 
 MESH, _, _ = room()
@@ -264,3 +264,34 @@ def test_views_by_area_are_those_of_the_cameras():
     assert content["mount"] == two.cameras.owner.tolist()
     percent = checked(**TWIN, task=task).areas.summary()["percent"]
     assert percent == pytest.approx(100 * two.cameras.share, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", [pair(30, 0.1), {"rule": "all"} | pair(2, 0.3)])
+def test_rigs_that_were_placed_stay_and_others_are_placed_beside_them(rig):
+    own = {"cameras": {"eye": EYE}, "rigs": {"pair": rig}}
+    before = placed(**own)
+    Path("out/poses.json").rename("there.json")
+    there = {"existing": {"file": "there.json"}, "selection": TWO | {"cameras": 1}}
+    after = placed(**own | there)
+    assert after.origin[:2] == ("existing 0", "existing 2")
+    assert after.cameras.share > before.cameras.share
+    kept = after.cameras.placed.world_from_camera[:4]
+    np.testing.assert_allclose(kept, before.cameras.placed.world_from_camera, atol=1e-12)
+    percent = checked(**own).areas.summary()["percent"]
+    assert percent == pytest.approx(100 * after.cameras.share, abs=1e-9)
+    moves = {"file": "there.json", "move": [3]}  # by any of its cameras
+    moved = placed(**own | there | {"existing": moves})
+    assert moved.origin[0] == "existing 0"
+    assert len(moved.origin) == 2
+    assert moved.cameras.share >= before.cameras.share - 1e-9
+    poses = before.cameras.mounted.world_from_camera
+    write_poses("rigs.json", poses, ["pair", "pair"])
+    again = placed(**own | there | {"existing": {"file": "rigs.json", "move": [1]}})
+    assert again.origin[0] == "existing 0"
+    assert again.cameras.share == pytest.approx(moved.cameras.share, abs=1e-9)
+    content = json.loads(Path("there.json").read_text())
+    content["world_from_camera"][1][0][3] += 0.01
+    Path("there.json").write_text(json.dumps(content))
+    with pytest.raises(PlanError, match="existing: expected all cameras of a rig in its order"):
+        placed(**own | there)

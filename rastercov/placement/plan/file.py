@@ -365,16 +365,10 @@ class Plan(PlanModel):
         """Number of those that stay."""
         return self._n_given
 
-    def with_there(self, cameras: Poses, n_given: int) -> Self:
-        """The same plan with cameras, of which the first stay; PlanError for one of a rig."""
-        mounts = np.searchsorted(self.mounts.starts, cameras.camera, "right").astype(np.int32) - 1
-        if len(several := np.flatnonzero(np.diff(self.mounts.starts)[mounts] > 1)):
-            name = self.mounts.names[mounts[several[0]]]
-            raise PlanError(
-                self.name, f"existing: expected single cameras, got rig {name}; leave it out"
-            )
+    def with_there(self, mounted: Poses, n_given: int) -> Self:
+        """The same plan with cameras and rigs, of which the first stay."""
         other = self.model_copy()
-        other._there, other._n_given = replace(cameras, camera=mounts), n_given
+        other._there, other._n_given = mounted, n_given
         return other
 
     @property

@@ -36,6 +36,7 @@ from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.camera import (
     Poses,
+    Views,
     is_joint,
     led_by,
     names_by_origin,
@@ -382,7 +383,7 @@ def place(
         given.check_cameras(len(plan.rig))
         eyes = renumber(given)
         if plan.chooses_cameras:
-            plan, eyes = _with_existing(plan, eyes, views.images), None
+            plan, eyes = _with_existing(plan, eyes, views), None
     _check_goals(plan)
     _check_before_work(plan)
     clock = Clock(step)
@@ -401,22 +402,27 @@ def place(
         return job.improve(chosen, objectives, last_steps())
 
 
-def _with_existing(plan: Plan, given: Poses, images: Sequence[str]) -> Plan:
+def _with_existing(plan: Plan, given: Poses, views: Views) -> Plan:
     """The plan with existing cameras; PlanError for one to move that is not there."""
     assert plan.existing is not None
-    names = names_of_poses(given, tuple(images))
+    with errors_at(plan.name, "existing", PoseError):
+        mounted, owner = plan.mounts.mounted(given)
+    if len(views.poses) < len(given):  # of rigs
+        given = mounted = renumber(mounted)
+        owner = given.ids
+    names = names_of_poses(given, views.images)
     rows = {each: row for row, name in enumerate(names) for each in (row, name)}
     for row, each in enumerate(plan.existing.move):
         if each not in rows:
             known = f"{len(given)} cameras" + (
-                f" ({list_names(names, str(each))})" if images else ""
+                f" ({list_names(names, str(each))})" if views.images else ""
             )
             raise PlanError(
                 plan.name,
                 f"existing.move[{row}]: expected one of {known}, got {each!r}; correct it",
             )
-    moves = np.isin(given.ids, [rows[each] for each in plan.existing.move])
-    return plan.with_there(given[moves.argsort(kind="stable")], int((~moves).sum()))
+    moves = np.isin(np.arange(len(mounted)), owner[[rows[each] for each in plan.existing.move]])
+    return plan.with_there(mounted[moves.argsort(kind="stable")], int((~moves).sum()))
 
 
 def _check_before_work(plan: Plan) -> None:
