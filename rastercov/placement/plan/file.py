@@ -124,14 +124,11 @@ def lines_of(error: ValidationError, table: ReadByName, model: type[BaseModel]) 
             known = sorted(_entries(inner, model))
             line = _known_name(known, str(name))
             if tags := _entries(inner[:-1], model).get(str(name)):
-                line = f"{first_of(known, 3)} for {inner[-1]}, got {shown(name)}, which goes with "
+                line = f"{', '.join(known)} for {inner[-1]}, got {shown(name)}, which goes with "
                 line += f"{first_of(tags, 2)}; leave it out"
             lines[path] = f"{path}: expected {line}"
             if not tags and (places := first_of(_tables_with(str(name), model), 2)):
-                lines[path] = (
-                    f"{path}: expected an entry of this table, got {shown(name)}, which stands "
-                    f"{places}; move it there"
-                )
+                lines[path] += f", or put it {places}"
         elif kind == "union_tag_not_found":
             tag = each["ctx"]["discriminator"].strip("'")
             lines[f"{path}.{tag}"] = f"{_join_path(path, tag)}: expected an entry, got none; add it"
@@ -167,8 +164,8 @@ def _join_path(path: str, part: str) -> str:
 
 def _known_name(names: Sequence[str], name: str) -> str:
     """Known names beside an unknown one, those that are similar if there are many."""
-    known = f"one of {list_names(names, name)}" if names else "no entry"
-    return f"{known}, got {shown(name)}; correct the name"
+    known = ", ".join(names) if len(names) < 13 else list_names(names, name)
+    return f"{f'one of {known}' if names else 'no entry'}, got {shown(name)}; correct the name"
 
 
 def _entries(location: Sequence[int | str], model: type[BaseModel]) -> dict[str, list[str]]:
