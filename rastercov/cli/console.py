@@ -550,7 +550,7 @@ FAILED = {
     "evaluate": "a pose crashed its worker",
     "demo": "a pose crashed its worker",
     "compare": "an error bound was exceeded",
-    "place": "the goal was not reached, or a candidate crashed its worker",
+    "place": "the goal was not reached, a flight is blocked, or a candidate crashed its worker",
     "check": "a requirement failed, or the result is worse than the baseline",
     "audit": "a pose crashed its worker",
     "sun": "a group gets less sunlight than --at-least, or is undecided",

@@ -135,7 +135,7 @@ def place(
     if left_out:
         words = f"{plural(len(left_out), 'candidate')} skipped"
         warn(f"{words}: each crashed its worker; pass --skip-bad-poses to accept this")
-    if left_out or not placed.is_met:
+    if left_out or not placed.is_met or not all(each.files() for each in placed.products):
         raise typer.Exit(1)
 
 

@@ -8,11 +8,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from commands import call, enter
 from hypothesis import given
 from hypothesis import strategies as st
 from nightly import amount, examples
 from short_search import short_search  # noqa: F401 # a fixture for every test
 from test_flight_plan import KML, ORBIT, PLACE, PLAN, placed, waypoints
+from test_lamp_choice import toml
 
 import rastercov as rc
 from rastercov.core.mesh import Mesh, shapes
@@ -146,14 +148,19 @@ def test_climbs_have_a_height_of_their_own():
     assert [each.tolist() for each in course.over] == [[[-5, -3, 1]], [], [[-5, -3, 1]]]
 
 
-def test_a_home_below_something_is_refused(tmp_path):
+def test_a_home_below_something_is_refused(tmp_path, capsys, monkeypatch):
     volume = {"name": "trees", "low": [-23, -1, 0.2], "high": [-21, 1, 0.3]}
-    placement = placed(tmp_path / "out", candidates=[ACROSS], constraints={"keep_out": [volume]},
-                   flight=PLAN["flight"] | {"home": [-22, 0, 0]})  # fmt: skip
+    own = {"candidates": [ACROSS], "constraints": {"keep_out": [volume]}}
+    own |= {"flight": PLAN["flight"] | {"home": [-22, 0, 0]}}
+    placement = placed(tmp_path / "out", **own)
     assert summary(placement)["flight"]["blocked"] == [1, 3]
     assert "first to waypoint 1" in placement.product("flight").unwritten[0]
     assert "move home in [flight]" in placement.product("flight").unwritten[0]
     assert not list((tmp_path / "out").glob("flight.*"))
+    enter(tmp_path, monkeypatch)
+    (tmp_path / "plan.toml").write_text(toml(PLAN | own))
+    code, out, error = call(capsys, "place plan.toml --out again")
+    assert (code, "first to waypoint 1" in out, "error" in error) == (1, True, False)
 
 
 @pytest.mark.parametrize("distance", [0.1, 0.3, 4.1, 7.7])
