@@ -119,7 +119,10 @@ def surveyed(report: Report, folder: Path) -> None:
         for path in paths
     ]
     features = [
-        cv2.SIFT_create(4000).detectAndCompute(cv2.imread(str(path), 0), None) for path in paths
+        cv2.SIFT_create(4000).detectAndCompute(  # type: ignore[attr-defined]
+            cv2.imread(str(path), 0), None
+        )
+        for path in paths
     ]
     places = [np.array([each.pt for each in keys]) for keys, _ in features]
     lenses = [values[:9].reshape(3, 3) for values in cameras]

@@ -210,6 +210,7 @@ def agrees_with_trimesh(path: Path, data: bytes) -> bool:
     """True if trimesh finds as many triangles, of the same total area."""
     path.write_bytes(data)
     ours, theirs = Mesh.load(path), trimesh.load(path, process=False, force="mesh")
+    assert isinstance(theirs, trimesh.Trimesh)
     is_equal: bool = np.allclose(ours.areas.sum(), theirs.area, rtol=1e-5)
     return is_equal and ours.n_faces == len(theirs.faces)
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
+import moderngl
 import numpy as np
 from contest import Cell
 from rows import Report, arguments, machine, resident_mib
@@ -172,7 +173,7 @@ def check_scenes(run: Run) -> None:
 class Timed:
     """A program of which each run is timed by itself."""
 
-    def __init__(self, program: object, finish: Callable[[], None]) -> None:
+    def __init__(self, program: moderngl.ComputeShader, finish: Callable[[], None]) -> None:
         self.program, self._finish, self.seconds = program, finish, 0.0
 
     def __contains__(self, name: str) -> bool:

@@ -137,6 +137,16 @@ def _problem(bits: CoveredBits, weights: np.ndarray, goal: Goal) -> Problem:
     )  # fmt: skip
 
 
+class _Counted(LazyCover):
+    """A cover that counts the gains that it computes."""
+
+    n_gains = 0
+
+    def _gains(self, rows: np.ndarray) -> np.ndarray:
+        self.n_gains += len(rows)
+        return super()._gains(rows)
+
+
 def _steps(problem: Problem) -> dict[str, object]:
     """Figures of `select_greedy`, step by step."""
     seconds, passes, priced = {}, 0, bounds._prices_of
@@ -155,7 +165,7 @@ def _steps(problem: Problem) -> dict[str, object]:
 
     step("reachable faces, 1 pass", lambda: problem.reachable)
     large = step("presolve, 2 passes", lambda: presolve(problem))
-    state = step("greedy rule", lambda: construct_cover(lambda: LazyCover(large)))
+    state = step("greedy rule", lambda: construct_cover(lambda: _Counted(large)))
     n_gains = state.n_gains
     bounds._prices_of = counted
     core, rows, bound = step("bound", lambda: bounds.core_and_bound(large, state))
@@ -270,7 +280,7 @@ def _passes(folder: Path, held_as: str) -> float:
         return 0.0
     matrix = VisibilityMatrix.load(next(folder.iterdir()))
     problem = problem_of(matrix, shapes.by_name("torus"), BestCoverage(8))
-    state = construct_cover(lambda: LazyCover(presolve(problem)))
+    state = construct_cover(lambda: _Counted(presolve(problem)))
     return (state.n_gains / state.large.n_candidates - 1) / max(1, len(state.chosen))
 
 

@@ -41,7 +41,7 @@ from rastercov import (
     open_rasterizer,
     sphere_of_poses,
 )
-from rastercov.core.camera.lenses.of_camera import planes_of
+from rastercov.core.camera.lenses.of_camera import LensModel, planes_of
 from rastercov.core.camera.viewpoints import enclosing_distance
 from rastercov.core.coverage.coverage import evaluate_batches
 from rastercov.core.mesh import shapes
@@ -99,7 +99,7 @@ def folded_share() -> float:
     return float((angle > np.arctan(np.sqrt(1 / 0.6))).mean())
 
 
-def add_cost(report: Report, name: str, lens: object, rounds: int) -> None:
+def add_cost(report: Report, name: str, lens: LensModel, rounds: int) -> None:
     where = pixels(200_000)
     rays = lens.unproject(where)
     proved = lens.proved[0]

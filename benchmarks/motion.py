@@ -17,6 +17,7 @@ import rastercov as rc
 from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.table import join
 from rastercov.core.exact.surface import surface_of
+from rastercov.engine.solver_parts import contacts
 from rastercov.motion.regions import ViewKeys
 
 CAMERA = rc.Camera(width=1920, height=1200, fx=1500, fy=1500)
@@ -107,7 +108,7 @@ def built(motion: rc.Motion, row: int) -> None:
     mesh, _ = motion._at(row, of_occluders=False)
     surface = surface_of(mesh)
     frames_of(mesh)
-    surface.contacts(REACH)
+    contacts(surface, REACH)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,8 @@ from compared import Compared, Comparison, amount
 from lens_cases import BROWN, KANNALA, PRISM, RATIONAL, TILTED, K, rays
 from lens_oracles import colmap_pixels, opencv_fisheye_pixels, opencv_pixels
 
+from rastercov.core.camera.lenses.of_camera import LensModel
+
 RAYS, RAYS_OF_COLMAP = 100_000, 5_000
 THEIR_BOUND = 1e-11
 """Rounding of OpenCV and COLMAP in pixels."""
@@ -41,14 +43,14 @@ def of_colmap(effort: float) -> list[Compared]:
     return [compared]
 
 
-def seen_by(lens: object, count: int) -> np.ndarray:
+def seen_by(lens: LensModel, count: int) -> np.ndarray:
     """Rays of which the lens has pixels."""
     given = rays(3 * count)
     return given[np.isfinite(lens.project(given)).all(axis=1)][:count]
 
 
 def compare(
-    compared: Compared, name: str, lens: object, given: np.ndarray, theirs: np.ndarray
+    compared: Compared, name: str, lens: LensModel, given: np.ndarray, theirs: np.ndarray
 ) -> None:
     if compared.add(lens.project(given), theirs, OURS + THEIR_BOUND).any():
         off = np.abs(lens.project(given) - theirs).max(axis=1)
