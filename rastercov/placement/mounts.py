@@ -23,7 +23,7 @@ from rastercov.base import (
     owners_of,
 )
 from rastercov.core.camera import Camera, Poses, Rig, Views, eyes_of, led_by
-from rastercov.core.camera.rig import MOST_NAMES, with_places
+from rastercov.core.camera.rig import MOST_NAMES, movers, with_places
 
 
 def places_on_rigs(owner: IntArray) -> IntArray:
@@ -110,9 +110,8 @@ class Mounts:
         """
         mounts = np.searchsorted(self.starts, cameras.camera, "right").astype(np.int32) - 1
         leads = cameras.camera == self.starts[mounts]
-        firsts = cameras[leads]
-        matrices = self.rig._rigs(firsts)
-        placed = replace(firsts, world_from_camera=matrices, camera=mounts[leads])
+        matrices = self.rig._rigs(movers(self.rig, cameras))[leads]
+        placed = replace(cameras[leads], world_from_camera=matrices, camera=mounts[leads])
         every, owner = self.cameras(placed)
         if not np.array_equal(every.camera, cameras.camera) or not np.allclose(
             every.world_from_camera, cameras.world_from_camera, 1e-6, 1e-6

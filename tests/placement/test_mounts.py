@@ -266,3 +266,14 @@ def test_placed_cameras_have_the_mounts_that_they_were_placed_by(seed, index):
         if any(index):
             with pytest.raises(rc.PoseError, match="expected all cameras of a rig in its order"):
                 mounts.mounted(wrong)
+
+
+def test_mounts_are_found_by_the_camera_that_moves():
+    own = {"fixed": ["a"], "rule": rc.All()}
+    rig = rc.Rig([WIDE, LONG, WIDE], ["a", "b", "c"], [place_of(k) for k in range(3)], **own)
+    mounts = Mounts.of({"eye": WIDE, "three": rig})
+    placed = rc.Poses.of(POSES, camera=[0, 1] * 4)
+    cameras, owner = mounts.cameras(placed)
+    found, rows = mounts.mounted(cameras)
+    assert (found.camera.tolist(), rows.tolist()) == ([0, 1] * 4, owner.tolist())
+    np.testing.assert_allclose(found.world_from_camera, POSES, atol=1e-9)
