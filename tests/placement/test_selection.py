@@ -68,6 +68,26 @@ def test_lagrange_bounds_hold_before_they_are_trimmed(problem):
     assert sign * bound_of(reduced, construct(reduced)) >= sign * best - 1e-6
 
 
+@examples(25)
+@given(problems(goals=["fewest"]), st.sampled_from([1, 2, 6, 250, 1 << 50]), st.randoms())
+def test_bounds_of_costs_are_multiples_of_what_divides_them(problem, step, random):
+    costs = [step * random.randint(0, 3) for _ in range(problem.n_candidates)]
+    problem = replace(problem, costs=np.array(costs, np.float64))
+    best = best_by_trying_all(problem)
+    for select in SELECTORS.values():
+        bound = select(problem).bound
+        assert bound <= best * (1 + 1e-12)
+        assert bound % step == 0
+
+
+def test_a_bound_between_multiples_of_the_cost_is_the_next():
+    covers = np.ones((5, 5)) - np.eye(5)  # any two cover all, none alone
+    problem = problem_of_matrix(covers, costs=[2.0] * 5)
+    for select in SELECTORS.values():
+        found = select(problem)
+        assert (found.cost, found.bound) == (4, 4)
+
+
 @pytest.mark.slow
 @examples(7)
 @given(problems())

@@ -327,9 +327,10 @@ def cheapest(
 
 
 def round_up(cost: float, costs: FloatArray) -> float:
-    """Lower bound of a sum of costs, rounded up to an integer where all costs are; at least 0."""
-    if len(costs) and bool((costs == np.floor(costs)).all()):
-        cost = math.ceil(cost - 1e-6)
+    """Lower bound of a sum of costs, rounded up to a multiple of what divides all; at least 0."""
+    if len(costs) and bool((costs == np.floor(costs)).all()) and costs.max() < 1 << 53:
+        step = int(np.gcd.reduce(costs.astype(np.int64))) or 1
+        cost = step * math.ceil(cost / step - 1e-6)
     return max(0.0, float(cost))
 
 
