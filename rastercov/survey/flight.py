@@ -287,7 +287,8 @@ class Flight(Product):
             return []
         first, last = blocked[0], len(self.over)
         return [
-            f"flight: none is written, the scene blocks {plural(len(blocked), 'leg')}, the first "
+            "flight: none is written, the scene or a no-fly zone blocks "
+            f"{plural(len(blocked), 'leg')}, the first "
             + (f"to waypoint {first}" if first < last else "back home")
             + f", and also the ways over it; {home if first in (1, last) else 'move the positions'}"
             + ", or decrease clearance in [constraints]"

@@ -228,8 +228,8 @@ def test_no_file_is_written_of_a_flight_without_a_way(tmp_path):
     assert not list((tmp_path / "out").glob("flight.*"))
     assert summary(placement)["flight"]["blocked"] == [2, 3]
     (line,) = placement.product("flight").unwritten
-    begin = "flight: none is written, the scene blocks 2 legs, the first to waypoint 2, "
-    assert line.startswith(begin)
+    assert line.startswith("flight: none is written, the scene or a no-fly zone blocks 2 legs, ")
+    assert ", the first to waypoint 2, " in line
     assert "; move the positions, or decrease clearance" in line
 
 
@@ -245,7 +245,7 @@ def test_a_page_says_first_that_no_flight_is_written_and_what_home_lacks(tmp_pat
     placed(tmp_path, flight=flight | home, outputs={"page": True}, **changes)
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     first = page[page.index("<ul>") :].partition("</li>")[0]
-    assert "flight: none is written, the scene blocks" in first
+    assert "flight: none is written, the scene or a no-fly zone blocks" in first
     assert f"; {words}" in first
     assert "Not to be signed: flight fails." in page
 
