@@ -51,9 +51,9 @@ from rastercov.base import (
 from rastercov.base.arguments import is_number
 from rastercov.base.format import distance
 from rastercov.core.area.advice import general_advice
+from rastercov.core.area.point_pass import PointPass
 from rastercov.core.area.polygons import quantile
 from rastercov.core.area.remedies import SURE, round_point
-from rastercov.core.area.stages import failures_of_rows
 from rastercov.core.area.zones import MOST_LINES, TRIED_PERCENT
 from rastercov.core.camera import (
     Poses,
@@ -199,11 +199,9 @@ class WeakRemedies:
         result, cells = self.found, self.found.cells
         points = result.elements.centroids[rows]
         face = rows if cells is None else cells.source_face[rows].astype(np.int64)
-        scene = result.mesh, result.camera, self._task, poses
-        judged = failures_of_rows(*scene, points, face)
-        covers = np.array([reason == Reason.COVERED for _, reason, _ in judged])
-        if not len(covers) or not len(poses):
+        if not len(poses):
             return [], 0.0
+        covers = PointPass(result.mesh, result.camera, self._task, points, face).covers(poses)
         ways = eyes_of(result.camera, poses)[:, None] - points
         ways /= norm(ways)[..., None]
         angles = self._to_existing(rows, points, ways)
@@ -230,13 +228,13 @@ class WeakRemedies:
     def _to_existing(self, rows: IntArray, points: FloatArray, ways: FloatArray) -> FloatArray:
         """(C, N) widest angle of the ray to each new eye and those to images of each element."""
         eyes = eyes_of(self.found.camera, self.found.poses)
-        existing = np.zeros(ways.shape[:2])
+        cosines = np.ones(ways.shape[:2])
         for at, row in enumerate(rows.tolist()):
             own = eyes[self._camera[self._starts[row] : self._starts[row + 1]]] - points[at]
             if len(own):
                 own /= norm(own)[:, None]
-                existing[:, at] = _angles(ways[:, at, None], own).max(axis=1)
-        return existing
+                cosines[:, at] = dots(ways[:, at, None], own).min(axis=1)
+        return arccos(np.clip(cosines, -1.0, 1.0))
 
 
 def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
