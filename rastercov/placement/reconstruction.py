@@ -204,14 +204,14 @@ class WeakRemedies:
         covers = PointPass(result.mesh, result.camera, self._task, points, face).covers(poses)
         ways = eyes_of(result.camera, poses)[:, None] - points
         ways /= norm(ways)[..., None]
-        angles = self._to_existing(rows, points, ways)
+        angles = _angles(self._to_existing(rows, points, ways), covers)
         need, least = self.wanted.views[rows], self.wanted.min_angle
         views, widest = result.views[rows], result.widest_angle[rows]
         is_sharp = result.best_density[rows] >= self.density
         chosen, share = list[int](), 0.0
         for _ in range(min(int(need.max()) + MORE_IMAGES, len(poses))):
             more = views + covers
-            wider = np.maximum(widest, np.where(covers, angles, 0.0))
+            wider = np.maximum(widest, angles)
             strong = (more >= need) & (wider >= least) & (is_sharp | covers)
             gains = np.minimum(more / need, 1) + np.minimum(wider / least, 1)
             score = strong.mean(axis=1) + 1e-3 * gains.mean(axis=1)
@@ -221,12 +221,12 @@ class WeakRemedies:
             is_sharp, share = is_sharp | covers[best], float(strong[best].mean())
             if share >= SURE:
                 break
-            to_new = np.where(covers[best], _angles(ways, ways[best]), 0.0)
+            to_new = _angles(dots(ways, ways[best]), covers & covers[best])
             angles = np.maximum(angles, to_new)
         return chosen, share
 
     def _to_existing(self, rows: IntArray, points: FloatArray, ways: FloatArray) -> FloatArray:
-        """(C, N) widest angle of the ray to each new eye and those to images of each element."""
+        """(C, N) cosine of the widest angle of rays to each new eye and to images of an element."""
         eyes = eyes_of(self.found.camera, self.found.poses)
         cosines = np.ones(ways.shape[:2])
         for at, row in enumerate(rows.tolist()):
@@ -234,12 +234,14 @@ class WeakRemedies:
             if len(own):
                 own /= norm(own)[:, None]
                 cosines[:, at] = dots(ways[:, at, None], own).min(axis=1)
-        return arccos(np.clip(cosines, -1.0, 1.0))
+        return cosines
 
 
-def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Angles between unit vectors."""
-    return arccos(np.clip(dots(one, other), -1.0, 1.0))
+def _angles(cosines: FloatArray, mask: BoolArray) -> FloatArray:
+    """Angles of cosines where a mask holds, 0 elsewhere."""
+    angles = np.zeros(mask.shape)
+    angles[mask] = arccos(np.clip(cosines[mask], -1.0, 1.0))
+    return angles
 
 
 LEAST_VIEWS, LEAST_ANGLE_DEG = 2, 5.0
