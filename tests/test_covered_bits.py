@@ -46,6 +46,8 @@ def test_bits_areas_and_views_are_those_of_the_reasons(seed, method, monkeypatch
     assert bits.packed.shape == (11, -(-mesh.n_faces // 8))
     np.testing.assert_array_equal(bits.packed, np.packbits(covers, axis=1, bitorder="little"))
     np.testing.assert_array_equal(bits.dense(slice(2, 5)), covers[2:5])
+    with pytest.raises(rc.ConfigError, match="expected poses to be a slice, got array"):
+        bits.dense(np.arange(2))
     np.testing.assert_array_equal(bits.views, covers.sum(axis=0))
     np.testing.assert_array_equal(bits.area_units, (covers * area_units(mesh)).sum(axis=1))
     exact = (covers * np.where(mesh.task_mask, mesh.areas, 0)).sum(axis=1)

@@ -57,6 +57,7 @@ from rastercov.base import (
     IntArray,
     ResourceError,
     StrPath,
+    check_kind,
     check_memory,
     flag,
     frozen_record,
@@ -169,6 +170,7 @@ class CoverageBits(InOneLine):
 
     def dense(self, poses: slice = slice(None)) -> BoolArray:
         """(P, F) mask of the pairs of some poses; eight times as large."""
+        check_kind("poses", poses, slice, "a slice", ConfigError)
         octets = self.packed[poses]
         return np.unpackbits(octets, axis=1, count=len(self.views), bitorder="little").view(
             np.bool_
