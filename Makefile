@@ -84,7 +84,7 @@ WASM := $(patsubst %,--enable-%,simd bulk-memory nontrapping-float-to-int sign-e
 SPELLED = $(BIN)/codespell *.md docs examples rastercov reference benchmarks
 BIOME := .ci/javascript/node_modules
 # The target `native` compiles the loops, and shows how far it is.
-INSTALL := $(PIP_INSTALL) --no-build-isolation -C wheel.cmake=false -C wheel.py-api=py3 -e
+INSTALL := $(PIP_INSTALL) --no-build-isolation --config-settings wheel.cmake=false --config-settings wheel.py-api=py3 -e
 
 # Two pips must not work on one environment. `demo` asks for what apt and pip install in one call.
 ifndef TOGETHER
