@@ -1,5 +1,6 @@
 """The command `viewshed`: the visible part of a terrain from one place or several."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -72,6 +73,7 @@ def viewshed(
     """
     from rastercov.core.mesh import Mesh
     from rastercov.placement.required import SHARE_TOLERANCE
+    from rastercov.report.folder import ReportFolder
     from rastercov.survey import viewshed_files as files
     from rastercov.survey.viewshed import viewshed as viewshed_of
 
@@ -82,18 +84,20 @@ def viewshed(
             raise ConfigError("expected --outlines or --beside, got both; leave one out")
         check_place(outlines)
     meshes = [Mesh.load(path) for path in eyes.beside or ()]
-    with progress_bar("observers") as progress:
-        result = viewshed_of(
-            raster,
-            observers,
-            **sight._asdict(),
-            beside=Mesh.joined(meshes) if meshes else None,
-            progress=progress,
-        )
-    if (out or outlines) and not result.raster.crs:
-        warn("the raster has no EPSG code: files have its coordinates without a CRS")
-    if out is not None:
-        files.write_files(result, out)
+    with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(ReportFolder(out, files.VIEWSHED))
+        with progress_bar("observers") as progress:
+            result = viewshed_of(
+                raster,
+                observers,
+                **sight._asdict(),
+                beside=Mesh.joined(meshes) if meshes else None,
+                progress=progress,
+            )
+        if (out or outlines) and not result.raster.crs:
+            warn("the raster has no EPSG code: files have its coordinates without a CRS")
+        if folder is not None:
+            files.write_files(result, folder)
     if outlines is not None:
         files.write_outlines(result, outlines)
     if as_json:

@@ -1,5 +1,6 @@
 """Files of a viewshed: GeoTIFF, picture, table, and outlines of what is seen."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,17 @@ from PIL import Image, ImageDraw
 from rastercov.base import ByName, ConfigError, FloatArray, write_bytes, write_text
 from rastercov.base.files import file_text
 from rastercov.base.format import text_with_bound
-from rastercov.base.output import csv_text, name_folder
+from rastercov.base.output import csv_text
 from rastercov.core.mesh.columns import columns_of
 from rastercov.core.mesh.terrain import Raster
+from rastercov.report.folder import ReportFolder, ReportKind
 from rastercov.report.images import Key, add_frame, png
 from rastercov.survey.geo import geojson, geotiff
 from rastercov.survey.viewshed import Viewshed, outlines_of
 
+VIEWSHED = ReportKind(
+    "viewshed", re.compile(r"viewshed\.(tif|png)|observers\.csv"), last="observers.csv"
+)
 UNSEEN, SEEN, HOLE, OBSERVER = (140, 140, 150), (255, 190, 60), (255, 255, 255), (200, 0, 60)
 """Colours of no visible ground, of all, of none, and of an observer."""
 
@@ -67,16 +72,17 @@ def summary_of(viewshed: Viewshed) -> ByName:
     }
 
 
-def write_files(viewshed: Viewshed, out: Path) -> None:
+def write_files(viewshed: Viewshed, out: ReportFolder) -> None:
     """Write viewshed.tif, with NaN without ground, viewshed.png and observers.csv."""
-    name_folder(out)
     raster = viewshed.raster
     crs = int(raster.crs.removeprefix("EPSG:") or 0) or None, raster.crs or "local metres"
     tags = geotiff.tags_of(raster.origin, raster.spacing, *crs, raster.is_geographic)
-    write_bytes(out / "viewshed.tif", geotiff.encode(viewshed.share.astype(np.float32), tags))
-    write_bytes(out / "viewshed.png", picture_of(viewshed))
+    shares = geotiff.encode(viewshed.share.astype(np.float32), tags)
+    write_bytes(out.file("viewshed.tif"), shares)
+    write_bytes(out.file("viewshed.png"), picture_of(viewshed))
     entries = summary_of(viewshed)["observers"]
-    write_text(out / "observers.csv", csv_text(entries[0], entries))
+    write_text(out.file("observers.csv"), csv_text(entries[0], entries))
+    out.publish()
 
 
 def picture_of(viewshed: Viewshed) -> bytes:

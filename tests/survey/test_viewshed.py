@@ -454,6 +454,22 @@ def test_a_picture_shows_what_is_within_the_radius(tmp_path, capsys):
     assert "expected ground within 1 m" in words
 
 
+def test_a_folder_holds_one_viewshed_and_no_other_files_are_replaced(tmp_path, capsys):
+    path = write_raster(tmp_path / "a.tif", np.zeros((9, 9), np.float32))
+    line = ["viewshed", str(path), "--from", f"{ORIGIN[0] + 100},{ORIGIN[1] - 100}", "--out"]
+    out = tmp_path / "out"
+    for _ in range(2):
+        assert call(capsys, [*line, str(out)])[0] == 0
+    assert {each.name for each in out.iterdir()} == {
+        "viewshed.tif", "viewshed.png", "observers.csv", ".rastercov-viewshed.json"
+    }  # fmt: skip
+    (out / "observers.csv").write_text("mine")
+    before = (out / "viewshed.tif").stat().st_mtime_ns
+    assert "observers.csv" in refusal(capsys, [*line, str(out)])
+    assert (out / "observers.csv").read_text() == "mine"
+    assert (out / "viewshed.tif").stat().st_mtime_ns == before
+
+
 def surface_at(corners, place):
     """Height of the triangles (F, 3, 3) at a place on the map."""
     a, b, c = (corners[:, k, :2] - place for k in range(3))
