@@ -455,6 +455,17 @@ def test_a_camera_that_can_be_focused_is(focus):
         assert zone["tried"]["pose"] == 0
 
 
+def test_no_lens_is_focused_nearer_than_its_focal_length():
+    camera = rc.Camera(
+        width=128, height=102, fx=943.4, fy=943.4, focal_length=0.05, pixel_size=(5.3e-5, 5.3e-5),
+        aperture=0.0125, focus_distance=0.3,
+    )  # fmt: skip
+    poses = rc.look_at((0, 0, 0.045), (0, 0, 0.005))
+    zones = named(rc.shapes.box((0.1, 0.1, 0.01)), camera, poses, rc.Task())["dead_zones"]
+    assert any("out_of_focus" in zone["reason"] for zone in zones)
+    assert not any("focus the camera" in zone["advice"] for zone in zones)
+
+
 def test_a_change_that_would_cover_less_in_all_is_one_of_another_camera():
     """Turned to the small wall, the camera would lose the large one."""
     large, camera = wall_of(4, focal=300.0)

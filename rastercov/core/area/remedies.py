@@ -509,7 +509,8 @@ class Remedies:
                 target,
             )
             depth = float(f"{name.figures['distance']:.3g}")
-            if is_one and Reason.OUT_OF_FOCUS in name.missed and camera.focus_distance is not None:
+            is_blurred = Reason.OUT_OF_FOCUS in name.missed and camera.focus_distance is not None
+            if is_one and is_blurred and depth > (camera.focal_length or 0.0):
                 focused = replace(camera, focus_distance=depth)
                 yield Change(
                     f"focus the camera at {in_metres(depth)} and aim it at {to}",
