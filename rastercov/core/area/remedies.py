@@ -649,8 +649,8 @@ def longest(camera: Camera) -> float:
     """Times its focal length that a camera can have, below 1000: a lens focuses beyond it."""
     if not camera.is_pinhole:
         return 0.0
-    nearest = camera.focus_distance if camera.aperture else None
-    return min(1e3, math.inf if nearest is None else nearest / (camera.focal_length or math.inf))
+    at, f = camera.focus_distance, camera.focal_length
+    return 1e3 if at is None or f is None else min(1e3, at / f)
 
 
 def longer(camera: Camera, times: float) -> Camera:
