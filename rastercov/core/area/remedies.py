@@ -509,8 +509,8 @@ class Remedies:
                 target,
             )
             depth = float(f"{name.figures['distance']:.3g}")
-            is_blurred = Reason.OUT_OF_FOCUS in name.missed and camera.focus_distance is not None
-            if is_one and is_blurred and depth > (camera.focal_length or 0.0):
+            is_blurred = is_one and Reason.OUT_OF_FOCUS in name.missed
+            if is_blurred and camera.focus_distance and depth > (camera.focal_length or 0):
                 focused = replace(camera, focus_distance=depth)
                 yield Change(
                     f"focus the camera at {in_metres(depth)} and aim it at {to}",
@@ -650,7 +650,7 @@ def longest(camera: Camera) -> float:
     if not camera.is_pinhole:
         return 0.0
     at, f = camera.focus_distance, camera.focal_length
-    return 1e3 if at is None or f is None else min(1e3, at / f)
+    return min(1e3, at / f) if at and f else 1e3
 
 
 def longer(camera: Camera, times: float) -> Camera:
