@@ -46,8 +46,8 @@ RULES, MOTIONS = ("any", "all", "at_least"), ("still", "moving")
 CROSSED = {"none": lambda rng: {}} | of_features("CROSSED")
 """Entries of equipment of a plan, by its kind."""
 N_POINTS = 300
-PER_CASE, AT_NIGHT = 10, 277
-"""Scenes of each of 18 cases beside that of all: some 200 by day, 5,000 at night."""
+PER_CASE, AT_NIGHT = 5, 277
+"""Scenes of each of 18 cases beside that of all: some 100 by day, 5,000 at night."""
 PLACED = 1 if IS_NIGHTLY else 3
 """One scene in so many is placed: the search is most of the time of a scene."""
 ROUNDING_REL = 1e-12

@@ -37,6 +37,7 @@ def test_a_run_ends_with_its_skips(tmp_path):
         ("rastercov/page/session.py", {"page"}),
         ("tests/support/browser.py", {"page", "docs"}),
         ("rastercov/core/area/zones.py", {"page"}),
+        ("rastercov/asbuilt/edges.py", {"asbuilt"}),
         ("rastercov/gl/compute.py", {"opengl"}),
         ("reference/markers/detect.py", {"laboratory"}),
         ("rastercov/engine/area/region.cpp", set(matters.MATTERS)),

@@ -15,6 +15,7 @@ from rastercov.asbuilt.located import Tolerance
 from rastercov.asbuilt.photograph import Level, brightness
 
 CAMERA = rc.Camera.from_fov(480, 360, hfov_deg=50)
+OF_NIGHT = (pytest.mark.slow, pytest.mark.matter("asbuilt"))
 
 
 def cell() -> rc.Mesh:
@@ -65,7 +66,7 @@ def off(pose: np.ndarray, seed: int, degrees: float, share: float) -> np.ndarray
     return resection.displaced(pose, np.concatenate((turn, step)))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(each, marks=OF_NIGHT) for each in (1, 2))])
 def test_a_pose_is_found_or_undecided(seed: int) -> None:
     true = pose_of(seed)
     photo = photograph(MESH, true, seed)
@@ -161,7 +162,7 @@ def test_an_edge_beside_another_keeps_its_place(reach: float) -> None:
         assert np.abs(matches.distance).max() < 0.15, (gap, ratio, at)
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=OF_NIGHT)])
 def test_noise_that_hides_each_pixel_of_an_edge_does_not_hide_the_edge(seed: int) -> None:
     true = pose_of(seed)
     photo = photograph(MESH, true, seed)

@@ -24,6 +24,7 @@ POSES = {
 }
 HALF = CAMERA.resized(0.5)
 SEEN_DAILY = ("room_3", "part_3", "cell_2")
+OF_NIGHT = (pytest.mark.slow, pytest.mark.matter("asbuilt"))
 OTHERS = {"room_3": "part", "aeroplane_0": "cell"}
 
 
@@ -57,6 +58,7 @@ def test_clear_photographs_are_located(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.matter("asbuilt")
 def test_what_is_accepted_is_right() -> None:
     results = {name: errors(name) for name in POSES}
     accepted = [name for name, (found, _) in results.items() if found.accepted]
@@ -78,7 +80,7 @@ def test_a_wrong_pose_that_halves_of_the_edges_contradict_is_undecided() -> None
     assert "halves of its edges" in found.why
 
 
-@pytest.mark.parametrize("name", ["room_3", pytest.param("aeroplane_0", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["room_3", pytest.param("aeroplane_0", marks=OF_NIGHT)])
 def test_a_photograph_of_another_scene_is_undecided(name: str) -> None:
     other = OTHERS[name]
     found = rc.locate(scene(other), HALF, PHOTOS / f"{name}.jpg", POSES[f"{other}_2"])
@@ -92,7 +94,7 @@ WRONG = ("mirrored", "another camera", "another place")
 @pytest.mark.parametrize("wrong", WRONG)
 @pytest.mark.parametrize(
     "name",
-    ["part_3", *(pytest.param(each, marks=pytest.mark.slow) for each in ("room_3", "cell_2"))],
+    ["part_3", *(pytest.param(each, marks=OF_NIGHT) for each in ("room_3", "cell_2"))],
 )
 def test_a_wrong_photograph_of_the_scene_is_undecided(name: str, wrong: str) -> None:
     kind = name.split("_")[0]

@@ -1,4 +1,4 @@
-"""Tests of what runs by day where its files changed: browsers, OpenGL, long pages, laboratories.
+"""Tests of what runs by day where its files changed: browsers, OpenGL, photographs, long pages.
 
 `pytest` without names, as `make test` runs it, asks git what changed since CI_BASE, or since the
 last commit where there is none. Where that is neither a file of a matter nor one that its files
@@ -33,6 +33,7 @@ MATTERS = {
         "tests/raster/",
         "tests/conftest.py",
     ),
+    "asbuilt": ("rastercov/asbuilt/", "tests/asbuilt/"),
     "docs": ("docs/", "examples/", "README.md", "tests/test_docs.py"),
     "laboratory": (
         "reference/markers/",
