@@ -72,6 +72,8 @@ LEVELS ?= own
 ARCHS ?= $(shell uname -m)
 # Of `make sanitize`.
 TESTS ?= tests
+# Of `make test`: none takes the engine of pages as it is committed, of the same sources.
+COMPILED ?= wasm
 # Sources that changed since clang-tidy last found nothing, all where a header did, with the flags of
 # what compiles them.
 TIDIED := $(if $(wildcard build/native/tidied),$(if $(shell find rastercov/engine -name '*.h*' -newer build/native/tidied),,-newer build/native/tidied))
@@ -108,7 +110,7 @@ demo: $(BIN)/python
 	@echo "rastercov demo --out report"
 	@$(BIN)/rastercov demo --out report
 
-test: $(VENV)/installed-dev native lib wasm opengl osmesa chromium node
+test: $(VENV)/installed-dev native lib $(COMPILED) opengl osmesa chromium node
 	$(TEST_ENV) $(BIN)/python -m pytest -n 2 --dist worksteal -m "" --durations=20
 
 quick: $(VENV)/installed-dev native lib opengl osmesa chromium
