@@ -120,8 +120,8 @@ def fill(
             yield number
     if staff.part is not None:
         raise PartMadeError(
-            f"expected {plural(len(store), 'shard')} for a report, got the {len(own)} of this "
-            "part; when all parts are made, run the command without --only"
+            f"made {len(own)} of {plural(len(store), 'shard')}; when all parts are made, run the "
+            "command without --only"
         )
 
 
