@@ -7,10 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from exact_views import SEEDS
+from hypothesis import given
+from nightly import examples
 
 import rastercov as rc
 from rastercov.core.area.features import deviations_of
-from rastercov.core.area.polygons import Overlay, polygon_areas, rows_at
+from rastercov.core.area.polygons import (
+    DIVIDES,
+    DIVIDES_FIRST,
+    Overlay,
+    polygon_areas,
+    rows_at,
+)
 from rastercov.core.area.zones import areas_by_reason, dead_zones
 from rastercov.core.coverage.task import (
     BETWEEN,
@@ -304,3 +313,57 @@ def test_points_find_the_reason_of_their_zone():
     assert sum(
         each["m2"] for each in areas_by_reason(zones, mesh.task_mask).values()
     ) == pytest.approx(float(zones.area.sum()))
+
+
+def sets_after(sets, kinds):
+    """Sets of pieces after all things were added by their kinds, from the sets that cover them."""
+    kept = np.zeros_like(sets)
+    for thing, kind in enumerate(kinds):
+        is_covered = sets >> thing & 1 > 0
+        is_covered &= {0: True, DIVIDES: kept > 0, DIVIDES_FIRST: kept == 1}[kind]
+        kept |= is_covered.astype(np.int64) << thing
+    return kept
+
+
+@given(seed=SEEDS)
+@examples(40, at_night=400)
+def test_what_divides_alone_gives_the_parts_of_what_was_there(seed):
+    """Of each set the same area as if all had been added, and no piece of other things."""
+    rng = np.random.default_rng(seed)
+    corners = np.array([[(0.0, 0.0), (9.0, 0.0), (4.0, 9.0)], [(0.0, 0.0), (5.0, 0.0), (1.0, 4.0)]])
+    areas = np.array([polygon_areas(each, np.array([0, 3]))[0] for each in corners])
+    kinds = [0, *rng.choice([DIVIDES, DIVIDES_FIRST], 6).tolist()]
+    every, divided = Overlay(corners, areas, 10.0), Overlay(corners, areas, 10.0)
+    for thing, kind in enumerate(kinds):
+        pieces, faces, sums = [], [], np.zeros(2)
+        for face in np.flatnonzero(rng.random(2) < 0.8).tolist():
+            weights = rng.dirichlet(np.ones(3), 3) if rng.random() < 0.7 else np.eye(3)
+            piece = weights @ corners[face]
+            size = polygon_areas(piece, np.array([0, 3]))[0]
+            pieces.append(piece if size > 0 else piece[::-1])
+            faces.append(face)
+            sums[face] += abs(size)
+        if not faces:
+            continue
+        face = np.array(faces, np.int32)
+        none, row = np.zeros(len(face)), np.zeros(len(face), np.int32)
+        table = np.concatenate(pieces), 3 * np.arange(len(face) + 1), face, row
+        for overlay, number in ((every, thing), (divided, kind + thing)):
+            overlay.add(table, (row, face, sums[face], none, none), np.array([number]))
+    found, truth = divided.partition(), every.partition()
+    expected = sets_after(truth.tag, kinds)
+    assert (found.tag & 1 > 0).all()
+    for own in range(1, 2 ** len(kinds), 2):
+        area = found.area[found.tag == own].sum()
+        assert area == pytest.approx(truth.area[expected == own].sum(), abs=1e-9), own
+    assert len(found.area) <= (truth.tag & 1 > 0).sum()
+
+
+def test_numbers_of_other_kinds_are_refused():
+    corners = np.array([[(0.0, 0.0), (9.0, 0.0), (4.0, 9.0)]])
+    overlay, row = Overlay(corners, np.array([40.5]), 10.0), np.array([0, 1], np.int32)
+    pairs = row, np.zeros(2, np.int32), np.full(2, 40.5), np.zeros(2), np.zeros(2)
+    pieces = np.empty((0, 2)), np.zeros(1, int), np.empty(0, np.int32), np.empty(0, np.int32)
+    for number, words in (((0, 192), "0 to 63, of a kind"), ((0, DIVIDES), "of one kind")):
+        with pytest.raises(ValueError, match=words):
+            overlay.add(pieces, pairs, np.array(number))

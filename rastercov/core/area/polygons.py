@@ -210,6 +210,10 @@ class Partition(NamedTuple):
     area: FloatArray
 
 
+DIVIDES, DIVIDES_FIRST = 64, 128
+"""Of numbers of cameras that add nothing: they divide what is there, or what one alone covers."""
+
+
 class Overlay:
     """Partition of N faces by the number of cameras, to which pieces are added; or by their sets.
 
@@ -283,7 +287,8 @@ class Overlay:
         """Take in pieces of cameras: corners, starts, face and camera, in the order of cameras.
 
         `pairs` are camera, face, area, bound and excess of each pair of them with a piece or a
-        bound, ordered by camera, then by face; `number` is the bit of each camera, for sets.
+        bound, ordered by camera, then by face; `number` is the bit of each camera, for sets, and
+        `DIVIDES` or `DIVIDES_FIRST` more where they add no piece.
         """
         of_pieces: Any = _arrays(pieces, (np.float64, np.int64, np.int32, np.int32))
         types = np.int32, np.int32, np.float64, np.float64, np.float64

@@ -23,9 +23,9 @@ fraction of the time of exact regions, and serves searches over poses, which mea
 them exactly.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing
-from itertools import combinations, groupby
+from itertools import combinations, islice, pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -58,6 +58,7 @@ from rastercov.core.camera import (
     by_gate,
     cameras_of,
     eyes_of,
+    led_by,
     near_limits,
     rows_of_result,
 )
@@ -81,6 +82,8 @@ SLIVER_REL = 1e-9
 """Part of a face below which a reason is rounding."""
 MOST_STAGES = 60
 """Sets of criteria that cover anything; what later ones cover has the reason of all criteria."""
+MOST_JUDGED = 1_000_000
+"""Pairs of point and row of a result that are judged at once."""
 CodeArray = NDArray[np.uint32]
 
 
@@ -188,10 +191,12 @@ def divide_by_reason(
         is_open &= passed.area[0] < (1 - SLIVER_REL) * frames.areas
         if (passed.area[0] > 0).any():
             added.append(stage)
-            _add_pass(overlay, len(added), passed)
-    _add_pass(overlay, len(added) + 1, reached)
+            has_gains = len(stage.rows) < 2 and stage.is_plain
+            kind = polygons.DIVIDES if has_gains else polygons.DIVIDES_FIRST
+            _add_pass(overlay, kind + len(added), passed)
+    _add_pass(overlay, polygons.DIVIDES_FIRST + len(added) + 1, reached)
     whole = overlay.partition()
-    kept = np.flatnonzero((whole.tag & 1 > 0) & (whole.area > 0))
+    kept = np.flatnonzero(whole.area > 0)
     face, tag, areas = whole.face[kept], whole.tag[kept], whole.area[kept]
     for at, stage in enumerate(added, 1):
         if len(stage.rows) < 2 and stage.is_plain:
@@ -412,37 +417,25 @@ def failures_of_rows(
     Of a rig with a rule it is as of `rule_reasons`; of what its cameras see, that of a condition
     of a feature.
     """
-    rows, normals = rows_of_result(camera, poses), frames_of(mesh).normal[face]
+    on = points, frames_of(mesh).normal[face]
     conditions = conditions_at(mesh, camera, task, points, face)
-    judged = enumerate(first_failures(mesh, camera, task, poses, points, face))
-    for _, group in groupby(judged, lambda each: rows[each[0]]):
-        own, result = zip(*group, strict=True)
-        at, reason, hider = _of_row(camera, poses, own, result, points, normals)
-        for condition in conditions:
-            sees = np.array([each == Reason.COVERED for each, _ in result])
-            seen = reason == Reason.COVERED
-            reason = np.where(seen, condition.reasons(poses[np.array(own)], sees), reason)
-        yield at, reason, hider
-
-
-def _of_row(
-    camera: Cameras,
-    poses: Poses,
-    own: Sequence[int],
-    reasons: Sequence[tuple[ByteArray, IntArray]],
-    points: FloatArray,
-    normals: FloatArray,
-) -> tuple[IntArray, ByteArray, IntArray]:
-    """Pose, reason and hiding face of points in a row of the result, of its own poses."""
-    if len(own) == 1:
-        return np.full(len(points), own[0]), *reasons[0]
-    reason, hider = (np.array(each) for each in zip(*reasons, strict=True))
-    some = poses[np.array(own)]
-    fails, at = rule_reasons(reason, camera, some, points, normals)
-    at = np.maximum(at, 0)
-    hidden_by = np.take_along_axis(hider, at, axis=0)[0]
-    hidden_by[BITS[fails[0]] & BITS[Reason.OCCLUDED] == 0] = -1
-    return own[0] + at[0], fails[0], hidden_by
+    judged = first_failures(mesh, camera, task, poses, points, face)
+    leads = [*led_by(camera, poses).tolist(), len(poses)]
+    step = max(1, MOST_JUDGED // max(1, len(points)))
+    for some in (leads[at : at + step + 1] for at in range(0, len(leads) - 1, step)):
+        first, own = some[0], poses[some[0] : some[-1]]
+        given, hiders = map(np.array, zip(*islice(judged, len(own)), strict=True))
+        fails, at = rule_reasons(given, camera, own, *on)
+        at = np.maximum(at, 0)
+        hidden_by = np.take_along_axis(hiders, at, axis=0)
+        hidden_by[BITS[fails] & BITS[Reason.OCCLUDED] == 0] = -1
+        for row, (lead, end) in enumerate(pairwise(some)):
+            reason = fails[row]
+            for condition in conditions:
+                sees = given[lead - first : end - first] == Reason.COVERED
+                of_what_sees = condition.reasons(poses[lead:end], sees)
+                reason = np.where(reason == Reason.COVERED, of_what_sees, reason)
+            yield first + at[row], reason, hidden_by[row]
 
 
 class CentrePass:

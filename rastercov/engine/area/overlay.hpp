@@ -11,10 +11,11 @@
 //   Tag first()        of what only the new piece covers
 //   Tag with(Tag)      of what it covers besides
 //   bool is_full(Tag)  pieces that are not divided any more
+//   bool adds()        what nothing covers yet of the new piece is new
 //   bool only_adds()   no piece is divided: what is covered already is done
 //   Tag plus(Tag, Tag)  of what things of the second tag cover besides
 //
-// CountTo counts up to k. SetOf has up to 64 things as bits.
+// CountTo counts up to k. SetOf has up to 64 things as bits, some of which add no piece.
 //
 // Invariants: pieces have 3 to MOST_CORNERS corners, or 0 where they are left out; memory grows
 // as needed and is kept from cell to cell.
@@ -42,17 +43,27 @@ struct CountTo {
     int64_t with(int64_t views) const { return views + 1; }
     int64_t plus(int64_t views, int64_t more) const { return std::min(views + more, k); }
     bool is_full(int64_t views) const { return views == k; }
+    bool adds() const { return true; }
     bool only_adds() const { return k == 1; }
 };
 
+// Things that divide what is there, or what one thing alone covers, and add nothing.
+enum Kind : int64_t { ADDS, DIVIDES, DIVIDES_FIRST, N_KINDS };
+
+// Things of a set.
+constexpr int64_t MOST_IN_SET = 64;
+
 struct SetOf {
+    int64_t kind = ADDS;
     int64_t bit = 1;
     static constexpr bool CLOSES = false;
-    void begin(int64_t thing) { bit = int64_t(uint64_t(1) << (thing & 63)); }
+    void begin(int64_t thing) { bit = int64_t(uint64_t(1) << thing % MOST_IN_SET); }
     int64_t first() const { return bit; }
     int64_t with(int64_t set) const { return set | bit; }
-    int64_t plus(int64_t set, int64_t more) const { return set | more; }
-    bool is_full(int64_t set) const { return (set & bit) != 0; }
+    int64_t plus(int64_t set, int64_t more) const { return is_done(set) ? set : set | more; }
+    bool is_full(int64_t set) const { return (set & bit) != 0 || is_done(set); }
+    bool is_done(int64_t set) const { return kind == DIVIDES_FIRST && (set & (set - 1)) != 0; }
+    bool adds() const { return kind == ADDS; }
     bool only_adds() const { return false; }
 };
 
@@ -110,7 +121,8 @@ class Overlay {
 
     // Adds a piece, of at most PIECE_ROOM corners; the area that is left out in slivers, m^2.
     template <class Tally> double add(Polygon polygon, int64_t n, const Tally &tally) {
-        double slivers = fill(polygon, n, tally.first());
+        find_near(exact::extent_of(polygon, n));
+        double slivers = tally.adds() ? fill_near(polygon, n, tally.first()) : 0.0;
         if (tally.only_adds()) return slivers;
         const Sides<Polygon> sides = {polygon, n};
         for (const int64_t q : near) {
@@ -143,18 +155,7 @@ class Overlay {
     // Appends the part of a polygon that no piece covers; the area that is left out in slivers.
     double fill(Polygon polygon, int64_t n, Tag tag) {
         find_near(exact::extent_of(polygon, n));
-        const int64_t n_rest = subtract_all(polygon, n, [&](int64_t n_rest) {
-            for (size_t k = 0; k < near.size() && n_rest > 0; k++) {
-                poll();
-                const Polygon piece = corners(near[k]);
-                n_rest = subtract({piece, counts[near[k]]}, counts[near[k]], n_rest);
-            }
-            return n_rest;
-        });
-        double slivers = 0.0;
-        for (int64_t r = 0; r < n_rest; r++)
-            slivers += put_piece(rest[r], rest.n(r), tag, n_pieces);
-        return slivers;
+        return fill_near(polygon, n, tag);
     }
 
     // Area of the pieces with wanted tags, m^2.
@@ -176,6 +177,21 @@ class Overlay {
     Poll poll{64};
     std::array<double, PIECE_ROOM * 2> spare, cut;
     std::array<double, PIECE_ROOM> values;
+
+    double fill_near(Polygon polygon, int64_t n, Tag tag) {
+        const int64_t n_rest = subtract_all(polygon, n, [&](int64_t n_rest) {
+            for (size_t k = 0; k < near.size() && n_rest > 0; k++) {
+                poll();
+                const Polygon piece = corners(near[k]);
+                n_rest = subtract({piece, counts[near[k]]}, counts[near[k]], n_rest);
+            }
+            return n_rest;
+        });
+        double slivers = 0.0;
+        for (int64_t r = 0; r < n_rest; r++)
+            slivers += put_piece(rest[r], rest.n(r), tag, n_pieces);
+        return slivers;
+    }
 
     const double *at(int64_t q) const { return xy.data() + q * MOST_CORNERS * 2; }
     Points points(int64_t q) { return {xy.data() + q * MOST_CORNERS * 2, {MOST_CORNERS, 2}}; }

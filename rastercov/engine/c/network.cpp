@@ -456,8 +456,7 @@ class Divider {
             if (_codes.size() == MOST_STAGES) break;
             if (!stage.is_steep || _network.is_foreshortened()) try_stage(stage);
         }
-        add_set(*_sets->all, *reached->all, 1, int64_t(_codes.size() + 1));
-        _codes.push_back(asked);
+        add(*reached->all, asked);
         name(unseeable, out);
     }
 
@@ -482,15 +481,20 @@ class Divider {
                 _areas[f] < (1 - area::SLIVER_REL) * _network.surface->mesh.arrays->areas[f];
         }
         if (!covers) return;
-        _codes.push_back(stage.bits);
-        add_set(*_sets->all, *passed->all, 1, int64_t(_codes.size()));
+        add(*passed->all, stage.bits);
+    }
+
+    // What is covered without some criteria, where nothing is without fewer.
+    void add(const engine::Union &covered, uint32_t criteria) {
+        _codes.push_back(criteria);
+        const auto bit = int64_t(_codes.size());
+        add_set(*_sets->all, covered, 1, area::DIVIDES_FIRST * area::MOST_IN_SET + bit);
     }
 
     void name(const Mask &unseeable, Zones &out) const {
         Partition parts(*_sets->all);
         parts.keep([&](int64_t p) {
-            return parts.tag[size_t(p)] & 1 && parts.area[size_t(p)] > 0.0 &&
-                   !unseeable[parts.face[size_t(p)]];
+            return parts.area[size_t(p)] > 0.0 && !unseeable[parts.face[size_t(p)]];
         });
         const int64_t n = parts.size();
         std::vector<uint32_t> code(static_cast<size_t>(n));

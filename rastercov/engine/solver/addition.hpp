@@ -2,6 +2,7 @@
 //
 // Twins: tests/area/test_union.py, by Clipper2.
 #pragma once
+#include "area/overlay.hpp"
 #include "solver/division.hpp"
 #include <algorithm>
 #include <numeric>
@@ -101,7 +102,7 @@ class Addition {
             if (_is_whole[row]) {
                 missing = std::max(_faces.areas[face] - _pairs.area[row], 0.0);
                 if (_number.rows() == 0) whole++;
-                else whole |= int64_t(uint64_t(1) << _number[_pairs.pose[row]]);
+                else whole |= int64_t(uint64_t(1) << _number[_pairs.pose[row]] % area::MOST_IN_SET);
             }
             sums.bound += _pairs.bound[row] + missing;
             sums.excess += _pairs.excess[row] + missing;

@@ -14,7 +14,7 @@
 namespace rastercov::engine {
 namespace {
 
-using area::CountTo, area::SetOf;
+using area::CountTo, area::MOST_IN_SET, area::SetOf;
 
 // Part of the area of a cell that may be missing from what counts as all of it.
 constexpr double WHOLE_REL = 1e-9;
@@ -22,8 +22,6 @@ constexpr double WHOLE_REL = 1e-9;
 constexpr int64_t MOST_SIDES = 20;
 // Pieces that are added between two signs of progress: less than a second of work.
 constexpr int64_t PIECES_A_STEP = 4096;
-// Poses of a set.
-constexpr int64_t MOST_IN_SET = 64;
 // Pieces that no cell has any more, above which the others are moved together.
 constexpr int64_t LEAST_UNUSED = 4096;
 
@@ -169,10 +167,14 @@ void Union::add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray n
     require_indices(pieces.face, n_faces(), "face must hold faces");
     require_indices(pairs.face, n_faces(), "pairs must be of faces");
     require(_views == 0 || number.rows() == 0, "number must have no rows but for sets");
+    int64_t kind = area::ADDS;
     if (_views == 0) {
         require_indices(pairs.pose, number.rows(), "number must have one row for each pose");
         require_indices(pieces.pose, number.rows(), "number must have one row for each pose");
-        require_indices(number, MOST_IN_SET, "number must be 0 to 63");
+        require_indices(number, area::N_KINDS * MOST_IN_SET, "number must be 0 to 63, of a kind");
+        kind = number.rows() ? number[0] / MOST_IN_SET : 0;
+        for (const int64_t own : number)
+            require(own / MOST_IN_SET == kind, "numbers must be of one kind");
     }
     tidy();
     Change all(*this);
@@ -196,7 +198,7 @@ void Union::add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray n
         Addition from(_faces, some, some_pairs, number);
         report.add(piece - first - from.n_pieces());
         if (_views > 0) add_to_faces(from, CountTo{_views}, report);
-        else add_to_faces(from, SetOf{}, report);
+        else add_to_faces(from, SetOf{kind}, report);
     }
     all.keep();
 }
@@ -431,7 +433,7 @@ double Union::unite_cell(int64_t cell, Rows parts, int64_t whole, Tally tally) {
     if (whole != 0) {
         for (int64_t q = 0; q < _overlay.count(); q++)
             _overlay.set_tag(q, tally.plus(_overlay.tag(q), whole));
-        slivers += _overlay.fill(all, all.rows(), tally.plus(0, whole));
+        if (tally.adds()) slivers += _overlay.fill(all, all.rows(), tally.plus(0, whole));
     }
     // No more than a piece's own area is won by it, so that the sum need not be made each time.
     double most = Tally::CLOSES ? _overlay.area_of(is_full) : 0.0;

@@ -43,7 +43,7 @@ class Union {
     // Begins with a partition: pieces by face, and the number or the set of poses of each; and with
     // its bounds, of each face.
     void begin(const RegionPieces &pieces, IntArray tags, FloatArray bound, FloatArray excess);
-    // Adds regions. For sets, `number` is the bit of each pose.
+    // Adds regions. For sets, `number` is the bit of each pose, and 64 times their kind.
     void add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray number,
              const Progress &progress);
     // Adds one more pose, which covers all of some faces; not for sets.
