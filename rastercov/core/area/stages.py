@@ -82,8 +82,8 @@ SLIVER_REL = 1e-9
 """Part of a face below which a reason is rounding."""
 MOST_STAGES = 60
 """Sets of criteria that cover anything; what later ones cover has the reason of all criteria."""
-MOST_JUDGED = 1_000_000
-"""Pairs of point and row of a result that are judged at once."""
+MOST_JUDGED = 2048
+"""Pairs of point and row of a result that are judged at once: advice may end after any row."""
 CodeArray = NDArray[np.uint32]
 
 
