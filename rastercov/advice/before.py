@@ -14,7 +14,7 @@ import numpy as np
 
 from rastercov.base import ByName, FloatArray, IntArray, ReadByName, norm, percent, plural
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import coordinates, distance
+from rastercov.base.format import coordinates, distance, percent_of
 from rastercov.core.area.network import AreaNetwork, unit_of_result
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.stages import add_rows
@@ -189,13 +189,13 @@ def _tell_changes(before: Covered, now: Covered, rig: Placed, task: Task) -> ByN
     divide = division(mesh, camera, task, poses) if k == 1 else None
     left = TOO_FEW_VIEWS if len(poses) else NO_CAMERAS
     zones = lost_zones(before, now, np.full(mesh.n_faces, k), divide, left)
-    n, total = zones.count(), zones.total()
+    n = zones.count()
     scored = mesh.task_mask
     m2 = float(zones.area[:n].sum())
     return {
         "m2": m2,
         "bound_m2": float(before.bound[scored].sum() + now.bound[scored].sum()),
-        "percent": 100 * m2 / total if total > 0 else 0.0,
+        "percent": percent_of(m2, zones.total()),
         "n_zones": n,
         "zones": explain_zones(zones, camera, poses, task, min(n, MOST_LISTED)),
     }

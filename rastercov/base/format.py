@@ -99,6 +99,11 @@ def percent(share: float) -> str:
     return "99.999999 %" if share > 0.5 else "0.000001 %"
 
 
+def percent_of(part: float, whole: float) -> float:
+    """Percent of a whole, no more than 100 where the part is no larger; 0 of nothing."""
+    return 100 * (part / whole) if whole > 0 else 0.0
+
+
 def points(share: float) -> str:
     """A difference of shares in percentage points."""
     return f"{percent(share).removesuffix(' %')} percentage points"

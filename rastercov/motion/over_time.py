@@ -31,6 +31,7 @@ from rastercov.base import (
     plural,
 )
 from rastercov.base.format import area as in_square_metres
+from rastercov.base.format import percent_of
 from rastercov.core.area.advice import general_advice
 from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.polygons import frames_of
@@ -224,10 +225,9 @@ class OverTime(InOneLine):
         scored, total = mesh.task_mask, float(frames_of(mesh).areas[mesh.task_mask].sum())
         n, unit = len(self.time.area), float(self.motion.durations[0] / self.motion.units[0])
         rows = np.minimum(self.time.area[:, scored].sum(axis=1), total)
-        factor = 100 / total if total > 0 else 0.0
         return [
-            {"time": unit * k, "share": k / n, "m2": float(m2), "percent": factor * float(m2)}
-            for k, m2 in enumerate(rows, start=1)
+            {"time": unit * k, "share": k / n, "m2": m2, "percent": percent_of(m2, total)}
+            for k, m2 in enumerate(rows.tolist(), start=1)
         ]
 
     def table(self) -> list[ByName]:
@@ -257,7 +257,7 @@ class OverTime(InOneLine):
                     "duration": float(motion.durations[row]),
                     "covered_m2": float(own[row]),
                     "of_m2": total,
-                    "percent": 100 * float(own[row]) / total if total > 0 else 0.0,
+                    "percent": percent_of(float(own[row]), total),
                     "worst_pose": max(worst.ids.tolist(), default=-1),
                     "worst_camera": next((names[at] for at in worst.camera), ""),
                     "hidden_by": self._judged[1].get(row),
@@ -436,7 +436,6 @@ class OverTime(InOneLine):
         total = float(frames_of(mesh).areas[mesh.task_mask].sum())
         always, half = self.always(), self.half()
         summary = self.areas.summary()
-        factor = 100 / total if total > 0 else 0.0
         said = {
             "over": self.asked.over,
             "views": self.task.views,
@@ -449,7 +448,7 @@ class OverTime(InOneLine):
                 if name in summary
             },
             "ever_percent": curve[0]["percent"],
-            "always_percent": factor * float(always.long_enough.area.sum()),
+            "always_percent": percent_of(float(always.long_enough.area.sum()), total),
             "half_the_frames_percent": half,
             "not_always": always._entries()[:MOST_NOT_ALWAYS],
             "curve": curve,

@@ -35,6 +35,7 @@ from rastercov.base import (
     owners_of,
     sort_order,
 )
+from rastercov.base.format import percent_of
 from rastercov.base.limits import limit_time
 from rastercov.core.area.cells import Cells, cells, usual_size
 from rastercov.core.area.network import AreaNetwork, unit_of_result
@@ -273,8 +274,8 @@ class Audit(Groups, InOneLine):
 
     def percent(self, mask: BoolArray) -> float:
         """Percentage of the area in the elements of a mask, (E,)."""
-        weights, total = self.problem.weights, float(self.problem.weights.sum())
-        return (100 / total if total > 0 else 0.0) * float(weights[mask].sum())
+        weights = self.problem.weights
+        return percent_of(float(weights[mask].sum()), float(weights.sum()))
 
     @property
     def elements(self) -> Mesh:

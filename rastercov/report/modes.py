@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from rastercov.base import (
-    TINY,
     ByName,
     ConfigError,
     WholeArray,
@@ -25,7 +24,7 @@ from rastercov.base import (
     percent,
     plural,
 )
-from rastercov.base.format import number
+from rastercov.base.format import number, percent_of
 from rastercov.core.area.polygons import quantile
 from rastercov.core.area.zones import DeadZones
 from rastercov.core.camera import Gate
@@ -336,7 +335,7 @@ def in_classes(
     areas = np.bincount(levels, weights=mesh.areas, minlength=256)
     counts = np.bincount(levels, minlength=256)
     task = mesh.task_mask
-    total = max(float(np.asarray(mesh.areas)[task].sum()), TINY)
+    total = float(np.asarray(mesh.areas)[task].sum())
     scored = np.bincount(levels[task], minlength=256)
     of_level = [*hatches, *[0] * 256]
     legend: list[ByName] = [
@@ -344,7 +343,7 @@ def in_classes(
             "level": level,
             "label": text,
             "colour": palette[level].tolist(),
-            "percent": 100 * float(areas[level]) / total if scored[level] else None,
+            "percent": percent_of(float(areas[level]), total) if scored[level] else None,
             "hatch": of_level[level],
         }
         for level, text in words.items()

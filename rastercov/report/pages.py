@@ -43,7 +43,7 @@ from rastercov.base import (
     write_bytes,
 )
 from rastercov.base.features import FEATURES
-from rastercov.base.format import area, base64_of, length, number, verb, xml_text
+from rastercov.base.format import area, base64_of, length, number, percent_of, verb, xml_text
 from rastercov.core.area.advice import task_in_words
 from rastercov.core.area.union import Covered
 from rastercov.core.area.zones import DeadZones, zone_line
@@ -409,7 +409,7 @@ def figures_of(
     counts = np.asarray(faces, np.int64).tolist()
 
     def share(part: FloatArray | None, row: int) -> float | None:
-        return None if part is None or not total_m2 else 100 * float(part[row]) / total_m2
+        return None if part is None or not total_m2 else percent_of(part[row], total_m2)
 
     names = ("covered", "covered_area", "by_face_because")
     return {name: summary[name] for name in names if name in summary} | {

@@ -24,7 +24,7 @@ from rastercov.base import (
     sort_order,
     with_bound,
 )
-from rastercov.base.format import coordinates, number
+from rastercov.base.format import coordinates, number, percent_of
 from rastercov.core.area.feature import (
     DOUBTFUL,
     NEEDS,
@@ -447,7 +447,6 @@ class RigFigures(Figures):
                     others |= {"m2": whole["of_m2"], "bound_m2": 0.0}
                 lost = max(others["m2"] - whole["m2"], 0.0)
                 bound = most_off(whole, "m2") + most_off(others, "m2")
-                percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
                 own = None if device < 0 else alone(first + device)
                 items.append(
                     {
@@ -460,8 +459,8 @@ class RigFigures(Figures):
                         ),
                         "sees": own and {name: own[name] for name in OF_DEVICE if name in own},
                         "missed": {
-                            "percent": percent * lost,
-                            "bound_percent": percent * bound,
+                            "percent": percent_of(lost, whole["of_m2"]),
+                            "bound_percent": percent_of(bound, whole["of_m2"]),
                             "m2": lost,
                             "bound_m2": bound,
                         },

@@ -148,3 +148,14 @@ def test_words_have_the_digits_that_are_known():
     assert in_words(figures) == "12.3 % of the area"
     figures |= {"bound_percent": 0.0, "views": 2, "by_views": [{"percent": 50.0, "views": 1}, {}]}
     assert "by at least 2 cameras; 50.0 % by at least 1" in in_words(figures)
+
+
+def test_what_is_covered_as_a_whole_is_100_percent():
+    for seed in range(60):
+        w, h = np.random.default_rng(seed).uniform(0.1, 3, 2)
+        corners = [(0, 0, 0), (w, 0, 0), (w, h, 0), (0, h, 0)]
+        plate = rc.Mesh(corners, [(0, 1, 2), (0, 2, 3)])
+        camera = rc.Camera.from_fov(400, 400, hfov_deg=150)
+        pose = rc.look_at((w / 2, h / 2, 5), (w / 2, h / 2, 0))
+        result = rc.evaluate(plate, camera, pose, rc.Task(), fields=())
+        assert result.summary()["covered_area"]["percent"] == 100

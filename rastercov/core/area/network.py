@@ -15,6 +15,7 @@ from rastercov.base import (
     shown,
 )
 from rastercov.base.format import area as area_text
+from rastercov.base.format import percent_of
 from rastercov.core.area.feature import DOUBTFUL
 from rastercov.core.area.polygons import frames_of
 from rastercov.core.area.regions import check_pointwise
@@ -174,12 +175,12 @@ class AreaNetwork:
             self.of_faces(self.mesh.face_group == i, views.get(every[i].name, 1)) for i in scored
         ]
         area = sum(part["m2"] for part in parts)
-        percent = 100 / whole["of_m2"] if whole["of_m2"] > 0 else 0.0
+        total = whole["of_m2"]
         own = {every[i].name: views[every[i].name] for i in scored if every[i].name in views}
-        values = whole | {"percent": percent * area, "m2": area, "views": own}
+        values = whole | {"percent": percent_of(area, total), "m2": area, "views": own}
         doubtful = sum(part.get("doubtful_m2", 0.0) for part in parts)
         return {name: values[name] for name in values if name not in DOUBTFUL} | _doubtful(
-            doubtful, percent
+            doubtful, total
         )
 
     def add_to(
@@ -278,22 +279,21 @@ class AreaNetwork:
         faces = np.ascontiguousarray(levels), bounds, frames_of(self.mesh).areas
         area_sums.sum_areas(faces, part, np.array([views], np.int32), sums)
         *square_metres, bound, doubtful, total = sums[0].tolist()
-        percent = 100 / total if total > 0 else 0.0
         return {
-            "percent": percent * square_metres[-1],
-            "bound_percent": percent * bound,
+            "percent": percent_of(square_metres[-1], total),
+            "bound_percent": percent_of(bound, total),
             "m2": square_metres[-1],
             "bound_m2": bound,
             "of_m2": total,
             "views": views,
             "by_views": [
-                {"views": number, "percent": percent * area, "m2": area}
+                {"views": number, "percent": percent_of(area, total), "m2": area}
                 for number, area in enumerate(square_metres, start=1)
             ],
-            **_doubtful(doubtful, percent),
+            **_doubtful(doubtful, total),
         }
 
 
-def _doubtful(m2: float, percent: float) -> dict[str, float]:
-    """Entries of what may be covered besides, where there is any; `percent` of a m^2."""
-    return dict(zip(DOUBTFUL, (percent * m2, m2), strict=True)) if m2 > 0 else {}
+def _doubtful(m2: float, total: float) -> dict[str, float]:
+    """Entries of what may be covered besides of a total, m^2, where there is any."""
+    return dict(zip(DOUBTFUL, (percent_of(m2, total), m2), strict=True)) if m2 > 0 else {}

@@ -33,7 +33,7 @@ from rastercov.base import (
     sort_order,
 )
 from rastercov.base.format import area as in_square_metres
-from rastercov.base.format import text_with_sign
+from rastercov.base.format import percent_of, text_with_sign
 from rastercov.base.typed import typed
 from rastercov.core.area import polygons
 from rastercov.core.area.advice import general_advice
@@ -176,7 +176,7 @@ class DeadZones(FacePolygons):
             by_views = np.bincount(self.views[own], weight, most_views + 1)
             entry = {
                 "area_m2": area,
-                "percent": 100 * area / self.total(),
+                "percent": percent_of(area, self.total()),
                 "centroid": (matmul(weight, to_world(mesh, face, centroids[own])) / area).tolist(),
                 "extent": [corners.min(axis=0).tolist(), corners.max(axis=0).tolist()],
                 "groups": [names[each] for each in sort_order(-of_group) if of_group[each] > 0],
@@ -222,8 +222,7 @@ class DeadZones(FacePolygons):
         """Number and area of the zones that a summary does not list, ready for JSON."""
         n, total = self.listed(), self.total()
         rest = float(self.area[n:].sum())
-        percent = 100 * rest / total if total > 0 else 0.0
-        return {"zones": self.count() - n, "area_m2": rest, "percent": percent}
+        return {"zones": self.count() - n, "area_m2": rest, "percent": percent_of(rest, total)}
 
     def total(self) -> float:
         """Area of all evaluated faces, m^2."""
@@ -420,7 +419,6 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
         float(zones.doubt[members].sum()),
         float(frames_of(zones.mesh).areas[members].sum()),
     )
-    factor = 100 / max(total, TINY)
     gains = {code: each[:, members].sum(axis=1).tolist() for code, each in zones.gains.items()}
     m2 |= {code: 0.0 for code, (gain, _) in gains.items() if code not in m2 and gain > doubt}
     areas = {}
@@ -430,7 +428,7 @@ def areas_by_reason(zones: DeadZones, members: BoolArray) -> dict[str, dict[str,
             entry = {
                 "m2": m2[code],
                 "bound_m2": min(doubt, total),
-                "area_percent": factor * m2[code],
+                "area_percent": percent_of(m2[code], total),
             }
             if gain is not None:
                 entry |= {"gain_m2": gain[0], "gain_bound_m2": min(gain[1], total)}

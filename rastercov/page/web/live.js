@@ -429,7 +429,7 @@ export class Live {
     // The engine has no figures of what is lost where groups need other numbers of views.
     const lost = this.server && rig.needed && !isDrag ? await this.ask("by_camera") : [];
     const { of_m2: total } = found.covered;
-    const share = (m2) => (m2 === null || !(total > 0) ? null : (100 * m2) / total);
+    const share = (m2) => (m2 === null || !(total > 0) ? null : 100 * (m2 / total));
     const summary = {
       covered: { area_percent: found.covered.percent },
       covered_area: found.covered,

@@ -95,7 +95,7 @@ function legendOf(own, levels, palette, words, hatches) {
     level,
     label,
     colour: [...palette.subarray(3 * level, 3 * level + 3)],
-    percent: scored[level] ? (100 * areas[level]) / own.total : null,
+    percent: scored[level] ? 100 * (areas[level] / own.total) : null,
     hatch: hatches[level] ?? 0,
   }));
   return entries.filter(({ level }) => counts[level]).sort((a, b) => (b.percent ?? -1) - (a.percent ?? -1));

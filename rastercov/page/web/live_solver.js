@@ -283,16 +283,16 @@ export class Solver {
 
 /** `covered_area` of a summary, as AreaNetwork.summary. */
 function figuresOf({ levels, m2, bound_m2, doubtful_m2, of_m2 }, views) {
-  const percent = of_m2 > 0 ? 100 / of_m2 : 0;
+  const percent = (part) => (of_m2 > 0 ? 100 * (part / of_m2) : 0);
   return {
-    percent: percent * m2,
-    bound_percent: percent * bound_m2,
+    percent: percent(m2),
+    bound_percent: percent(bound_m2),
     m2,
     bound_m2,
     of_m2,
     views,
-    by_views: levels.map((area, level) => ({ views: level + 1, percent: percent * area, m2: area })),
-    ...(doubtful_m2 > 0 ? { doubtful_percent: percent * doubtful_m2, doubtful_m2 } : {}),
+    by_views: levels.map((area, level) => ({ views: level + 1, percent: percent(area), m2: area })),
+    ...(doubtful_m2 > 0 ? { doubtful_percent: percent(doubtful_m2), doubtful_m2 } : {}),
   };
 }
 

@@ -34,7 +34,7 @@ export async function zonesOf(pieces, page) {
     const digits = clamp(1 - Math.floor(Math.log10(Math.sqrt(area))), 0, 9);
     const at = centre.map((value) => text_with_sign(value, digits)).join(", ");
     const words = `dead zone ${squareMetres(area)} around (${at}) ${inUnit("m")} in group ${group}: ${label}`;
-    return { area, percent: (100 * area) / total, centre, normal: unit(normal), group, reason, words, faces: on.slice(0, MOST_FACES) };
+    return { area, percent: 100 * (area / total), centre, normal: unit(normal), group, reason, words, faces: on.slice(0, MOST_FACES) };
   });
 }
 
