@@ -304,7 +304,7 @@ class OverTime(InOneLine):
     def _passes(self, stage: Stage, asked: BoolArray) -> Covered:
         """Area of faces, (F,), that cameras cover without the criteria of a stage."""
         mesh, query, always = self.motion.mesh, self.asked, self.always()
-        union, key = RegionUnion(mesh), (stage.rows, stage.is_plain)
+        union, key = RegionUnion(mesh), (stage.rows, stage.relaxed)
         if key in self._known:
             return self._known.pop(key)
         if stage.rows == (TOO_FEW_VIEWS,):

@@ -128,9 +128,9 @@ class Stage(NamedTuple):
     relaxed: frozenset[str]
 
     @property
-    def is_plain(self) -> bool:
-        """True where a task without the criteria covers the same; not with `STEEP`."""
-        return STEEP not in self.relaxed
+    def has_gain(self) -> bool:
+        """True where what it covers is the gain of one criterion, or of none; not with `STEEP`."""
+        return len(self.rows) < 2 and STEEP not in self.relaxed
 
 
 class Divided(NamedTuple):
@@ -184,22 +184,21 @@ def divide_by_reason(
             continue
         passed = passes(stage, asked)
         doubt += passed.bound
-        if len(stage.rows) == 1 and stage.is_plain:
+        if stage.rows and stage.has_gain:
             gains[stage.rows[0]] = np.stack([0 * doubt, passed.bound])
         elif not stage.rows:
             gains |= {row: np.stack([0 * doubt, passed.bound * (own == row)]) for row in rows_own}
         is_open &= passed.area[0] < (1 - SLIVER_REL) * frames.areas
         if (passed.area[0] > 0).any():
             added.append(stage)
-            has_gains = len(stage.rows) < 2 and stage.is_plain
-            kind = polygons.DIVIDES if has_gains else polygons.DIVIDES_FIRST
+            kind = polygons.DIVIDES if stage.has_gain else polygons.DIVIDES_FIRST
             _add_pass(overlay, kind + len(added), passed)
     _add_pass(overlay, polygons.DIVIDES_FIRST + len(added) + 1, reached)
     whole = overlay.partition()
     kept = np.flatnonzero(whole.area > 0)
     face, tag, areas = whole.face[kept], whole.tag[kept], whole.area[kept]
     for at, stage in enumerate(added, 1):
-        if len(stage.rows) < 2 and stage.is_plain:
+        if stage.has_gain:
             for row in stage.rows or rows_own:
                 counts = (tag >> at & 1 > 0) & (
                     own[face] == (Reason.COVERED if stage.rows else row)
@@ -315,7 +314,7 @@ def gains_of_views(
     more = np.where(mesh.task_mask, covered.area[0] - covered.area[row, every], 0.0)
     gains = {TOO_FEW_VIEWS: np.stack([more, np.where(wanted > 1, covered.bound, 0.0)])}
     for stage in stages_of(mesh, camera, task):
-        if len(stage.rows) == 1 and stage.is_plain:
+        if stage.rows and stage.has_gain:
             passed = passes(mesh, poses, stage, has_more, k)
             gain = np.where(has_more, passed.area[row, every] - covered.area[row, every], 0.0)
             bound = np.where(has_more, passed.bound + covered.bound, 0.0)
@@ -426,7 +425,7 @@ def failures_of_rows(
         first, own = some[0], poses[some[0] : some[-1]]
         given, hiders = map(np.array, zip(*islice(judged, len(own)), strict=True))
         fails, at = rule_reasons(given, camera, own, *on)
-        at = np.maximum(at, 0)
+        at = np.maximum(at, np.subtract(some[:-1], first)[:, None])
         hidden_by = np.take_along_axis(hiders, at, axis=0)
         hidden_by[BITS[fails] & BITS[Reason.OCCLUDED] == 0] = -1
         for row, (lead, end) in enumerate(pairwise(some)):
