@@ -11,7 +11,7 @@ import numpy as np
 from typer import Option
 
 import rastercov as rc
-from rastercov.base import AnyArray, ByName, ConfigError, RastercovError, json_bytes
+from rastercov.base import AnyArray, ByName, ConfigError, RastercovError, json_bytes, shown
 from rastercov.base.files import (
     LARGEST_TEXT,
     UnreadableError,
@@ -92,7 +92,7 @@ class Service:
     def _scene(self, asked: Request) -> tuple[Plan, Mesh, Plan]:
         if asked.scene not in self._scenes:
             raise ConfigError(
-                f"scene: expected one of {[*self._scenes]}, got {asked.scene}; open one first"
+                f"scene: expected one that is open, {[*self._scenes]}, got {asked.scene}; open it"
             )
         return self._scenes[asked.scene]
 
@@ -146,8 +146,12 @@ def _views(asked: Request) -> Views:
 
 def _write(asked: Request, **arrays: AnyArray) -> None:
     """Write arrays as .npy into the folder of the request, if any."""
-    for name, array in arrays.items() if asked.arrays else ():
-        with write_file(Path(asked.arrays or "") / f"{name}.npy") as file:
+    if asked.arrays is None:
+        return
+    if not (folder := Path(asked.arrays)).is_dir():
+        raise ConfigError(f"arrays: expected a folder, got {shown(asked.arrays)}; make it first")
+    for name, array in arrays.items():
+        with write_file(folder / f"{name}.npy") as file:
             np.save(file, array)
 
 

@@ -4,8 +4,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rastercov.base import ByName, ConfigError, ReadByName, printable, shown
+from rastercov.base import ByName, ConfigError, ReadByName
 from rastercov.page.rig_state import LONGEST_NAME, MOST_STATIONS
+from rastercov.placement.plan.file import lines_of
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Matrix = Annotated[list[Number], Field(min_length=16, max_length=16)]
@@ -105,14 +106,8 @@ class Drawing(Action):
 
 
 def check_entries(form: type[Action], entries: ReadByName) -> Any:
-    """Entries in a form; ConfigError in one line where they are not."""
+    """Entries in a form; ConfigError in one line, of the first that is not."""
     try:
         return form.model_validate(entries)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(printable(str(each), 40) for each in first["loc"])
-        got = shown(first.get("input"))
-        wanted = first["msg"].removeprefix("Input should be ")
-        raise ConfigError(
-            f"{place or 'request'}: expected {wanted}, got {got}; correct it"
-        ) from None
+        raise ConfigError(lines_of(error, entries, form)[0].removeprefix(": ")) from None

@@ -167,7 +167,7 @@ def test_scenes_have_numbers_of_their_own_and_close(service):
     assert ask(service, OPEN)["result"]["scene"] == 3
     for number in (0, 1, 4, -1):
         said = ask(service, {"id": 5, "do": "evaluate", "scene": number})
-        line = f"scene: expected one of [2, 3], got {number}; open one first"
+        line = f"scene: expected one that is open, [2, 3], got {number}; open it"
         assert said == {"id": 5, "error": [line]}
 
 
@@ -180,8 +180,13 @@ LINES = {
     b'{"do": "fly"}': "do: expected 'open', 'evaluate'",
     b'{"do": "_scene"}': "do: expected",
     b'{"id": 1}': "do: expected",
-    b'{"do": "evaluate", "pose": 3}': "pose: expected",
-    b'{"do": "evaluate", "scene": 1.5}': "scene: expected",
+    b'{"do": "evaluate", "pose": 3}': "pose: expected one of arrays, do, id,",
+    b'{"do": "evaluate", "scene": 1.5}': "scene: expected a whole number, got 1.5",
+    b'{"do": "open", "plan": 3}': "plan: expected a string in quotes or a table, got 3",
+    b'{"do": "close", "id": []}': "id: expected a string in quotes or a whole number, got []",
+    b'{"do": "evaluate", "poses": %a, "arrays": "no such"}' % np.eye(4).tolist(): (
+        "arrays: expected a folder, got 'no such'; make it first"
+    ),
     b'{"do": "evaluate", "scene": true}': "scene: expected",
     b'{"do": "evaluate", "poses": [[NaN]]}': "NaN is not JSON",
     b'{"do": "evaluate", "poses": [[Infinity]]}': "Infinity is not JSON",
@@ -196,7 +201,7 @@ LINES = {
     b'{"do": "check", "poses": %a, "min_coverage": 2}' % np.eye(4).tolist(): "expected",
     b"[" * 5000 + b"]" * 5000: "nested too deeply",
     b"\xff\xfe": "save it as UTF-8",
-    b'{"do": "\\ud800"}': "do: expected",
+    b'{"do": "\\ud800"}': "do: expected a string",
     b"\0": "expected valid JSON",
 }
 

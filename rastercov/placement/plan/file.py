@@ -57,6 +57,7 @@ WORDS = {
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "string_type": "a string in quotes",
+    "string_unicode": "a string in quotes",
     "bool_type": "true or false",
     "list_type": "a list in [ ]",
     "dict_type": "a table",
@@ -158,6 +159,7 @@ def _path(location: tuple[int | str, ...], table: object, kind: str) -> str:
 
 
 def _join_path(path: str, part: str) -> str:
+    part = printable(part, 40)
     part = part if re.fullmatch("[A-Za-z0-9_-]+", part) else json.dumps(part)
     return f"{path}.{part}" if path else part
 
