@@ -288,3 +288,20 @@ def test_a_sensor_of_euroc_is_at_its_place_on_the_body(tmp_path):
         views = read_views(path)
         same(views.poses.world_from_camera, [place])
         projects(views.camera(), cv_pixels(RAYS, K, values, fisheye=model == "equidistant"))
+
+
+LINE = "1 0 0 0 0 1 0 0 0 0 1 -2.5e-3"
+CUT = "it ends within a line: its last number may be cut, and lines missing"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("00.txt", LINE), ("a.tum", "0 1 2 3 0 0 0 1.00000"),
+     ("bundle.out", "# Bundle file v0.3\n1 0\n800 0 0\n1 0 0\n0 1 0\n0 0 1\n0 0 -1.25e-4")],
+)  # fmt: skip
+def test_a_file_that_ends_within_a_line_says_so(tmp_path, name, text):
+    path, given = tmp_path / name, rc.Conventions(image_size=(9, 9), pose_unit=1.0)
+    path.write_text(f"{text}\n")
+    assert CUT not in "".join(read_views(path, conventions=given).notes)
+    path.write_text(text[:-3])
+    assert CUT in read_views(path, conventions=given).notes

@@ -146,6 +146,8 @@ READERS: Mapping[str, Reader] = {
     "mvsnet": _mvsnet,
 }
 """Readers by the name of the format."""
+OF_LINES = "bundler", "bal", "kitti", "pix4d", "tum"
+"""Formats of lines of numbers, whose last one may be cut."""
 TABLES = (
     *("nerfstudio", "opensfm", "odm", "openmvg", "alicevision", "gltf", "kalibr", "euroc"),
     *("camodocal", "orbslam", "okvis", "basalt", "open3d", "azure", "realsense", "zivid", "bop"),
@@ -229,7 +231,10 @@ def read_through(path: StrPath, border: Border, format: str | None = None) -> Vi
     # What overflows is not finite, and is refused by a line of its own, not by numpy's warning.
     with _naming(path, CameraError), np.errstate(all="ignore"):
         place, result = _recognise(place, format)
-        return READERS[result](Source(place), border)
+        source = Source(place)
+        if result in OF_LINES and not source.data.endswith(b"\n"):
+            border.note("it ends within a line: its last number may be cut, and lines missing")
+        return READERS[result](source, border)
 
 
 @contextmanager
