@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from rastercov.base import ByName, ConfigError, first_of, frozen_record, sort_order
+from rastercov.base import ByName, ConfigError, first_of, frozen_record, shown, sort_order
 from rastercov.base.format import distinct_percents, percent
 from rastercov.core.camera import Poses, names_of
 from rastercov.core.mesh import Mesh
@@ -20,7 +20,7 @@ from rastercov.placement.plan.network import AreaRequirement, Requirement, count
 from rastercov.placement.plan.phases import Demand, Verdicts, phases_of
 from rastercov.placement.required import FAILS, SHARE_TOLERANCE, UNDECIDED
 from rastercov.placement.select.problem import views_of
-from rastercov.tolerances.passes import Errors, TolerancePass, check_provable, errors_in
+from rastercov.tolerances.passes import OTHERS, Errors, TolerancePass, check_provable, errors_in
 from rastercov.tolerances.sure import SureCoverage, sure_coverage
 
 HOLDS = "holds under errors"
@@ -127,7 +127,7 @@ class UnderErrors(Demand):
         return replace(self, errors=errors_in(text))
 
     def check(self, plan: Plan, rig: Poses) -> None:
-        """ConfigError for a plan by face, with own goals or without a proof; for unknown names."""
+        """ConfigError for a plan by face, with own goals or no proof; for names without a pose."""
         unit, why = plan.unit_of_result()
         if unit != "area":
             raise ConfigError(
@@ -140,6 +140,14 @@ class UnderErrors(Demand):
                 "its groups and thresholds"
             )
         check_provable(plan.rig, plan.build_task())
+        placed = {names_of(plan.rig)[row] for row in rig.camera.tolist()}
+        given = self.errors.position_mm, self.errors.angle_deg, self.errors.focal_percent
+        names = {name for each in given if isinstance(each, Mapping) for name in each}
+        if unknown := names - placed - {OTHERS}:
+            raise ConfigError(
+                f"expected errors of a camera with a pose ({first_of(sorted(placed))}), got "
+                f"those of {shown(min(unknown))}; correct the name"
+            )
         self.errors.sizes(plan.rig, rig, np.zeros(3))
 
     def check_scene(self, plan: Plan, mesh: Mesh) -> None:
@@ -164,9 +172,8 @@ class UnderErrors(Demand):
         Raises
         ------
         ConfigError
-            As of `check` and `check_scene`.
+            As of `check_scene`.
         """
-        self.check(plan, rig)
         self.check_scene(plan, mesh)
         counted = counting(plan.task) | ({"views": views} if views else {})
         needed = np.asarray(views_of(mesh, counted["views"]), np.int64)

@@ -100,7 +100,9 @@ class OfTolerance(Products):
         asked = plan.selection and plan.selection.tolerance
         if asked and asked.proof:
             with errors_at(plan.name, "selection.tolerance.proof"):
-                UnderErrors(value_of(asked, Errors)).check(plan, Poses.of(np.eye(4)))
+                n = len(plan.rig)
+                poses = Poses.of(np.tile(np.eye(4), (n, 1, 1)), camera=range(n))
+                UnderErrors(value_of(asked, Errors)).check(plan, poses)
 
 
 HOOKS = OfTolerance()

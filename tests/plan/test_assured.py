@@ -248,7 +248,7 @@ def test_errors_are_read_from_a_text():
 WITHOUT_PROOF = {
     "got one by face": {"task": {"min_visibility": 0.9}},
     "expected no \\[goals\\] with": {"goals": {"doors": {"groups": ["mesh"], "coverage": 0.1}}},
-    "expected position_mm of a camera of the rig": {},
+    "expected errors of a camera with a pose": {},
     "expected no equipment": {
         "lamps": {"key": {"intensity_cd": 9.0, "position": [0.0, 0.0, 2.0]}},
         "task": {"min_illuminance": "5 lx"},
