@@ -743,3 +743,38 @@ def test_stations_of_the_page_are_named_by_their_heads_and_sensors():
     poses = rig.poses(POSES[:3])[np.array([0, 2, 3])]  # a projector is missing
     names = [each.name for each in RigState.of(rig, poses).stations]
     assert names == list(names_of_poses(poses))
+
+
+def test_errors_of_a_kind_of_camera_without_a_pose_are_refused():
+    """A plan has the kind of a sensor beside the sensors: errors of it would be of nothing."""
+    rig = plan_of(PLAN).rig
+    own = rig._only(range(1, len(rig))).poses(POSES)
+    poses = rc.Poses.of(own.world_from_camera, camera=own.camera + 1)
+    for name in ("cam", "no such"):
+        with pytest.raises(ConfigError, match=rf"a pose \(fringe/cam, fringe/proj\), .* '{name}'"):
+            rc.check(PLAN, poses, min_coverage=0.1, tolerance=f"3 mm, {name} 50 mm")
+    narrow = PLAN["rigs"]["fringe"] | {"max_baseline_deg": 40.0}
+    plan, share = PLAN | {"rigs": {"fringe": narrow}}, []
+    for words in ("3 mm", "3 mm, fringe/proj 50 mm"):
+        share.append(rc.check(plan, poses, min_coverage=0.1, tolerance=words).assured.found.sure.m2)
+    assert share[1] < share[0]
+
+
+def test_other_cameras_by_name_keep_the_rule_of_a_head():
+    views = rc.Views(head(), head().poses(POSES), [str(row) for row in range(10)])
+    narrow = rc.Camera(width=96, height=72, fx=900, fy=900)
+    given = rc.Views(rc.Rig([CAMERA, narrow], ["cam", "proj"]), rc.Poses.of(()))
+    other = views.through(given, by_name=True)
+    assert other.rig.rule == head().rule
+    assert other.rig.tasks == head().tasks
+    assert other.rig.cameras == (CAMERA, narrow)
+    area = [
+        rc.evaluate(MESH, each.rig, each.poses, TASK, fields=()).areas.summary()["m2"]
+        for each in (views, other)
+    ]
+    assert area[1] < 0.2 * area[0]
+    alone = rc.Views(rc.Rig([CAMERA], ["x"]), rc.Poses.of(()))
+    with pytest.raises(CameraError, match="for each of a rig with a rule, 'cam', 'proj', got one"):
+        views.through(alone)
+    with pytest.raises(rc.PoseError, match="got camera 'proj'"):
+        views.through(rc.Views(rc.Rig([CAMERA], ["cam"]), rc.Poses.of(())), by_name=True)

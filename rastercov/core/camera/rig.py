@@ -900,7 +900,7 @@ class Views(InOneLine):
     def through(
         self, cameras: "Views", name: str | None = None, *, by_name: bool = False
     ) -> "Views":
-        """The same poses with cameras of another file.
+        """The same poses with cameras of another file; a rule of theirs stays.
 
         Parameters
         ----------
@@ -921,11 +921,22 @@ class Views(InOneLine):
         if by_name and name is None:
             cameras.cameras()  # refuses poses alone
             assert cameras.rig is not None
-            return replace(self.with_cameras(cameras.rig), notes=notes)
+            placed, rig = self.with_cameras(cameras.rig), self.rig
+            if rig is not None and rig.gates and not cameras.rig.gates:
+                for each, camera in zip(cameras.rig.names, cameras.rig.cameras, strict=True):
+                    rig = rig._with_camera(each, camera)
+                placed = replace(self, rig=rig)
+            return replace(placed, notes=notes)
         chosen = cameras.of_camera(name)
         rows = np.arange(len(self.poses))
         if name in self.camera_names:
             rows = np.flatnonzero(self.poses.camera == self.camera_names.index(name))
+        elif self.rig is not None and self.rig.gates:
+            known = [self.camera_names[row] for row in np.unique(self.poses.camera)]
+            raise CameraError(
+                f"expected a camera for each of a rig with a rule, {_name_list(known)}, got one; "
+                "name them"
+            )
         return replace(self._with_rows(rows, chosen.rig), notes=notes)
 
     @property
