@@ -8,6 +8,7 @@ import pytest
 from edited import Session
 from exact_views import SEEDS
 from hypothesis import given
+from lens_cameras import CAMERAS
 from nightly import amount, examples
 from surface_cases import hostile_scene, in_regions, room, whole
 
@@ -18,7 +19,8 @@ from rastercov.core.area.cut import values_of
 from rastercov.core.area.features import deviations_of
 from rastercov.core.area.polygons import frames_of, to_plane, to_world
 from rastercov.core.area.stages import CentrePass
-from rastercov.core.camera.rule import rule_of
+from rastercov.core.camera import to_image
+from rastercov.core.camera.rule import pixels_a_radian, rule_of
 from rastercov.core.coverage.task import Reason
 from rastercov.page.scene import open_mesh
 from rastercov.reference.regions import points_on
@@ -532,3 +534,13 @@ def test_the_viewer_colours_by_the_uncertainty_of_rigs_that_limit_it():
     session = Session(open_mesh(mesh, rc.Views(free, both, images=list("ab")), rc.Task(), "a"))
     assert "uncertainty" not in session.scene.modes
     session.close()
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_noise_is_in_pixels_on_the_axis_of_any_lens(name):
+    camera = replace(CAMERAS[name], cx=320.0, cy=240.0, skew=0.0, max_angle_deg=None)
+    rays = np.array([(1e-5, 0, 1), (-1e-5, 0, 1), (0, 1e-5, 1), (0, -1e-5, 1)])
+    pixels = to_image(rays, camera)
+    slopes = (pixels[0] - pixels[1])[0] / 2e-5, (pixels[2] - pixels[3])[1] / 2e-5
+    assert pixels_a_radian(camera, is_striped=False) == pytest.approx(min(slopes), rel=2e-3)
+    assert pixels_a_radian(camera, is_striped=True) == pytest.approx(slopes[0], rel=2e-3)

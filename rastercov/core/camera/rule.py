@@ -290,7 +290,8 @@ class Limited(Gate):
         """See `Gate`: the noise stays in pixels."""
         noise = list(self.noise)
         if noise:
-            noise[device] = noise[device] * pixels_a_radian(before) / pixels_a_radian(after)
+            scales = [pixels_a_radian(each, device in self.stripes) for each in (before, after)]
+            noise[device] = noise[device] * scales[0] / scales[1]
         return replace(self, noise=tuple(noise))
 
 
@@ -299,9 +300,18 @@ def limits_of(gates: Iterable[Gate]) -> list[Limited]:
     return [each for each in gates if isinstance(each, Limited)]
 
 
-def pixels_a_radian(camera: Camera) -> float:
-    """Least pixels per radian at the point that a camera sees from, see `eyes_of`."""
-    return min(camera.fx, camera.fy) * (FAR if camera.is_parallel else 1.0)
+def pixels_a_radian(camera: Camera, is_striped: bool) -> float:
+    """Pixels per radian on the axis of a camera, the fewer of x and y; of x alone for stripes.
+
+    At the point that a parallel camera sees from, see `eyes_of`.
+    """
+    slope, first = 1.0, next(iter(camera.distortion), 0.0)
+    if camera.model in ("omni", "double_sphere"):
+        slope = 1 / (1 + first)
+    elif camera.model == "fov" and first > 0:
+        slope = 2 * math.tan(first / 2) / first
+    focal = camera.fx if is_striped else min(camera.fx, camera.fy)
+    return focal * slope * (FAR if camera.is_parallel else 1.0)
 
 
 def gate_of(rule: Anything, names: Sequence[str], cameras: Sequence[Camera]) -> Limited | None:
@@ -373,8 +383,8 @@ def _with_noise(
         raise CameraError(
             "expected a sensor without stripes, got none; stripes give one coordinate of a point"
         )
-    scale = map(pixels_a_radian, cameras)
-    radians = tuple(value / each for value, each in zip(values, scale, strict=True))
+    scales = _scales(cameras, rows)
+    radians = tuple(value / each for value, each in zip(values, scales, strict=True))
     return replace(gate, most_deviation=limit, noise=radians, stripes=rows)
 
 
@@ -386,11 +396,18 @@ def rule_of_gate(gate: Limited, names: Sequence[str], cameras: Sequence[Camera])
     if not gate.has_deviation:
         return rule
     noise = {
-        name: _pixels_of(radians, pixels_a_radian(camera))
-        for name, radians, camera in zip(names, gate.noise, cameras, strict=True)
+        name: _pixels_of(radians, scale)
+        for name, radians, scale in zip(
+            names, gate.noise, _scales(cameras, gate.stripes), strict=True
+        )
     }
     stripes = [names[row] for row in gate.stripes]
     return replace(rule, max_uncertainty=gate.most_deviation, noise_px=noise, stripes=stripes)
+
+
+def _scales(cameras: Sequence[Camera], stripes: Sequence[int]) -> list[float]:
+    """Pixels per radian of cameras, of which those of some rows have stripes."""
+    return [pixels_a_radian(camera, row in stripes) for row, camera in enumerate(cameras)]
 
 
 def _pixels_of(radians: float, scale: float) -> float:

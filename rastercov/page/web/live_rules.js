@@ -36,9 +36,14 @@ export function rowsOf(state) {
 }
 
 /** Noise of the cameras of a gate, radians; null where it does not matter. */
-function noiseOf({ names, most_deviation: limit, image_noise: pixels }, cameras) {
-  const scaleOf = ({ plain: { fx, fy } }) => Math.min(fx, fy);
-  return limit > 0 ? names.map((name, k) => pixels[k] / scaleOf(cameras[name])) : null;
+function noiseOf({ names, most_deviation: limit, image_noise: pixels, stripes }, cameras) {
+  return limit > 0 ? names.map((name, k) => pixels[k] / scaleOf(cameras[name].plain, stripes[k])) : null;
+}
+
+/** Pixels per radian on the axis of a camera, as pixels_a_radian. */
+function scaleOf({ fx, fy, model, distortion: [first] = [] }, isStriped) {
+  const slopes = { omni: 1 / (1 + first), double_sphere: 1 / (1 + first), fov: first && (2 * Math.tan(first / 2)) / first };
+  return (isStriped ? fx : Math.min(fx, fy)) * (slopes[model] || 1);
 }
 
 /** Words on the reasons of a name, by those of single ones. */
