@@ -35,7 +35,7 @@ def test_a_run_ends_with_its_skips(tmp_path):
         ("CHANGELOG.md", set()),
         ("docs/guide.md", {"docs"}),
         ("rastercov/page/session.py", {"page"}),
-        ("tests/support/browser.py", {"page", "docs"}),
+        ("tests/support/browser.py", {"page", "docs", "asbuilt"}),
         ("rastercov/core/area/zones.py", {"page"}),
         ("rastercov/asbuilt/edges.py", {"asbuilt"}),
         ("rastercov/gl/compute.py", {"opengl"}),
