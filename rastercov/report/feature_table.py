@@ -12,7 +12,16 @@ from itertools import product
 
 import numpy as np
 
-from rastercov.base import FloatArray, IntArray, ReadByName, norm, percent
+from rastercov.base import (
+    TINY,
+    FloatArray,
+    IntArray,
+    ReadByName,
+    dots,
+    norm,
+    percent,
+    sort_order,
+)
 from rastercov.base.format import area
 from rastercov.base.output import csv_text
 from rastercov.core.area.advice import figures_of_point
@@ -26,8 +35,8 @@ from rastercov.placement.parts import PartRow
 
 MOST_PAIRS = 2_000_000
 """Pairs of pose and feature up to which there is a table."""
-MOST_JUDGED = 8
-"""Cameras of a feature whose pixels are compared, the nearest."""
+MOST_JUDGED = 64
+"""Cameras of a feature whose pixels are compared: those that would have most in their axis."""
 
 
 @dataclass(frozen=True)
@@ -95,14 +104,14 @@ def feature_rows(
             made.append(FeatureRow(*own))
             continue
         ranks = 2 * ranks + is_lit[:, at]
-        row, figures = _best(camera, poses, ranks, points[at], mesh.normals[face[at]])
         is_facing = task.min_facing_density > task.min_pixel_density
-        density = figures["facing_density" if is_facing else "pixel_density"]
+        density = "facing_density" if is_facing else "pixel_density"
+        row, figures = _best(camera, poses, ranks, points[at], mesh.normals[face[at]], density)
         angle = math.degrees(figures["incidence"])
         eye = cameras_of(camera)[poses.camera[row]]
         focus = _in_focus(eye, poses.world_from_camera[row], points[at], task)
         lit = bool(is_lit[row, at]) if conditions else None
-        made.append(FeatureRow(*own, names[row], density, angle, focus, lit, is_facing))
+        made.append(FeatureRow(*own, names[row], figures[density], angle, focus, lit, is_facing))
     return sorted(made, key=lambda each: (each.covered_percent, -each.area_m2))
 
 
@@ -116,16 +125,27 @@ def _middle(mesh: Mesh, group: int) -> int:
 
 
 def _best(
-    camera: Cameras, poses: Poses, ranks: IntArray, point: FloatArray, normal: FloatArray
+    camera: Cameras,
+    poses: Poses,
+    ranks: IntArray,
+    point: FloatArray,
+    normal: FloatArray,
+    density: str,
 ) -> tuple[int, ReadByName]:
-    """Pose of the highest rank at a point, with most pixels, and its figures."""
+    """Pose of the highest rank at a point, with most of a density, and its figures."""
     near = np.flatnonzero(ranks == ranks.max())
-    near = near[norm(poses.eyes[near] - point).argsort(kind="stable")[:MOST_JUDGED]]
+    focal = np.array([each.fx for each in cameras_of(camera)])[poses.camera[near]]
+    rays = poses.eyes[near] - point
+    away = np.maximum(norm(rays), TINY)
+    shown = focal / away
+    if density == "pixel_density":
+        shown *= abs(dots(rays, normal)) / away
+    near = near[sort_order(-shown)[:MOST_JUDGED]]
     every = [
         (figures_of_point(cameras_of(camera)[poses.camera[row]], pose, point, normal), row)
         for row, pose in zip(near.tolist(), poses.world_from_camera[near], strict=True)
     ]
-    figures, row = max(every, key=lambda each: each[0]["pixel_density"])
+    figures, row = max(every, key=lambda each: each[0][density])
     return row, figures
 
 

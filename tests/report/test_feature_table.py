@@ -278,3 +278,26 @@ def test_the_best_camera_of_a_feature_is_one_that_its_light_reaches(intensity):
     for row in rows:
         assert row.lit
         assert row.camera == f"camera {1 if intensity > 100 else 2}"
+
+
+def test_the_best_camera_has_most_of_the_density_that_counts_however_many_are_nearer():
+    """Twenty oblique cameras are nearer than one in front; and one of two that are oblique."""
+    plate = box_of_sides((0.2, 0.2, 0.002))
+    camera = rc.Camera.from_fov(1280, 960, hfov_deg=40)
+    turns, tilt = np.arange(20) * np.pi / 10, 1.3
+    around = [(np.cos(a) * np.sin(tilt), np.sin(a) * np.sin(tilt), np.cos(tilt)) for a in turns]
+    eyes = np.concatenate([1.9 * np.array(around), [(0, 0, 2.0)]])
+    oblique = np.array([(0, 0, 2.0), (1.4 * np.sin(1.2), 0, 1.4 * np.cos(1.2))])
+    for places, task, best in (
+        (eyes, rc.Task(), "20"),
+        (oblique, rc.Task(), "0"),
+        (oblique, rc.Task(min_facing_density=500), "1"),
+    ):
+        poses = rc.look_at(places, (0, 0, 0))
+        summary = rc.evaluate(plate, camera, poses, task).summary()
+        names = [str(row) for row in range(len(places))]
+        rows = feature_rows(plate, camera, rc.Poses.of(poses), task, names, summary)
+        (top,) = [each for each in rows if each.name == "+z"]
+        assert top.camera == best
+        focal = camera.fx / np.linalg.norm(places, axis=1)
+        assert top.px_per_m == pytest.approx(focal[int(best)], rel=0.05) or task != rc.Task()
