@@ -7,7 +7,7 @@ baseline; else it is within what is asked for, and passes.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -130,13 +130,13 @@ def _write_summary(path: Path, plan: Path, cases: Sequence[Case]) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _worst(cases: Sequence[Case]) -> list[Case]:
+def _worst(cases: Sequence[Case], rows: Mapping[str, int] = MOST_ROWS) -> list[Case]:
     """Failures of each kind that lose most, and a line that counts the others.
 
     Groups are fewer by one where all of them together have a failure.
     """
     worst = list[Case]()
-    for kind, most in MOST_ROWS.items():
+    for kind, most in rows.items():
         own = [case for case in cases if case.status and case.kind == kind]
         most -= kind == "group" and any(case.kind == "all" for case in worst)
         worst += own[:most]
@@ -154,9 +154,13 @@ def _mark(text: str) -> str:
 
 
 def _write_junit(path: Path, plan: Path, cases: Sequence[Case]) -> None:
-    """Write the worst failures and what holds as JUnit XML, with a test case for each."""
-    shown = [*_worst(cases), *(case for case in cases if not case.status)]
-    cases = [case for case in shown if not case.zones]
+    """Write the worst failures and what holds as JUnit XML, with a test case for each.
+
+    Each zone has one, so that a test keeps its name where it fails.
+    """
+    named = [case for case in cases if not case.zones]
+    rows = MOST_ROWS | {"dead zone": len(named)}
+    cases = [*_worst(named, rows), *(case for case in named if not case.status)]
     kinds = [KINDS.get(case.status, "failure") for case in cases]
     counts = {"tests": str(len(kinds)), "failures": str(kinds.count("failure"))}
     counts["errors"] = str(kinds.count("error"))
