@@ -238,9 +238,9 @@ def test_sets_have_up_to_64_poses():
     union = solver_union.Union(FACES, 1e-15, 0, 40, ALL)
     arguments = pieces_of(np.random.default_rng(1), 50)
     for number in ((0, 1, 64), (0, 1), (-1, 0, 1)):
-        with pytest.raises(ValueError, match="numbers? must"):
+        with pytest.raises(ValueError, match=r"numbers? must"):
             add(union, arguments, number)
-    with pytest.raises(ValueError, match="numbers? must"):
+    with pytest.raises(ValueError, match=r"numbers? must"):
         add(solver_union.Union(FACES, 1e-15, 1, 40, ALL), arguments, (0, 1, 2))
 
 
