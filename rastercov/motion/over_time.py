@@ -323,7 +323,7 @@ class OverTime(InOneLine):
         return union.covered()
 
     @cached_property
-    def _known(self) -> dict[tuple[tuple[int, ...], bool], Covered]:
+    def _known(self) -> dict[tuple[tuple[int, ...], frozenset[str]], Covered]:
         """Covered parts by stage, as far as those of another time gave them."""
         return {}
 
