@@ -120,6 +120,19 @@ def test_a_goal_is_what_a_plan_of_its_groups_alone_answers(room):
     assert checked.requirements[0] == others
 
 
+def test_views_of_a_check_are_those_of_goals_without_their_own(room):
+    poses = rc.look_at([(3.5, 0.5, 2.5), (3.8, 3.0, 1.5)], [(1, 2.5, 1), (0, 2.0, 1)])
+    goals = {"doors": DOORS, "one": DOORS | {"groups": ["floor"], "views": 1}, "window": PRIVATE}
+    own = {"min_facing_density": "observe"}
+    told = rc.check(plan(room, task=own, goals=goals), poses, min_coverage=0.5, views=2)
+    task = own | {"views": 2}
+    wanted = rc.check(plan(room, task=task, goals=goals), poses, min_coverage=0.5)
+    assert told.requirements == wanted.requirements
+    as_planned = rc.check(plan(room, task=own, goals=goals), poses, min_coverage=0.5)
+    assert of(told, "doors").m2 < of(as_planned, "doors").m2
+    assert of(told, "one").m2 == of(as_planned, "one").m2 > 0
+
+
 @examples(5, at_night=40)
 @given(seed=st.integers(0, 10**6))
 def test_what_must_not_be_seen_holds_where_no_point_of_it_is_covered(room, seed):

@@ -778,3 +778,21 @@ def test_other_cameras_by_name_keep_the_rule_of_a_head():
         views.through(alone)
     with pytest.raises(rc.PoseError, match="got camera 'proj'"):
         views.through(rc.Views(rc.Rig([CAMERA], ["cam"]), rc.Poses.of(())), by_name=True)
+
+
+def test_a_rule_and_thresholds_that_poses_state_are_not_lost_in_a_plan_with_cameras():
+    """They would be criteria that nothing asks; without cameras in the plan they count."""
+    own = PLAN["cameras"]["cam"]
+    plain = PLAN | {"rigs": {}, "cameras": {"cam": own, "proj": own}}
+    names = [str(row) for row in range(10)]
+    views = rc.Views(head(), head().poses(POSES), names)
+    alone = replace(views, rig=head(rc.Any()))
+    for given, word in ((views, "rule"), (alone, "thresholds")):
+        with pytest.raises(
+            rc.PoseError, match=rf"expected the {word} of (cam|proj) in .*, got none"
+        ):
+            rc.check(plain, given, min_coverage=0.1)
+    bare = {key: value for key, value in plain.items() if key != "cameras"}
+    assert rc.check(bare, views, min_coverage=0.1).plan.rig.gates == views.rig.gates
+    without = rc.Views(rc.Rig([CAMERA] * 2, ["cam", "proj"]), views.poses, names)
+    assert rc.check(plain, without, min_coverage=0.1).is_met

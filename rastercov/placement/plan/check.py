@@ -606,7 +606,7 @@ def check(
     limits : mapping of group name or None to share
         None is the whole task.
     views : int, optional
-        Cameras per face, instead of the plan's.
+        Cameras per face, instead of those of the task, also for goals without their own.
     step : callable
         As for `place`.
     poses : (P, 4, 4) array_like, Poses or Views, optional
@@ -644,7 +644,8 @@ def check(
     plan.build_task(views)  # its errors come before the work
     with step("scene"):
         whole, plan, names = name_scene(plan)
-        mesh, goals = separate_goals(plan, whole)
+        task = plan.task.model_copy(update={"views": views or plan.task.views})
+        mesh, goals = separate_goals(plan.model_copy(update={"task": task}), whole)
     if baseline is not None:
         check_task(baseline, _task_of(plan, views))
     demand.check_scene(plan, mesh)
@@ -1006,8 +1007,8 @@ def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     PlanError
         For a plan without cameras and a file without.
     PoseError
-        For poses without a unit, of several cameras where the plan has one, and for names that it
-        does not have.
+        For poses without a unit, of several cameras where the plan has one, for names that it does
+        not have, and for a rule or thresholds of a camera that are stated with the poses alone.
     """
     views.check_unit()
     if not plan.has_cameras and views.rig is not None:
@@ -1028,8 +1029,21 @@ def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
         poses = Poses.of(views.poses, camera=0)
     if views.rig is not None:
         for own, stated in zip(poses.camera[first], used, strict=True):
+            off = _has(views.rig, stated) - _has(plan.rig, own)
+            if off and not plan._is_given:
+                raise PoseError(
+                    f"expected {min(off)} of {views.rig.names[stated]} in {plan.name}, as with the "
+                    "poses, got none; state it there, or leave out its cameras"
+                )
             plan = plan.with_stated(own, views.rig.cameras[stated])
     return plan, poses
+
+
+def _has(rig: Rig, row: int) -> set[str]:
+    """What a camera of a rig has beside its lens."""
+    has_rule = any(at <= row < at + gate.n for at, gate in rig.gates.items())
+    has = {"the rule": has_rule, "the thresholds": rig.names[row] in rig.tasks}
+    return {word for word, is_there in has.items() if is_there}
 
 
 def _task_of(plan: Plan, views: int | None) -> ByName:
