@@ -796,3 +796,11 @@ def test_a_rule_and_thresholds_that_poses_state_are_not_lost_in_a_plan_with_came
     assert rc.check(bare, views, min_coverage=0.1).plan.rig.gates == views.rig.gates
     without = rc.Views(rc.Rig([CAMERA] * 2, ["cam", "proj"]), views.poses, names)
     assert rc.check(plain, without, min_coverage=0.1).is_met
+
+
+@pytest.mark.parametrize("name", ["rig.json", "rig.npy", "transforms.json", "rig.glb", "model"])
+def test_a_file_that_cannot_hold_a_rule_says_so(name):
+    views = rc.Views(head(), head().poses(POSES), [f"{row}.jpg" for row in range(10)])
+    format = {"model": "colmap", "transforms.json": "nerfstudio"}.get(name)
+    notes = rc.write_views(name, views, format=format)
+    assert any("rule of the rig, thresholds" in note for note in notes) == (name != "rig.json")

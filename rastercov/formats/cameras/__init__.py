@@ -421,6 +421,9 @@ def write_views(
             )
         else:
             write_bytes(place, contents[""])
+    rig, has_all = views.rig, target == "rastercov" and place.suffix.lower() == ".json"
+    if rig is not None and not has_all and (rig.gates or rig.tasks or rig.equipment):
+        notes.append("the rule of the rig, thresholds of its cameras and equipment are left out")
     return notes
 
 
