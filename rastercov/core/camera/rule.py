@@ -24,6 +24,7 @@ from rastercov.base import (
     finite_number,
     first_of,
     shown,
+    tan,
 )
 from rastercov.base.arguments import LEAST_RAY_ANGLE, ray_angle
 from rastercov.base.format import size_in_words
@@ -309,7 +310,7 @@ def pixels_a_radian(camera: Camera, is_striped: bool) -> float:
     if camera.model in ("omni", "double_sphere"):
         slope = 1 / (1 + first)
     elif camera.model == "fov" and first > 0:
-        slope = 2 * math.tan(first / 2) / first
+        slope = 2 * tan(first / 2) / first
     focal = camera.fx if is_striped else min(camera.fx, camera.fy)
     return focal * slope * (FAR if camera.is_parallel else 1.0)
 

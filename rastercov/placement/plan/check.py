@@ -1040,7 +1040,7 @@ def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
 
 
 def _has(rig: Rig, row: int) -> set[str]:
-    """What a camera of a rig has beside its lens."""
+    """Words on what a camera of a rig has beside its lens."""
     has_rule = any(at <= row < at + gate.n for at, gate in rig.gates.items())
     has = {"the rule": has_rule, "the thresholds": rig.names[row] in rig.tasks}
     return {word for word, is_there in has.items() if is_there}
