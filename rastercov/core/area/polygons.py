@@ -211,7 +211,11 @@ class Partition(NamedTuple):
 
 
 DIVIDES, DIVIDES_FIRST = 64, 128
-"""Of numbers of cameras that add nothing: they divide what is there, or what one alone covers."""
+"""Of numbers of cameras that add nothing: they divide what is there, or what no other divided."""
+PLACE = 256
+"""Of their numbers, times the place among them, which is that of the first in a set."""
+FIRST_AT = 48
+"""Bit of a set from which on it has this place, and bits of cameras below."""
 
 
 class Overlay:
@@ -288,7 +292,7 @@ class Overlay:
 
         `pairs` are camera, face, area, bound and excess of each pair of them with a piece or a
         bound, ordered by camera, then by face; `number` is the bit of each camera, for sets, and
-        `DIVIDES` or `DIVIDES_FIRST` more where they add no piece.
+        where they add no piece `DIVIDES` or `DIVIDES_FIRST` and their `PLACE` more.
         """
         of_pieces: Any = _arrays(pieces, (np.float64, np.int64, np.int32, np.int32))
         types = np.int32, np.int32, np.float64, np.float64, np.float64

@@ -80,8 +80,6 @@ from rastercov.engine import area_reason
 
 SLIVER_REL = 1e-9
 """Part of a face below which a reason is rounding."""
-MOST_STAGES = 60
-"""Sets of criteria that cover anything; what later ones cover has the reason of all criteria."""
 MOST_JUDGED = 2048
 """Pairs of point and row of a result that are judged at once: advice may end after any row."""
 CodeArray = NDArray[np.uint32]
@@ -173,13 +171,12 @@ def divide_by_reason(
     every = next(stages)
     reached = passes(every, missing > 0)
     is_reached = reached.area[0] > 0
-    doubt, is_open, added = reached.bound.copy(), is_reached.copy(), list[Stage]()
+    doubt, is_open = reached.bound.copy(), is_reached.copy()
+    added, gaining = list[Stage](), list[Stage]()
     gains: dict[int, FloatArray] = {}
     for stage in stages:
         # A face that a set covers as a whole needs no larger one.
         asked = is_reached if len(stage.rows) < 2 else is_open
-        if len(added) == MOST_STAGES:
-            break
         if not asked.any():
             continue
         passed = passes(stage, asked)
@@ -191,19 +188,19 @@ def divide_by_reason(
         is_open &= passed.area[0] < (1 - SLIVER_REL) * frames.areas
         if (passed.area[0] > 0).any():
             added.append(stage)
-            kind = polygons.DIVIDES if stage.has_gain else polygons.DIVIDES_FIRST
-            _add_pass(overlay, kind + len(added), passed)
-    _add_pass(overlay, polygons.DIVIDES_FIRST + len(added) + 1, reached)
+            number = polygons.DIVIDES_FIRST
+            if stage.has_gain:
+                gaining.append(stage)
+                number = polygons.DIVIDES + len(gaining)
+            _add_pass(overlay, polygons.PLACE * len(added) + number, passed)
+    _add_pass(overlay, polygons.PLACE * (len(added) + 1) + polygons.DIVIDES_FIRST, reached)
     whole = overlay.partition()
     kept = np.flatnonzero(whole.area > 0)
     face, tag, areas = whole.face[kept], whole.tag[kept], whole.area[kept]
-    for at, stage in enumerate(added, 1):
-        if stage.has_gain:
-            for row in stage.rows or rows_own:
-                counts = (tag >> at & 1 > 0) & (
-                    own[face] == (Reason.COVERED if stage.rows else row)
-                )
-                gains[row][0] = np.bincount(face[counts], areas[counts], mesh.n_faces)
+    for bit, stage in enumerate(gaining, 1):
+        for row in stage.rows or rows_own:
+            counts = (tag >> bit & 1 > 0) & (own[face] == (Reason.COVERED if stage.rows else row))
+            gains[row][0] = np.bincount(face[counts], areas[counts], mesh.n_faces)
     views = 1 << len(CRITERIA)  # no criterion, but a reason of what is covered over time
     sets = [
         int(np.bitwise_or.reduce(BITS[[*stage.rows]])) | views * (TOO_FEW_VIEWS in stage.rows)

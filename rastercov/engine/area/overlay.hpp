@@ -15,7 +15,7 @@
 //   bool only_adds()   no piece is divided: what is covered already is done
 //   Tag plus(Tag, Tag)  of what things of the second tag cover besides
 //
-// CountTo counts up to k. SetOf has up to 64 things as bits, some of which add no piece.
+// CountTo counts up to k. SetOf has up to 64 things as bits, or those that divide, with the first.
 //
 // Invariants: pieces have 3 to MOST_CORNERS corners, or 0 where they are left out; memory grows
 // as needed and is kept from cell to cell.
@@ -47,23 +47,32 @@ struct CountTo {
     bool only_adds() const { return k == 1; }
 };
 
-// Things that divide what is there, or what one thing alone covers, and add nothing.
-enum Kind : int64_t { ADDS, DIVIDES, DIVIDES_FIRST, N_KINDS };
+// Things that divide what is there, or what none of them covers yet, and add nothing.
+enum Kind : int64_t { ADDS, DIVIDES, DIVIDES_FIRST };
 
-// Things of a set.
-constexpr int64_t MOST_IN_SET = 64;
+// Of the number of a thing: its bit in a set, its kind from the sixth bit on, and from the eighth
+// its place among those that divide, of which a set has the first, above its bits.
+constexpr int64_t IN_SET = 64, N_NUMBERS = 1 << 23;
+constexpr int KIND_AT = 6, PLACE_AT = 8, FIRST_AT = 48;
+constexpr int64_t FIRST = -(int64_t(1) << FIRST_AT); // bits of the place
 
 struct SetOf {
-    int64_t kind = ADDS;
-    int64_t bit = 1;
+    int64_t first_of = 0; // bits of the place, where things divide
+    int64_t own = 0;
     static constexpr bool CLOSES = false;
-    void begin(int64_t thing) { bit = int64_t(uint64_t(1) << thing % MOST_IN_SET); }
-    int64_t first() const { return bit; }
-    int64_t with(int64_t set) const { return set | bit; }
-    int64_t plus(int64_t set, int64_t more) const { return is_done(set) ? set : set | more; }
-    bool is_full(int64_t set) const { return (set & bit) != 0 || is_done(set); }
-    bool is_done(int64_t set) const { return kind == DIVIDES_FIRST && (set & (set - 1)) != 0; }
-    bool adds() const { return kind == ADDS; }
+    static int64_t kind_of(int64_t thing) { return thing >> KIND_AT & 3; }
+    static int64_t set_of(int64_t thing) {
+        const uint64_t bit = kind_of(thing) == DIVIDES_FIRST ? 0 : uint64_t(1) << thing % IN_SET;
+        return int64_t(bit) | thing >> PLACE_AT << FIRST_AT;
+    }
+    void begin(int64_t thing) { own = set_of(thing); }
+    int64_t first() const { return own; }
+    int64_t with(int64_t set) const { return plus(set, own); }
+    int64_t plus(int64_t set, int64_t more) const {
+        return set | (set & first_of ? more & ~FIRST : more);
+    }
+    bool is_full(int64_t set) const { return with(set) == set; }
+    bool adds() const { return first_of == 0; }
     bool only_adds() const { return false; }
 };
 

@@ -21,9 +21,9 @@ uint32_t code_of(uint32_t bits, Column<const uint8_t> rows) {
 // surface is in front, or it is rounding.
 uint32_t reason_of(int64_t tag, uint32_t own, bool in_front, Column<const uint32_t> sets,
                    Column<const uint8_t> rows) {
-    const auto in_sets = uint64_t(tag) >> 1;
-    if (in_sets == 0 && own == 0) return in_front ? coverage::OUTSIDE : coverage::BACK_FACING;
-    uint32_t bits = in_sets == 0 ? 0 : sets[std::countr_zero(in_sets)];
+    const int64_t place = tag >> FIRST_AT;
+    if (place == 0 && own == 0) return in_front ? coverage::OUTSIDE : coverage::BACK_FACING;
+    uint32_t bits = place == 0 ? 0 : sets[place - 1];
     if (own != 0 && bits == coverage::IS_OUTSIDE) bits = 0; // nothing else has a value there
     bits |= own;
     return bits == 0 ? uint32_t(coverage::OCCLUDED) : code_of(bits, rows);
@@ -66,8 +66,7 @@ void name_parts(const TaggedParts &parts, Column<const uint32_t> sets, Column<co
     require_indices(face, faces.doubt.rows(), "face must hold faces");
     for (int64_t first = 0, p = 0; p < n; p++) {
         const int32_t f = face[p];
-        require(uint64_t(tag[p]) >> 1 < uint64_t(1) << std::min<int64_t>(sets.rows(), 62),
-                "tags must be of the sets");
+        require(uint64_t(tag[p]) >> FIRST_AT <= uint64_t(sets.rows()), "tags must be of the sets");
         reason[p] = reason_of(tag[p], faces.own[f], faces.in_front[f], sets, rows);
         if (p + 1 < n && face[p + 1] == f) continue;
         without_slivers(first, p + 1, parts, faces.doubt[f], reason);

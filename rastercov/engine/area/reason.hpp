@@ -3,7 +3,7 @@
 //
 // Twin: tests/area/test_stages.py, by rastercov.reference.regions.
 #pragma once
-#include "area/polygon.hpp"
+#include "area/overlay.hpp"
 #include "coverage/decision.hpp"
 #include <array>
 
@@ -21,7 +21,7 @@ constexpr uint32_t SEVERAL = uint32_t(1) << 31;
 // Part of a face below which a reason is rounding.
 constexpr double SLIVER_REL = 1e-9;
 
-// Parts by face, (N,): of `tag`, bit k + 1 is set k.
+// Parts by face, (N,), with their tags of `SetOf`, the first of which is a row of the sets and one.
 struct TaggedParts {
     PieceTable pieces;
     IntArray tag;

@@ -18,17 +18,10 @@ using RegionsPointer = std::shared_ptr<const RegionsObject>;
 using Mask = engine::Room<bool>;
 
 constexpr double LARGEST_SIDE = 131072; // of an image, pixels
-// Sets of criteria that cover anything; what later ones cover has the reason of all criteria.
-constexpr size_t MOST_STAGES = 60;
 // Results that are kept beyond those of the last two questions, and solvers of cameras.
 constexpr size_t MOST_KEPT = 256, MOST_SOLVERS = 16;
 // Height over a plane that is rounding, relative to distances from the origin.
 constexpr double ROUNDING_REL = 1e-15;
-
-// Criteria in the order in which they are asked.
-constexpr std::array<uint32_t, 7> ASKED = {
-    area::IS_UNCERTAIN,  area::IS_AT_ANGLE,    coverage::IS_STEEP,  coverage::IS_HIDDEN,
-    coverage::IS_COARSE, coverage::IS_BLURRED, coverage::IS_OUTSIDE};
 
 // Criteria that are not asked; of steep views densities are at the angle that is allowed.
 struct Stage {
@@ -343,18 +336,15 @@ struct Network {
     int64_t now = 0;
 };
 
-// Each set of criteria that are asked, small ones first.
+// Each set of criteria that are asked, small ones first, of equal ones those of late criteria.
 std::vector<Stage> stages_of(uint32_t asked) {
     std::vector<Stage> found;
-    for (int size = 1; size <= int(ASKED.size()); size++)
-        for (uint32_t set = (1U << ASKED.size()) - 1; set > 0; set--) { // the first bit is highest
-            uint32_t rows = 0;
-            for (size_t k = 0; k < ASKED.size(); k++)
-                if (set >> (ASKED.size() - 1 - k) & 1) rows |= ASKED[k];
-            if (std::popcount(set) != size || rows & ~asked) continue;
-            found.push_back({rows, false});
-            if (rows & coverage::IS_STEEP && asked & coverage::IS_COARSE & ~rows)
-                found.push_back({rows, true});
+    for (int size = 1; size <= std::popcount(asked); size++)
+        for (uint32_t set = asked; set > 0; set = (set - 1) & asked) {
+            if (std::popcount(set) != size) continue;
+            found.push_back({set, false});
+            if (set & coverage::IS_STEEP && asked & coverage::IS_COARSE & ~set)
+                found.push_back({set, true});
         }
     return found;
 }
@@ -452,10 +442,8 @@ class Divider {
         const auto reached = _network.united({asked, false}, rest);
         measure(*reached->all);
         for (int64_t f = 0; f < _n; f++) _reached[f] = _open[f] = _areas[f] > 0.0;
-        for (const Stage &stage : stages_of(asked)) {
-            if (_codes.size() == MOST_STAGES) break;
+        for (const Stage &stage : stages_of(asked))
             if (!stage.is_steep || _network.is_foreshortened()) try_stage(stage);
-        }
         add(*reached->all, asked);
         name(unseeable, out);
     }
@@ -487,8 +475,9 @@ class Divider {
     // What is covered without some criteria, where nothing is without fewer.
     void add(const engine::Union &covered, uint32_t criteria) {
         _codes.push_back(criteria);
-        const auto bit = int64_t(_codes.size());
-        add_set(*_sets->all, covered, 1, area::DIVIDES_FIRST * area::MOST_IN_SET + bit);
+        const auto place = int64_t(_codes.size());
+        add_set(*_sets->all, covered, 1,
+                place << area::PLACE_AT | area::DIVIDES_FIRST << area::KIND_AT);
     }
 
     void name(const Mask &unseeable, Zones &out) const {

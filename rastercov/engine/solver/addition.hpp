@@ -102,7 +102,7 @@ class Addition {
             if (_is_whole[row]) {
                 missing = std::max(_faces.areas[face] - _pairs.area[row], 0.0);
                 if (_number.rows() == 0) whole++;
-                else whole |= int64_t(uint64_t(1) << _number[_pairs.pose[row]] % area::MOST_IN_SET);
+                else whole |= area::SetOf::set_of(_number[_pairs.pose[row]]);
             }
             sums.bound += _pairs.bound[row] + missing;
             sums.excess += _pairs.excess[row] + missing;

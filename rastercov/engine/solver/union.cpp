@@ -14,7 +14,7 @@
 namespace rastercov::engine {
 namespace {
 
-using area::CountTo, area::MOST_IN_SET, area::SetOf;
+using area::CountTo, area::SetOf;
 
 // Part of the area of a cell that may be missing from what counts as all of it.
 constexpr double WHOLE_REL = 1e-9;
@@ -167,15 +167,14 @@ void Union::add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray n
     require_indices(pieces.face, n_faces(), "face must hold faces");
     require_indices(pairs.face, n_faces(), "pairs must be of faces");
     require(_views == 0 || number.rows() == 0, "number must have no rows but for sets");
-    int64_t kind = area::ADDS;
     if (_views == 0) {
         require_indices(pairs.pose, number.rows(), "number must have one row for each pose");
         require_indices(pieces.pose, number.rows(), "number must have one row for each pose");
-        require_indices(number, area::N_KINDS * MOST_IN_SET, "number must be 0 to 63, of a kind");
-        kind = number.rows() ? number[0] / MOST_IN_SET : 0;
-        for (const int64_t own : number)
-            require(own / MOST_IN_SET == kind, "numbers must be of one kind");
     }
+    require_indices(number, area::N_NUMBERS, "number must be 0 to 63, of a kind");
+    const int64_t kind = number.rows() ? SetOf::kind_of(number[0]) : area::ADDS;
+    for (const int64_t own : number)
+        require(SetOf::kind_of(own) == kind, "numbers must be of one kind");
     tidy();
     Change all(*this);
     Report report(progress, n);
@@ -198,7 +197,7 @@ void Union::add(const RegionPieces &pieces, const RegionPairs &pairs, IntArray n
         Addition from(_faces, some, some_pairs, number);
         report.add(piece - first - from.n_pieces());
         if (_views > 0) add_to_faces(from, CountTo{_views}, report);
-        else add_to_faces(from, SetOf{kind}, report);
+        else add_to_faces(from, SetOf{kind == area::ADDS ? 0 : area::FIRST}, report);
     }
     all.keep();
 }
