@@ -1008,7 +1008,7 @@ def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
         For a plan without cameras and a file without.
     PoseError
         For poses without a unit, of several cameras where the plan has one, for names that it does
-        not have, and for a rule or thresholds of a camera that are stated with the poses alone.
+        not have, and for a rule, thresholds or lamps that are stated with the poses alone.
     """
     views.check_unit()
     if not plan.has_cameras and views.rig is not None:
@@ -1028,8 +1028,9 @@ def plan_of_cameras(plan: Plan, views: Views) -> tuple[Plan, Poses]:
     else:
         poses = Poses.of(views.poses, camera=0)
     if views.rig is not None:
+        lost = views.rig.equipment.keys() - plan.build_equipment().keys()
         for own, stated in zip(poses.camera[first], used, strict=True):
-            off = _has(views.rig, stated) - _has(plan.rig, own)
+            off = lost | _has(views.rig, stated) - _has(plan.rig, own)
             if off and not plan._is_given:
                 raise PoseError(
                     f"expected {min(off)} of {views.rig.names[stated]} in {plan.name}, as with the "
