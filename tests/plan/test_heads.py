@@ -780,17 +780,21 @@ def test_other_cameras_by_name_keep_the_rule_of_a_head():
         views.through(rc.Views(rc.Rig([CAMERA], ["cam"]), rc.Poses.of(())), by_name=True)
 
 
-def test_a_rule_and_thresholds_that_poses_state_are_not_lost_in_a_plan_with_cameras():
+def test_what_poses_state_beside_cameras_is_not_lost_in_a_plan_with_cameras():
     """They would be criteria that nothing asks; without cameras in the plan they count."""
     own = PLAN["cameras"]["cam"]
     plain = PLAN | {"rigs": {}, "cameras": {"cam": own, "proj": own}}
     names = [str(row) for row in range(10)]
     views = rc.Views(head(), head().poses(POSES), names)
     alone = replace(views, rig=head(rc.Any()))
-    for given, word in ((views, "rule"), (alone, "thresholds")):
-        with pytest.raises(
-            rc.PoseError, match=rf"expected the {word} of (cam|proj) in .*, got none"
-        ):
+    lamps = rc.Lamps([rc.Lamp.spot(25, intensity=100)], POSES[:1])
+    lit = rc.Rig([CAMERA] * 2, ["cam", "proj"])._with(equipment={"lamps": lamps})
+    for given, word in (
+        (views, "the rule"),
+        (alone, "the thresholds"),
+        (replace(views, rig=lit), "lamps"),
+    ):
+        with pytest.raises(rc.PoseError, match=rf"expected {word} of (cam|proj) in .*, got none"):
             rc.check(plain, given, min_coverage=0.1)
     bare = {key: value for key, value in plain.items() if key != "cameras"}
     assert rc.check(bare, views, min_coverage=0.1).plan.rig.gates == views.rig.gates
@@ -804,3 +808,14 @@ def test_a_file_that_cannot_hold_a_rule_says_so(name):
     format = {"model": "colmap", "transforms.json": "nerfstudio"}.get(name)
     notes = rc.write_views(name, views, format=format)
     assert any("rule of the rig, thresholds" in note for note in notes) == (name != "rig.json")
+
+
+def test_a_camera_of_a_file_in_a_plan_leaves_none_of_its_thresholds_there():
+    rc.write_views("head.json", rc.Views(head(), rc.Poses.of(())))
+    bare = {key: value for key, value in PLAN.items() if key not in ("cameras", "rigs")}
+    own = {"cam": {"file": "head.json", "name": "cam"}}
+    assert plan_of(bare | {"cameras": own}, Path("plan.toml")).rig.cameras == (CAMERA,)
+    with pytest.raises(PlanError, match=r"head.json: expected a camera without thresholds"):
+        plan_of(bare | {"camera": {"file": "head.json", "name": "proj"}}, Path("plan.toml"))
+    rigs = {"fringe": {"file": "head.json"}}
+    assert plan_of(bare | {"rigs": rigs}, Path("plan.toml")).rig.tasks.keys() == {"fringe/proj"}

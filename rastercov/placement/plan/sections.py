@@ -144,7 +144,13 @@ class CameraSection(fields_of(Camera, base=OF_FEATURES, is_optional=True, leave_
             given = {name: entries[name] for name in OF_FILES if name in entries}
             conventions = Conventions(**given)
             views = read_views(folder / self.file, conventions=conventions)
-            return views.camera(self.name).with_optics(optics)
+            camera, own = views.camera(self.name), views.of_camera(self.name).rig
+            if own and own.tasks:
+                raise CameraError(
+                    f"{self.file}: expected a camera without thresholds, got some of "
+                    f"{own.names[0]}; take it by [rigs.NAME] file =, or move them to [task]"
+                )
+            return camera.with_optics(optics)
         except RastercovError as error:
             text = str(error).replace("--camera-name", "name")
             for name in OF_FILES:
