@@ -233,7 +233,8 @@ def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh
     from rastercov.sun.sunlight import divide_targets
 
     if of:
-        kept = names_of_groups("--of", of, names_of(mesh)) or set()
+        names = names_of(mesh, [each.name for each in mesh.sources])
+        kept = names_of_groups("--of", of, names) or set()
         mesh = mesh.with_groups(
             occluders=[g.name for g in mesh.groups if g.is_occluder or g.name not in kept]
         )

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import rastercov as rc
 from rastercov.core.mesh import Group, Mesh, shapes
-from rastercov.core.mesh.groups import Names
+from rastercov.core.mesh.groups import FileGroups, Names
 from rastercov.core.mesh.unseeable import GAP_REL, INSET_REL, unseeable_areas
 from rastercov.formats.meshes.polygons import names_in_tree
 from rastercov.placement.parts import PartRow, part_rows
@@ -204,6 +204,24 @@ def test_place_and_check_agree_on_each_goal(tmp_path, ends, groups, share, by, v
         np.testing.assert_allclose([one.low, one.share], [other.low, other.share], atol=1e-9)
         assert one.short_by < 0.03
     assert ("further selections" in " ".join(lines(placed))) == (not placed.is_met)
+
+
+def test_a_name_means_all_groups_that_have_it():
+    """Not the first alone: those that follow have another name only in the scene."""
+    groups = ["a/bolt", "a/bolt #2", "a/lid", "a #2/bolt", "a #2/cap", "bolt 3", "nut #2"]
+    bolts = ["a/bolt", "a/bolt #2", "a #2/bolt"]
+    for files in ([], [FileGroups("s.glb", groups)]):
+        names = Names(groups, files)
+        assert names.groups_of("a/bolt") == names.groups_of("bolt") == bolts
+        assert names.groups_of("bolt #2") == names.groups_of("a/bolt #2") == ["a/bolt #2"]
+        assert names.groups_of("a #2/bolt") == ["a #2/bolt"]
+        assert names.groups_of("cap") == ["a #2/cap"]
+        assert names.groups_of("nut") == ["nut #2"]
+        assert names.places_of("a/bolt") == bolts
+        assert names.by_group({"bolt": 1, "a/bolt #2": 2})["a/bolt #2"] == 2
+        assert Names(groups, files, group_first=True).groups_of("a/bolt") == ["a/bolt"]
+    assert Names(groups, [FileGroups("s.glb", groups)]).groups_of("a") == groups[:5]
+    assert Names(groups, [FileGroups("s.glb", groups)]).groups_of("s/a/bolt") == bolts
 
 
 def test_goals_of_parts_and_of_parts_in_parts_are_reached_and_reported():

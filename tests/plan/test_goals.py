@@ -120,6 +120,23 @@ def test_a_goal_is_what_a_plan_of_its_groups_alone_answers(room):
     assert checked.requirements[0] == others
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_targets_of_one_name_are_all_meant_by_it(room, first):
+    """What must not be seen was the first of them alone, and proved."""
+    zones = [
+        {"name": "private", "box": [[x, 2, 1.0], [x + 0.2, 2.2, 1.2]], "count": [1, 1, 1]}
+        for x in (1.0, 8.0)
+    ]
+    asked = plan(
+        room,
+        targets=[zones[first], zones[1 - first]],
+        goals={"secret": {"groups": ["private"], "at_most": 0.0}},
+    )
+    poses = rc.look_at([(3.5, 0.5, 1.5)], [(1, 2, 1.1)])
+    secret = of(rc.check(asked, poses, min_coverage=0.1), "secret")
+    assert secret.status == "fails"
+
+
 def test_views_of_a_check_are_those_of_goals_without_their_own(room):
     poses = rc.look_at([(3.5, 0.5, 2.5), (3.8, 3.0, 1.5)], [(1, 2.5, 1), (0, 2.0, 1)])
     goals = {"doors": DOORS, "one": DOORS | {"groups": ["floor"], "views": 1}, "window": PRIVATE}

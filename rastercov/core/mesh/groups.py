@@ -2,8 +2,9 @@
 
 Names have one meaning in commands, plan files and functions: a name is a group, a part, or a file
 by its path, its name or its stem; `*`, `?` and `[...]` are wildcards, unless something has just
-that name. Groups are the leaves of a tree: "/" separates the levels of a name, and each beginning
-of it that ends before a "/" is a part, of all groups below it.
+that name. Of groups of one name, which have " #2" ... appended, all are meant. Groups are the
+leaves of a tree: "/" separates the levels of a name, and each beginning of it that ends before a
+"/" is a part, of all groups below it.
 """
 
 import difflib
@@ -39,6 +40,8 @@ from rastercov.core.mesh.arrays import face_labels
 Value = TypeVar("Value")
 MOST_LISTED, LONGEST_LISTED = 5, 60
 """Names in a line about another one, and characters of each."""
+REPEATED = re.compile(r" #\d+(?=/|$)")
+"""End of a name, or of a level of it, that a scene has already."""
 
 
 def quote(name: str) -> str:
@@ -207,6 +210,11 @@ class FileGroups(NamedTuple):
     groups: Sequence[str]
 
 
+def _words(name: str) -> tuple[str, ...]:
+    """The name, and that which others have too, where something is appended."""
+    return tuple(dict.fromkeys((name, REPEATED.sub("", name))))
+
+
 class Names:
     """Groups of a scene by the names of groups and files.
 
@@ -216,40 +224,51 @@ class Names:
         All groups.
     files : sequence of FileGroups
     group_first : bool
-        A group goes before files whose stem is its name; else it is an error where these are
-        several. Of `fixture.stl` and `fixture.obj`, a group is called `fixture`.
+        A group goes before files whose stem is its name, and others of its name; else it is an
+        error where these are several. Of `fixture.stl` and `fixture.obj`, a group is called
+        `fixture`.
     """
 
     def __init__(
         self, groups: Iterable[str], files: Sequence[FileGroups] = (), *, group_first: bool = False
     ) -> None:
         self.files, self._group_first = tuple(files), group_first
-        self._known = {group: group for group in groups}
-        self.groups = tuple(self._known)
-        self._own: dict[str, list[str]] = {}
-        for file in files:  # "stem/name" is a group, whether or not it is called so in the scene
+        self.groups = tuple(dict.fromkeys(groups))
+        self._known: dict[str, dict[str, None]] = {}  # groups by each word that is their name
+        self._own: dict[str, dict[int, list[str]]] = {}  # of each file
+        for group in self.groups:
+            for word in _words(group):
+                self._known.setdefault(word, {})[group] = None
+        for row, file in enumerate(files):
             stem = stem_of(file.path)
             for group in file.groups:
                 name = group.removeprefix(f"{stem}/")
-                self._own.setdefault(name, []).append(group)
-                self._known.setdefault(f"{stem}/{name}", group)
+                for word in _words(name):
+                    self._own.setdefault(word, {}).setdefault(row, []).append(group)
+                for word in _words(f"{stem}/{name}"):  # whether or not it is called so in the scene
+                    if word not in self._known.setdefault(word, {}):
+                        self._known[word][group] = None
 
     def groups_of(self, name: str) -> list[str]:
         """Groups that a name means, in the order of the scene; MeshError where there is none."""
-        if name in self._known and self._group_first:
-            return [self._known[name]]
+        known = list(self._known.get(name, ()))
+        if known and self._group_first:
+            return [name] if name in known else known
         rows, is_exact = files_of_group(name, [each.path for each in self.files])
-        own = [] if rows else self._own.get(name, [])
-        if len(own) > 1:  # its name in a file, as if that were alone
-            names = (word for word, group in self._known.items() if group in own and word != name)
+        of_file = {} if rows else self._own.get(name, {})
+        own = [group for groups in of_file.values() for group in groups]
+        if len(of_file) > 1:  # its name in a file, as if that were alone
+            names = (
+                word for word, groups in self._known.items() if word != name and groups.keys() & own
+            )
             raise MeshError(
                 f"expected one file with a group {quote(name)}, got {len(own)}; give one of "
                 f"{list_names(names)}, or {quote(f'*/{name}')} for all"
             )
-        if name in self._known:
-            return [self._known[name]]
+        if known:
+            return known
         items = {group for row in rows for group in self.files[row].groups}
-        below = {group for group in self.groups if group.startswith(f"{name}/")}
+        below = self._meant(lambda word: word.startswith(f"{name}/"))
         if own and not below:
             return own
         items |= below if below or is_exact else self._like(name)
@@ -263,11 +282,12 @@ class Names:
 
     def _like(self, name: str) -> set[str]:
         """Groups that a name with wildcards means, by themselves or by a part that holds them."""
-        return {
-            group
-            for word, group in self._known.items()
-            if any(fnmatchcase(each, name) for each in (word, *parts_above(word)))
-        }
+        return self._meant(
+            lambda word: any(fnmatchcase(each, name) for each in (word, *parts_above(word)))
+        )
+
+    def _meant(self, fits: Callable[[str], bool]) -> set[str]:
+        return {group for word in filter(fits, self._known) for group in self._known[word]}
 
     def places_of(self, name: str) -> list[str]:
         """Groups and parts that a name means, each as a whole; MeshError where there is none.
