@@ -349,3 +349,27 @@ def test_facets_are_as_fine_as_asked_or_as_the_part_needs_and_say_their_error(
 def test_a_deflection_that_is_none_is_refused(value, load):
     with pytest.raises(MeshError, match="expected deflection_mm from 1e-6 to 1e6, got"):
         load("a.step", crate(), deflection_mm=value)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("_cascadio")
+@pytest.mark.parametrize("offset", [400.0, 5000.0001, 500_000.2, 5_300_000.33])
+def test_coordinates_that_are_rounded_are_refused_or_said(offset, load):
+    """Cascadio writes float32: a wall of 0.2 m had no thickness on a map."""
+
+    def moved(point):
+        x, y, z = map(float, point[1].split(b","))
+        return b"CARTESIAN_POINT('',(%r,%r,%r))" % (x + offset, y, z)
+
+    at = 2 * offset  # of the corners, and of their frame
+    data = re.sub(rb"CARTESIAN_POINT\('[^']*',\(([^)]*)\)\)", moved, crate())
+    if offset < 1000:
+        mesh = load("a.step", data)
+        said = re.search(r"to within (\S+) mm", " ".join(mesh.notes))
+        assert abs(mesh.bounds[0, 0] - at) <= 1e-3 * float(said[1])
+        return
+    with pytest.raises(MeshError, match=r"rounds by 0.1 mm at most, got \d[^ ]*, as") as refused:
+        load("a.step", data)
+    allowed = float(str(refused.value).split()[-1])
+    mesh = load("b.step", data, deflection_mm=allowed)
+    assert abs(mesh.bounds[0, 0] - at) <= 1e-3 * allowed

@@ -78,6 +78,8 @@ UNNAMED = re.compile(r"(?:=>)?\[[\d:]*\]")
 """Names that Open CASCADE gives to parts of assemblies without a name."""
 TYPES = frozenset(("COMPOUND", "COMPSOLID", "SOLID", "SHELL", "FACE"))
 """Names that it gives to shapes without a name."""
+ROUNDING_REL = 2.0**-24
+"""Rounding of coordinates to float32, relative to them."""
 FLAT_REL = 1e-6
 """Distance from a surface, relative to the longest edge, that is rounding of float32."""
 LARGEST_TILT = 0.7
@@ -108,17 +110,23 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
     data = STYLED.sub(rb"UNREAD_\1", with_product_names(data))
     used = deflection_mm or DEFLECTION_MM
     header, binary, more = chunks(_convert(data, used))
-    error_mm, size_mm, error = _error(header, binary, budget)
+    error_mm, size_mm, rounding_mm, error = _error(header, binary, budget)
+    if rounding_mm > used:
+        raise MeshError(
+            f"expected coordinates that cascadio rounds by {used:g} mm at most, got "
+            f"{rounding_mm:.3g}, as they are far from the origin; move the part there, or allow "
+            f"deflection_mm {1.1 * rounding_mm:.2g}"
+        )
     wanted = DEFLECTION_REL * size_mm
-    if deflection_mm is None and 0 < wanted < min(used, error_mm):
+    if deflection_mm is None and rounding_mm < wanted < min(used, error_mm):
         used = wanted
         header, binary, more = chunks(_convert(data, used))
         *_, error = _error(header, binary, budget)
     _name_nodes(header)
     polygons = scene_polygons(header, [binary], budget, [*more, *notes], by_cad_face=True)
     note = (
-        f"triangulated by Open CASCADE to within {used:.2g} mm{error}, which does not report "
-        "what it leaves out"
+        f"triangulated by Open CASCADE to within {used + rounding_mm:.2g} mm{error}, which does "
+        "not report what it leaves out"
     )
     return replace(polygons, notes=[*polygons.notes, note], is_in_metres=True)
 
@@ -137,10 +145,13 @@ def _name_nodes(header: ByName) -> None:
         names.append(name or above)
 
 
-def _error(header: ByName, binary: memoryview, budget: int) -> tuple[float, float, str]:
-    """Distance of facets from their surfaces, extent of the largest part, mm, and a text."""
+def _error(header: ByName, binary: memoryview, budget: int) -> tuple[float, float, float, str]:
+    """Distance of facets from their surfaces, extent of the largest part, rounding of points, mm.
+
+    And a text.
+    """
     reader = Accessors(header, [binary], budget)
-    greatest, sums = np.zeros(4), np.zeros(2)
+    greatest, sums = np.zeros(5), np.zeros(2)
     for mesh in json_list(header, "meshes"):
         for each in json_list(mesh, "primitives"):
             attributes = each["attributes"]
@@ -154,12 +165,14 @@ def _error(header: ByName, binary: memoryview, budget: int) -> tuple[float, floa
                 )
                 most, more = _of_facets(corners, points, normals)
                 greatest, sums = np.maximum(greatest, most), sums + more
-    distance, angle, longest, extent = greatest.tolist()
+    distance, angle, longest, extent, farthest = greatest.tolist()
+    rounding_mm = 1000 * ROUNDING_REL * farthest
     if distance <= FLAT_REL * longest:
-        return 0.0, 0.0, ""
+        return 0.0, 0.0, rounding_mm, ""
     return (
         1000 * distance,
         1000 * extent,
+        rounding_mm,
         f" (facets are about {1000 * distance:.2g} mm from their surfaces at most, "
         f"{np.degrees(angle):.2g} degrees apart, and change the area by "
         f"{100 * sums[0] / sums[1]:.2g} %)",
@@ -169,7 +182,7 @@ def _error(header: ByName, binary: memoryview, budget: int) -> tuple[float, floa
 def _of_facets(
     corners: WholeArray, p: FloatArray, normals: FloatArray
 ) -> tuple[list[float], list[float]]:
-    """Distance from the surface, angle, edge and extent, the greatest; area that lacks, and area.
+    """Distance from the surface, angle, edge, extent, coordinate, the greatest; area lacking, area.
 
     By the normals of the surface at the vertices, n_i, beside that of the facet, n. An edge of
     length L at angles a, b to the surface at its ends is L min(a, b) / 4 away from an arc, and the
@@ -204,7 +217,8 @@ def _of_facets(
     cosine = dots(n[one], n[other])[size[one] * size[other] > 0]
     angle = arccos(np.clip(cosine, -1, 1)).max(initial=0.0)
     extent = np.ptp(p.reshape(-1, 3), axis=0).max()
-    return [(length * least).max() / 3, angle, length.max(), extent], [lacks, size.sum() / 2]
+    greatest = [(length * least).max() / 3, angle, length.max(), extent, abs(p).max()]
+    return greatest, [lacks, size.sum() / 2]
 
 
 SHAPES = (
