@@ -37,9 +37,10 @@ def read_observers(place: str | None, file: Path | None) -> FloatArray:
         columns = columns_of(text, each="observer", first=1)
         if not {"x", "y"} <= set(columns):
             raise ConfigError(f"expected columns x and y, got {', '.join(columns)}")
-        return np.column_stack([columns[k] for k in ("x", "y", "height") if k in columns])
+        used = "x", "y", "height", "height_m"  # as it is written
+        return np.column_stack([columns[k] for k in used if k in columns])
     except ValueError as error:
-        wanted = "--from X,Y" if file is None else "--observers with a CSV file of x,y,height"
+        wanted = "--from X,Y" if file is None else "--observers with a CSV file of x,y,height_m"
         raise ConfigError(f"expected {wanted}, got: {error}") from None
 
 
@@ -75,7 +76,8 @@ def summary_of(viewshed: Viewshed) -> ByName:
 def write_files(viewshed: Viewshed, out: ReportFolder) -> None:
     """Write viewshed.tif, with NaN without ground, viewshed.png and observers.csv."""
     raster = viewshed.raster
-    crs = int(raster.crs.removeprefix("EPSG:") or 0) or None, raster.crs or "local metres"
+    unnamed = "degrees" if raster.is_geographic else "local metres"
+    crs = int(raster.crs.removeprefix("EPSG:") or 0) or None, raster.crs or unnamed
     tags = geotiff.tags_of(raster.origin, raster.spacing, *crs, raster.is_geographic)
     shares = geotiff.encode(viewshed.share.astype(np.float32), tags)
     write_bytes(out.file("viewshed.tif"), shares)

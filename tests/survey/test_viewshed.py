@@ -574,6 +574,44 @@ def test_rasters_of_files_are_those_of_arrays(tmp_path, dtype):
     assert np.array_equal(rc.Mesh.load(tmp_path / "a.asc").vertices, mesh.vertices)
 
 
+@pytest.mark.parametrize("nodata", ["-9999.9", "-999.9", "-99999.99", "-32768"])
+def test_no_data_is_compared_in_the_type_of_the_samples(tmp_path, nodata):
+    """A text of float64 is no number of float32."""
+    heights = np.arange(20, dtype=np.float32).reshape(4, 5)
+    heights[1, 1] = np.float32(float(nodata))
+    mesh = rc.Mesh.load(write_raster(tmp_path / "a.tif", heights, nodata=nodata))
+    assert mesh.n_faces == 2 * 12 - 6
+    assert mesh.bounds[0, 2] >= -0.01
+
+
+def test_whole_numbers_of_32_bits_may_have_no_sign(tmp_path):
+    heights = np.arange(20, dtype=np.uint32).reshape(4, 5)
+    heights[1, 1] = 2**32 - 1
+    path = write_raster(tmp_path / "a.tif", heights.view(np.int32), nodata=str(2**32 - 1))
+    signed, unsigned = (struct.pack("<HHIH", 339, 3, 1, kind) for kind in (2, 1))
+    data = path.read_bytes()
+    assert data.count(signed) == 1
+    path.write_bytes(data.replace(signed, unsigned))
+    mesh = rc.Mesh.load(path)
+    assert mesh.n_faces == 2 * 12 - 6
+    assert mesh.bounds[0, 2] >= -0.01
+
+
+def test_degrees_are_never_metres(tmp_path, capsys):
+    """Of a file without keys, and of a geographic system without a code, written and read again."""
+    heights, cell = np.zeros((4, 5), np.float32), (1 / 3600, 1 / 3600)
+    tags = geotiff.tags_of((11.0, 48.0), cell)
+    path = tmp_path / "a.tif"
+    path.write_bytes(geotiff.encode(heights, {tag: tags[tag] for tag in (33550, 33922)}))
+    with pytest.raises(rc.MeshError, match=r"expected metres, got cells of 0\.0002\d* as of"):
+        rc.Mesh.load(path)
+    path.write_bytes(geotiff.encode(heights, geotiff.tags_of((11.0, 48.0), cell, None, "d", True)))
+    out = str(tmp_path / "out")
+    assert call(capsys, ["viewshed", str(path), "--from", "11.0005,47.9995", "--out", out])[0] == 0
+    again = rc.Mesh.load(tmp_path / "out" / "viewshed.tif")
+    assert np.ptp(again.vertices[:, 0]) > 10
+
+
 FEET = (1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 2, 3072, 0, 1, 32632, 3076, 0, 1, 9002)
 """Keys of a map in feet, whose pixels are points."""
 
@@ -706,7 +744,7 @@ def test_a_raster_of_another_kind_is_refused(tmp_path, name):
         ("ncols 2\nnrows 2\n1 2 3 4", "a spacing from"),
         (
             "ncols 2\nnrows 2\nxllcorner 11\nyllcorner 48\ncellsize 0.000277777\n1 2 3 4",
-            r"expected metres, got cellsize 0\.0002\d* as of degrees; convert it: gdal_translate",
+            r"expected metres, got cells of 0\.0002\d* as of degrees; say so: gdal_translate",
         ),
         ("ncols 2\nnrows 2\nyllcorner -90\ndx 0.005\ndy 0.004\n1 2 3 4", "as of degrees"),
     ],
@@ -770,6 +808,8 @@ def test_the_command_writes_what_python_computes(tmp_path, capsys):
     code, text, _ = call(capsys, ["viewshed", str(path), "--observers", str(tmp_path / "o.csv")])
     assert code == 0
     assert "2: " in text
+    written = ["viewshed", str(path), "--observers", str(tmp_path / "out" / "observers.csv")]
+    assert json.loads(call(capsys, [*written, "--json"])[1])["observers"][0] == told
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rastercov.base import FloatArray, MeshError, ResourceError, shown
+from rastercov.base import AnyArray, FloatArray, MeshError, ResourceError, shown
 from rastercov.core.mesh.terrain import Raster, raster_of_array
 from rastercov.formats.meshes.polygons import PEAK_BYTES_PER_FACE, Polygons, broken, check
 
@@ -25,8 +25,8 @@ COMPRESSION, SAMPLE_FORMAT, PIXEL_SCALE, TIE_POINT, TRANSFORM, KEYS, METADATA, N
     42113,
 )
 """Tags of TIFF, of GeoTIFF, and the last two of GDAL."""
-SIGNED = (2,)
-"""Sample format of signed integers, which Pillow reads as others in bytes."""
+UNSIGNED, SIGNED = (1,), (2,)
+"""Sample formats of integers: Pillow reads bytes as unsigned ones, and 32 bits as signed ones."""
 MODEL, RASTER_TYPE, ANGULAR_UNIT, LINEAR_UNIT = 1024, 1025, 2054, 3076
 CRS = {1: 3072, 2: 2048}
 """Code of a CRS by its model: projected, in degrees."""
@@ -45,7 +45,7 @@ VERTICAL_FEET = {5702: 9003, 6360: 9003, 8228: 9002}
 """Units of vertical CRSs in feet."""
 CONVERT = "convert it: gdalwarp -ot Float32 -dstnodata -1e9 -co COMPRESS=DEFLATE"
 LEAST_CELL = 0.01
-"""Cells of an ASCII grid on places of degrees that are smaller are in degrees."""
+"""Cells on places of degrees that are smaller are in degrees."""
 LEAST_BUDGET = 2 << 30
 """Bytes that a surface may need, however well its file is compressed."""
 
@@ -69,8 +69,8 @@ def raster_of(data: bytes) -> Raster:
     return (_of_geotiff if data[:2] in (b"II", b"MM") else _of_ascii)(data)
 
 
-def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
-    """Values of the first image of a TIFF, and its tags."""
+def _opened(data: bytes) -> tuple[AnyArray, dict[int, Any]]:
+    """Values of the first image of a TIFF, of the type of the file, and its tags."""
     from PIL import Image, TiffImagePlugin, UnidentifiedImageError
 
     try:
@@ -97,15 +97,18 @@ def _opened(data: bytes) -> tuple[FloatArray, dict[int, Any]]:
     )
     # Pillow 12 swaps the bytes of these.
     check(not is_swapped, "expected a little-endian file, got a compressed big-endian one", CONVERT)
-    if values.dtype == np.uint8 and tags.get(SAMPLE_FORMAT) == SIGNED:
+    sample = tags.get(SAMPLE_FORMAT, UNSIGNED)
+    if values.dtype == np.uint8 and sample == SIGNED:
         values = values.view(np.int8)
-    return values.astype(np.float64), tags
+    if values.dtype == np.int32 and sample == UNSIGNED:
+        values = values.view(np.uint32)
+    return values, tags
 
 
 def _of_geotiff(data: bytes) -> Raster:
     """Heights, metres, of a GeoTIFF, on a map in metres, feet or degrees."""
-    values, tags = _opened(data)
-    keys = _keys(tags)
+    samples, tags = _opened(data)
+    values, keys = samples.astype(np.float64), _keys(tags)
     model = keys.get(MODEL, 1)
     is_geographic = model == 2
     code = keys.get(*((ANGULAR_UNIT, 9102) if is_geographic else (LINEAR_UNIT, 9001)))
@@ -118,11 +121,16 @@ def _of_geotiff(data: bytes) -> Raster:
     )
     nodata = str(tags.get(NODATA, "")).strip("\0 ")
     if nodata:
-        values[values == float(nodata)] = np.nan
+        number = float(nodata)
+        # Of float32 the text has more digits than its samples.
+        number = float(samples.dtype.type(number)) if samples.dtype.kind == "f" else number
+        values[values == number] = np.nan
     dx, dy = (float(each) * unit for each in tags[PIXEL_SCALE][:2])
     column, row, _, x, y = (float(each) for each in tags[TIE_POINT][:5])
     to_sample = 0.5 if keys.get(RASTER_TYPE, 1) == 1 else 0.0  # a pixel is an area: its middle
     origin = x * unit + (to_sample - column) * dx, y * unit - (to_sample - row) * dy
+    if not is_geographic:
+        _check_metres(dx, *origin)
     code = keys.get(CRS[model], 0)
     crs = f"EPSG:{code}" if 0 < code < 32767 and unit == 1.0 else ""  # the surface is in metres
     check(
@@ -182,9 +190,14 @@ def _of_ascii(data: bytes) -> Raster:
     heights[heights == header.get("nodata_value", -9999.0)] = np.nan
     x = header.get("xllcenter", header.get("xllcorner", 0.0) + dx / 2)
     y = header.get("yllcenter", header.get("yllcorner", 0.0) + dy / 2)
-    check(
-        not (0 < dx < LEAST_CELL and abs(x) <= 361 and abs(y) <= 91),
-        f"expected metres, got cellsize {dx:g} as of degrees",
-        "convert it: gdal_translate -a_srs EPSG:4326 to a GeoTIFF",
-    )
+    _check_metres(dx, x, y)
     return raster_of_array(heights, (dx, dy), (x, y + (rows - 1) * dy))
+
+
+def _check_metres(cell: float, x: float, y: float) -> None:
+    """Refuse cells that are of degrees, on a map that is of metres by its file."""
+    check(
+        not (0 < cell < LEAST_CELL and abs(x) <= 361 and abs(y) <= 91),
+        f"expected metres, got cells of {cell:g} as of degrees",
+        "say so: gdal_translate -a_srs EPSG:4326",
+    )

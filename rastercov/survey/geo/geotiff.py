@@ -47,7 +47,7 @@ def tags_of(
         Name of the CRS.
     """
     citation = f"{name}|"
-    model = USER_DEFINED if code is None else 1 + is_geographic
+    model = USER_DEFINED if code is None and not is_geographic else 1 + is_geographic
     entries = [(1024, 0, 1, model), (1025, 0, 1, 1), (1026, ASCII_KEYS, len(citation), 0)]
     entries += [] if code is None else [(2048 if is_geographic else 3072, 0, 1, code)]
     entries += [] if is_geographic else [(3076, 0, 1, METRE)]
