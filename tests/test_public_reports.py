@@ -7,6 +7,7 @@ luminaires, tests/light/test_luminaires.py; names of STEP, tests/mesh/test_mesh_
 
 import itertools
 import json
+import re
 import struct
 import zipfile
 
@@ -129,7 +130,7 @@ LINES = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nl 1 2 3\np 1\n"
         (NEGATIVE, 6600, []),
         (WHOLE, 0.5 + np.sqrt(128) / 2, []),
         (LINES, 0.5, ["1 polyline: no surface", "1 point element: no surface"]),
-        (WHOLE.replace("v 1 2 3\nv 4 1 2", "f 1 2 3"), None, ["line 5, which may be a face"]),
+        (WHOLE.replace("v 1 2 3\nv 4 1 2", "f 1 2 3"), None, ["line 5 may be a face"]),
     ],
 )
 def test_obj_files_have_their_area_and_no_false_note(text, area, notes, tmp_path):
@@ -139,7 +140,7 @@ def test_obj_files_have_their_area_and_no_false_note(text, area, notes, tmp_path
         area = float(rc.Mesh.load(written(tmp_path, "a.obj", text), unit="m").areas.sum())
     mesh = rc.Mesh.load(path, unit="m")
     assert mesh.areas.sum() == pytest.approx(area)
-    items = [note for note in mesh.warnings if "a.obj: ignored" in note]
+    items = [note for note in mesh.warnings if re.search(r"a.obj: (ignored|line \d+ may)", note)]
     assert len(items) == len(notes)
     assert all(words in note for words, note in zip(notes, items, strict=True))
 

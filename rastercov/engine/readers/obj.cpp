@@ -144,9 +144,9 @@ class Objects {
         Strings &notes = _mesh.notes;
         if (_lines.ends_inside_line()) notes.emplace_back(CUT_NOTE);
         if (const size_t n = _doubtful.size())
-            notes.push_back(text("ignored line ", _doubtful[0],
+            notes.push_back(text("line ", _doubtful[0],
                                  n > 1 ? text(" (and ", n - 1, " others)") : "",
-                                 ", which may be a face: its keyword is not f"));
+                                 " may be a face: its keyword is not f"));
         if (!_weighted.empty())
             notes.push_back(text(
                 "ignored the weights of ", plural(int64_t(_weighted.size()), "vertex"),
