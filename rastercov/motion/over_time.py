@@ -488,7 +488,7 @@ def _lines(said: ReadByName) -> list[str]:
     ever, always = (percent(said[f"{name}_percent"] / 100) for name in ("ever", "always"))
     text = f"{percent(said['covered']['percent'] / 100)} of the area {time_words(said['over'])}"
     frames = plural(said["frames"], "frame")
-    others = f"{ever} in at least one of the {frames}", f"{always} in all {frames}"
+    others = f"{ever} at some time in {frames}", f"{always} in all {frames}"
     over = said["over"]  # whose share is in the text already
     text += f"; {', '.join(others[over == 'some' : 2 - (over == 'all')])}"
     if said["half_the_frames_percent"] is not None:

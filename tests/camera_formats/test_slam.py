@@ -214,6 +214,16 @@ def test_older_settings_of_orb_slam_are_a_pinhole_and_may_lack_the_image_size(tm
     projects(camera, cv_pixels(RAYS, K, [0.26, -0.95, -0.005, 0.003, 1.16]))
 
 
+def test_a_rectified_pair_of_orb_slam_is_one_camera_and_says_so(tmp_path):
+    path = tmp_path / "KITTI.yaml"
+    values = {f"Camera1.{k}": v for k, v in CENTRAL.items()} | {"Stereo.b": 0.53}
+    lines = ['Camera.type: "Rectified"', *(f"{k}: {v}" for k, v in values.items())]
+    path.write_text("%YAML:1.0\n" + "\n".join(lines) + "\n")
+    views = read_views(path, conventions=rc.Conventions(image_size=(640, 480)))
+    assert len(views.cameras()) == 1
+    assert any(note.startswith("left out Stereo.b") for note in views.notes)
+
+
 def test_opencv_needs_no_space_after_a_colon(tmp_path):
     path = tmp_path / "stereo.yaml"
     lines = [f"Camera.{name}: {value}" for name, value in CENTRAL.items()]

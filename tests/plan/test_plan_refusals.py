@@ -45,6 +45,7 @@ ONE_CAMERA = BOX + "[camera]\n" + WIDE
         (SHEET, "targets[0]: expected above and height, got one"),
         (SHEET + "box = [[0, 0, 0], [1, 1, 1]]", "targets[0]: expected one of above, box, file"),
         (SHEET + "height = 1\nspacing = 0.5", "targets[0]: expected box with spacing"),
+        (SHEET + "height = 1\nwithin = 0.1", "targets[0]: expected near with within, got none"),
         (SHEET + "height = -1", "targets[0].height: expected a number of 0 or more"),
         (SHEET + 'height = 1\nunit = "mm"', "targets[0]: expected unit with a file"),
         (GRID + "count = [1, 1]", "targets[0].count: expected 3 or more entries"),

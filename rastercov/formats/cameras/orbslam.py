@@ -37,6 +37,8 @@ def read(source: Source, border: Border) -> Views:
     cameras = [_camera(file, label, kind, size or border.image_size()) for label in labels]
     if "LEFT.K" in file:
         border.note("cameras are those of the rectified images, not LEFT and RIGHT")
+    if len(cameras) == 1 and "Stereo.b" in file:
+        border.note("left out Stereo.b: the camera of a rectified pair on the right is not read")
     name = file.any_of("Stereo.T_c1_c2", "Tlr")
     if len(cameras) == 1 or name is None:
         return border.views(cameras, labels)

@@ -240,7 +240,7 @@ def _target(plan: Plan, entry: TargetEntry, mesh: Mesh, names: Names) -> Mesh:
             outlines.append(room.outline(float(sheet.bounds[:, 2].mean())))
         if entry.near:
             near = [group for each in entry.near for group in names.groups_of(each)]
-            outlines.append(around_faces(mesh, near, entry.within))
+            outlines.append(around_faces(mesh, near, entry.within or 1.0))
         sheet = clip_sheet(sheet, outlines) if outlines else sheet
         if entry.facing is None:
             return sheet

@@ -401,8 +401,8 @@ class TargetEntry(Entry):
     """Room that the sheet is limited to."""
     near: list[Name] = []
     """Groups around which the sheet is cut out, such as doors."""
-    within: Positive = 1.0
-    """Maximum horizontal distance from the groups of near, m."""
+    within: Positive | None = None
+    """Maximum horizontal distance from the groups of near, m; 1 by default."""
     facing: Count | Annotated[list[Triple], Field(min_length=1)] | None = None
     """Upright squares in place of the sheet, for the faces of people: the number of evenly spread
     directions that they face, or the directions."""
@@ -428,6 +428,8 @@ class TargetEntry(Entry):
             raise ValueError(
                 "expected above with room, near or facing, got none; give it, or leave them out"
             )
+        if self.within and not self.near:
+            raise ValueError("expected near with within, got none; give it, or leave within out")
         of_boxes = [name for name in ("count", "spacing", "size") if getattr(self, name)]
         if of_boxes and self.box is None and (self.facing is None or self.count):
             raise ValueError(f"expected box with {' and '.join(of_boxes)}, got none; give it")
