@@ -519,7 +519,8 @@ def _selection_note(placement: Placement) -> str:
     if prepared.selection.goal == "all":
         return text
     if not selection.share > 0:
-        return f"{text}: no candidate covers any of the surface"
+        what = "any face" if prepared.cells is None else "a patch (smaller: resolution_of_result)"
+        return f"{text}: no candidate covers {what}"
     if placement.is_least:
         return f"{text}; no smaller set of candidates reaches the goal (proved for exact area)"
     on = "" if prepared.cells is None else " on patches"

@@ -169,7 +169,7 @@ def test_a_part_in_the_wrong_unit_is_told_by_its_size_and_by_why_nothing_covers_
     code, out, _ = placed(capsys, QUICK.replace('"part.obj"', '"part.obj", unit = "um"'))
     assert code == 1
     assert "100.0 % resolution too low; the scene measures 1 x 1 x 1 µm, see meshes.unit" in out
-    assert "no candidate covers any of the surface" in out
+    assert "no candidate covers any face" in out
 
 
 def test_where_all_is_out_of_focus_the_depth_of_field_is_given(capsys):

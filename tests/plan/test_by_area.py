@@ -451,3 +451,34 @@ def test_place_and_check_give_the_same_advice_where_no_candidate_serves(tmp_path
     ]
     assert zone["advice"].count(change.advised) == 1
     assert "move the camera" in change.advised
+
+
+def test_a_check_has_the_share_of_the_area_as_place_has():
+    placement = placed()
+    checked = rc.check(plan_of(PLAN, Path("plan.toml")), placement.cameras.placed, min_coverage=0.1)
+    assert checked.cameras.share == placement.cameras.share
+    assert checked.cameras.share != checked.cameras.network.summary()["covered"]["percent"] / 100
+
+
+@pytest.mark.parametrize("coverage", [0.3, 0.43, 0.5])
+def test_a_goal_is_met_by_candidates_that_cover_no_patch(coverage):
+    """Through a grating that hides more than half of each."""
+    square = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float)
+    faces = np.array([(0, 1, 2), (0, 2, 3)])
+    bars = [
+        rc.Mesh(square * (0.012, 4.8, 1) + (x, -2.4, 0.005), faces)
+        for x in np.arange(-2.4, 2.4, 0.02)
+    ]
+    plans.write_obj("floor.obj", rc.Mesh(square * 4 - (2, 2, 0), faces))
+    plans.write_obj("bars.obj", rc.Mesh.joined(bars))
+    write_poses("above.json", rc.look_at([(0, 0, 6), (1, 0, 6)], [(0, 0, 0), (1, 0, 0)], (0, 1, 0)))
+    placement = placed(
+        meshes=[{"path": "floor.obj"}, {"path": "bars.obj", "role": "occluder"}],
+        camera={"width": 2000, "height": 2000, "hfov_deg": 60},
+        task={},
+        candidates=[{"generator": "poses", "file": "above.json"}],
+        selection={"goal": "fewest_cameras", "coverage": coverage},
+    )
+    assert not placement.prepared.problem.reachable.any()
+    assert placement.is_met == (coverage < 0.45)
+    assert len(placement.chosen) == {0.3: 1, 0.43: 2, 0.5: 0}[coverage]

@@ -580,7 +580,10 @@ def test_a_plan_in_which_no_rig_meets_a_limit_has_a_page_without_cameras():
     own = PLAN["rigs"]["fringe"] | {"max_uncertainty": 1e-9, "noise_px": 0.5}
     placement = placed(PLAN | {"rigs": {"fringe": own}}, outputs={"page": True})
     assert not len(placement.cameras.placed)
-    assert len([x for x in placement.prepared.notes if x.endswith("; no camera is chosen")]) == 1
+    assert (
+        len([x for x in placement.prepared.notes if x.endswith("; no camera is chosen by them")])
+        == 1
+    )
     page = Path("out/page.html").read_text()
     assert "too uncertain" in page
     assert "0 heads cover 0 % of the area" in page

@@ -33,7 +33,7 @@ from rastercov.core.area.network import AreaNetwork
 from rastercov.core.area.regions import RegionPass
 from rastercov.core.area.rows import with_rule
 from rastercov.core.area.table import Regions
-from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, renumber, rows_of_result
+from rastercov.core.camera import Poses, Rig, eyes_of, is_joint, led_by, renumber, rows_of_result
 from rastercov.core.camera.conventions import centre_warning
 from rastercov.core.coverage.coverage import (
     Observer,
@@ -456,7 +456,8 @@ class Measured:
     covered, certain, possible : (F,) bool
         True for faces that the network covers as measured, certainly, and possibly.
     curve : (K,) float64
-        Share covered by the first 1, 2, ..., K cameras; with `areas`, of the exact area.
+        Share covered by the first 1, 2, ..., K cameras; of the exact area where they were placed by
+        it.
     share : float
         Share covered by all cameras, [0, 1]; with `areas`, of the exact area.
     areas : AreaNetwork or None
@@ -503,24 +504,23 @@ def with_areas(
     views : int, optional
         Replaces those of the plan.
     has_curve : bool
-        True where share and curve are to be of the area, too: one camera after the other.
+        True where the curve is to be of the area, too: one camera after the other.
     """
     poses, curve, done = cameras.placed, list[float](), 0
     rig, rows = RigAreas(plan, finder.mesh, poses, views), rows_of_result(plan.rig, poses)
-    limits = np.searchsorted(rows, np.arange(rows[-1] + 2)).tolist() if len(rows) else [0]
     parts = in_batches(poses, finder.mesh.n_faces, finder.threads, rows)
     if has_curve:
+        limits = [*led_by(plan.rig, poses).tolist(), len(poses)]
         parts = (poses[first:last] for first, last in pairwise(limits))
     for some in parts:
         rig.add(finder.find(some, closed=rig.closed), some)
         if has_curve:
             curve += [curve[-1] if curve else 0.0] * (len(some) - 1)
-            curve.append(rig.areas.summary(views_by_group(plan, views))["percent"] / 100)
+            curve.append(rig.share)
         done += len(some)
         progress(done, len(poses))
     if has_curve:
-        share = curve[-1] if curve else 0.0
-        cameras = replace(cameras, curve=np.array(curve, np.float64), share=share)
+        cameras = replace(cameras, curve=np.array(curve, np.float64))
     return rig.of(cameras)
 
 
@@ -535,6 +535,7 @@ class RigAreas:
 
     def __init__(self, plan: Plan, mesh: Mesh, placed: Poses, views: int | None) -> None:
         self._rig, self._views = plan.rig, views or plan.task.views
+        self._by_group = views_by_group(plan, views)
         self.areas = AreaNetwork(mesh, plan.build_task(most_views(plan, views)))
         self._apart = ByCamera(mesh, self.areas.task, plan.rig, placed, by_area=True, by_face=False)
 
@@ -542,6 +543,11 @@ class RigAreas:
     def closed(self) -> BoolArray:
         """(F,) faces whose further regions change nothing."""
         return self._apart.closed_by_camera(self.areas.closed)
+
+    @property
+    def share(self) -> float:
+        """Covered share of the area, [0, 1]."""
+        return float(self.areas.summary(self._by_group)["percent"] / 100)
 
     def add(self, regions: Regions, some: Poses) -> None:
         """Add the regions of some cameras."""
@@ -557,7 +563,7 @@ class RigAreas:
             covered = whole_faces(self.areas, self._views)
             cameras.network.is_covered = covered
             cameras = replace(cameras, covered=covered, certain=covered, possible=covered)
-        return replace(cameras, areas=self.areas, per_camera=self._apart)
+        return replace(cameras, areas=self.areas, share=self.share, per_camera=self._apart)
 
 
 def most_views(plan: Plan, views: int | None = None) -> int:

@@ -555,7 +555,7 @@ def _for_goal(
         said = (
             str(error).replace(f"of {OF_GOALS}/", "of ").replace(f"of {OF_TASK},", "of the task,")
         )
-        chosen = "no camera is chosen"
+        chosen = "no camera is chosen by them"
         if all_of.problem.reachable.any():
             share = percent(FALLBACK_SHARE)
             chosen = f"this selection covers at least {share} of what the candidates can cover"

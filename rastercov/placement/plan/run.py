@@ -742,7 +742,8 @@ def _select_anew(placement: Placement, objectives: Objectives, progress: Progres
         best = max(best, areas, key=lambda each: each.worth)
         if not _is_short(areas):
             return areas
-    return placement if is_lowered(placement.prepared) else _with_the_rest(best, objectives)
+    rest = _with_the_rest(best, objectives)
+    return placement if is_lowered(placement.prepared) and not rest.is_met else rest
 
 
 def _with_the_rest(placement: Placement, objectives: Objectives) -> Placement:
