@@ -123,7 +123,7 @@ class SurfaceOptions(NamedTuple):
         Option(
             help="Minimum sunlight hours per piece of a group, such as 1.5h; or per room, by a "
             "level of EN 17037: minimum, medium, high. Exits with 1 if not reached. A piece is a "
-            "set of faces whose bounding box touches no other; over 100 count as one."
+            "set of faces whose bounding box touches no other."
         ),
     ] = None
     resolution: Annotated[
@@ -155,7 +155,7 @@ def sun(
     from rastercov.base import json_text
     from rastercov.sun import weather
     from rastercov.sun.sun_report import Study, write
-    from rastercov.sun.sunlight import LIT_BY, sunlit
+    from rastercov.sun.sunlight import LIT_BY, pieces_of, sunlit
 
     weather.check_options(period.weather, period.shade_factors)
     year = None if period.weather is None else weather.read_weather(period.weather)
@@ -181,6 +181,8 @@ def sun(
     north = NORTH_DEG if north is None else north
     towards = sun_directions(latitude, longitude, times, north)
     mesh = _select_targets(mesh, surface.of, surface.resolution)
+    if least is not None:
+        pieces_of(mesh, are_judged=True)  # an error before the work
     lowest = max(angle("min_elevation", period.min_elevation, 90.0), 0.0)
     sine = np.sin(np.radians(lowest))
     is_up = towards[:, 2] > sine

@@ -47,8 +47,8 @@ class Openings(NamedTuple):
     def sides(self) -> tuple[FloatArray, list[str]]:
         """(M, 3) unit vectors outwards, and the label of the room of each part, "" for none.
 
-        Outwards is away from a room on one side alone, else from a side that is enclosed, else as
-        the front of one-sided faces in a plane; a part where none is known has 0.
+        Outwards is the front of one-sided faces in a plane, which alone has light, else away from a
+        room on one side alone, else from a side that is enclosed; a part where none is known has 0.
         """
         matrices, own = np.zeros((len(self.at), 3, 3)), self.piece >= 0
         normals = self.mesh.normals[own]
@@ -64,7 +64,8 @@ class Openings(NamedTuple):
         for row, (one, other) in enumerate(zip(before, behind, strict=True)):
             order = bool(one) - bool(other) or n_met[row] - n_behind[row]
             is_known = bool(one) != bool(other) or max(n_met[row], n_behind[row]) >= ENCLOSED
-            normals[row] *= -np.sign(order if is_known else -fronts[row] @ normals[row])
+            front = fronts[row] @ normals[row]
+            normals[row] *= np.sign(front if front else -order * is_known)
             rooms.append(other or one)
         return normals, rooms
 

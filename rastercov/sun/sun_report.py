@@ -116,7 +116,7 @@ class Study(NamedTuple):
             if way != "middle":
                 columns[f"hours_lit_by_{way}"] = each.part_hours
                 columns[f"bound_hours_lit_by_{way}"] = each.part_hours_bound
-        rows = []
+        errors, rows = self._errors(self._every()), list[ByName]()
         for row, name in enumerate(sunlit.names):
             entry: ByName = {"name": name, "is_group": name in groups}
             entry |= {key: float(each[row]) for key, each in columns.items()}
@@ -126,10 +126,14 @@ class Study(NamedTuple):
                 hours = sunlit.weights * sunlit.share[:, row]
                 entry["hours_by_month"] = np.bincount(months, hours, 12).tolist()
             if self.least is not None:
-                least = entry["least_piece_hours"] - entry["least_piece_bound_hours"]
-                entry["reached"] = bool(least >= self.least)
+                own = self._entry(name, entry["least_piece_hours"], errors[sunlit.least[row]])
+                entry["reached"] = own["verdict"] == "yes"
             rows.append(entry)
         return sorted(rows, key=lambda each: (each["is_group"], each["least_piece_hours"]))
+
+    def _every(self) -> list[FloatArray]:
+        """Hours of the pieces and their bounds, (2, M), by the ways."""
+        return [np.stack((e.pieces.hours, e.pieces.hours_bound)) for e in self.ways.values()]
 
     def _errors(self, values: Sequence[FloatArray]) -> FloatArray:
         """Errors of hours and bounds, (2, M), by the ways, that count the step and the disc.
@@ -155,8 +159,7 @@ class Study(NamedTuple):
         sunlit = self.ways["middle"]
         openings = Openings(sunlit.mesh, sunlit.pieces.of_face, sunlit.pieces.at)
         normals, rooms = openings.sides()
-        every = [np.stack((e.pieces.hours, e.pieces.hours_bound)) for e in self.ways.values()]
-        errors, names = self._errors(every), openings.names(rooms)
+        errors, names = self._errors(self._every()), openings.names(rooms)
         faces = compass(normals, self.north)
         is_before = (sunlit.directions @ normals.T > 0) | ~normals.any(axis=1)
         is_before &= sunlit.weights[:, None] > 0

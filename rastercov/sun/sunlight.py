@@ -61,8 +61,8 @@ RINGS = (8, 0.6), (16, 1.0)
 """Directions within the disc of the sun, and their distance from its middle in radii."""
 DOUBT_REL = 1e-9
 """Part of a face that some of the disc may light, below which it is not looked for."""
-MOST_PIECES, MOST_COMPONENTS = 100, 1000
-"""Pieces, and connected components, of a group beyond which it is taken as one."""
+MOST_PIECES = 1000
+"""Connected components of a group beyond which it is taken as one piece."""
 TOUCHING = 1e-6
 """Distance of bounding boxes of one piece, relative to the diagonal of the mesh."""
 MOST = np.array([[[1.0]], [[0.0]]])
@@ -138,7 +138,7 @@ class Sunlight(InOneLine):
         Energy on each group, Wh, and the bound of its error.
     part_pieces : (K,) tuple of tuple of int
         Pieces of each group, from 0: parts whose bounding boxes do not touch, such as windows; one
-        for a group of more than 100 of them.
+        for a group of more than 1000 of them.
     pieces : SunlitPieces
         Figures of the pieces.
     least : (K,) int64
@@ -209,8 +209,9 @@ def sunlit(
         "all" and "some" light.
     step : float
         Hours from each direction to the next where these are of times: bounds are then those of
-        integrals over time. Between two times values rise or fall, and an integral is off by half a
-        step of the change; where a face or piece turns to or from the sun, its share may be any.
+        integrals over time, where values between two times only rise or only fall: an integral is
+        then off by half a step of the change. Shade by slats needs steps in which it moves by less
+        than one; where a face or piece turns to or from the sun, its share may be any.
     starts : (N,) array_like of bool, optional
         True for directions that do not follow the one before, such as those of sunrise.
     threads : int, optional
@@ -339,10 +340,11 @@ def parts_of(mesh: Mesh, piece: IntArray) -> dict[str, tuple[int, ...]]:
     return numbers_by_key | outer
 
 
-def pieces_of(mesh: Mesh) -> IntArray:
+def pieces_of(mesh: Mesh, *, are_judged: bool = False) -> IntArray:
     """(F,) number of the piece of each face; pieces of a group have boxes that do not touch.
 
-    A group of one piece, or of more than `MOST_PIECES`, has its own number.
+    A group of one piece, or of more than `MOST_PIECES`, has its own number. ConfigError for these
+    where pieces are judged.
     """
     n, n_vertices = len(mesh.groups), mesh.n_vertices
     piece = mesh.face_group.astype(np.int64)
@@ -356,10 +358,17 @@ def pieces_of(mesh: Mesh) -> IntArray:
     number = group.copy()
     for row in np.flatnonzero(np.bincount(group) > 1).tolist():
         own = np.flatnonzero(group == row)
-        if len(own) > MOST_COMPONENTS or mesh.groups[row].is_occluder:
+        if mesh.groups[row].is_occluder:
+            continue
+        if len(own) > MOST_PIECES:
+            if are_judged:
+                raise ConfigError(
+                    f"--at-least: expected at most {MOST_PIECES:,} pieces of a group, got "
+                    f"{len(own):,} of {mesh.groups[row].name}; divide it, or select others by --of"
+                )
             continue
         cluster = _separate(boxes[own], margin)
-        if 1 < (k := int(cluster.max()) + 1) <= MOST_PIECES:
+        if (k := int(cluster.max()) + 1) > 1:
             number[own] = n + cluster
             n += k
     return number[component]

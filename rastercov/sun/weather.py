@@ -109,6 +109,10 @@ def _weather(name: str, rows: list[list[str]]) -> Weather:
         columns = [rows[head].index(each) for each in PVGIS_NAMES[1:]]
         zone, body, form = "0", list(itertools.takewhile(bool, rows[head + 1 :])), "%Y%m%d:%H%M"
         ends = [(row[0], 0.5) for row in body]
+    if wrong := [end for _, end in ends if not 0 < end <= 24]:
+        raise ValueError(f"an hour {wrong[0]:g}, which are 1 to 24")
+    if not abs(float(zone)) < 24:
+        raise ValueError(f"a time zone of {zone} h")
     offset = timezone(timedelta(hours=float(zone)))
     times = [
         datetime.strptime(start, form).replace(tzinfo=offset) + timedelta(hours=end - 0.5)

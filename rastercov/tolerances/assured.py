@@ -146,7 +146,7 @@ class UnderErrors(Demand):
         if unknown := names - placed - {OTHERS}:
             raise ConfigError(
                 f"expected errors of a camera with a pose ({first_of(sorted(placed))}), got "
-                f"those of {shown(min(unknown))}; correct the name"
+                f"those of {shown(min(unknown))}; correct the name, or separate errors by commas"
             )
         self.errors.sizes(plan.rig, rig, np.zeros(3))
 

@@ -73,6 +73,19 @@ def test_a_pane_alone_or_behind_a_screen_faces_no_side_that_is_known():
         assert (normals.tolist(), rooms, compass(normals, 90.0)) == ([[0, 0, 0]], [""], [""])
 
 
+def test_a_pane_of_one_side_faces_where_its_light_comes_from():
+    """And not away from a wall before it, which shades it."""
+    corners = np.array([(-0.5, 0, 0), (0.5, 0, 0), (0.5, 0, 1), (-0.5, 0, 1)], float)
+    pane = rc.Mesh(corners, [(0, 1, 2), (0, 2, 3)])  # its normal is -y
+    wall = rc.shapes.box((6, 0.1, 6), centre=(0, -0.2, 0))
+    scene = rc.Mesh.joined([pane, wall], ["window", "wall"])
+    piece = np.where(scene.face_group == 0, 0, -1)
+    both = scene.with_groups(two_sided=["window"])
+    for mesh, side in ((scene, "S"), (both, "N")):  # of a pane without a front, the wall is behind
+        normals, _ = Openings(mesh, piece, np.array([(0, 0, 0.5)])).sides()
+        assert compass(normals, 90.0) == [side]
+
+
 def test_the_compass_is_clockwise_from_north():
     turn = np.radians(np.arange(8) * 45)
     vectors = np.stack((np.sin(turn), np.cos(turn), np.zeros(8)), axis=1)

@@ -91,6 +91,8 @@ def test_the_sun_of_pvgis_is_by_its_offset_from_the_stamp(tmp_path, offset):
         ("a.epw", lambda text: text[: len(text) // 2], "EPW, TMY3 or PVGIS|8760 hours"),
         ("a.epw", lambda text: text.replace("LOCATION", "PLACE"), "an EPW, TMY3 or PVGIS"),
         ("a.epw", lambda text: "", "an EPW, TMY3 or PVGIS"),
+        ("a.epw", lambda text: text.replace(",24,60,", ",0,60,"), "an hour 0, which are 1 to 24"),
+        ("a.epw", lambda text: text.replace(",1.0,112.0", ",25,112.0"), "a time zone of 25 h"),
         ("tmy3.csv", lambda text: text.replace("DNI (W/m^2)", "DNI"), "an EPW, TMY3 or PVGIS"),
         ("tmy3.csv", lambda text: text.replace(",02:00,0,", ",02:00,0,x"), "EPW, TMY3 or PVGIS"),
         ("pvgis.csv", lambda text: text.replace("Latitude", "Breite"), "EPW, TMY3 or PVGIS"),
