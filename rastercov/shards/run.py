@@ -120,8 +120,8 @@ def fill(
             yield number
     if staff.part is not None:
         raise PartMadeError(
-            f"expected a report of {plural(len(store), 'shard')}, got {len(own)} of them; when all "
-            "parts are made, run the command without --only"
+            f"made {len(own)} of {plural(len(store), 'shard')}; when all parts are made, run the "
+            "command without --only"
         )
 
 
