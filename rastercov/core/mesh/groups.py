@@ -212,7 +212,7 @@ class FileGroups(NamedTuple):
 
 def _words(name: str) -> tuple[str, ...]:
     """The name, and that which others have too, where something is appended."""
-    return tuple(dict.fromkeys((name, REPEATED.sub("", name))))
+    return tuple(dict.fromkeys((name, REPEATED.sub("", name)))) if " #" in name else (name,)
 
 
 class Names:
@@ -268,7 +268,9 @@ class Names:
         if known:
             return known
         items = {group for row in rows for group in self.files[row].groups}
-        below = self._meant(lambda word: word.startswith(f"{name}/"))
+        below = {
+            g for word in self._known if word.startswith(f"{name}/") for g in self._known[word]
+        }
         if own and not below:
             return own
         items |= below if below or is_exact else self._like(name)
@@ -282,12 +284,12 @@ class Names:
 
     def _like(self, name: str) -> set[str]:
         """Groups that a name with wildcards means, by themselves or by a part that holds them."""
-        return self._meant(
-            lambda word: any(fnmatchcase(each, name) for each in (word, *parts_above(word)))
-        )
-
-    def _meant(self, fits: Callable[[str], bool]) -> set[str]:
-        return {group for word in filter(fits, self._known) for group in self._known[word]}
+        return {
+            group
+            for word, groups in self._known.items()
+            if any(fnmatchcase(each, name) for each in (word, *parts_above(word)))
+            for group in groups
+        }
 
     def places_of(self, name: str) -> list[str]:
         """Groups and parts that a name means, each as a whole; MeshError where there is none.
