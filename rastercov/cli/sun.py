@@ -235,7 +235,7 @@ def _select_targets(mesh: Mesh, of: list[str], resolution: float | None) -> Mesh
     from rastercov.sun.sunlight import divide_targets
 
     if of:
-        names = names_of(mesh, [each.name for each in mesh.sources])
+        names = names_of(mesh, [each.name for each in mesh.sources] or ["mesh"])
         kept = names_of_groups("--of", of, names) or set()
         mesh = mesh.with_groups(
             occluders=[g.name for g in mesh.groups if g.is_occluder or g.name not in kept]

@@ -520,3 +520,8 @@ def test_the_page_of_a_day_has_the_clock_and_that_of_a_year_has_none(folder, cap
     page = (folder / "clock" / "sun.html").read_text()
     assert "first to last sun" not in page
     assert "summer time" not in page
+
+
+def test_the_group_of_a_built_in_mesh_has_a_name(capsys):
+    line = f"sun box {PLACE} --day 2026-03-21 --step 60 --of mesh -o built_in"
+    assert call(capsys, line)[0] == 0
