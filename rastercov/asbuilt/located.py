@@ -154,8 +154,8 @@ class Located(InOneLine):
         """The pose beside the plan in one line, or why there is none."""
         if not self.accepted:
             return self.why
-        place, turn = self.deviations
-        found = f"± {_length(place)}, ± {turn:.2g} deg"
+        place, turn = (2 * each for each in self.deviations)
+        found = f"± {_length(place)}, ± {turn:.2g} deg, two standard deviations"
         if self.is_distance_open:
             found += "; the distance along parallel rays is open, that of the plan is kept"
         if self.near is None:
