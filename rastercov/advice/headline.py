@@ -117,19 +117,17 @@ class GoalChange(NamedTuple):
         return cls(share, gain_line(words, goal, more, losses), tried["change"])
 
 
-NO_CHANGE = GoalChange(
-    0.0, *["change that gains most: none is known to cover half of a dead zone"] * 2
-)
+NO_CHANGE = GoalChange(0.0, *["best change known: none covers half of a dead zone"] * 2)
 """No change of those that were tried covers half of a dead zone."""
 
 
 def gain_line(
     words: str, goal: str, gain: str, losses: Mapping[str, float], without: str = ""
 ) -> str:
-    """Line on the change that gains most of all goals that are not met, and what others lose."""
+    """Line on the best change known for all goals that are not met, and what others lose."""
     lost = [f"{points(share)} of {name}" for name, share in losses.items()]
     cost = f"; lost{without}: {first_of(lost)}" if lost else ""
-    return f"change that gains most: {words}: {gain} of {goal}{cost}"
+    return f"best change known: {words}: {gain} of {goal}{cost}"
 
 
 def with_parts(zone: Summary, level: int | None) -> Summary:

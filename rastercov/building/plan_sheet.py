@@ -412,7 +412,7 @@ def _answer_rows(
     views: Mapping[str, int] | None,
     goals: Mapping[str, Checked],
 ) -> list[tuple[str, str]]:
-    """Rows of the title block on the change that gains most, and on what is required.
+    """Rows of the title block on the best change known, and on what is required.
 
     Of what must not be seen, with those who see it.
     """

@@ -173,7 +173,7 @@ def with_features(placement: Placement | Checked, content: ReadByName) -> ByName
 
 
 def change_of(placement: Placement | Checked) -> list[str]:
-    """Line on the change that gains most of a goal that is not met, if any."""
+    """Line on the best change known of a goal that is not met, if any."""
     return [] if placement.best_change is None else [placement.best_change.line]
 
 

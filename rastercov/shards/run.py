@@ -120,8 +120,8 @@ def fill(
             yield number
     if staff.part is not None:
         raise PartMadeError(
-            f"made {len(own)} of {plural(len(store), 'shard')}; when all parts are made, run the "
-            "command without --only"
+            f"expected a part of a report, got {len(own)} of {plural(len(store), 'shard')}; when "
+            "all parts are made, run the command without --only"
         )
 
 

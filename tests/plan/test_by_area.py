@@ -482,3 +482,39 @@ def test_a_goal_is_met_by_candidates_that_cover_no_patch(coverage):
     assert not placement.prepared.problem.reachable.any()
     assert placement.is_met == (coverage < 0.45)
     assert len(placement.chosen) == {0.3: 1, 0.43: 2, 0.5: 0}[coverage]
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 180.0])
+def test_advice_for_a_camera_that_is_rolled_says_that_its_image_is_upright(degrees):
+    """It promised a goal that the camera missed as it was mounted."""
+    box = rc.shapes.box((8.0, 6.0, 3.0), centre=(4, 3, 1.5))
+    plans.write_obj("inside.obj", rc.Mesh(box.vertices, box.faces[:, ::-1]))
+    table = {
+        "meshes": [{"path": "inside.obj"}],
+        "camera": {"width": 1920, "height": 1080, "hfov_deg": 80},
+        "task": {"min_facing_density": "observe"},
+    }
+    turn, angle = np.eye(4), np.radians(degrees)
+    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    poses = rc.look_at([(0.2, 0.2, 2.7)], [(2.0, 5.9, 1.0)]) @ turn
+    checked = rc.check(plan_of(table, Path("plan.toml")), poses, min_coverage=0.6)
+    zones = [each["tried"] for each in checked.summary()["dead_zones"] if each["tried"]]
+    for tried in zones:
+        is_moved = tried["pose"] is not None
+        assert ("with its image upright" in tried["change"]) == (is_moved and degrees > 0)
+        if is_moved:
+            after = rc.look_at([tried["position"]], [tried["looking_at"]])
+            share = rc.check(
+                plan_of(table, Path("plan.toml")), after, min_coverage=0.6
+            ).cameras.share
+            more = sum(tried["group_gains_m2"].values()) / checked.mesh.areas.sum()
+            assert share - checked.cameras.share == pytest.approx(more, abs=1e-9)
+    assert zones
+
+
+def test_where_gains_are_not_known_the_best_change_is_left_to_the_advice():
+    """It was said that none is known, above advice on a camera that adds a view."""
+    checked = rc.check(plan_of(PLAN, Path("plan.toml")), POSES[:3], min_coverage=0.9, views=2)
+    _, change, _, _, advice, *_ = checked.first_lines()
+    assert change == "best change known: see the advice, whose gain is not known"
+    assert "would gain a view, 2 required" in advice

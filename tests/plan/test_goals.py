@@ -911,7 +911,7 @@ def test_the_goal_that_lacks_most_has_its_zone_in_the_first_lines_and_on_the_pag
     checked = rc.check(asked, poses, min_coverage=0.01)
     first, others = checked.first_lines(), checked.other_lines()
     assert first[1] == checked.best_change.line
-    assert first[1].startswith("change that gains most: ")
+    assert first[1].startswith("best change known: ")
     assert first[3].startswith("seen by camera 1 (")
     assert first[3] not in "\n".join(others)
     words = checked.goals["window"]._turned(of(checked, "window"))[2]

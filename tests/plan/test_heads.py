@@ -141,7 +141,7 @@ def test_the_change_of_a_head_that_cannot_meet_its_limit_is_that_of_the_advice()
     plan = PLAN | {"rigs": {"fringe": fringe}}
     rc.place(PLAN, out="out")
     _, change, *rest = rc.check(plan, "out/poses.json", min_coverage=0.5).first_lines()
-    needs = change.removeprefix("change that gains most: half of a dead zone needs ")
+    needs = change.removeprefix("best change known: half of a dead zone needs ")
     assert needs != change
     assert rest[-1].endswith(f": half of the zone needs {needs}")
 

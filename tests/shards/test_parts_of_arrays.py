@@ -65,7 +65,7 @@ def test_four_commands_share_a_folder_and_one_that_is_killed_is_made_up_for(tmp_
     parts[-1].send_signal(signal.SIGKILL)
     said = [each.communicate() for each in parts]
     assert [each.returncode for each in parts[:-1]] == [0] * (N - 1), said
-    wanted = "made 8 of 30 shards; when all parts are made, "
+    wanted = "expected a part of a report, got 8 of 30 shards; when all parts are made, "
     assert said[0][1].splitlines()[-1] == f"{wanted}run the command without --only"
     assert not (out / "summary.json").exists()
     (run,) = out.glob("unfinished/*")

@@ -89,6 +89,8 @@ LONGER = (1.05, 1.4)
 """Times the focal length that is missing."""
 LEAST_REL = 1e-9
 """Area, relative to the task, below which a group gains or loses nothing: rounding of a union."""
+UPRIGHT = 1e-3
+"""Difference of the axes of a camera from those of an upright image that is rounding."""
 MOST_PAIRS = 1_000_000
 """Pairs of camera and face up to which the area after a change is measured, of all zones."""
 
@@ -501,9 +503,12 @@ class Remedies:
         if len(self.poses):
             origin = self.poses.world_from_camera[row, :3, 3]
             away = float(norm(origin - spot.at))
+        aimed = to
+        if len(self.poses) and _is_rolled(self.poses.world_from_camera[row]):
+            aimed += " with its image upright"
         if name is not None:
             yield Change(
-                f"aim the camera at {to}",
+                f"aim the camera at {aimed}",
                 f"add a second {new} at the same place, aimed at {to}",
                 origin,
                 target,
@@ -513,7 +518,7 @@ class Remedies:
             if is_blurred and camera.focus_distance and depth > (camera.focal_length or 0):
                 focused = replace(camera, focus_distance=depth)
                 yield Change(
-                    f"focus the camera at {in_metres(depth)} and aim it at {to}",
+                    f"focus the camera at {in_metres(depth)} and aim it at {aimed}",
                     f"add a second camera at the same place, focused at {in_metres(depth)}, "
                     f"aimed at {to}",
                     *(origin, target, focused, {"focus_distance_m": depth}),
@@ -523,7 +528,7 @@ class Remedies:
             for times in (float(f"{factor * more:.3g}") for more in LONGER):
                 if is_one and 1 < times < most:
                     yield Change(
-                        f"give the camera {times:g} times the focal length and aim it at {to}",
+                        f"give the camera {times:g} times the focal length and aim it at {aimed}",
                         f"add a second camera at the same place with {times:g} times the focal "
                         f"length, aimed at {to}",
                         *(origin, target, longer(camera, times), {"focal_length_times": times}),
@@ -546,7 +551,7 @@ class Remedies:
                 continue  # a camera is there
             moved = in_metres(float(norm(eye - origin)))
             yield Change(
-                f"move the camera {moved} to {text}{{room}} and aim it at {to}",
+                f"move the camera {moved} to {text}{{room}} and aim it at {aimed}",
                 f"add a {new} at {text}{{room}}, aimed at {to}",
                 *(eye, target),
             )
@@ -623,6 +628,13 @@ class Remedies:
             mesh.groups[at].name: float(by_group[at])
             for at in np.flatnonzero(abs(by_group) > least)
         }
+
+
+def _is_rolled(pose: FloatArray) -> bool:
+    """True where the image of a pose is not upright, as it is after a change."""
+    eye = pose[:3, 3]
+    level = look_at(eye, eye + pose[:3, 2])[0]
+    return bool(abs(level[:3, :3] - pose[:3, :3]).max() > UPRIGHT)
 
 
 def _off_image(camera: Camera, local: FloatArray) -> float:

@@ -815,7 +815,7 @@ def best_change(
     """
     every = [each for each in requirements if isinstance(each, AreaRequirement) and each.of_m2]
     wanted, found = [each for each in every if not each.is_most], list[GoalChange]()
-    needs = list[str]()
+    needs, is_open = list[str](), False
 
     def lost(rows: list[int], mask: Mask) -> dict[str, float]:
         shares = dict[str, float]()
@@ -835,6 +835,7 @@ def best_change(
             tried = zone["tried"] or {}
             if not tried.get("gain_m2"):
                 needs += zone["advice"].partition(NEEDS)[2:]
+                is_open = is_open or "change" in tried
                 continue
             if own is None and names_in(placed.mesh.groups, each.group).isdisjoint(zone["groups"]):
                 continue
@@ -854,8 +855,10 @@ def best_change(
             goal = f"{each.called}; {end}"
             found.append(GoalChange.of_zone(zone, goal, exact, losses, each.of_m2))
     none = NO_CHANGE if short else None
+    if none and is_open:  # of several views
+        none = none._replace(line="best change known: see the advice, whose gain is not known")
     if none and (change := next(filter(None, needs), "")):
-        none = none._replace(line=f"change that gains most: half of a dead zone needs {change}")
+        none = none._replace(line=f"best change known: half of a dead zone needs {change}")
     if none and (below := [z for z in summary.get("dead_zones", ()) if TURN in z["advice"]]):
         share = percent(sum(zone["percent"] for zone in below) / 100)
         line = f"{none.line}; {TURN}so that cameras come before dead zones of {share} of the area"
