@@ -364,7 +364,7 @@ def pieces_of(mesh: Mesh, *, are_judged: bool = False) -> IntArray:
             if are_judged:
                 raise ConfigError(
                     f"--at-least: expected at most {MOST_PIECES:,} pieces of a group, got "
-                    f"{len(own):,} of {mesh.groups[row].name}; divide it, or select others with --of"
+                    f"{len(own):,} of {mesh.groups[row].name}; divide it, or take others with --of"
                 )
             continue
         cluster = _separate(boxes[own], margin)
