@@ -111,7 +111,7 @@ def read_step(data: bytes, budget: int, deflection_mm: float | None = None) -> P
     used = deflection_mm or DEFLECTION_MM
     header, binary, more = chunks(_convert(data, used))
     error_mm, size_mm, rounding_mm, error = _error(header, binary, budget)
-    if rounding_mm > used:
+    if not rounding_mm <= used:
         raise MeshError(
             f"expected coordinates that cascadio rounds by {used:g} mm at most, got "
             f"{rounding_mm:.3g}, as they are far from the origin; move the part there, or allow "

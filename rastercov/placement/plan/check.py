@@ -835,7 +835,7 @@ def best_change(
             tried = zone["tried"] or {}
             if not tried.get("gain_m2"):
                 needs += zone["advice"].partition(NEEDS)[2:]
-                is_open = is_open or "change" in tried
+                is_open |= "change" in tried
                 continue
             if own is None and names_in(placed.mesh.groups, each.group).isdisjoint(zone["groups"]):
                 continue
